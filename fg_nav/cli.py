@@ -1,0 +1,275 @@
+"""The command line: parse, call, print.
+
+`main` is the one error boundary. Exit codes: 0 done; 1 the input or the output is to blame, said in one
+line on standard error; 2 the command was not understood; 70 a bug, with its traceback; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+
+import typer
+
+from fg_nav.errors import FgNavError, OutputError
+
+if TYPE_CHECKING:
+    from fg_nav.session import Outcome, Session
+
+EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
+
+RESULTS = Path("results")
+"""Where results go for which no folder was named."""
+
+DEMO_METHODS = ("smoother", "iez")
+
+app = typer.Typer(
+    name="fg-nav", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+    help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
+)  # fmt: skip
+
+RecordingPath = Annotated[
+    Path, typer.Argument(metavar="RECORDING", show_default=False, help="File with the recording.")
+]
+FormatName = Annotated[
+    str | None,
+    typer.Option("--format", metavar="NAME", help="Its format. \\[default: recognised from the content]"),
+]
+NoMag = Annotated[
+    bool,
+    typer.Option("--no-mag", help="Ignore the magnetometer. So far no method uses it, with or without this."),
+]
+Heading = Annotated[
+    float,
+    typer.Option("--heading", metavar="DEG", help="Heading at the start, degrees clockwise from north."),
+]
+TruthPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--truth", metavar="FILE", help="True path or footprints. \\[default: what the recording carries]"
+    ),
+]
+AlignmentMode = Annotated[
+    Literal["yaw", "none", "origin", "se3"],
+    typer.Option("--alignment", help="How the solution is laid on the truth before errors are counted."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace an older result in the folder.")]
+OutDir = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", metavar="DIR", help="Folder for the result. \\[default: a fresh one under results/]"
+    ),
+]
+
+
+def main() -> NoReturn:
+    """Run the command line and exit."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug
+    try:
+        app()
+    except FgNavError as error:
+        _leave(_one_line(error), EXIT_USER)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        where = "" if error.filename is None else f" ({error.filename})"
+        _leave(
+            f"the system refused: {reason.lower()}{where}; check path, permissions and free space.", EXIT_USER
+        )
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+    except Exception as error:
+        traceback.print_exc()
+        _leave(f"this is a bug ({type(error).__name__}): please report it with the lines above.", EXIT_BUG)
+    sys.exit(0)
+
+
+@app.callback(invoke_without_command=True)
+def _program(version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False) -> None:
+    if version:
+        from fg_nav.version import version as installed
+
+        typer.echo(f"fg-nav {installed()}")
+        raise typer.Exit
+
+
+@app.command()
+def inspect(
+    file: Annotated[Path, typer.Argument(metavar="FILE", show_default=False, help="File with a recording.")],
+    format: FormatName = None,
+) -> None:
+    """Say what a file holds, and whether it can be navigated with."""
+    from fg_nav.inspection import inspect as judged
+    from fg_nav.io import read_raw
+    from fg_nav.report.inspection import print_inspection
+
+    print_inspection(judged(read_raw(file, format)))
+
+
+@app.command()
+def run(
+    recording: RecordingPath,
+    method: Annotated[str, typer.Option(metavar="NAME", help="smoother or iez.")] = "smoother",
+    no_mag: NoMag = False,
+    heading: Heading = 0.0,
+    truth: TruthPath = None,
+    format: FormatName = None,
+    alignment: AlignmentMode = "yaw",
+    out: OutDir = None,
+    force: Force = False,
+) -> None:
+    """Run one method on a recording and write trajectory, strides, summary and pictures."""
+    _methods_exist([method])
+    _check_free(out, force)
+    from fg_nav.session import Options, load
+
+    session = load(recording, format, Options(not no_mag, heading, alignment, truth))
+    outcomes = _solved(session, [method])
+    with _folder(out, force, f"{recording.stem}-{method}") as (place, folder):
+        _write_run(folder, session, outcomes[method])
+    _show(session, outcomes, place)
+
+
+@app.command()
+def compare(
+    recording: RecordingPath,
+    methods: Annotated[
+        str, typer.Option(metavar="A,B", help="Methods, with commas between.")
+    ] = "smoother,iez",
+    no_mag: NoMag = False,
+    heading: Heading = 0.0,
+    truth: TruthPath = None,
+    format: FormatName = None,
+    alignment: AlignmentMode = "yaw",
+    out: OutDir = None,
+    force: Force = False,
+) -> None:
+    """Run several methods on the same recording and the same stances, and lay them side by side."""
+    names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
+    _methods_exist(names)
+    _check_free(out, force)
+    from fg_nav.session import Options, load
+
+    session = load(recording, format, Options(not no_mag, heading, alignment, truth))
+    outcomes = _solved(session, names)
+    with _folder(out, force, f"{recording.stem}-compare") as (place, folder):
+        _write_comparison(folder, session, outcomes)
+    _show(session, outcomes, place)
+
+
+@app.command()
+def demo(
+    seed: Annotated[int, typer.Option(min=0, help="Draws the walk, the biases and the noise.")] = 1,
+    out: OutDir = None,
+    force: Force = False,
+) -> None:
+    """Simulate one minute of walking and compare the methods on it."""
+    from fg_nav.report.folder import DEMO_FILES
+
+    _check_free(out, force, DEMO_FILES)
+    import numpy as np
+
+    from fg_nav.session import prepare
+    from fg_nav.simulation import demo_walk
+
+    walk = demo_walk(np.random.default_rng(seed))
+    with _folder(out, force, "demo", DEMO_FILES) as (place, folder):
+        path = place / "recording.csv"
+        session = prepare(replace(walk, provenance=replace(walk.provenance, path=path, format="canonical")))
+        outcomes = _solved(session, DEMO_METHODS)
+        _write_walk(folder, session)
+        _write_comparison(folder, session, outcomes)
+    _show(session, outcomes, place)
+
+
+def _methods_exist(names: Sequence[str]) -> None:
+    from fg_nav.estimators import estimator
+
+    for name in names:
+        estimator(name)
+
+
+def _check_free(out: Path | None, force: bool, ours: frozenset[str] | None = None) -> None:
+    """Refuse before the work rather than after it."""
+    from fg_nav.report.folder import RESULT_FILES, check_free
+
+    if out is not None:
+        check_free(out, force, ours or RESULT_FILES)
+    elif force:
+        raise OutputError("--force replaces the result in a folder: name the folder with --out.")
+
+
+@contextmanager
+def _folder(
+    out: Path | None, force: bool, name: str, ours: frozenset[str] | None = None
+) -> Iterator[tuple[Path, Path]]:
+    """Yield the place of the result, and the folder to write into until it is complete."""
+    from fg_nav.report.folder import RESULT_FILES, claim_folder, result_folder
+
+    place = claim_folder(RESULTS, name) if out is None else out
+    with result_folder(place, force, ours or RESULT_FILES, claimed=out is None) as folder:
+        yield place, folder
+
+
+def _solved(session: Session, names: Sequence[str]) -> dict[str, Outcome]:
+    from fg_nav.report.terminal import progress
+    from fg_nav.session import solve
+
+    outcomes = {}
+    for name in names:
+        with progress(name) as report:
+            outcomes[name] = solve(session, name, report)
+    return outcomes
+
+
+def _write_run(folder: Path, session: Session, outcome: Outcome) -> None:
+    from fg_nav.report.pictures import draw_result, draw_stances
+    from fg_nav.report.results import write_result
+
+    write_result(folder, session, outcome)
+    draw_result(folder, session, outcome)
+    draw_stances(folder, session)
+
+
+def _write_comparison(folder: Path, session: Session, outcomes: Mapping[str, Outcome]) -> None:
+    from fg_nav.report.pictures import draw_comparison, draw_stances
+    from fg_nav.report.results import write_comparison
+
+    write_comparison(folder, session, outcomes)
+    draw_comparison(folder, session, outcomes)
+    draw_stances(folder, session)
+
+
+def _write_walk(folder: Path, session: Session) -> None:
+    from fg_nav.io import write_canonical, write_tum
+    from fg_nav.recording import TrajectoryTruth
+
+    write_canonical(session.recording, folder / "recording.csv")
+    if isinstance(session.truth, TrajectoryTruth) and session.truth.nav_R_body is not None:
+        write_tum(folder / "truth.tum", session.truth.t, session.truth.position, session.truth.nav_R_body)
+
+
+def _show(session: Session, outcomes: Mapping[str, Outcome], place: Path) -> None:
+    from fg_nav.report.results import summary
+    from fg_nav.report.terminal import print_results
+
+    print_results([summary(session, outcome) for outcome in outcomes.values()], place)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _leave(words: str, code: int) -> NoReturn:
+    print(f"fg-nav: {words}", file=sys.stderr)  # noqa: T201
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

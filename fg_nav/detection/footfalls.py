@@ -1,0 +1,221 @@
+"""Which moments of stillness are footfalls: an automatic threshold for each footfall of each recording.
+
+Gait, shoe and sensor change how still a foot in stance is by a factor of a hundred between recordings, and the
+middle of a swing can look as still as the stance of a runner. But a foot in mid-swing moves at metres a second,
+and that shows in the integrated acceleration. So:
+
+1. Candidates are the local minima of L = log10(SHOE), at least `prominence` decades deep.
+2. A free strapdown pass gives the velocity V at each candidate, up to a slow drift. Between two true footfalls
+   V hardly changes; between a footfall and a mid-swing it changes by the speed of the foot.
+3. The footfalls are the chain of candidates i -> j -> ... with the greatest
+       sum of u_i - c_ij,    u = reward - max(L - L_0, 0),
+       c_ij = 2 log(1 + |V_j - V_i|^2 / (4 s^2)),   s^2 = s_0^2 + (s_a T_ij)^2,
+   found by dynamic programming: still candidates earn, changes of velocity cost, with the tail of a Student t
+   (shocks and clipping spoil single strides). No link is longer than `longest_link_s`, unless nothing is between.
+4. Where no footfall was found for longer than a swing lasts, the search is repeated there with wider s.
+5. A stance reaches from its minimum as far as L stays below a threshold of its own, `margin` above the minimum
+   but between `floor` and `ceiling`.
+
+Levels L are in decades of SHOE at the scale of `StillnessNoise`; a sensor at rest has L of about 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from scipy.signal import find_peaks
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.frames import GRAVITY_M_S2, levelled
+from fg_nav.mechanisation import NavState, strapdown
+
+
+@dataclass(frozen=True)
+class LinkParameters:
+    """How much velocity may seem to change between two footfalls, and where tilt is corrected on the way."""
+
+    still_level: float
+    """Below this level the specific force is taken for gravity, and the tilt corrected a little."""
+    velocity_sigma: float
+    """s_0, m/s: error of a stance's velocity and of one shock."""
+    acc_sigma: float
+    """s_a, m/s^2: what tilt, bias and scale do to the acceleration."""
+    reward: float
+    """Worth of a perfectly still candidate, in units of log likelihood."""
+
+
+@dataclass(frozen=True)
+class FootfallParameters:
+    """Found once by looking at gait, not at single walks: stride counts do not change over wide ranges of these."""
+
+    prominence: float = 0.3
+    """Decades by which a minimum must lie below its surroundings."""
+    rest_level: float = 3.0
+    """L is cut off below: a rest is one candidate, however its noise ripples."""
+    highest_level: float = 5.8
+    """A minimum above this is never a stance: 40 deg/s rms."""
+    easy_level: float = 3.5
+    """L_0: up to here a candidate earns the full reward."""
+    longest_link_s: float = 2.5
+    """A stride takes no longer."""
+    longest_swing_s: float = 1.2
+    """No foot of a walking or running person is in the air for longer."""
+    walking: LinkParameters = field(default_factory=lambda: LinkParameters(4.0, 0.2, 0.3, 3.0))
+    """For the first search."""
+    rough: LinkParameters = field(default_factory=lambda: LinkParameters(5.0, 0.3, 0.5, 4.0))
+    """For the gaps: running, with clipped peaks and no stance that levels the sensor."""
+    margin: float = 0.6
+    """A stance's own threshold above its minimum, decades."""
+    floor: float = 4.0
+    """Its threshold is not below this, 8 deg/s rms ..."""
+    ceiling: float = 5.3
+    """... nor above this, unless the minimum itself is."""
+
+
+TILT_GAIN = 0.02
+"""Share of the tilt error taken off per still sample."""
+
+
+def find_footfalls(
+    t: Floats, acc: Floats, gyr: Floats, level: Floats, parameters: FootfallParameters = FootfallParameters()
+) -> tuple[Ints, Ints, Floats]:
+    """Find the stance intervals of a walk.
+
+    Parameters
+    ----------
+    t, acc, gyr
+        (N,) s, (N, 3) m/s^2 and (N, 3) rad/s.
+    level
+        (N,) decades, log10 of SHOE.
+
+    Returns
+    -------
+    start, stop, threshold
+        (K,) first sample, sample after the last, and level of the threshold of each interval.
+    """
+    candidates = _candidates(level, parameters)
+    if len(candidates) == 0:
+        nothing = np.empty(0, dtype=np.int64)
+        return nothing, nothing, np.empty(0)
+    found = [_search(t, acc, gyr, level, candidates, p, parameters) for p in (parameters.walking, parameters.rough)]
+    stances, rough = (_grown(level, samples, parameters) for samples in found)
+    merged = _fill_gaps(t, stances, rough, parameters.longest_swing_s)
+    return merged[0].astype(np.int64), merged[1].astype(np.int64), merged[2]
+
+
+def _candidates(level: Floats, parameters: FootfallParameters) -> Ints:
+    cut = np.maximum(level, parameters.rest_level)
+    walled = np.concatenate([[np.inf], cut, [np.inf]])
+    peaks, _ = find_peaks(-np.minimum(walled, 1e3), prominence=parameters.prominence, plateau_size=1)
+    minima = peaks - 1
+    return np.asarray(minima[cut[minima] < parameters.highest_level], dtype=np.int64)
+
+
+def _search(
+    t: Floats, acc: Floats, gyr: Floats, level: Floats, candidates: Ints, link: LinkParameters, p: FootfallParameters
+) -> Ints:
+    """Samples of the footfalls: steps 2 and 3."""
+    start = levelled(acc[int(candidates[0])])
+    velocity = _free_velocity(t, acc, gyr, level < link.still_level, start, GRAVITY_M_S2)
+    worth = link.reward - np.maximum(level[candidates] - p.easy_level, 0.0)
+    chain = _best_chain(
+        t[candidates], worth, velocity[candidates], link.velocity_sigma, link.acc_sigma, p.longest_link_s
+    )
+    return candidates[chain]
+
+
+def _grown(level: Floats, samples: Ints, p: FootfallParameters) -> Floats:
+    """Intervals around footfalls (3, K): start, stop, threshold: step 5. Overlapping ones become one."""
+    own = np.clip(level[samples] + p.margin, p.floor, np.maximum(p.ceiling, level[samples] + 0.2))
+    return np.array(_grow(level, samples, own))
+
+
+def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float) -> Floats:
+    """Add those of the rough intervals (3, R) that lie in a gap too long for a swing: step 4."""
+    if stances.shape[1] == 0:
+        return rough
+    last = len(t) - 1
+    before = np.concatenate([[0.0], stances[1]]).astype(np.int64)
+    after = np.concatenate([stances[0], [last]]).astype(np.int64)
+    gap = np.searchsorted(stances[0], rough[0], side="right")
+    inside = (rough[0] >= before[gap]) & (rough[1] <= after[gap])
+    wide = t[np.minimum(after[gap], last)] - t[np.minimum(before[gap], last)] > longest_swing_s
+    both = np.concatenate([stances, rough[:, inside & wide]], axis=1)
+    return both[:, np.argsort(both[0], kind="stable")]
+
+
+@njit(cache=True)
+def _free_velocity(
+    t: Floats, acc: Floats, gyr: Floats, still: Floats, nav_R_body: Floats, gravity: float
+) -> Floats:
+    """Velocity (N, 3) m/s of a strapdown pass from rest, its tilt nudged towards gravity at still samples."""
+    n = len(t)
+    velocity = np.zeros((n, 3))
+    state = NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
+    turn, push = np.empty((3, 3)), np.empty(3)
+    for i in range(n - 1):
+        strapdown(state, acc[i], gyr[i], t[i + 1] - t[i], gravity, turn, push)
+        velocity[i + 1] = state.velocity
+        if still[i]:
+            _nudge(state.nav_R_body, acc[i])
+    return velocity
+
+
+@njit(cache=True)
+def _nudge(R: Floats, force: Floats) -> None:
+    """Turn `R` a small share of the way that brings `force` to the vertical, and keep it orthonormal."""
+    east, north, up = R[0].copy(), R[1].copy(), R[2].copy()
+    size = np.sqrt((force**2).sum()) / TILT_GAIN
+    a, b = (east * force).sum() / size, (north * force).sum() / size
+    up = up + a * east + b * north
+    up /= np.sqrt((up**2).sum())
+    north = north - (north * up).sum() * up
+    north /= np.sqrt((north**2).sum())
+    R[2], R[1] = up, north
+    R[0, 0] = north[1] * up[2] - north[2] * up[1]
+    R[0, 1] = north[2] * up[0] - north[0] * up[2]
+    R[0, 2] = north[0] * up[1] - north[1] * up[0]
+
+
+@njit(cache=True)
+def _best_chain(t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float) -> Ints:
+    """Indices of the candidates of the best chain: the dynamic programme of step 3."""
+    n = len(t)
+    best, previous = np.empty(n), np.full(n, -1)
+    broken = 24.0  # a chain may begin anew, at the price of two impossible links
+    for j in range(n):
+        best[j] = worth[j] if j == 0 else worth[j] - broken
+        for i in range(j - 1, -1, -1):
+            elapsed = t[j] - t[i]
+            if elapsed > longest and j - i > 1:
+                break
+            change = ((velocity[j] - velocity[i]) ** 2).sum()
+            cost = 2.0 * np.log1p(change / (4.0 * (s0 * s0 + (sa * elapsed) ** 2)))
+            total = best[i] + worth[j] - min(cost, broken / 2)
+            if total > best[j]:
+                best[j], previous[j] = total, i
+    chain = [int(np.argmax(best))]
+    while previous[chain[-1]] >= 0:
+        chain.append(previous[chain[-1]])
+    return np.array(chain[::-1])
+
+
+@njit(cache=True)
+def _grow(level: Floats, samples: Ints, threshold: Floats) -> tuple[Floats, Floats, Floats]:
+    """Intervals in which the level stays below each sample's threshold, overlapping ones merged."""
+    start, stop, own = np.empty(len(samples)), np.empty(len(samples)), np.empty(len(samples))
+    k = 0
+    for i, limit in zip(samples, threshold):
+        a, b = i, i + 1
+        while a > 0 and level[a - 1] < limit:
+            a -= 1
+        while b < len(level) and level[b] < limit:
+            b += 1
+        if k > 0 and a <= stop[k - 1]:
+            stop[k - 1] = max(stop[k - 1], b)
+            continue
+        start[k], stop[k], own[k] = a, b, limit
+        k += 1
+    return start[:k], stop[:k], own[:k]

@@ -1,0 +1,122 @@
+"""From a recording to its stances.
+
+By default each footfall has its own threshold on SHOE, found from the recording (`fg_nav.detection.footfalls`).
+With a threshold or a false-alarm rate, any of the four statistics cuts the recording at that one level, as in
+Skog et al. (2010). Either way, intervals with no swing between them are one footfall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.footfalls import FootfallParameters, find_footfalls
+from fg_nav.detection.statistics import STATISTICS, StillnessNoise, threshold_at_rest
+from fg_nav.errors import DetectionError
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances, runs
+
+
+@dataclass(frozen=True)
+class StanceParameters:
+    """How stances are found."""
+
+    detector: str = "shoe"
+    """shoe, are, mv or mag (`fg_nav.detection.statistics`)."""
+    threshold: float | None = None
+    """One threshold for the whole recording, in the statistic's units; None: automatic, each footfall its own."""
+    false_alarm_rate: float | None = None
+    """In place of a threshold: the probability a sample that a sensor at perfect rest is called moving."""
+    window_s: float = 0.05
+    """Length of the sliding window."""
+    shortest_s: float = 0.015
+    """Shorter stances are dropped; those of running last 50 ms and more."""
+    swing_rate_rad_s: float = 2.0
+    """No swing without a peak rate above this: what lies between two still moments is else a fidget."""
+    noise: StillnessNoise = field(default_factory=StillnessNoise)
+    footfalls: FootfallParameters = field(default_factory=FootfallParameters)
+
+
+def detect_stances(recording: Recording, parameters: StanceParameters = StanceParameters()) -> Stances:
+    """Find when the foot stands.
+
+    Raises
+    ------
+    DetectionError
+        For an unknown detector, an automatic threshold with another detector than SHOE, or if no stance is found.
+    """
+    statistic = _statistic(recording, parameters)
+    if parameters.threshold is None and parameters.false_alarm_rate is None:
+        found = _automatic(recording, statistic, parameters)
+    else:
+        found = _one_threshold(recording, statistic, parameters)
+    start, stop, threshold = _long_enough(recording.t, *found, parameters.shortest_s)
+    if len(start) == 0:
+        raise DetectionError(_nothing_found(recording, statistic))
+    footfall = _footfalls(recording.gyr, start, stop, parameters.swing_rate_rad_s)
+    relative = statistic / _threshold_along(len(recording), start, stop, threshold)
+    return Stances(
+        start, stop, footfall, len(recording), parameters.detector, float(np.median(threshold)), statistic=relative
+    )
+
+
+def _statistic(recording: Recording, p: StanceParameters) -> Floats:
+    if p.detector not in STATISTICS:
+        raise DetectionError(f"there is no stance detector '{p.detector}': choose one of {', '.join(STATISTICS)}.")
+    return STATISTICS[p.detector](recording.acc, recording.gyr, _window(recording, p), p.noise)
+
+
+def _window(recording: Recording, p: StanceParameters) -> int:
+    return max(3, round(p.window_s / recording.period_s))
+
+
+def _automatic(recording: Recording, statistic: Floats, p: StanceParameters) -> tuple[Ints, Ints, Floats]:
+    if p.detector != "shoe":
+        raise DetectionError(
+            f"the automatic threshold works on shoe: give {p.detector} a threshold or a false-alarm rate."
+        )
+    level = np.log10(statistic + 1e-3)
+    start, stop, threshold = find_footfalls(recording.t, recording.acc, recording.gyr, level, p.footfalls)
+    return start, stop, 10.0**threshold
+
+
+def _one_threshold(recording: Recording, statistic: Floats, p: StanceParameters) -> tuple[Ints, Ints, Floats]:
+    threshold = p.threshold
+    if threshold is None:
+        assert p.false_alarm_rate is not None
+        threshold = threshold_at_rest(p.detector, _window(recording, p), p.false_alarm_rate)
+    start, stop = runs(statistic < threshold)
+    return start, stop, np.full(len(start), threshold)
+
+
+def _long_enough(
+    t: Floats, start: Ints, stop: Ints, threshold: Floats, shortest_s: float
+) -> tuple[Ints, Ints, Floats]:
+    keep = t[stop - 1] - t[start] >= shortest_s
+    return start[keep], stop[keep], threshold[keep]
+
+
+def _footfalls(gyr: Floats, start: Ints, stop: Ints, swing_rate: float) -> Ints:
+    """Number (K,) of the footfall of each interval: a new one after each swing."""
+    rate = np.linalg.norm(gyr, axis=1)
+    between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
+    peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
+    return np.concatenate([[0], np.cumsum(peak > swing_rate)])
+
+
+def _threshold_along(n: int, start: Ints, stop: Ints, threshold: Floats) -> Floats:
+    """Threshold (N,) of the nearest interval."""
+    edges = (stop[:-1] + start[1:]) // 2
+    return np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
+
+
+def _nothing_found(recording: Recording, statistic: Floats) -> str:
+    i = int(np.argmin(statistic))
+    rate = np.degrees(np.linalg.norm(recording.gyr[i]))
+    return (
+        f"no stance was found in {recording.duration_s:.1f} s: even at its stillest, at {recording.t[i]:.3f} s, the "
+        f"sensor turns at {rate:.0f} deg/s with a specific force of {np.linalg.norm(recording.acc[i]):.1f} m/s^2; is "
+        "it on a foot, and are the units right?"
+    )

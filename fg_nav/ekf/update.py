@@ -1,0 +1,96 @@
+"""Correction of state and covariance by measurements, one scalar after the other.
+
+A measurement says z = H x + n of the error x (estimate minus truth) with independent noises of variance r.
+Taken in turn, each row h of H gives
+
+    c = P h^T,  s = h c + r,  K = c / s,  nu = z - h x,   x <- x + K nu,
+    P <- (I - K h) P (I - K h)^T + K r K^T                                                  (Joseph)
+
+The Joseph form is evaluated as (P - K c^T) - d K^T with d = (I - K h) P h^T - r K, which is zero but for
+rounding: it costs one more product than the short form and keeps P positive. nu / sqrt(s) is the standardised
+innovation: for a consistent filter white with unit variance, and the sum of squares over the rows of one H is
+its NIS.
+
+Estimated errors are taken off the state ("closed loop", x is zero again afterwards),
+
+    p <- p - dp,  v <- v - dv,  b <- b - db,  R <- Exp(-dphi) R  = (I - [dphi]) R + ...
+
+With errors as estimate minus truth this is the one sign that shrinks them (Zhang et al., eq. 7; in Ma et al.
+(2018), eq. 39 the sign is the other one, and wrong).
+
+References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001),
+5.2.3; Bierman, Factorization Methods for Discrete Sequential Estimation (1977).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats
+from fg_nav.ekf.covariance import ACC_BIAS, ATTITUDE, GYRO_BIAS, POSITION, VELOCITY
+from fg_nav.mechanisation import NavState, rotation_series
+
+
+@njit(cache=True)
+def correct(P: Floats, x: Floats, h: Floats, z: float, r: float) -> float:
+    """Take the measurement `z` = `h` x + noise of variance `r` into `x` (n,) and `P` (n, n).
+
+    Returns the standardised innovation.
+    """
+    n = len(x)
+    c = np.empty(n)
+    for i in range(n):
+        c[i] = 0.0
+        for j in range(n):
+            c[i] += P[i, j] * h[j]
+    return _absorb(P, x, c, np.dot(h, c), z - np.dot(h, x), r)
+
+
+@njit(cache=True)
+def correct_component(P: Floats, x: Floats, index: int, z: float, r: float) -> float:
+    """Take `z` = x[`index`] + noise of variance `r`: `correct` for a unit row, cheaper."""
+    return _absorb(P, x, P[:, index].copy(), P[index, index], z - x[index], r)
+
+
+@njit(cache=True)
+def _absorb(P: Floats, x: Floats, c: Floats, hc: float, nu: float, r: float) -> float:
+    """Correct by an innovation `nu` with c = P h^T and hc = h c."""
+    s = hc + r
+    for i in range(len(x)):
+        x[i] += c[i] / s * nu
+    for i in range(len(x)):
+        gain = c[i] / s
+        rounding = c[i] - gain * hc - r * gain
+        for j in range(i, len(x)):
+            P[i, j] = (P[i, j] - gain * c[j]) - rounding * c[j] / s
+            P[j, i] = P[i, j]
+    return float(nu / np.sqrt(s))
+
+
+@njit(cache=True)
+def take_off(state: NavState, x: Floats) -> None:
+    """Take the estimated error `x` (15,) off `state` in place, and set it to zero."""
+    position, velocity, R, gyro_bias, acc_bias = state
+    for i in range(3):
+        position[i] -= x[POSITION + i]
+        velocity[i] -= x[VELOCITY + i]
+        gyro_bias[i] -= x[GYRO_BIAS + i]
+        acc_bias[i] -= x[ACC_BIAS + i]
+    turn_in_nav(R, -x[ATTITUDE], -x[ATTITUDE + 1], -x[ATTITUDE + 2])
+    x[:] = 0.0
+
+
+@njit(cache=True)
+def turn_in_nav(R: Floats, x: float, y: float, z: float) -> None:
+    """R <- Exp(theta) R in place, with theta = (x, y, z) rad in nav."""
+    angle = x * x + y * y + z * z
+    a, b, _ = rotation_series(angle)
+    sinc = 1.0 - b * angle
+    for j in range(3):
+        r0, r1, r2 = R[0, j], R[1, j], R[2, j]
+        along = a * (x * r0 + y * r1 + z * r2)
+        # Rodrigues: cos r + sinc theta x r + (1 - cos) / angle^2 (theta . r) theta
+        R[0, j] = (1.0 - a * angle) * r0 + sinc * (y * r2 - z * r1) + along * x
+        R[1, j] = (1.0 - a * angle) * r1 + sinc * (z * r0 - x * r2) + along * y
+        R[2, j] = (1.0 - a * angle) * r2 + sinc * (x * r1 - y * r0) + along * z

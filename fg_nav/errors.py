@@ -1,0 +1,33 @@
+"""Errors a user can cause: one base class, one subclass per module.
+
+The message says what is wrong, where (row of the file, time in the recording) and what to try.
+The command line prints it in one line and exits with 1; anything else that escapes is a bug and exits with 70.
+"""
+
+
+class FgNavError(Exception):
+    """Base of all errors that the input, not the program, is to blame for."""
+
+
+class FormatError(FgNavError):
+    """A file could not be read as a recording or as truth (`fg_nav.io`)."""
+
+
+class RecordingError(FgNavError):
+    """A recording was read but cannot be navigated with (`fg_nav.recording`)."""
+
+
+class DetectionError(FgNavError):
+    """No stance, or no usable one, was found (`fg_nav.detection`)."""
+
+
+class EstimationError(FgNavError):
+    """An estimator could not produce a solution (`fg_nav.ekf`, `fg_nav.smoother`)."""
+
+
+class EvaluationError(FgNavError):
+    """A solution and a truth cannot be compared (`fg_nav.evaluation`)."""
+
+
+class OutputError(FgNavError):
+    """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""

@@ -1,0 +1,149 @@
+"""Estimated and true positions, point by point, in the truth's frame.
+
+A true trajectory is read at the solution's stamps by linear interpolation (attitude by slerp), only where it
+was seen: not before its first stamp, after its last, or inside a hole. Footprints are matched by stride
+number (`fg_nav.evaluation.footprints`) and compared in the horizontal plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import EvaluationError
+from fg_nav.evaluation.alignment import Alignment, align
+from fg_nav.evaluation.footprints import in_space, match_footprints
+from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.solution import Solution
+
+HOLE_S = 0.1
+"""A truth silent for longer than this, and than `HOLE_PERIODS` of its periods, is not interpolated."""
+
+HOLE_PERIODS = 3.0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Matched points in the truth's frame.
+
+    `alignment` maps the solution into the truth's frame; `row` (M,) are the samples of the solution
+    (trajectory) or its stances (footprints); `estimate` and `truth` (M, 3) m; `yaw_error` rad where the truth
+    has attitude; `planar` where the truth says nothing about height.
+    """
+
+    alignment: Alignment
+    row: Ints
+    estimate: Floats
+    truth: Floats
+    planar: bool
+    yaw_error: Floats | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def error(self) -> Floats:
+        """(M, 3) estimate minus truth, m."""
+        return self.estimate - self.truth
+
+
+def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
+    """Lay a solution on a truth with alignment `mode` (`fg_nav.evaluation.alignment`).
+
+    Raises
+    ------
+    EvaluationError
+        Where the two share no time, no footprint, or the mode does not fit the truth.
+    """
+    if isinstance(truth, FootprintTruth):
+        return _compare_footprints(solution, truth, mode)
+    return _compare_trajectory(solution, truth, mode)
+
+
+def _compare_footprints(solution: Solution, truth: FootprintTruth, mode: str) -> Comparison:
+    if mode != "yaw":
+        raise EvaluationError(
+            f"alignment '{mode}' needs a truth with a known frame, and footprints have none: use 'yaw'."
+        )
+    match = match_footprints(solution.stances.position[:, :2], truth)
+    stance = match.stance[match.found]
+    estimate, surveyed = in_space(solution.stances.position[stance]), in_space(truth.xy[match.found])
+    alignment = align(estimate, surveyed, mode)
+    return Comparison(alignment, stance, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
+
+
+def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -> Comparison:
+    row, true_position = interpolated(truth, solution.t)
+    alignment = align(solution.position[row], true_position, mode)
+    return Comparison(
+        alignment,
+        row,
+        alignment.apply(solution.position[row]),
+        true_position,
+        planar=False,
+        yaw_error=_yaw_error(solution, truth, alignment),
+        notes=_overlap_note(row, solution),
+    )
+
+
+def interpolated(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
+    """Rows of `t` (N,) s at which the truth was seen, and its positions (M, 3) m there.
+
+    Raises
+    ------
+    EvaluationError
+        Where there is no such row.
+    """
+    seen = np.isfinite(truth.position).all(axis=1)
+    stamps, position = truth.t[seen], truth.position[seen]
+    row = np.flatnonzero(_covered(t, stamps))
+    if len(row) == 0:
+        raise EvaluationError(
+            f"the truth ({_span(stamps)}) and the solution ({_span(t)}) share no time: "
+            "check that their clocks have the same zero."
+        )
+    return row, np.column_stack([np.interp(t[row], stamps, column) for column in position.T])
+
+
+def _covered(t: Floats, truth_t: Floats) -> Bools:
+    """Whether each of `t` lies on the truth or between two stamps of it that are not the edges of a hole."""
+    if len(truth_t) < 2:
+        return np.isin(t, truth_t)
+    gap = np.diff(truth_t)
+    hole = gap > max(HOLE_S, HOLE_PERIODS * float(np.median(gap)))
+    left = np.searchsorted(truth_t, t, side="right") - 1
+    inside = (t >= truth_t[0]) & (t <= truth_t[-1])
+    left = np.clip(left, 0, len(gap) - 1)
+    return np.asarray(inside & (~hole[left] | (t == truth_t[left]) | (t == truth_t[left + 1])))
+
+
+def _yaw_error(solution: Solution, truth: TrajectoryTruth, alignment: Alignment) -> Floats | None:
+    """Rotation about up, rad, that the estimated attitude has too much; None without a true attitude."""
+    if truth.nav_R_body is None:
+        return None
+    seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
+    row = np.flatnonzero(_covered(solution.t, truth.t[seen]))
+    if len(row) == 0 or np.count_nonzero(seen) < 2:
+        return None
+    true_attitude = Slerp(truth.t[seen], Rotation.from_matrix(truth.nav_R_body[seen]))(solution.t[row])
+    estimate = alignment.rotate(solution.nav_R_body[row])
+    return yaw_between(np.asarray(true_attitude.as_matrix()), estimate)
+
+
+def yaw_between(nav_R_a: Floats, nav_R_b: Floats) -> Floats:
+    """Yaw (N,) rad, about up, of the rotation that leads from attitudes a to b (N, 3, 3): nav_R_b nav_R_a^T.
+
+    Unlike the difference of two headings it is defined whichever way the body's axes point.
+    """
+    turn = nav_R_b @ np.swapaxes(nav_R_a, -1, -2)
+    return np.asarray(np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1]))
+
+
+def _overlap_note(row: Ints, solution: Solution) -> tuple[str, ...]:
+    share = len(row) / len(solution.t)
+    return () if share > 0.99 else (f"the truth covers {100 * share:.0f} % of the solution's samples",)
+
+
+def _span(t: Floats) -> str:
+    return f"{t[0]:.3f} to {t[-1]:.3f} s" if len(t) else "no finite point"

@@ -1,0 +1,53 @@
+"""Attitude and heading between the body frame and the navigation frame (East-North-Up).
+
+Symbols: `nav_R_body` maps body vectors to navigation vectors; heading is the direction of the body's x axis
+over the ground, radians clockwise from north (degrees only for people); specific force at rest is +g up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fg_nav.arrays import Floats
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity."""
+
+
+def heading_of(nav_R_body: Floats) -> Floats:
+    """Heading (...,) rad, clockwise from north, of attitudes (..., 3, 3)."""
+    east, north = nav_R_body[..., 0, 0], nav_R_body[..., 1, 0]
+    return np.arctan2(east, north)
+
+
+def levelled(body_up: Floats, heading: float = 0.0) -> Floats:
+    """Attitude (3, 3) whose z row is `body_up` (3,), the direction of up in the body, and with this heading in rad.
+
+    With the x axis within a hair of vertical the heading is that of no axis in particular.
+    """
+    up = body_up / np.linalg.norm(body_up)
+    forward = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    if np.linalg.norm(forward) < 1e-6:
+        forward = np.array([0.0, 0.0, 1.0]) - up[2] * up
+    forward /= np.linalg.norm(forward)
+    left = np.cross(up, forward)
+    level_R_body = np.stack([np.sin(heading) * forward - np.cos(heading) * left,
+                             np.cos(heading) * forward + np.sin(heading) * left, up])
+    return level_R_body
+
+
+def wrap(angle: Floats) -> Floats:
+    """Angles in rad to [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def yaw_rotation(angle: float) -> Floats:
+    """Rotation (3, 3) about up by `angle` rad, counter-clockwise seen from above."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def quaternion_xyzw(nav_R_body: Floats) -> Floats:
+    """Quaternions (N, 4) as x, y, z, w of attitudes (N, 3, 3)."""
+    return np.asarray(Rotation.from_matrix(nav_R_body).as_quat(), dtype=np.float64)

@@ -1,0 +1,21 @@
+"""Files in, files out: one reader per recording format, truth readers, and the writers.
+
+`read` is the usual way in; it recognises the format from the content. `read_raw` gives the same unjudged, for
+inspection of broken files.
+"""
+
+from fg_nav.io.formats import FORMATS, Format, read, read_raw
+from fg_nav.io.pyshoe import read_pyshoe_labels
+from fg_nav.io.truth import read_truth
+from fg_nav.io.writers import write_canonical, write_tum
+
+__all__ = [
+    "FORMATS",
+    "Format",
+    "read",
+    "read_pyshoe_labels",
+    "read_raw",
+    "read_truth",
+    "write_canonical",
+    "write_tum",
+]

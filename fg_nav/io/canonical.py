@@ -1,0 +1,44 @@
+"""The project's own recording format: CSV with one header line, SI units, uT.
+
+`time_s, acc_x_m_s2, ..., gyr_x_rad_s, ..., mag_x_uT, ...`; the mag columns may be absent, and empty where
+there is no sample. acc is specific force: +g on the up axis at rest. Further columns are ignored, the order
+is free.
+"""
+
+from __future__ import annotations
+
+from fg_nav.io.content import Content
+from fg_nav.io.tables import position_of, read_table
+from fg_nav.recording import Provenance, RawRecording
+
+TIME = ("time_s",)
+ACC = ("acc_x_m_s2", "acc_y_m_s2", "acc_z_m_s2")
+GYR = ("gyr_x_rad_s", "gyr_y_rad_s", "gyr_z_rad_s")
+MAG = ("mag_x_uT", "mag_y_uT", "mag_z_uT")
+
+
+def recognises(content: Content) -> bool:
+    """Whether the first line names at least one of the format's acc or gyr columns."""
+    return not {*ACC, *GYR}.isdisjoint(content.fields())
+
+
+def read(content: Content) -> RawRecording:
+    """Read a canonical CSV.
+
+    Raises
+    ------
+    FormatError
+        If a column is missing or doubled, or a field is no number.
+    """
+    path, header = content.path, content.fields()
+    has_mag = not set(MAG).isdisjoint(header)
+    names = TIME + ACC + GYR + (MAG if has_mag else ())
+    table, row = read_table(path, header, [position_of(name, header, path) for name in names], first_line=2)
+    return RawRecording(
+        t=table[:, 0],
+        acc=table[:, 1:4],
+        gyr=table[:, 4:7],
+        mag=table[:, 7:10] if has_mag else None,
+        row=row,
+        provenance=Provenance(path=path, format="canonical"),
+    )

@@ -1,0 +1,107 @@
+"""The formats a recording may have, and the one way in: `read`.
+
+A format is recognised from the content of the file; its name is never looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from fg_nav.errors import FormatError
+from fg_nav.io import broad, canonical, openshoe, pyshoe, sensorconnect, xio
+from fg_nav.io.content import Content, look
+from fg_nav.recording import RawRecording, Recording
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: what it is, how it is recognised and how it is read."""
+
+    name: str
+    description: str
+    recognises: Callable[[Content], bool]
+    read: Callable[[Content], RawRecording]
+    is_mat: bool = False
+
+
+def _by_name(*formats: Format) -> Mapping[str, Format]:
+    return MappingProxyType({known.name: known for known in formats})
+
+
+FORMATS: Mapping[str, Format] = _by_name(
+    Format(
+        "canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognises, canonical.read
+    ),
+    Format(
+        "sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognises, sensorconnect.read
+    ),
+    Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognises, pyshoe.read, is_mat=True),
+    Format("openshoe", "OpenShoe text", openshoe.recognises, openshoe.read),
+    Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognises, xio.read),
+    Format("broad", "BROAD MATLAB file", broad.recognises, broad.read, is_mat=True),
+)
+"""All formats by name."""
+
+
+def read(path: Path | str, format: str | None = None) -> Recording:
+    """Read a recording that estimators can use.
+
+    Parameters
+    ----------
+    path
+        The file.
+    format
+        A name of `FORMATS` to read it as; without one the format is recognised from the content.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, or its format is not known.
+    RecordingError
+        If what it holds cannot be navigated with (`Recording.from_raw`).
+    """
+    return Recording.from_raw(read_raw(path, format))
+
+
+def read_raw(path: Path | str, format: str | None = None) -> RawRecording:
+    """Read what a file says, unjudged: see `read` for the parameters.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, or its format is not known.
+    """
+    if format is not None and format not in FORMATS:
+        raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
+    content = look(Path(path))
+    chosen = recognised(content) if format is None else FORMATS[format]
+    if chosen.is_mat != bool(content.variables):
+        kind = "a MATLAB file" if chosen.is_mat else "a text file"
+        raise FormatError(
+            f"{content.path.name} is not {kind}, so it cannot be '{chosen.name}': leave the format out."
+        )
+    return chosen.read(content)
+
+
+def recognised(content: Content) -> Format:
+    """Tell the format of a file.
+
+    Raises
+    ------
+    FormatError
+        If it is none of `FORMATS`.
+    """
+    for known in FORMATS.values():
+        if known.recognises(content):
+            return known
+    if "GCP_meters" in content.variables:
+        raise FormatError(
+            f"{content.path.name} holds surveyed footprints, no recording: give it as the truth."
+        )
+    raise FormatError(
+        f"{content.path.name} is in none of the formats read here ({', '.join(FORMATS)}): "
+        f"name its format, or write it as canonical CSV."
+    )

@@ -1,0 +1,97 @@
+"""PyShoe's processed trials (Wagstaff et al., University of Toronto): MATLAB files of a LORD 3DM-GX5-25.
+
+=========== ======== ================================================================================
+`imu`       (N, 6)   acc m/s^2, gyr rad/s
+`ts`        (N,)     s
+`gt`        (N, 3)   m, foot position by motion capture, **left-handed**: y is negated here
+`gt_idx`    (M,)     where present, `gt` is (M, 3): surveyed points passed at these samples (from 0)
+`zv_*_opt`  (N,)     1 where the authors' detector of that name, at its best threshold, sees the foot stand
+=========== ======== ================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import FormatError
+from fg_nav.io import mat
+from fg_nav.io.content import Content
+from fg_nav.io.paths import true_path
+from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
+
+_RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
+
+
+def recognises(content: Content) -> bool:
+    """Whether the file holds a variable `imu`, or the time stamps or labels that go with it."""
+    return "imu" in content.variables or "zv_shoe_opt" in content.variables
+
+
+def read(content: Content) -> RawRecording:
+    """Read a PyShoe trial.
+
+    Raises
+    ------
+    FormatError
+        If `imu` or `ts` is missing, damaged, or does not fit the other.
+    """
+    path = content.path
+    variables = mat.load(path)
+    imu, t = mat.array(variables, "imu", path, columns=6), mat.array(variables, "ts", path)
+    if len(t) != len(imu):
+        raise FormatError(f"{path.name} has {len(imu)} samples but {len(t)} time stamps: export it again.")
+    return RawRecording(
+        t=t,
+        acc=imu[:, :3].copy(),
+        gyr=imu[:, 3:].copy(),
+        row=np.arange(1, len(t) + 1),
+        truth=_truth(variables, t, path),
+        provenance=Provenance(path=path, format="pyshoe"),
+    )
+
+
+def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
+    """(N,) True where a reference detector of a PyShoe trial sees the foot stand.
+
+    Parameters
+    ----------
+    path
+        The trial.
+    detector
+        `shoe`, `ared`, `amvd`, `mbgtd` or `vicon`: the detector whose `zv_<detector>_opt` is read.
+
+    Raises
+    ------
+    FormatError
+        If the file is no MATLAB file or does not hold these labels.
+    """
+    path = Path(path)
+    labels = mat.array(mat.load(path), f"zv_{detector}_opt", path)
+    return labels > 0.5
+
+
+def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTruth | None:
+    gt = variables.get("gt")
+    if (
+        not isinstance(gt, np.ndarray) or gt.ndim != 2 or gt.shape[1] != 3
+    ):  # the stair trials give one height a landing
+        return None
+    position = mat.array(variables, "gt", path, columns=3) * _RIGHT_HANDED
+    sample = np.arange(len(t)) if "gt_idx" not in variables else _indices(variables, len(t), path)
+    if len(sample) != len(position):
+        raise FormatError(
+            f"{path.name} has {len(position)} true positions for {len(sample)} samples: export it again."
+        )
+    return true_path(t[sample], position)
+
+
+def _indices(variables: Mapping[str, Any], n_samples: int, path: Path) -> Ints:
+    index = mat.array(variables, "gt_idx", path)
+    if not ((index >= 0) & (index < n_samples)).all():
+        raise FormatError(f"{path.name}: 'gt_idx' points outside of the recording: export it again.")
+    return index.astype(np.int64)

@@ -1,0 +1,125 @@
+"""Text tables as float columns, read at C speed; what does not parse is named by line and column.
+
+Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import FormatError
+
+
+def position_of(name: str, header: Sequence[str], path: Path) -> int:
+    """Index of the one column of this name.
+
+    Raises
+    ------
+    FormatError
+        If there is none, or more than one.
+    """
+    count = list(header).count(name)
+    if count == 0:
+        raise FormatError(f"{path.name} has no column '{name}': export the recording again with it.")
+    if count > 1:
+        raise FormatError(f"{path.name} has {count} columns '{name}': keep one of them.")
+    return list(header).index(name)
+
+
+def scaled(values: Floats, unit: Floats | float) -> Floats:
+    """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
+    with np.errstate(over="ignore"):
+        return np.asarray(values * unit)
+
+
+def read_table(
+    path: Path, header: Sequence[str], positions: Sequence[int], first_line: int, separator: str = ","
+) -> tuple[Floats, Ints]:
+    r"""Read some columns of a text table, and the line of each row.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        (C,) names of all columns of the file, for messages.
+    positions
+        (K,) indices into `header` of the wanted columns, in the wanted order.
+    first_line
+        The first line, counted from 1, that holds data.
+    separator
+        One character, or the regular expression `\s+`.
+
+    Returns
+    -------
+    tuple
+        (N, K) floats and (N,) line numbers.
+
+    Raises
+    ------
+    FormatError
+        If a field is no number, a row has too many fields, or there is no row.
+    """
+    # One column more than the header has: a separator may end each row, and a field too many shows.
+    wanted: list[int] = [*positions, len(header)]
+    options: dict[str, Any] = {
+        "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
+        "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
+        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"],
+    }  # fmt: skip
+    values = _parsed(path, wanted, options, [*header, "after the last"], first_line)
+    row = np.arange(len(values), dtype=np.int64) + first_line
+    longer = ~np.isnan(values[:, -1])
+    if longer.any():
+        raise FormatError(
+            f"{path.name}, line {row[np.argmax(longer)]} has more fields than the header: correct that line."
+        )
+    filled = ~np.isnan(values).all(axis=1)
+    if not filled.any():
+        raise FormatError(f"{path.name} has a header but no samples: record or export it again.")
+    return np.ascontiguousarray(values[filled, :-1]), row[filled]
+
+
+def _parsed(
+    path: Path, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
+) -> Floats:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
+            frame = pd.read_csv(path, dtype=dict.fromkeys(wanted, np.float64), **options)
+    except pd.errors.EmptyDataError:
+        return np.empty((0, len(wanted)))
+    except pd.errors.ParserWarning:
+        raise FormatError(f"{path.name} has rows with more fields than the header: correct them.") from None
+    except pd.errors.ParserError as error:
+        reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
+        raise FormatError(f"{path.name} is not a regular table ({reason}): correct that line.") from None
+    except (ValueError, OverflowError):
+        raise _first_bad_cell(path, wanted, options, names, first_line) from None
+    return np.asarray(frame[wanted].to_numpy(dtype=np.float64))
+
+
+def _first_bad_cell(
+    path: Path, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
+) -> FormatError:
+    """Find the first field that is no number. Slow, but only ever run on a broken file."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pd.errors.ParserWarning)
+        text = pd.read_csv(path, dtype=str, **options)[wanted]
+    numbers = text.apply(pd.to_numeric, errors="coerce")
+    bad = np.argwhere((numbers.isna() & text.notna()).to_numpy())
+    if not len(bad):
+        return FormatError(f"{path.name} does not read as numbers: look for odd characters in an editor.")
+    row, column = bad[0]
+    cell, name = str(text.iat[row, column])[:40], names[wanted[column]]
+    return FormatError(
+        f"{path.name}, line {row + first_line}, column '{name}': {cell!r} is not a number; "
+        f"correct or delete that line."
+    )

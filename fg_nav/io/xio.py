@@ -1,0 +1,135 @@
+"""x-io sensors (NGIMU, x-IMU3): CSV whose header carries the units, `Gyroscope X (deg/s)`.
+
+Columns are found by quantity and axis; the unit in brackets decides the scale, and a column without a known
+unit is refused rather than guessed. A magnetometer in arbitrary units (`a.u.`) is left out, with a note.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import FormatError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.io.content import Content
+from fg_nav.io.magnetometer import without_held
+from fg_nav.io.tables import read_table, scaled
+from fg_nav.recording import Provenance, RawRecording
+
+_DEGREE = np.pi / 180.0
+
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "gyroscope": {"deg/s": _DEGREE, "°/s": _DEGREE, "dps": _DEGREE, "mdps": 1e-3 * _DEGREE, "rad/s": 1.0},
+    "accelerometer": {"g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2, "m/s^2": 1.0, "m/s/s": 1.0, "m/s2": 1.0},
+    "magnetometer": {
+        "ut": 1.0,
+        "nt": 1e-3,
+        "gauss": 100.0,
+        "g": 100.0,
+        "mgauss": 0.1,
+        "mg": 0.1,
+        "a.u.": np.nan,
+    },
+}
+"""SI (or uT) value of each known unit, in lower case; NaN: arbitrary."""
+
+_COLUMN = re.compile(
+    r"^(time|timestamp|gyroscope|accelerometer|magnetometer)\s*([xyz]?)\s*(?:[(\[]\s*(.*?)\s*[)\]])?$",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the file: what it measures, along which axis, in which unit (SI or uT per unit)."""
+
+    position: int
+    quantity: str
+    axis: str
+    scale: float
+
+
+def recognises(content: Content) -> bool:
+    """Whether the first line names a gyroscope or accelerometer axis as x-io does."""
+    return any(
+        re.match(r"(gyroscope|accelerometer)\s+[xyz]\b", name, re.IGNORECASE) for name in content.fields()
+    )
+
+
+def read(content: Content) -> RawRecording:
+    """Read an x-io CSV.
+
+    Raises
+    ------
+    FormatError
+        If a column is missing or doubled, has no known unit, or a field is no number.
+    """
+    path, header = content.path, content.fields()
+    columns = columns_of(header, path)
+    wanted = [_the(columns, "time", "", path)]
+    wanted += [
+        _the(columns, quantity, axis, path) for quantity in ("accelerometer", "gyroscope") for axis in "xyz"
+    ]
+    magnetic = [column for column in columns if column.quantity == "magnetometer"]
+    arbitrary = any(np.isnan(column.scale) for column in magnetic)
+    if magnetic and not arbitrary:
+        wanted += [_the(columns, "magnetometer", axis, path) for axis in "xyz"]
+    table, row = read_table(path, header, [column.position for column in wanted], first_line=2)
+    table = scaled(table, np.array([column.scale for column in wanted]))
+    notes = ("the magnetometer is in arbitrary units and was left out",) if arbitrary else ()
+    return RawRecording(
+        t=table[:, 0],
+        acc=table[:, 1:4],
+        gyr=table[:, 4:7],
+        mag=_mag(table),
+        row=row,
+        provenance=Provenance(path=path, format="xio", notes=notes),
+    )
+
+
+def columns_of(header: list[str], path: Path) -> list[Column]:
+    """Find the columns of a header that are time, acc, gyr or mag.
+
+    Raises
+    ------
+    FormatError
+        If one of them has no unit or an unknown one.
+    """
+    columns = []
+    for position, name in enumerate(header):
+        match = _COLUMN.match(name)
+        if match:
+            quantity = match[1].lower().replace("timestamp", "time")
+            scale = _scale(quantity, match[3] or "", name, path)
+            columns.append(Column(position, quantity, match[2].lower(), scale))
+    return columns
+
+
+def _scale(quantity: str, unit: str, name: str, path: Path) -> float:
+    known = UNITS[quantity]
+    plain = unit.lower().replace("²", "^2").replace("µ", "u").replace("μ", "u")
+    if plain in known:
+        return known[plain]
+    problem = f"the unit '{unit}', which is not known" if unit else "no unit"
+    raise FormatError(
+        f"{path.name}: column '{name}' has {problem}: write one of {', '.join(known)} in brackets."
+    )
+
+
+def _the(columns: list[Column], quantity: str, axis: str, path: Path) -> Column:
+    found = [column for column in columns if column.quantity == quantity and column.axis == axis]
+    if len(found) == 1:
+        return found[0]
+    name = f"{quantity} {axis}".strip()
+    if not found:
+        raise FormatError(f"{path.name} has no column '{name}': export the recording again with it.")
+    raise FormatError(f"{path.name} has {len(found)} columns '{name}': keep one of them.")
+
+
+def _mag(table: Floats) -> Floats | None:
+    return without_held(table[:, 7:10], table[:, 4:7]) if table.shape[1] > 7 else None

@@ -1,0 +1,96 @@
+"""One step of strapdown navigation, exact for constant body rate and specific force.
+
+Symbols
+
+=========== ========= ==================================================================================
+R           -         attitude, nav_R_body
+v, p        m/s, m    velocity and position in nav
+w, f        rad/s,    angular rate and specific force in the body frame, biases taken off;
+            m/s^2     a sample is held over its own period h: from its stamp to the next one
+theta       rad       w h
+g           m/s^2     (0, 0, -gravity)
+=========== ========= ==================================================================================
+
+With the integrals of the turning body frame,
+
+    Gamma_1 = sum [theta]^n / (n+1)!,   Gamma_2 = sum [theta]^n / (n+2)!,   T = h R Gamma_1  ("turn", s),
+
+the step is
+
+    p' = p + v h + (R Gamma_2 f + g / 2) h^2
+    v' = v + T f + g h                                    (T f is the "push")
+    R' = R Exp(theta) = R + T [w]                         (because Gamma_1 [theta] = Exp(theta) - I)
+
+A negative h steps back over the same sample. Reference for the Gamma_n: Bloesch et al. (2012), "State
+estimation for legged robots: consistent fusion of leg kinematics and IMU".
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats
+
+SERIES_BELOW = 0.01
+"""Squared angle, rad^2, under which the series below are exact to rounding (and the closed forms are not)."""
+
+
+class NavState(NamedTuple):
+    """The filter's state as arrays that are changed in place; frames and units as above."""
+
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+    gyro_bias: Floats
+    acc_bias: Floats
+
+
+@njit(cache=True)
+def rotation_series(x: float) -> tuple[float, float, float]:
+    """Coefficients (1-cos)/x, (a-sin)/a^3 and (cos-1+x/2)/x^2 at squared angle x = a^2 in rad^2."""
+    if x < SERIES_BELOW:
+        first = 0.5 - x / 24 * (1 - x / 30 * (1 - x / 56 * (1 - x / 90)))
+        second = 1 / 6 - x / 120 * (1 - x / 42 * (1 - x / 72 * (1 - x / 110)))
+        third = 1 / 24 - x / 720 * (1 - x / 56 * (1 - x / 90 * (1 - x / 132)))
+        return first, second, third
+    angle = np.sqrt(x)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return (1 - cosine) / x, (angle - sine) / (angle * x), (cosine - 1 + x / 2) / (x * x)
+
+
+@njit(cache=True)
+def strapdown(
+    state: NavState, acc: Floats, gyr: Floats, h: float, gravity: float, turn: Floats, push: Floats
+) -> None:
+    """Move `state` over one sample `acc` (3,) m/s^2, `gyr` (3,) rad/s held for `h` seconds.
+
+    Writes `turn` (3, 3) s and `push` (3,) m/s, which the propagation of the covariance needs.
+    """
+    position, velocity, R, gyro_bias, acc_bias = state
+    wx, wy, wz = gyr[0] - gyro_bias[0], gyr[1] - gyro_bias[1], gyr[2] - gyro_bias[2]
+    fx, fy, fz = acc[0] - acc_bias[0], acc[1] - acc_bias[1], acc[2] - acc_bias[2]
+    x, y, z = wx * h, wy * h, wz * h
+    a, b, c = rotation_series(x * x + y * y + z * z)
+    # cross = theta x f, twice = theta x (theta x f): the two terms of Gamma_2 f that are not f / 2
+    cx, cy, cz = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+    tx, ty, tz = y * cz - z * cy, z * cx - x * cz, x * cy - y * cx
+    sx = 0.5 * fx + b * cx + c * tx
+    sy = 0.5 * fy + b * cy + c * ty
+    sz = 0.5 * fz + b * cz + c * tz
+    for i in range(3):
+        r0, r1, r2 = R[i, 0], R[i, 1], R[i, 2]
+        # row i of R Gamma_1 = R (I + a [theta] + b [theta]^2): r + a (r x theta) + b (r x theta) x theta
+        u0, u1, u2 = r1 * z - r2 * y, r2 * x - r0 * z, r0 * y - r1 * x
+        t0 = h * (r0 + a * u0 + b * (u1 * z - u2 * y))
+        t1 = h * (r1 + a * u1 + b * (u2 * x - u0 * z))
+        t2 = h * (r2 + a * u2 + b * (u0 * y - u1 * x))
+        turn[i, 0], turn[i, 1], turn[i, 2] = t0, t1, t2
+        push[i] = t0 * fx + t1 * fy + t2 * fz
+        position[i] += h * velocity[i] + h * h * (r0 * sx + r1 * sy + r2 * sz)
+        velocity[i] += push[i]
+        R[i, 0], R[i, 1], R[i, 2] = r0 + t1 * wz - t2 * wy, r1 + t2 * wx - t0 * wz, r2 + t0 * wy - t1 * wx
+    position[2] -= 0.5 * gravity * h * h
+    velocity[2] -= gravity * h

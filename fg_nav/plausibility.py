@@ -1,0 +1,249 @@
+"""Are these numbers what they claim to be? Wrong units, removed gravity and mirrored axes, told by physics.
+
+A sensor on a person cannot help measuring some known things:
+
+* time: inertial sensors deliver 10 to 5000 samples a second;
+* force: in its stillest moments the accelerometer measures gravity, 9.8 m/s^2 and not 1 g, 1000 mg or 0;
+* rate: a limb turns at 1 to 20 rad/s, never at 40 rad/s for a hundredth of the time;
+* both: while the sensor turns without much acceleration, gravity turns in the body as the gyroscope says,
+  da/dt = -k w x a, with k = 1. k = pi/180 is a gyroscope in deg/s, k = -1 a mirrored set of axes;
+* field: the Earth's field is 25-65 uT, buildings and shoes make 10-200 uT of it.
+
+Everything here bears NaN and nonsense: the samples may come from a broken file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import GRAVITY_M_S2
+
+LIMIT_M_S2 = 5000.0
+"""No accelerometer worn by a person reads more (500 g)."""
+
+LIMIT_RAD_S = 350.0
+"""No gyroscope worn by a person reads more (20 000 deg/s)."""
+
+LIMIT_UT = 1e5
+"""No magnetometer that is still of use reads more (0.1 T)."""
+
+_SLOWEST_PERIOD_S, _FASTEST_PERIOD_S = 0.1, 2e-4
+_TIME_UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+_USUAL_PERIOD_S = (4e-4, 0.1)
+
+_ACC_UNITS = {"g": GRAVITY_M_S2, "ft/s^2": 0.3048, "mg": 1e-3 * GRAVITY_M_S2}
+_GRAVITY_RANGE = (0.7, 1.3)  # of g: any m/s^2 accelerometer, even in a loaded stance
+_ACC_UNIT_RANGE = (0.85, 1.15)
+_NO_GRAVITY_M_S2 = 3.0  # what is left of gravity where an attitude filter has removed it, at its worst
+_SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple of rest
+
+_TOO_FAST_RAD_S = 40.0
+_TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
+
+_FIELD_RANGE_UT = (5.0, 200.0)
+_FIELD_UNITS = {
+    "nT": (1e-3, (1e4, 1.2e5)),
+    "mG": (0.1, (200.0, 2000.0)),
+    "gauss": (100.0, (0.1, 0.75)),
+    "T": (1e6, (1e-5, 2e-4)),
+}
+
+
+@dataclass(frozen=True)
+class GravityTransport:
+    """How well gravity turns in the body as the gyroscope says.
+
+    `gain` is k in da/dt = -k w x a, `correlation` that of both sides, `n_windows` how many stretches it
+    rests on.
+    """
+
+    gain: float
+    correlation: float
+    n_windows: int
+
+    @property
+    def is_telling(self) -> bool:
+        """Whether there was enough quiet turning for a verdict."""
+        return self.n_windows >= 100 and abs(self.correlation) > 0.4
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether gravity surely turns the other way: real, right-handed data stay above -0.03."""
+        return self.n_windows >= 300 and self.correlation < -0.5 and self.gain < -0.3
+
+
+def unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> tuple[str, ...]:
+    """Name everything whose unit is wrong, with what to do about it; empty if all is plausible.
+
+    Parameters
+    ----------
+    t, acc, gyr, mag
+        (N,) s, (N, 3) m/s^2, (N, 3) rad/s, (N, 3) uT or None; as claimed. NaN is ignored.
+    """
+    period = median_period_s(t)
+    stamps, force = stamp_problem(period), acc_problem(acc, period)
+    # Gravity turns at the right rate only if both its unit and that of time are right.
+    rate = gyr_problem(acc, gyr, np.nan if stamps or force else period)
+    field = None if mag is None else mag_problem(mag)
+    return tuple(problem for problem in (stamps, force, rate, field) if problem is not None)
+
+
+def median_period_s(t: Floats) -> float:
+    """Median of the positive steps between stamps; NaN if there is none."""
+    steps = np.diff(t[np.isfinite(t)])
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if steps.size else np.nan
+
+
+def stamp_problem(period_s: float) -> str | None:
+    """Say what is wrong with stamps of this median period, if anything."""
+    if np.isnan(period_s):
+        return "the stamps do not advance: export the recording again with its time column"
+    if _FASTEST_PERIOD_S <= period_s < _SLOWEST_PERIOD_S:
+        return None
+    for unit, per_second in _TIME_UNITS.items():
+        if _USUAL_PERIOD_S[0] <= period_s / per_second <= _USUAL_PERIOD_S[1]:
+            return f"the stamps seem to be in {unit} (step {period_s:.6g}), not s: divide by {per_second:g}"
+    return f"the stamps step by {period_s:.3g} s, no inertial sensor's rate: write them in s"
+
+
+def acc_problem(acc: Floats, period_s: float) -> str | None:
+    """Say what is wrong with the unit or gravity of acc (N, 3), if anything."""
+    rest = rest_acc(acc, period_s)
+    if np.isnan(rest) or _GRAVITY_RANGE[0] < rest / GRAVITY_M_S2 < _GRAVITY_RANGE[1]:
+        return None
+    (usable,) = _usable(acc, limit=1e6)
+    has_gravity = float(np.median(np.linalg.norm(usable, axis=1))) < _SPREAD * rest
+    for unit, scale in _ACC_UNITS.items():
+        if has_gravity and _ACC_UNIT_RANGE[0] < rest * scale / GRAVITY_M_S2 < _ACC_UNIT_RANGE[1]:
+            return f"acc seems to be in {unit} ({rest:.3g} at rest), not m/s^2: multiply it by {scale:.6g}"
+    if rest < _NO_GRAVITY_M_S2:
+        return (
+            f"acc seems to have had gravity removed ({rest:.2f} m/s^2 at rest, not {GRAVITY_M_S2:.2f}): "
+            f"export the acceleration with gravity in it"
+        )
+    return f"acc measures {rest:.4g} m/s^2 at rest where gravity is {GRAVITY_M_S2:.2f}: check its unit"
+
+
+def gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
+    """Say what is wrong with the unit or the axes of gyr (N, 3), if anything.
+
+    Without a period (NaN) only the size of gyr is looked at: acc or time is known to be wrong.
+    """
+    acc, gyr = _usable(acc, gyr)
+    if not len(gyr):
+        return None
+    fast = float(np.quantile(np.linalg.norm(gyr, axis=1), 0.99))
+    transport = gravity_transport(acc, gyr, period_s)
+    too_weak = transport.is_telling and 0.0 < transport.gain < 0.1
+    if fast > _TOO_FAST_RAD_S or too_weak:
+        return (
+            f"gyr seems to be in deg/s (one sample in a hundred is above {fast:.3g}), not rad/s: "
+            f"multiply it by {np.pi / 180:.7f}"
+        )
+    lively = period_s > 0 and float(np.std(np.linalg.norm(acc, axis=1))) > _LIVELY_M_S2
+    too_strong = transport.is_telling and transport.gain > 10.0
+    if too_strong or (fast < _TOO_SLOW_RAD_S and lively):
+        return (
+            f"gyr is far too small for this motion (one sample in a hundred is above {fast:.2g} rad/s): "
+            f"multiply it by {180 / np.pi:.4f} if it was taken for deg/s"
+        )
+    if transport.is_mirrored:
+        return (
+            "gravity turns against the gyroscope: the axes are left-handed or a sign is wrong; "
+            "swap or negate axes until they are right-handed"
+        )
+    return None
+
+
+def mag_problem(mag: Floats) -> str | None:
+    """Say what is wrong with the unit of mag (N, 3), if anything."""
+    strength = field_strength(mag)
+    strength = strength[np.isfinite(strength)]
+    if not strength.size:
+        return None
+    median = float(np.median(strength))
+    if _FIELD_RANGE_UT[0] < median < _FIELD_RANGE_UT[1]:
+        return None
+    for unit, (scale, (low, high)) in _FIELD_UNITS.items():
+        if low < median < high:
+            return (
+                f"mag seems to be in {unit} (median strength {median:.3g}), not uT: "
+                f"multiply it by {scale:g}, or leave its columns out"
+            )
+    return f"mag has a median strength of {median:.3g} uT, no field on Earth: check its unit, or leave it out"
+
+
+def field_strength(mag: Floats) -> Floats:
+    """Strength (N,) of mag (N, 3) in its unit; NaN where there is no sample or a senseless one."""
+    sensible = np.isfinite(mag).all(axis=1) & (np.abs(np.nan_to_num(mag)) < 1e6).all(axis=1)
+    strength = np.full(len(mag), np.nan)
+    strength[sensible] = np.linalg.norm(mag[sensible], axis=1)
+    return strength
+
+
+def rest_acc(acc: Floats, period_s: float) -> float:
+    """Median strength of acc (N, 3) over its stillest moments, in its unit; NaN if there are too few samples.
+
+    Moments of 0.1 s are ranked by their variance, whatever its unit, and the stillest twentieth is taken: a
+    walking foot stands for far longer than that.
+    """
+    (acc,) = _usable(acc, limit=1e6)
+    length = _samples_in(0.1, period_s)
+    if len(acc) < 2 * length:
+        return np.nan
+    mean = _moving_mean(acc, length)
+    variance = (_moving_mean(acc**2, length) - mean**2).sum(axis=1)
+    still = variance <= np.quantile(variance, 0.05)
+    return float(np.median(np.linalg.norm(mean[still], axis=1)))
+
+
+def gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> GravityTransport:
+    """Test whether gravity turns in the body as the gyroscope says.
+
+    Over 0.4 s in which | |acc| - g | stays below 0.6 m/s^2, the change between the means of its halves is set
+    against the mean of -w x a between their middles; the gain is that of least squares.
+    """
+    acc, gyr = _usable(acc, gyr)
+    if not period_s > 0:
+        return GravityTransport(np.nan, np.nan, 0)
+    half = _samples_in(0.2, period_s)
+    n_windows = len(acc) - 2 * half
+    if n_windows <= 0:
+        return GravityTransport(np.nan, np.nan, 0)
+    loud = np.abs(np.linalg.norm(acc, axis=1) - GRAVITY_M_S2) > 0.6
+    before = np.concatenate(([0], np.cumsum(loud)))
+    quiet = before[2 * half :][:n_windows] == before[:n_windows]
+    if not quiet.any():
+        return GravityTransport(np.nan, np.nan, 0)
+    mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
+    first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
+    change = (second - first) / (half * period_s)
+    expected = -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
+    product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
+    scale = np.sqrt(power * float(np.sum(change**2)))
+    if not scale > 0:
+        return GravityTransport(np.nan, np.nan, 0)
+    return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(quiet)))
+
+
+def _usable(*vectors: Floats, limit: float = 1e5) -> tuple[Floats, ...]:
+    """Rows (., 3) that are finite, and small enough to be squared, in all of the arrays."""
+    usable = np.logical_and.reduce([(np.abs(v) < limit).all(axis=1) for v in vectors])
+    return tuple(v[usable] for v in vectors)
+
+
+def _samples_in(duration_s: float, period_s: float) -> int:
+    """Count the samples in a duration, at least 3; stamps in a wrong unit are taken for 200 Hz."""
+    plausible = period_s if _FASTEST_PERIOD_S <= period_s < _SLOWEST_PERIOD_S else 0.005
+    return max(3, round(duration_s / plausible))
+
+
+def _moving_mean(vectors: Floats, length: int) -> Floats:
+    """Average (N, 3) over `length` neighbours: (N - length + 1, 3)."""
+    sums: Floats = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
+    means: Floats = (sums[length:] - sums[:-length]) / length
+    return means

@@ -1,0 +1,301 @@
+"""What a sensor on a walking person recorded, and what is known to be true about the walk.
+
+Symbols and units (frames: see `fg_nav`)
+
+====== ========= ======================================================================
+t      s         (N,) stamps, strictly increasing
+acc    m/s^2     (N, 3) specific force in the body frame: +g on the up axis at rest
+gyr    rad/s     (N, 3) angular rate of the body in the body frame
+mag    uT        (N, 3) magnetic flux density in the body frame; NaN rows where there is no new sample
+====== ========= ======================================================================
+
+A `RawRecording` is what a file says, in SI units but unjudged; a `Recording` is what estimators accept.
+`Recording.from_raw` is the one door between the two, and this is its policy:
+
+=============================== =======================================================================
+wrong unit, gravity removed     refused, and named (`fg_nav.plausibility`)
+repeated stamps                 the later rows are left out, with a note; refused if they are many
+stamps that run backward        refused
+missing (non-finite) samples    a hole of up to 20 ms is left out, with a note; a longer one is refused
+gaps between stamps             up to `MAX_GAP_S` kept, with a note; longer ones are refused
+magnetometer without a sample   no magnetometer
+=============================== =======================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav import plausibility
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import RecordingError
+
+MIN_SAMPLES = 20
+"""Fewer samples than this hold no stance and no stride."""
+
+MAX_GAP_S = 0.5
+"""A hole longer than this cannot be bridged: nearly half a stride of motion is unknown."""
+
+MAX_MISSING_S = 0.02
+"""Samples missing for up to this long (or a single one) are left out: a foot hardly turns within it."""
+
+MAX_MISSING_SHARE = 0.05
+"""More missing samples than this, however scattered, are a defect of the recording and not a slip."""
+
+MAX_REPEATED_SHARE = 0.2
+"""More repeated stamps than this mean that the stamps are too coarse for the rate."""
+
+_END_OF_TIME = 1e20
+"""No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18."""
+
+GAP_PERIODS = 2.5
+"""A step between stamps of more periods than this is called a gap; transport jitter makes smaller ones."""
+
+
+@dataclass(frozen=True)
+class TrajectoryTruth:
+    """True path of the sensor. `t` (M,) s, `position` (M, 3) m, `nav_R_body` (M, 3, 3) or None, z up."""
+
+    t: Floats
+    position: Floats
+    nav_R_body: Floats | None = None
+
+
+@dataclass(frozen=True)
+class FootprintTruth:
+    """Surveyed footprints. `stride` (M,) counts strides (0 = the start), `xy` (M, 2) m, seen from above.
+
+    Azimuth and origin are unknown, and there are no time stamps: match by stride number.
+    `stride_count` is the number of strides of the whole walk where it is known.
+    """
+
+    stride: Ints
+    xy: Floats
+    stride_count: int | None = None
+
+
+Truth = TrajectoryTruth | FootprintTruth
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a recording came from and what was done to it on the way in."""
+
+    path: Path | None = None
+    format: str = "array"
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RawRecording:
+    """A file's samples in SI units, unjudged: stamps may repeat, run backward or be NaN; so may samples.
+
+    `row` (N,) is the 1-based line (or array row) of each sample in its file, for messages.
+    """
+
+    t: Floats
+    acc: Floats
+    gyr: Floats
+    row: Ints
+    mag: Floats | None = None
+    truth: Truth | None = None
+    provenance: Provenance = field(default_factory=Provenance)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Samples an estimator can trust the shape of: finite acc and gyr, strictly increasing stamps.
+
+    Raises
+    ------
+    RecordingError
+        On wrong shapes, too few samples, non-finite samples or stamps that do not increase.
+    """
+
+    t: Floats
+    acc: Floats
+    gyr: Floats
+    mag: Floats | None = None
+    truth: Truth | None = None
+    provenance: Provenance = field(default_factory=Provenance)
+
+    def __post_init__(self) -> None:
+        for name in ("t", "acc", "gyr", "mag"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(value, dtype=np.float64))
+        _check_shapes(self.t, self.acc, self.gyr, self.mag)
+        _check_count(len(self.t))
+        finite = np.isfinite(self.t) & np.isfinite(self.acc).all(axis=1) & np.isfinite(self.gyr).all(axis=1)
+        if not finite.all():
+            raise RecordingError(f"sample {np.argmin(finite)} is not finite: leave it out.")
+        rising = np.diff(self.t) > 0
+        if not rising.all():
+            late = int(np.argmin(rising)) + 1
+            raise RecordingError(f"the stamp of sample {late} is not after the one before: sort them.")
+
+    @classmethod
+    def from_raw(cls, raw: RawRecording) -> Recording:
+        """Judge a file's samples and take what can be navigated with; the policy is on top of this file.
+
+        What was left out is told in the notes of `provenance`.
+
+        Raises
+        ------
+        RecordingError
+            If the recording is refused: what is wrong, at which row and time, and what to try.
+        """
+        try:
+            return _admitted(raw)
+        except RecordingError as error:
+            path = raw.provenance.path
+            raise RecordingError(f"{path.name}: {error}" if path else str(error)) from None
+
+    @property
+    def period_s(self) -> float:
+        """Median sample period in seconds."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last stamp in seconds."""
+        return float(self.t[-1] - self.t[0])
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def slice(self, start: int, stop: int) -> Recording:
+        """Cut out the samples `start <= i < stop`, as views; truth and provenance stay whole.
+
+        Raises
+        ------
+        RecordingError
+            If too few samples are left.
+        """
+        part = np.s_[start:stop]
+        mag = None if self.mag is None else self.mag[part]
+        return replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag)
+
+
+def usable_samples(raw: RawRecording) -> Bools:
+    """(N,) True where stamp, acc and gyr are finite and within what any sensor can read."""
+    return (
+        (np.abs(raw.t) < _END_OF_TIME)
+        & (np.abs(raw.acc) < plausibility.LIMIT_M_S2).all(axis=1)
+        & (np.abs(raw.gyr) < plausibility.LIMIT_RAD_S).all(axis=1)
+    )
+
+
+def _admitted(raw: RawRecording) -> Recording:
+    _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
+    _check_count(len(raw.t))
+    for problem in plausibility.unit_problems(raw.t, raw.acc, raw.gyr, raw.mag):
+        raise RecordingError(f"{problem}.")
+    usable = usable_samples(raw)
+    notes = [*raw.provenance.notes, *_judge_missing(raw, usable)]
+    kept = np.flatnonzero(usable)
+    _check_count(len(kept))
+    kept, remarks = _without_repeats(raw, kept)
+    notes += [*remarks, *_judge_gaps(raw, kept)]
+    return Recording(
+        t=raw.t[kept],
+        acc=raw.acc[kept],
+        gyr=raw.gyr[kept],
+        mag=_magnetometer(raw, kept),
+        truth=raw.truth,
+        provenance=replace(raw.provenance, notes=tuple(notes)),
+    )
+
+
+def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> None:
+    if t.ndim != 1:
+        raise RecordingError(f"t has shape {t.shape}, not (N,): give one stamp a sample.")
+    for name, value in (("acc", acc), ("gyr", gyr), ("mag", mag)):
+        if value is not None and value.shape != (len(t), 3):
+            raise RecordingError(f"{name} has shape {value.shape}, not ({len(t)}, 3): give one row a stamp.")
+
+
+def _check_count(count: int) -> None:
+    if count < MIN_SAMPLES:
+        raise RecordingError(f"{count} usable samples are too few for a walk: record at least {MIN_SAMPLES}.")
+
+
+def _at(raw: RawRecording, index: int) -> str:
+    """Name a sample for people."""
+    time = f" (t = {raw.t[index]:.3f} s)" if np.isfinite(raw.t[index]) else ""
+    return f"row {raw.row[index]}{time}"
+
+
+def _judge_missing(raw: RawRecording, usable: Bools) -> list[str]:
+    """Refuse long runs of missing samples; note the short ones."""
+    if usable.all():
+        return []
+    period = plausibility.median_period_s(raw.t)
+    padded = np.concatenate(([True], usable, [True])).astype(np.int8)
+    start, stop = np.flatnonzero(np.diff(padded) == -1), np.flatnonzero(np.diff(padded) == 1)
+    long = (stop - start > 1) & ((stop - start) * period > MAX_MISSING_S)
+    if long.any():
+        first, count = start[long][0], (stop - start)[long][0]
+        raise RecordingError(
+            f"{count} samples in a row are missing (empty, NaN or out of any range), "
+            f"from {_at(raw, first)} on: cut the file there, or fill them in."
+        )
+    missing = int(np.count_nonzero(~usable))
+    if missing > MAX_MISSING_SHARE * len(usable):
+        raise RecordingError(
+            f"{missing} of {len(usable)} samples are missing (empty, NaN or out of any range), the first in "
+            f"{_at(raw, start[0])}: export the recording again."
+        )
+    return [f"{missing} missing samples were left out, the first in row {raw.row[start[0]]}"]
+
+
+def _without_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
+    """Leave out rows whose stamp repeats the one before; refuse stamps that run backward."""
+    step = np.diff(raw.t[kept])
+    if (step < 0).any():
+        back = kept[np.argmax(step < 0) + 1]
+        raise RecordingError(
+            f"the stamps run backward at {_at(raw, back)}, from {raw.t[kept[np.argmax(step < 0)]]:.3f} s: "
+            f"sort or cut the file there."
+        )
+    repeated = np.concatenate(([False], step == 0))
+    count = int(np.count_nonzero(repeated))
+    if not count:
+        return kept, []
+    first = raw.row[kept[np.argmax(repeated)]]
+    if count > MAX_REPEATED_SHARE * len(kept):
+        raise RecordingError(
+            f"{count} of {len(kept)} stamps repeat the one before, the first in row {first}: "
+            f"write the stamps with more digits."
+        )
+    return kept[~repeated], [f"{count} rows with a repeated stamp were left out, the first is row {first}"]
+
+
+def _judge_gaps(raw: RawRecording, kept: Ints) -> list[str]:
+    """Refuse long gaps; note the short ones."""
+    step = np.diff(raw.t[kept])
+    worst = int(np.argmax(step))
+    if step[worst] > MAX_GAP_S:
+        first = int(np.argmax(step > MAX_GAP_S))
+        raise RecordingError(
+            f"there is a gap of {step[first]:.2f} s before {_at(raw, kept[first + 1])}: "
+            f"cut the file there and run the parts on their own."
+        )
+    gaps = int(np.count_nonzero(step > GAP_PERIODS * np.median(step)))
+    if not gaps:
+        return []
+    longest = f"{1e3 * step[worst]:.0f} ms before row {raw.row[kept[worst + 1]]}"
+    return [f"{gaps} short gaps, the longest of {longest}"]
+
+
+def _magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
+    """Magnetometer with whole rows only: a row with one bad axis is no sample. None if there is no sample."""
+    if raw.mag is None:
+        return None
+    mag = raw.mag[kept]
+    senseless = ~(np.abs(mag) < plausibility.LIMIT_UT)
+    mag[senseless.any(axis=1)] = np.nan
+    return None if np.isnan(mag).all() else mag

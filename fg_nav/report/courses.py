@@ -1,0 +1,157 @@
+"""What changes in the course of a walk: position error, heading, gyroscope bias."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import heading_of, wrap
+from fg_nav.recording import TrajectoryTruth
+from fg_nav.report import style
+from fg_nav.report.thinning import MAX_POINTS, envelope, spread_rows
+from fg_nav.report.view import View
+
+_PALE: dict[str, Any] = {"alpha": 0.4, "linewidth": 0.7}
+
+_COMPASS_DEG = (5, 10, 15, 30, 45, 90, 180, 360)
+"""Steps of an axis of angles."""
+
+_TURNS_UNWRAPPED = 5.0
+"""A heading that turns more often than this is shown wrapped."""
+
+_MAX_DOTS = 400
+
+
+def plot_errors(views: Mapping[str, View]) -> Figure:
+    """Draw the horizontal error of several methods over time. Every view must have a comparison."""
+    with style.styled():
+        figure = style.new_figure(3.4)
+        axes = figure.subplots()
+        for colour, (name, view) in zip(style.colours(len(views)), views.items(), strict=True):
+            _draw_error(axes, view, colour, name)
+        axes.set_ylim(bottom=0.0)
+        axes.margins(x=0.01)
+        axes.set(xlabel="time (s)", ylabel="horizontal error (m)")
+        style.head(axes, f"Position error{next(iter(views.values())).alignment_words}")
+    return figure
+
+
+def plot_heading(view: View) -> Figure:
+    """Draw the heading of the body's x axis; below it the claimed 95 % band, and the error if known."""
+    heading, true_heading = _heading(view), _true_heading(view)
+    with style.styled():
+        figure = style.new_figure(5.0)
+        whole, close = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+        _draw_headings(whole, view, heading, true_heading)
+        whole.set_ylabel("heading (deg,\nclockwise from north)")
+        whole.margins(x=0.01)
+        style.head(whole, f"Heading{view.alignment_words}")
+        _draw_heading_error(close, view, heading - true_heading)
+        close.set_xlabel("time (s)")
+    return figure
+
+
+def plot_gyro_bias(view: View) -> Figure:
+    """Draw the estimated gyroscope bias per axis, with one and two sigma bands."""
+    stances = view.solution.stances
+    bias, sigma = np.rad2deg(stances.gyro_bias), np.rad2deg(stances.gyro_bias_sigma)
+    with style.styled():
+        figure = style.new_figure(5.2)
+        panels = figure.subplots(3, 1, sharex=True, sharey=True)
+        for i, (axes, name) in enumerate(zip(panels, "xyz", strict=True)):
+            for width, alpha in ((2, 0.14), (1, 0.22)):
+                band = (bias[:, i] - width * sigma[:, i], bias[:, i] + width * sigma[:, i])
+                axes.fill_between(stances.t, *band, color=style.CYCLE[i], alpha=alpha, linewidth=0)
+            axes.axhline(0.0, color=style.SOFT_INK, linewidth=0.6)
+            axes.plot(stances.t, bias[:, i], color=style.CYCLE[i])
+            axes.set_ylabel(f"{name} (deg/s)")
+            axes.margins(x=0.01)
+        style.head(panels[0], "Gyroscope bias, body axes, with 1 and 2 sigma")
+        panels[-1].set_xlabel("time (s)")
+    return figure
+
+
+def _draw_error(axes: Axes, view: View, colour: str, name: str) -> None:
+    if view.comparison is None:
+        raise ValueError(f"'{name}' was not compared with a truth: it has no error to draw")
+    error = np.linalg.norm(view.comparison.error[:, :2], axis=1)
+    rms = f"{name}, rms {np.sqrt(np.mean(error**2)):.3f} m"
+    if view.comparison.planar:
+        t = view.solution.stances.t[view.comparison.row]
+        axes.plot(t, error, "o-", color=colour, markersize=3.5, linewidth=0.9, label=rms)
+    else:
+        axes.plot(
+            *envelope(view.solution.t[view.comparison.row], error), color=colour, linewidth=0.9, label=rms
+        )
+
+
+def _heading(view: View) -> Floats:
+    return heading_of(view.turned(view.solution.nav_R_body))
+
+
+def _true_heading(view: View) -> Floats:
+    """Read the true heading (N,) rad at the solution's stamps; NaN where it is unknown."""
+    truth, t = view.truth, view.solution.t
+    if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
+        return np.full(len(t), np.nan)
+    seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
+    if not seen.any():
+        return np.full(len(t), np.nan)
+    known = np.unwrap(heading_of(truth.nav_R_body[seen]))
+    return np.interp(t, truth.t[seen], known, left=np.nan, right=np.nan)
+
+
+def _draw_headings(axes: Axes, view: View, heading: Floats, true_heading: Floats) -> None:
+    """Count turns from stance to stance: in a swing the axis may point anywhere, even up."""
+    stances, t = view.solution.stances, view.solution.t
+    at_stances = np.unwrap(heading[stances.sample])
+    middle = np.interp(t, stances.t, at_stances)
+    wrapped = bool(np.ptp(at_stances) > _TURNS_UNWRAPPED * 2 * np.pi)
+    dots = {"marker": ".", "markersize": 4.5} if len(stances) <= _MAX_DOTS else {}
+    line = {"color": style.BLUE, "linewidth": 1.1, "label": f"{view.solution.method}, at the stances"}
+    _draw_angle(
+        axes, t, middle + wrap(true_heading - middle), wrapped, {**style.TRUTH_LINE, "label": "truth"}
+    )
+    _draw_angle(axes, t, middle + wrap(heading - middle), wrapped, {**line, **_PALE, "label": "in between"})
+    _draw_angle(axes, stances.t, at_stances, wrapped, {**line, **dots})
+    span_deg = float(np.ptp(axes.get_ylim()))
+    axes.yaxis.set_major_locator(MultipleLocator(next((s for s in _COMPASS_DEG if span_deg / s <= 9), 360)))
+
+
+def _draw_angle(axes: Axes, t: Floats, angle: Floats, wrapped: bool, kind: dict[str, Any]) -> None:
+    row = spread_rows(len(t), MAX_POINTS)
+    if np.isfinite(angle[row]).any():
+        axes.plot(*_broken(t[row], np.rad2deg(angle[row]), wrapped), **kind)
+
+
+def _broken(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats]:
+    """Where angles are shown wrapped: bring them to [0, 360) and break the line where it jumps."""
+    if not wrapped:
+        return t, angle_deg
+    inside = angle_deg % 360.0
+    jump = np.flatnonzero(np.abs(np.diff(inside)) > 180.0) + 1
+    return np.insert(t, jump, t[jump]), np.insert(inside, jump, np.nan)
+
+
+def _draw_heading_error(axes: Axes, view: View, heading_error: Floats) -> None:
+    """Heading at the start is a gauge, so claim and error are both counted from the first stance."""
+    stances = view.solution.stances
+    half_deg = 1.96 * np.rad2deg(stances.heading_sigma)
+    band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.2, "linewidth": 0, "label": "95 % claimed"}
+    axes.fill_between(stances.t, -half_deg, half_deg, **band)
+    axes.axhline(0.0, color=style.SOFT_INK, linewidth=0.6)
+    error = wrap(heading_error[stances.sample])
+    known = np.flatnonzero(np.isfinite(error))
+    if len(known):
+        since_start_deg = np.rad2deg(wrap(error - error[known[0]]))
+        line: dict[str, Any] = {"color": style.BLUE, "markersize": 3, "linewidth": 0.8, "label": "error"}
+        axes.plot(stances.t, since_start_deg, ".-", **line)
+    axes.set_ylim(*np.clip(axes.get_ylim(), -180.0, 180.0))
+    axes.set_ylabel("since the start (deg)")
+    style.head(axes, "Uncertainty and error at the stances" if len(known) else "Uncertainty at the stances")

@@ -1,0 +1,148 @@
+"""The walk from above: one method with its 95 % ellipses, or several methods over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MultipleLocator
+
+from fg_nav.arrays import Floats
+from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.report import style
+from fg_nav.report.thinning import MAX_POINTS, spread_rows
+from fg_nav.report.view import View
+
+ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))
+"""Semi-axes of the 95 % ellipse of a two-dimensional normal distribution, in standard deviations."""
+
+MAX_ELLIPSES = 80
+MAX_DOTS = 400
+"""More stances than this are not marked one by one."""
+
+
+def plot_trajectory(view: View) -> Figure:
+    """Draw the walk from above: path, stances with 95 % ellipses, truth."""
+    stance = view.placed(view.solution.stances.position)
+    with style.styled():
+        figure, axes = _map([view])
+        _draw_truth(axes, view.truth)
+        _draw_path(axes, view, style.BLUE, view.solution.method)
+        _draw_ellipses(axes, stance, view.horizontal_cov(), float(np.max(np.ptp(stance[:, :2], axis=0))))
+        if len(stance) <= MAX_DOTS:
+            axes.plot(*stance[:, :2].T, ".", color=style.BLUE, markersize=3.2, zorder=4)
+        _draw_ends(axes, stance)
+        style.head(axes, f"Trajectory{view.alignment_words}")
+    return figure
+
+
+def plot_trajectories(views: Mapping[str, View]) -> Figure:
+    """Lay the walks of several methods over each other, and over the truth."""
+    first = next(iter(views.values()))
+    with style.styled():
+        figure, axes = _map(list(views.values()))
+        _draw_truth(axes, first.truth)
+        for colour, (name, view) in zip(style.colours(len(views)), views.items(), strict=True):
+            _draw_path(axes, view, colour, name)
+        _draw_ends(axes, first.placed(first.solution.stances.position))
+        style.head(axes, f"Trajectories{first.alignment_words}")
+    return figure
+
+
+def _map(views: list[View]) -> tuple[Figure, Axes]:
+    """Figure shaped like the walk, with equal scales east and north."""
+    points = [_path(view) for view in views]
+    width, height = np.ptp(np.vstack(points), axis=0) + 1e-9
+    figure = style.new_figure(float(np.clip(style.WIDTH_IN * height / width, 3.5, 8.0)) + 0.7)
+    axes = figure.subplots()
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.06)
+    step_m = _tick_step(max(float(width), float(height), 0.1))
+    axes.xaxis.set_major_locator(MultipleLocator(step_m))
+    axes.yaxis.set_major_locator(MultipleLocator(step_m))
+    surveyed = isinstance(views[0].truth, FootprintTruth)  # of unknown azimuth
+    axes.set(xlabel="x (m)" if surveyed else "east (m)", ylabel="y (m)" if surveyed else "north (m)")
+    return figure, axes
+
+
+def _tick_step(extent_m: float) -> float:
+    """Round distance of which four to ten fit into the extent."""
+    wanted = extent_m / 8
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * min(s for s in (1, 2, 5, 10) if power * s >= wanted))
+
+
+def _draw_truth(axes: Axes, truth: Truth | None) -> None:
+    if isinstance(truth, TrajectoryTruth):
+        path = truth.position[spread_rows(len(truth.position), MAX_POINTS)]
+        axes.plot(path[:, 0], path[:, 1], **style.TRUTH_LINE, label="truth", zorder=1)
+    elif truth is not None:
+        axes.plot(
+            *truth.xy.T,
+            "s",
+            color=style.TRUTH,
+            markersize=5,
+            markerfacecolor="none",
+            label="surveyed footprints",
+        )
+
+
+def _draw_path(axes: Axes, view: View, colour: str, label: str) -> None:
+    path = _path(view)
+    laps = np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / max(float(np.max(np.ptp(path, axis=0))), 0.1)
+    width = float(np.clip(1.1 * np.sqrt(20.0 / max(laps, 1.0)), 0.35, 1.1))  # thin where lines lie close
+    axes.plot(path[:, 0], path[:, 1], color=colour, linewidth=width, label=label, zorder=3)
+
+
+def _path(view: View) -> Floats:
+    """Points (M, 2) m of the walk, as many as a line needs."""
+    return view.placed(view.solution.position[spread_rows(len(view.solution.position), MAX_POINTS)])[:, :2]
+
+
+def _draw_ellipses(axes: Axes, centre: Floats, cov: Floats, extent_m: float) -> None:
+    claimed = np.flatnonzero(np.isfinite(cov).all(axis=(1, 2)))
+    if not len(claimed):
+        return
+    largest_m = ELLIPSE_RADIUS * float(np.sqrt(np.max(np.linalg.eigvalsh(cov[claimed]))))
+    at_most = int(
+        np.clip(4 * extent_m / max(largest_m, 1e-9), 6, MAX_ELLIPSES)
+    )  # huge ones would hide the path
+    row = claimed[spread_rows(len(claimed), at_most)]
+    variance, direction = np.linalg.eigh(cov[row])
+    semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
+    zoom = _zoom(largest_m, extent_m)
+    angle_deg = np.rad2deg(np.arctan2(direction[:, 1, 1], direction[:, 0, 1]))
+    ellipses = EllipseCollection(
+        2 * zoom * semi[:, 1], 2 * zoom * semi[:, 0], angle_deg, units="xy", offsets=centre[row, :2],
+        offset_transform=axes.transData, facecolor=style.BLUE, edgecolor=style.BLUE, alpha=0.16,
+        linewidth=0.6, zorder=2,
+    )  # fmt: skip
+    axes.add_collection(ellipses)
+    words = "95 % ellipses" + (f", drawn {zoom} times as large" if zoom > 1 else "")
+    axes.plot([], [], "o", color=style.BLUE, alpha=0.25, markersize=8, label=words)
+
+
+def _zoom(semi_m: float, extent_m: float) -> int:
+    """Factor that makes the largest ellipse visible; 1 where it is anyway."""
+    wanted = 0.02 * extent_m / max(semi_m, 1e-9)
+    steps = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])
+    return int(steps[np.searchsorted(steps, min(wanted, 1000.0))]) if wanted > 2.0 else 1
+
+
+def _draw_ends(axes: Axes, stance: Floats) -> None:
+    apart = np.linalg.norm(stance[-1, :2] - stance[0, :2]) > 0.05 * np.max(np.ptp(stance[:, :2], axis=0))
+    marks: list[tuple[str, Floats, dict[str, Any]]] = [
+        ("start" if apart else "start, end", stance[0], {"marker": "o"})
+    ]
+    if apart:
+        marks.append(("end", stance[-1], {"marker": "s"}))
+    for words, point, kind in marks:
+        axes.plot(*point[:2], **kind, color=style.INK, markersize=6, markerfacecolor="white", zorder=6)
+        halo = [withStroke(linewidth=2.5, foreground="white")]
+        text: dict[str, Any] = {"color": style.INK, "fontsize": 8.5, "zorder": 6, "path_effects": halo}
+        axes.annotate(words, (point[0], point[1]), (7, 5), textcoords="offset points", **text)

@@ -1,0 +1,138 @@
+"""The files of a result: trajectory, strides, summary and configuration.
+
+==================== =======================================================================================
+trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
+strides.csv          one row a stance: `STRIDE_COLUMNS`
+summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
+config.json          what was run on what, with every parameter as it was in effect
+comparison.csv/json  the summaries of several methods, one row each
+==================== =======================================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from fg_nav.frames import heading_of
+from fg_nav.io import write_tum
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.version import version
+
+if TYPE_CHECKING:
+    from fg_nav.session import Outcome, Session
+
+STRIDE_COLUMNS = (
+    "index", "time_s", "x_m", "y_m", "z_m", "heading_deg",
+    "gyro_bias_x_deg_s", "gyro_bias_y_deg_s", "gyro_bias_z_deg_s",
+    "sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_heading_deg", "field", "field_reason",
+)  # fmt: skip
+SUMMARY_KEYS = (
+    "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
+    "realtime_factor",
+)  # fmt: skip
+TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
+_MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
+
+
+def write_result(folder: Path, session: Session, outcome: Outcome) -> None:
+    """Write the four files of a run into an existing folder."""
+    solution = outcome.solution
+    write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
+    stride_frame(solution.stances).to_csv(folder / "strides.csv", index=False, float_format="%.9g")
+    write_json(folder / "config.json", config(session, solution))
+    write_json(folder / "summary.json", summary(session, outcome))
+
+
+def stride_frame(stances: StanceTable) -> pd.DataFrame:
+    """Table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north."""
+    columns = [
+        np.arange(len(stances)), stances.t, *stances.position.T,
+        np.rad2deg(heading_of(stances.nav_R_body)) % 360.0, *np.rad2deg(stances.gyro_bias).T,
+        *stances.position_sigma.T, np.rad2deg(stances.heading_sigma), stances.field, stances.field_reason,
+    ]  # fmt: skip
+    return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
+
+
+def summary(session: Session, outcome: Outcome) -> dict[str, object]:
+    """Figures of merit, in the order of the contract; what is not known is None."""
+    solution, metrics = outcome.solution, outcome.metrics
+    duration_s = session.recording.duration_s
+    figures: dict[str, object] = {
+        "method": solution.method,
+        "duration_s": duration_s,
+        "distance_m": metrics.distance_m,
+        "strides": metrics.strides_detected,
+        "closure_m": metrics.closure_m,
+        "closure_percent": metrics.closure_percent,
+        "runtime_s": solution.runtime_s,
+        "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
+    }
+    if outcome.comparison is not None:
+        figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, *_MORE_TRUTH_KEYS)}
+    notes = [*session.recording.provenance.notes, *solution.notes, *metrics.notes]
+    return figures | {"magnetometer": magnetometer(session, solution), "notes": notes}
+
+
+def magnetometer(session: Session, solution: Solution) -> str:
+    """Say in words whether the magnetic field had a part in this solution."""
+    if any(verdict != "none" for verdict in solution.stances.field):
+        return "used"
+    return "not used" if session.recording.mag is not None else "not used (none given)"
+
+
+def config(session: Session, solution: Solution) -> dict[str, object]:
+    """Return everything needed to run it again."""
+    recording, stances, options = session.recording, session.stances, session.options
+    return {
+        "fg_nav_version": version(),
+        "method": solution.method,
+        "recording": _text(recording.provenance.path),
+        "format": recording.provenance.format,
+        "samples": len(recording),
+        "rate_hz": 1.0 / recording.period_s,
+        "truth": _text(options.truth_path) or ("in the recording" if session.truth is not None else None),
+        "heading_deg": options.heading_deg,
+        "use_magnetometer": options.use_magnetometer,
+        "alignment": options.alignment,
+        "detector": {"name": stances.detector, "threshold": stances.threshold, "stances": len(stances)},
+        "parameters": solution.parameters,
+    }
+
+
+def write_comparison(folder: Path, session: Session, outcomes: Mapping[str, Outcome]) -> None:
+    """Write each method's files into its own folder, and all summaries as `comparison.csv` and `.json`."""
+    for name, outcome in outcomes.items():
+        (folder / name).mkdir()
+        write_result(folder / name, session, outcome)
+    rows = [summary(session, outcome) for outcome in outcomes.values()]
+    plain = [{key: value for key, value in row.items() if key != "notes"} for row in rows]
+    pd.DataFrame(plain).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
+    write_json(folder / "comparison.json", rows)
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write standard JSON: numbers that are not finite become null."""
+    path.write_text(json.dumps(_jsonable(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _jsonable(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _jsonable(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)

@@ -1,0 +1,91 @@
+"""What is printed: tables, and progress on a terminal only. In a pipe all is plain text, lines unbroken."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+_PIPE_WIDTH = 1000
+
+FIGURES = (
+    ("distance_m", "distance (m)", "{:.2f}"),
+    ("strides", "strides", "{:d}"),
+    ("strides_true", "strides in truth", "{:d}"),
+    ("closure_m", "start to end (m)", "{:.3f}"),
+    ("closure_percent", "start to end (%)", "{:.2f}"),
+    ("rmse_2d_m", "rmse 2-D (m)", "{:.3f}"),
+    ("rmse_3d_m", "rmse 3-D (m)", "{:.3f}"),
+    ("end_error_m", "end error (m)", "{:.3f}"),
+    ("max_error_m", "max error (m)", "{:.3f}"),
+    ("heading_rmse_deg", "heading rmse (deg)", "{:.2f}"),
+    ("scale", "best-fit scale", "{:.4f}"),
+    ("alignment", "alignment", "{}"),
+    ("magnetometer", "magnetometer", "{}"),
+    ("runtime_s", "runtime (s)", "{:.2f}"),
+    ("realtime_factor", "times real time", "{:.0f}"),
+)
+"""Key of the summary, words, and format of every row of a result table."""
+
+
+def console() -> Console:
+    """Return a console on standard output: as wide as the terminal, or as wide as needed in a pipe."""
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _PIPE_WIDTH)
+
+
+def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> None:
+    """Print the table of figures, the notes that go with it, and where the files are."""
+    out = console()
+    out.print(result_table(summaries))
+    notes = dict.fromkeys(str(note) for summary in summaries for note in cast("list[str]", summary["notes"]))
+    for note in notes:
+        out.print(f"note: {note}")
+    pictures = ", ".join(sorted(path.name for path in place.glob("*.png")))
+    out.print(f"files: {place}", soft_wrap=True)
+    out.print(f"pictures: {pictures}", soft_wrap=True)
+
+
+def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:
+    """One column a method, one row a figure that at least one of them has."""
+    table = _table("", *(str(summary["method"]) for summary in summaries))
+    for key, words, pattern in FIGURES:
+        values = [summary.get(key) for summary in summaries]
+        if any(value is not None for value in values):
+            table.add_row(words, *("-" if value is None else pattern.format(value) for value in values))
+    return table
+
+
+def listing(rows: Sequence[tuple[str, str]]) -> Table:
+    """Names and values."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column()
+    table.add_column(overflow="fold")
+    for name, value in rows:
+        table.add_row(Text(name, style="dim"), Text(value))
+    return table
+
+
+def _table(*headers: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, pad_edge=False)
+    for i, header in enumerate(headers):
+        table.add_column(Text(header), justify="right" if i else "left")
+    return table
+
+
+@contextmanager
+def progress(words: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on standard error while the block runs; yields what is to be told the fraction done."""
+    errors = Console(stderr=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    shown = sys.stderr.isatty() and not errors.is_dumb_terminal
+    with Progress(*columns, console=errors, transient=True, disable=not shown) as bars:
+        task = bars.add_task(words, total=None)
+        yield lambda fraction: bars.update(task, total=1.0, completed=fraction)

@@ -1,0 +1,74 @@
+"""The stance intervals of a walk: when the foot stands, found once and shared by every estimator.
+
+An interval `k` covers the samples `start[k] <= i < stop[k]`. Intervals are disjoint and in order. A footfall is
+all that happens between two swings: mostly one interval, several where a standing foot fidgets. Footfalls are
+what a walk is counted in, and results have one row for each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+
+
+@dataclass(frozen=True)
+class Stances:
+    """Stance intervals over a recording of `n_samples`.
+
+    ========= ==== ==========================================================================================
+    start     (K,) first sample of each interval
+    stop      (K,) sample after its last
+    footfall  (K,) number of the footfall it belongs to, from 0, never falling
+    statistic (N,) the detector's statistic over its threshold (below 1: still), None where unknown
+    threshold      of the statistic, in the detector's units; the median where it varies along the walk
+    ========= ==== ==========================================================================================
+    """
+
+    start: Ints
+    stop: Ints
+    footfall: Ints
+    n_samples: int
+    detector: str = "given"
+    threshold: float = float("nan")
+    statistic: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def n_footfalls(self) -> int:
+        """Number of footfalls: strides plus one."""
+        return int(self.footfall[-1]) + 1 if len(self) else 0
+
+    @property
+    def mask(self) -> Bools:
+        """(N,) True where the foot stands."""
+        steps = np.zeros(self.n_samples + 1, dtype=np.int64)
+        np.add.at(steps, self.start, 1)
+        np.add.at(steps, self.stop, -1)
+        return np.cumsum(steps[:-1]) > 0
+
+    def stillest(self, unrest: Floats) -> Ints:
+        """Sample (F,) of each footfall at which `unrest` (N,) is least, within its intervals."""
+        least = np.full(self.n_footfalls, np.inf)
+        sample = np.zeros(self.n_footfalls, dtype=np.int64)
+        for start, stop, footfall in zip(self.start, self.stop, self.footfall, strict=True):
+            i = start + int(np.argmin(unrest[start:stop]))
+            if unrest[i] < least[footfall]:
+                least[footfall], sample[footfall] = unrest[i], i
+        return sample
+
+    @classmethod
+    def from_mask(cls, mask: Bools, detector: str = "given") -> Stances:
+        """Cut an (N,) mask into its runs of True, each a footfall of its own."""
+        start, stop = runs(mask)
+        return cls(start, stop, np.arange(len(start)), n_samples=len(mask), detector=detector)
+
+
+def runs(mask: Bools) -> tuple[Ints, Ints]:
+    """First sample (K,) and sample after the last (K,) of each run of True in an (N,) mask."""
+    edges = np.diff(np.concatenate(([False], mask, [False])).astype(np.int8))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

@@ -1,0 +1,74 @@
+"""Levelling, and which rests are believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.ekf.start import starting_point
+from fg_nav.frames import GRAVITY_M_S2, heading_of
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
+
+RATE = 200.0
+BIAS = np.radians([0.3, -0.2, 0.4])
+
+
+def resting(seconds, seed=0, noise_deg_s=0.1, tilt=0.2):
+    rng = np.random.default_rng(seed)
+    count = int(seconds * RATE)
+    t = np.arange(count) / RATE
+    sway = np.radians(0.02) * 2 * np.pi * 0.5 * np.cos(2 * np.pi * 0.5 * t + rng.uniform(0, 6))
+    gyr = BIAS + np.radians(noise_deg_s) * rng.standard_normal((count, 3)) + sway[:, None]
+    up = GRAVITY_M_S2 * np.array([np.sin(tilt), 0.0, np.cos(tilt)])
+    recording = Recording(t=t, acc=up + 0.02 * rng.standard_normal((count, 3)), gyr=gyr)
+    return recording, Stances.from_mask(np.ones(count, dtype=bool))
+
+
+def test_levelling_finds_up_and_keeps_the_heading():
+    start = starting_point(*resting(2.0), heading=0.7)
+    assert heading_of(start.nav_R_body) == pytest.approx(0.7)
+    np.testing.assert_allclose(start.nav_R_body[2], [np.sin(0.2), 0.0, np.cos(0.2)], atol=1e-3)
+
+
+@pytest.mark.parametrize("seconds", [0.6, 1.5, 10.0])
+def test_a_rest_tells_the_bias_as_well_as_it_claims(seconds):
+    errors = []
+    for seed in range(60):
+        start = starting_point(*resting(seconds, seed))
+        assert start.rest is not None
+        errors.append((start.gyro_bias - BIAS) / start.gyro_bias_sigma)
+    assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 1.5
+
+
+def test_the_claim_falls_with_the_length_of_the_rest():
+    short, long = (starting_point(*resting(s)).gyro_bias_sigma[0] for s in (1.0, 10.0))
+    assert short / long == pytest.approx(10.0, rel=0.05)
+    assert np.degrees(long) == pytest.approx(0.007, rel=0.05)
+
+
+def test_a_rolling_foot_is_no_rest():
+    recording, stances = resting(2.0)
+    t = recording.t
+    for rolling in (np.radians(2.0) * np.sin(2 * np.pi * t), np.radians(6.0) * np.linspace(-1, 1, len(t))):
+        start = starting_point(replace(recording, gyr=recording.gyr + rolling[:, None]), stances)
+        assert start.rest is None
+        assert np.all(np.isinf(start.gyro_bias_sigma))
+        assert not start.gyro_bias.any()
+
+
+def test_the_lift_of_the_heel_is_left_out_of_the_rest():
+    recording, stances = resting(3.0)
+    gyr = recording.gyr.copy()
+    gyr[500:] += np.linspace(0.0, 1.0, 100)[:, None]
+    start = starting_point(replace(recording, gyr=gyr), stances)
+    assert start.rest.stop == 500
+    np.testing.assert_allclose(start.gyro_bias, BIAS, atol=3 * start.gyro_bias_sigma[0])
+
+
+def test_a_short_stance_is_no_rest():
+    recording, _ = resting(3.0)
+    mask = np.zeros(600, dtype=bool)
+    mask[100:180] = True
+    start = starting_point(recording, Stances.from_mask(mask))
+    assert (start.row, start.rest) == (100, None)

@@ -1,0 +1,70 @@
+"""Alignment and rmse against evo (GPLv3, a tool outside the package; skipped where it is not installed)."""
+
+import numpy as np
+import pytest
+
+from fg_nav.evaluation import evaluate, similarity_scale
+from fg_nav.recording import TrajectoryTruth
+from tests.evaluation.walks import solution, winding_path
+
+trajectory = pytest.importorskip(
+    "evo.core.trajectory", reason="evo is not installed: pip install 'fg-nav[evo]'"
+)
+metrics = pytest.importorskip("evo.core.metrics")
+
+RNG = np.random.default_rng(3)
+TRUTH = winding_path(RNG)
+ESTIMATE = 0.97 * winding_path(np.random.default_rng(3)) @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T
+ESTIMATE += 0.1 * RNG.standard_normal(ESTIMATE.shape)
+T = np.linspace(0.0, 20.0, len(TRUTH))
+OURS = solution(T, ESTIMATE)
+
+
+def evo_path(position):
+    quaternions_wxyz = np.tile([1.0, 0.0, 0.0, 0.0], (len(position), 1))
+    return trajectory.PoseTrajectory3D(position, quaternions_wxyz, T)
+
+
+def evo_errors(estimate, truth, fit):
+    moved, reference = evo_path(estimate), evo_path(truth)
+    scale = fit(moved, reference)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((reference, moved))
+    return (
+        ape.get_statistic(metrics.StatisticsType.rmse),
+        ape.get_statistic(metrics.StatisticsType.max),
+        scale,
+    )
+
+
+def umeyama(moved, reference):
+    return moved.align(reference, correct_scale=False)[2]
+
+
+def umeyama_with_scale(moved, reference):
+    return moved.align(reference, correct_scale=True)[2]
+
+
+def test_se3():
+    ours = evaluate(OURS, TrajectoryTruth(T, TRUTH), "se3")
+    rmse, largest, _ = evo_errors(ESTIMATE, TRUTH, umeyama)
+    assert (ours.rmse_3d_m, ours.max_error_m) == pytest.approx((rmse, largest), rel=1e-9)
+
+
+def test_yaw_is_the_rigid_fit_of_the_paths_seen_from_above():
+    flat = [1.0, 1.0, 0.0]
+    rmse, _, _ = evo_errors(ESTIMATE * flat, TRUTH * flat, umeyama)
+    assert evaluate(OURS, TrajectoryTruth(T, TRUTH), "yaw").rmse_2d_m == pytest.approx(rmse, rel=1e-9)
+
+
+def test_none():
+    rmse, largest, _ = evo_errors(ESTIMATE, TRUTH, lambda moved, reference: None)
+    ours = evaluate(OURS, TrajectoryTruth(T, TRUTH), "none")
+    assert (ours.rmse_3d_m, ours.max_error_m) == pytest.approx((rmse, largest), rel=1e-9)
+
+
+def test_scale():
+    flat = [1.0, 1.0, 0.0]
+    _, _, scale = evo_errors(ESTIMATE * flat, TRUTH * flat, umeyama_with_scale)
+    assert similarity_scale(ESTIMATE, TRUTH) == pytest.approx(scale, rel=1e-9)
+    assert scale > 1.01

@@ -1,0 +1,175 @@
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.errors import EvaluationError
+from fg_nav.evaluation import evaluate
+from fg_nav.frames import yaw_rotation
+from fg_nav.recording import FootprintTruth, TrajectoryTruth
+from tests.evaluation.walks import solution, winding_path
+
+RNG = np.random.default_rng(11)
+PATH = winding_path(RNG)
+T = np.linspace(0.0, 20.0, len(PATH))
+
+
+def test_figures_of_known_errors():
+    error = 0.1 * RNG.standard_normal(PATH.shape)
+    error[-1] = [0.3, 0.4, 1.2]
+    metrics = evaluate(solution(T, PATH + error), TrajectoryTruth(T, PATH), "none")
+    assert metrics.rmse_2d_m == pytest.approx(np.sqrt(np.mean(error[:, 0] ** 2 + error[:, 1] ** 2)))
+    assert metrics.rmse_3d_m == pytest.approx(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+    assert metrics.end_error_m == pytest.approx(1.3)
+    assert metrics.max_error_m == pytest.approx(1.3)
+    assert metrics.points == len(T)
+
+
+def test_default_alignment_ignores_start_and_heading():
+    moved = PATH @ yaw_rotation(1.3).T + [4.0, -2.0, 1.0]
+    metrics = evaluate(solution(T, moved), TrajectoryTruth(T, PATH))
+    assert metrics.alignment == "yaw"
+    assert metrics.max_error_m < 1e-9
+    assert evaluate(solution(T, moved), TrajectoryTruth(T, PATH), "none").rmse_2d_m > 1.0
+
+
+def test_truth_at_other_stamps_is_interpolated_only_where_it_was_seen():
+    speed = np.array([1.0, 0.5, 0.1])
+    truth_t = np.concatenate([np.arange(5.0, 8.0, 0.013), np.arange(9.0, 12.0, 0.013)])
+    truth = TrajectoryTruth(truth_t, truth_t[:, None] * speed)
+    estimate = T[:, None] * speed
+    estimate[(T < 5.0) | (T > 12.0) | ((T > 8.01) & (T < 8.99))] += 100.0
+    metrics = evaluate(solution(T, estimate), truth, "none")
+    assert metrics.max_error_m < 1e-9
+    assert metrics.points == np.count_nonzero(np.abs(estimate - T[:, None] * speed).max(axis=1) < 1.0)
+    assert "the truth covers" in metrics.notes[0]
+
+
+def test_nan_in_the_truth_is_a_hole_not_a_position():
+    truth = PATH.copy()
+    truth[50:120] = np.nan
+    metrics = evaluate(solution(T, PATH), TrajectoryTruth(T, truth))
+    assert metrics.points == len(T) - 70
+    assert metrics.max_error_m < 1e-9
+
+
+def test_no_common_time_is_an_error_that_names_both_spans():
+    with pytest.raises(EvaluationError, match=r"100\.000 to 120\.000 s.*0\.000 to 20\.000 s.*clocks"):
+        evaluate(solution(T, PATH), TrajectoryTruth(T + 100.0, PATH))
+
+
+def test_heading_error_is_about_up_whatever_the_mounting():
+    attitude = Rotation.random(len(T), rng=np.random.default_rng(1)).as_matrix()
+    truth = TrajectoryTruth(T, PATH, attitude)
+    off = evaluate(solution(T, PATH, nav_R_body=yaw_rotation(np.radians(3.0)) @ attitude), truth, "none")
+    assert off.heading_rmse_deg == pytest.approx(3.0)
+    turned = solution(T, PATH @ yaw_rotation(0.7).T, nav_R_body=yaw_rotation(0.7) @ attitude)
+    assert evaluate(turned, truth).heading_rmse_deg == pytest.approx(0.0, abs=1e-6)
+    assert evaluate(turned, TrajectoryTruth(T, PATH)).heading_rmse_deg is None
+
+
+def test_distance_and_closure_go_from_stance_to_stance():
+    corners = np.array([[0.0, 0, 0], [3.0, 0, 0], [3.0, 4.0, 0], [0.0, 4.0, 0], [0.0, 0.0, 1.0]])
+    rows = np.array([0, 10, 20, 30, 40])
+    path = np.vstack([np.linspace(a, b, 10, endpoint=False) for a, b in pairwise(corners)])
+    path = np.vstack([path, corners[-1:], [[9.0, 9.0, 9.0]]])
+    metrics = evaluate(solution(np.arange(len(path), dtype=float), path, rows))
+    assert metrics.distance_m == pytest.approx(3 + 4 + 3 + np.sqrt(17))
+    assert metrics.closure_m == pytest.approx(1.0)
+    assert metrics.closure_percent == pytest.approx(100 / metrics.distance_m)
+    assert metrics.strides_detected == 4
+
+
+def test_only_what_is_known_goes_to_json():
+    assert set(evaluate(solution(T, PATH)).as_dict()) == {
+        "distance_m", "closure_m", "closure_percent", "strides_detected", "notes",
+    }  # fmt: skip
+    text = json.dumps(evaluate(solution(T, PATH), TrajectoryTruth(T, PATH)).as_dict(), allow_nan=False)
+    assert {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "scale", "alignment"} <= set(
+        json.loads(text)
+    )
+    one_stance = solution(T, PATH, np.array([0]))
+    assert "closure_percent" not in evaluate(one_stance).as_dict()
+
+
+def test_no_stance_is_an_error_in_words():
+    with pytest.raises(EvaluationError, match="no stance"):
+        evaluate(solution(T, PATH, np.array([], dtype=int)))
+
+
+STEPS = winding_path(RNG, 30)[:, :2] * 4.5
+
+
+def walk_with_stances(xy):
+    position = np.column_stack([xy @ yaw_rotation(0.8)[:2, :2].T + 5.0, 0.3 * RNG.standard_normal(len(xy))])
+    return solution(np.arange(len(xy), dtype=float), position)
+
+
+def test_footprints_are_fitted_by_rotation_and_shift_in_the_plane():
+    metrics = evaluate(walk_with_stances(STEPS), FootprintTruth(np.arange(30), STEPS, 29))
+    assert metrics.rmse_2d_m < 1e-9
+    assert metrics.rmse_3d_m is None
+    assert (metrics.strides_detected, metrics.strides_true) == (29, 29)
+    assert (metrics.points, metrics.footprints_surveyed, metrics.notes) == (30, 30, ())
+
+
+def test_footprint_error_is_measured():
+    corners = np.array([0, 7, 15, 22, 29])
+    truth = FootprintTruth(corners, STEPS[corners] * 1.05, 29)
+    metrics = evaluate(walk_with_stances(STEPS), truth)
+    assert metrics.scale == pytest.approx(1.05)
+    assert metrics.rmse_2d_m == pytest.approx(
+        0.05 * np.sqrt(np.mean(np.sum((STEPS[corners] - STEPS[corners].mean(0)) ** 2, axis=1)))
+    )
+
+
+@pytest.mark.parametrize("missed", [0, 1, 13, 28, 29])
+def test_a_missed_stance_costs_its_footprint_and_a_note(missed):
+    metrics = evaluate(
+        walk_with_stances(np.delete(STEPS, missed, 0)), FootprintTruth(np.arange(30), STEPS, 29)
+    )
+    assert metrics.rmse_2d_m < 1e-9
+    assert (metrics.points, metrics.footprints_surveyed) == (29, 30)
+    assert (metrics.strides_detected, metrics.strides_true) == (28, 29)
+    assert any("fewer than the walk has" in note for note in metrics.notes)
+    assert f"no stance for footprint {missed}: not scored" in metrics.notes
+
+
+def test_missed_stances_between_surveyed_corners_cost_no_footprint():
+    corners = np.array([0, 7, 15, 22, 29])
+    metrics = evaluate(
+        walk_with_stances(np.delete(STEPS, [4, 18], 0)), FootprintTruth(corners, STEPS[corners], 29)
+    )
+    assert metrics.rmse_2d_m < 1e-9
+    assert metrics.points == 5
+
+
+@pytest.mark.parametrize("extra", [[0], [29], [12, 20]])
+def test_extra_stances_are_skipped_and_said(extra):
+    walked = np.insert(STEPS, extra, STEPS[extra] + 0.02, axis=0)
+    metrics = evaluate(walk_with_stances(walked), FootprintTruth(np.arange(30), STEPS, 29))
+    assert metrics.rmse_2d_m < 0.02
+    assert metrics.points == 30
+    assert any("more than the walk has" in note for note in metrics.notes)
+
+
+def test_a_miscount_that_cancels_is_not_forgiven():
+    walked = np.insert(np.delete(STEPS, 8, 0), 20, STEPS[21], axis=0)
+    metrics = evaluate(walk_with_stances(walked), FootprintTruth(np.arange(30), STEPS, 29))
+    assert metrics.rmse_2d_m > 0.5
+
+
+def test_a_footprint_beyond_the_last_stance_is_reported():
+    metrics = evaluate(walk_with_stances(STEPS[:25]), FootprintTruth(np.arange(30), STEPS))
+    assert metrics.points == 25
+    assert metrics.notes == ("no stance for footprints 25, 26, 27, 28, 29: not scored",)
+
+
+def test_footprints_that_cannot_be_compared_are_errors_in_words():
+    truth = FootprintTruth(np.array([0, 10, 29]), STEPS[[0, 10, 29]])
+    with pytest.raises(EvaluationError, match="only 2 of 3 surveyed footprints have a stance"):
+        evaluate(walk_with_stances(STEPS[:20]), truth)
+    with pytest.raises(EvaluationError, match="footprints have none: use 'yaw'"):
+        evaluate(walk_with_stances(STEPS), truth, "se3")

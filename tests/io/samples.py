@@ -1,0 +1,111 @@
+"""Small valid recordings in every format, made from one physically consistent motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.io import write_canonical
+from fg_nav.recording import RawRecording
+
+AXES = "XYZ"
+
+
+def tilting(
+    rng: np.random.Generator, duration_s: float = 8.0, rate_hz: float = 200.0, still_s: float = 2.0
+) -> RawRecording:
+    """Rest, then tilt to and fro about the body's x axis: gravity and gyroscope agree. With a magnetometer."""
+    t = np.arange(round(duration_s * rate_hz)) / rate_hz
+    turn = 2 * np.pi * 0.7
+    moving = np.maximum(t - still_s, 0.0)
+    angle, rate = 0.8 * np.sin(turn * moving), np.where(t > still_s, 0.8 * turn * np.cos(turn * moving), 0.0)
+    zero = np.zeros_like(t)
+    up = np.stack([zero, np.sin(angle), np.cos(angle)], axis=1)
+    north = np.stack([zero, np.cos(angle), -np.sin(angle)], axis=1)
+    noise = rng.normal(size=(3, len(t), 3))
+    return RawRecording(
+        t=t,
+        acc=GRAVITY_M_S2 * up + 0.02 * noise[0],
+        gyr=np.stack([rate, zero, zero], axis=1) + 0.002 * noise[1],
+        mag=20.0 * north - 43.0 * up + 0.1 * noise[2],
+        row=np.arange(2, len(t) + 2),
+    )
+
+
+def write_sensorconnect(raw: RawRecording, path: Path) -> None:
+    assert raw.mag is not None
+    names = [f"inertial-1.2:{name}{axis}" for name in ("scaledAccel", "scaledGyro", "scaledMag") for axis in AXES]
+    table = np.column_stack([raw.t, raw.acc / GRAVITY_M_S2, raw.gyr, raw.mag / 100.0])
+    _write_csv(path, ["Time", *names], table)
+
+
+def write_sensorconnect_estimated(raw: RawRecording, path: Path) -> None:
+    header, columns = ["Time"], [raw.t]
+    for name, values in (("estCompensatedAccel", raw.acc), ("estAngularRate", raw.gyr)):
+        for axis in range(3):
+            header += [f"inertial-1.2:{name}{AXES[axis]}", f"inertial-1.2:{name}{AXES[axis]}:valid"]
+            columns += [values[:, axis], np.ones(len(raw.t))]
+    _write_csv(path, header, np.column_stack(columns))
+
+
+def write_xio(raw: RawRecording, path: Path) -> None:
+    header = ["Time (s)"]
+    for name in ("Gyroscope {} (deg/s)", "Accelerometer {} (g)", "Magnetometer {} (uT)"):
+        header += [name.format(axis) for axis in AXES]
+    assert raw.mag is not None
+    _write_csv(path, header, np.column_stack([raw.t, np.rad2deg(raw.gyr), raw.acc / GRAVITY_M_S2, raw.mag]))
+
+
+def write_openshoe(raw: RawRecording, path: Path) -> None:
+    assert raw.mag is not None
+    rate = 1.0 / np.median(np.diff(raw.t))
+    lines = []
+    for k in range(len(raw.t)):
+        force = [f"{v:+.8f}" for v in (*raw.acc[k] / GRAVITY_M_S2, *raw.gyr[k])]
+        field = ["+nan"] * 3 if k % 17 == 3 else [f"{v:+.8f}" for v in raw.mag[k] / 100.0]
+        clock = f"{78720 * k} 0x15fd {k + 1} 1274434048.503018 1274434048.503018 1274434048.507018"
+        lines.append("   ".join(["0xcb", *force, clock, f"{rate * (1 + 0.02 * np.sin(k)):.6f}", *field]))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_pyshoe(raw: RawRecording, path: Path) -> None:
+    gt = np.column_stack([raw.t, 2.0 * raw.t, 0.1 * np.ones_like(raw.t)])
+    still = (raw.t < 2.0).astype(np.int64)
+    imu = np.column_stack([raw.acc, raw.gyr])
+    scipy.io.savemat(path, {"imu": imu, "ts": raw.t[None, :], "gt": gt, "zv_shoe_opt": still[None, :]})
+
+
+def write_broad(raw: RawRecording, path: Path) -> None:
+    n = len(raw.t)
+    quaternion, position = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.zeros((n, 3))
+    quaternion[5:8] = np.nan
+    variables = {
+        "imu_acc": raw.acc,
+        "imu_gyr": raw.gyr,
+        "imu_mag": raw.mag,
+        "opt_quat": quaternion,
+        "opt_pos": position,
+        "sampling_rate": (n - 1) / (raw.t[-1] - raw.t[0]),
+    }
+    scipy.io.savemat(path, variables, do_compression=True)
+
+
+WRITERS: dict[str, tuple[str, Callable[[RawRecording, Path], None]]] = {
+    "canonical": ("canonical", write_canonical),
+    "sensorconnect": ("sensorconnect", write_sensorconnect),
+    "estimated": ("sensorconnect", write_sensorconnect_estimated),
+    "xio": ("xio", write_xio),
+    "openshoe": ("openshoe", write_openshoe),
+    "pyshoe": ("pyshoe", write_pyshoe),
+    "broad": ("broad", write_broad),
+}
+"""A writer for each kind of file, and the format it is to be recognised as."""
+
+
+def _write_csv(path: Path, header: list[str], table: np.ndarray) -> None:
+    rows = [",".join(repr(value) for value in row) for row in table.tolist()]
+    path.write_text("\n".join([",".join(header), *rows]) + "\n")

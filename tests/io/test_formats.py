@@ -1,0 +1,245 @@
+"""Every format: recognised from its content, read in SI units, and refused with one sentence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import FormatError
+from fg_nav.io import FORMATS, read, read_raw, write_canonical
+from fg_nav.recording import TrajectoryTruth
+from tests.io.samples import WRITERS, tilting, write_broad, write_openshoe, write_pyshoe, write_xio
+
+RAW = tilting(np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("suffix", [".csv", ".mat", ".dat"])
+def test_is_recognised_from_content_and_read_in_si(kind: str, suffix: str, tmp_path: Path) -> None:
+    name, writer = WRITERS[kind]
+    path = tmp_path / f"walk{suffix}"
+    _write_with_any_suffix(writer, path)
+    raw = read_raw(path)
+    assert raw.provenance.format == name
+    assert raw.provenance.path == path
+    np.testing.assert_allclose(raw.t - raw.t[0], RAW.t, atol=1e-9)
+    np.testing.assert_allclose(raw.acc, RAW.acc, atol=2e-7)
+    np.testing.assert_allclose(raw.gyr, RAW.gyr, atol=2e-8)
+    if raw.mag is not None and RAW.mag is not None:
+        sampled = np.isfinite(raw.mag).all(axis=1)
+        assert sampled.mean() > 0.9
+        np.testing.assert_allclose(raw.mag[sampled], RAW.mag[sampled], atol=1e-5)
+    assert (raw.mag is None) == (kind in ("estimated", "pyshoe"))
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_recording_is_usable(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.mat"
+    _write_with_any_suffix(WRITERS[kind][1], path)
+    recording = read(path)
+    assert len(recording) == len(RAW.t)
+    assert recording.period_s == pytest.approx(0.005, abs=1e-9)
+
+
+def test_format_overrides_recognition(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_xio(RAW, path)
+    assert read_raw(path, "xio").provenance.format == "xio"
+    with pytest.raises(FormatError, match="no column 'time_s'"):
+        read_raw(path, "canonical")
+    with pytest.raises(FormatError, match="not a MATLAB file"):
+        read_raw(path, "pyshoe")
+    with pytest.raises(FormatError, match="no format 'gaitup'.*canonical, sensorconnect"):
+        read_raw(path, "gaitup")
+
+
+def test_matlab_file_read_as_text_format(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mat"
+    write_pyshoe(RAW, path)
+    with pytest.raises(FormatError, match="not a text file"):
+        read_raw(path, "xio")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"  \n \n", "is empty"),
+        (b"hello,world\n1,2\n", "none of the formats.*canonical, sensorconnect, pyshoe"),
+        (bytes(range(256)) * 40, "none of the formats"),
+        (b"MATLAB 5.0 MAT-file" + bytes(2000), "damaged MATLAB file|none of the formats"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 86 + b"\x00\x02IM" + bytes(500), "7.3"),
+    ],
+)
+def test_unknown_content(content: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=message) as caught:
+        read(path)
+    _is_one_sentence(str(caught.value))
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"nowhere\.csv does not exist"):
+        read(tmp_path / "nowhere.csv")
+    with pytest.raises(FormatError, match="is a directory"):
+        read(tmp_path)
+    with pytest.raises(FormatError, match="cannot be opened"):
+        read("a\0b")
+
+
+def test_file_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_text("time_s\n")
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)  # the tests may run as root, who may read all
+    with pytest.raises(FormatError, match="may not be read"):
+        read(path)
+
+
+def test_footprints_are_not_a_recording(tmp_path: Path) -> None:
+    import scipy.io
+
+    path = tmp_path / "walk.mat"
+    scipy.io.savemat(path, {"GCP_meters": np.zeros((3, 2)), "GCP_stride_numbers": np.arange(3)})
+    with pytest.raises(FormatError, match="surveyed footprints, no recording"):
+        read(path)
+
+
+@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio"])
+def test_each_missing_column_is_named(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    WRITERS[kind][1](RAW, path)
+    lines = [line.split(",") for line in path.read_text().splitlines()[:40]]
+    needed = [k for k, name in enumerate(lines[0]) if "ag" not in name and not name.endswith(":valid")]
+    assert len(needed) == 7
+    for column in needed:
+        path.write_text("\n".join(",".join(line[:column] + line[column + 1 :]) for line in lines))
+        with pytest.raises(FormatError, match="no column") as caught:
+            read(path)
+        _is_one_sentence(str(caught.value))
+        plain = lines[0][column].split(":")[-1].split(" (")[0]
+        assert plain.lower() in str(caught.value).lower()
+
+
+@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio"])
+def test_text_in_a_number_is_named_by_line_and_column(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    WRITERS[kind][1](RAW, path)
+    lines = path.read_text().splitlines()
+    fields = lines[30].split(",")
+    fields[3] = "oops"
+    lines[30] = ",".join(fields)
+    path.write_text("\n".join(lines))
+    with pytest.raises(FormatError, match=r"walk\.csv, line 31, column '.+': 'oops' is not a number") as caught:
+        read(path)
+    assert lines[0].split(",")[3] in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio"])
+@pytest.mark.parametrize("end", ["", "\n", "\n\n\n", "\r\n"])
+def test_header_only(kind: str, end: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    WRITERS[kind][1](RAW, path)
+    header = path.read_text().splitlines()[0]
+    path.write_text(header + end)
+    with pytest.raises(FormatError, match="has a header but no samples"):
+        read(path)
+
+
+def test_rows_of_other_lengths(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_xio(RAW, path)
+    lines = path.read_text().splitlines()
+    lines[10] += ",1,2,3"
+    path.write_text("\n".join(lines))
+    with pytest.raises(FormatError, match="not a regular table.*line 11"):
+        read(path)
+
+
+def test_lines_are_counted_past_blank_ones_and_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_canonical(RAW, path)
+    lines = path.read_text().splitlines()
+    lines.insert(5, "")
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(lines).encode() + b"\r\n\r\n")
+    raw = read_raw(path)
+    assert raw.row[:6].tolist() == [2, 3, 4, 5, 7, 8]
+    np.testing.assert_array_equal(raw.acc, RAW.acc)
+
+
+def test_cut_off_last_line_costs_one_sample(tmp_path: Path) -> None:
+    path = tmp_path / "walk.txt"
+    write_openshoe(RAW, path)
+    path.write_text(path.read_text()[:-120])
+    recording = read(path)
+    assert len(recording) == len(RAW.t) - 1
+    assert recording.provenance.notes == (f"1 missing samples were left out, the first in row {len(RAW.t)}",)
+
+
+def test_openshoe_rate_is_nominal(tmp_path: Path) -> None:
+    path = tmp_path / "walk.txt"
+    write_openshoe(tilting(np.random.default_rng(2), rate_hz=249.75), path)
+    assert np.diff(read(path).t) == pytest.approx(1 / 250)
+    write_openshoe(tilting(np.random.default_rng(2), rate_hz=123.0), path)
+    assert np.diff(read(path).t) == pytest.approx(1 / 123, rel=1e-3)
+
+
+def test_openshoe_of_another_width(tmp_path: Path) -> None:
+    path = tmp_path / "walk.txt"
+    path.write_text("0xcb 1 2 3 4 5 6\n" * 50)
+    with pytest.raises(FormatError, match="7 columns, not 17"):
+        read(path)
+
+
+def test_pyshoe_truth_is_made_right_handed(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mat"
+    write_pyshoe(RAW, path)
+    truth = read(path).truth
+    assert isinstance(truth, TrajectoryTruth)
+    np.testing.assert_allclose(truth.position, np.column_stack([RAW.t, -2 * RAW.t, 0.1 + 0 * RAW.t]))
+
+
+def test_pyshoe_points_passed_at_some_samples(tmp_path: Path) -> None:
+    import scipy.io
+
+    path = tmp_path / "walk.mat"
+    imu = np.column_stack([RAW.acc, RAW.gyr])
+    points = np.array([[0.0, 0, 0], [1, 2, 0], [3, 1, 0]])
+    scipy.io.savemat(path, {"imu": imu, "ts": RAW.t, "gt": points, "gt_idx": np.array([[0, 400, 800]])})
+    truth = read(path).truth
+    assert isinstance(truth, TrajectoryTruth)
+    np.testing.assert_allclose(truth.t, RAW.t[[0, 400, 800]])
+    np.testing.assert_allclose(truth.position, points * [1, -1, 1])
+
+
+def test_broad_truth_leaves_out_what_was_not_seen(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mat"
+    write_broad(RAW, path)
+    truth = read(path).truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    assert len(truth.t) == len(RAW.t) - 3
+    assert np.isfinite(truth.nav_R_body).all()
+
+
+def test_formats_are_described() -> None:
+    assert list(FORMATS) == ["canonical", "sensorconnect", "pyshoe", "openshoe", "xio", "broad"]
+    assert all(known.name == name and known.description for name, known in FORMATS.items())
+
+
+def _write_with_any_suffix(writer: object, path: Path) -> None:
+    """Write under a name scipy does not change, then rename."""
+    assert callable(writer)
+    named = path.with_suffix(".mat")
+    writer(RAW, named)
+    named.rename(path)
+
+
+def _is_one_sentence(message: str) -> None:
+    assert "\n" not in message
+    assert message.endswith(".")
+    assert message.count(": ") >= 1  # what is wrong: what to try

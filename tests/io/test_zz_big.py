@@ -1,0 +1,156 @@
+"""Whatever a file holds, only `FgNavError` comes out of reading, inspecting and taking it for truth."""
+
+from __future__ import annotations
+
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fg_nav.errors import DetectionError, FgNavError
+from fg_nav.inspection import inspect
+from fg_nav.io import FORMATS, read, read_pyshoe_labels, read_raw, read_truth, write_tum
+from fg_nav.recording import Recording
+from tests.io.samples import WRITERS, tilting
+
+RELAXED = settings(
+    max_examples=1500,
+    deadline=None,
+    derandomize=False,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+CELLS = st.one_of(
+    st.sampled_from(["", "nan", "inf", "-inf", "1e308", "-1e200", "1e400", "0x1", "1,2", '"', "\0", "NaN", "١", "-"]),
+    st.text(max_size=8),
+    st.floats().map(repr),
+)
+
+
+@st.composite
+def damage(draw: st.DrawFn, whole: bytes) -> bytes:
+    """Break a file in one to three ways."""
+    data = bytearray(whole)
+    for _ in range(draw(st.integers(1, 3))):
+        way = draw(st.sampled_from(["cut", "flip", "insert", "remove", "repeat"]))
+        at = draw(st.integers(0, max(0, len(data) - 1)))
+        length = draw(st.sampled_from([1, 4, 64, 1024]))
+        if way == "cut":
+            del data[at:]
+        elif way == "flip":
+            for k in range(at, min(at + draw(st.integers(1, 8)), len(data))):
+                data[k] ^= draw(st.integers(1, 255))
+        elif way == "insert":
+            data[at:at] = draw(st.binary(max_size=64))
+        elif way == "remove":
+            del data[at : at + length]
+        else:
+            data[at:at] = data[at : at + length]
+    return bytes(data)
+
+
+@st.composite
+def scrambled(draw: st.DrawFn, whole: str) -> bytes:
+    """Break a table: drop columns and lines, swap lines, replace fields."""
+    separator = "," if "," in whole else "   "
+    table = [line.split(separator) for line in whole.splitlines()]
+    for _ in range(draw(st.integers(1, 6))):
+        way = draw(st.sampled_from(["field", "column", "fill", "swap", "drop", "double"]))
+        row = draw(st.integers(0, len(table) - 1))
+        column = draw(st.integers(0, max(0, len(table[row]) - 1)))
+        if way == "field" and table[row]:
+            table[row][column] = draw(CELLS)
+        elif way == "column":
+            table = [line[:column] + line[column + 1 :] for line in table]
+        elif way == "fill":
+            value = draw(CELLS)
+            table = table[:1] + [[*line[:column], value, *line[column + 1 :]] for line in table[1:]]
+        elif way == "swap":
+            other = draw(st.integers(0, len(table) - 1))
+            table[row], table[other] = table[other], table[row]
+        elif way == "drop" and len(table) > 1:
+            del table[row : row + draw(st.integers(1, 40))]
+        else:
+            table.insert(row, table[row])
+        table = table or [[""]]
+    return "\n".join(separator.join(line) for line in table).encode("utf-8", "surrogatepass")
+
+
+@pytest.fixture(autouse=True)
+def _no_stances(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stance detection has tests of its own; here it always gives up."""
+
+    def detect_stances(_: Recording) -> None:
+        raise DetectionError("no stance was found: none was looked for.")
+
+    module = types.ModuleType("fg_nav.detection")
+    module.__dict__["detect_stances"] = detect_stances
+    monkeypatch.setitem(sys.modules, "fg_nav.detection", module)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Valid files of every kind, a quarter of a second long."""
+    raw = tilting(np.random.default_rng(5), duration_s=0.25, still_s=0.1)
+    folder = tmp_path_factory.mktemp("whole")
+    files = {}
+    for kind, (_, writer) in WRITERS.items():
+        path = folder / "walk.mat"
+        writer(raw, path)
+        files[kind] = path.read_bytes()
+    path = folder / "truth.tum"
+    write_tum(path, raw.t, raw.acc, np.tile(np.eye(3), (len(raw.t), 1, 1)))
+    return {**files, "tum": path.read_bytes(), "footprints": b"stride,x_m,y_m\n0,0,0\n1,1.5,2\n2,3,4\n"}
+
+
+def _swallow(data: bytes, path: Path) -> None:
+    """Read a file in every way there is. Anything but an `FgNavError` fails the test."""
+    path.write_bytes(data)
+    for name in (None, *FORMATS):
+        try:
+            raw = read_raw(path, name)
+        except FgNavError as error:
+            _is_a_line(error)
+            continue
+        assert all("\n" not in sentence for sentence in inspect(raw).verdict)
+    for reader in (read, read_truth, read_pyshoe_labels):
+        try:
+            reader(path)
+        except FgNavError as error:
+            _is_a_line(error)
+
+
+def _is_a_line(error: FgNavError) -> None:
+    assert str(error)
+    assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("kind", [*WRITERS, "tum", "footprints"])
+@RELAXED
+@given(data=st.data())
+def test_damaged_bytes(kind: str, data: st.DataObject, whole: dict[str, bytes], tmp_path: Path) -> None:
+    _swallow(data.draw(damage(whole[kind])), tmp_path / "walk.csv")
+
+
+@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio", "openshoe", "tum", "footprints"])
+@RELAXED
+@given(data=st.data())
+def test_scrambled_tables(kind: str, data: st.DataObject, whole: dict[str, bytes], tmp_path: Path) -> None:
+    _swallow(data.draw(scrambled(whole[kind].decode())), tmp_path / "walk.csv")
+
+
+@RELAXED
+@given(data=st.one_of(st.binary(max_size=600), st.text(max_size=300).map(str.encode)))
+def test_anything(data: bytes, tmp_path: Path) -> None:
+    _swallow(data, tmp_path / "walk.csv")
+
+
+@RELAXED
+@given(tail=st.binary(max_size=600))
+def test_anything_that_begins_like_a_known_file(tail: bytes, whole: dict[str, bytes], tmp_path: Path) -> None:
+    for data in whole.values():
+        _swallow(data[:140] + tail, tmp_path / "walk.csv")

@@ -1,0 +1,14 @@
+"""Where the real recordings are, for the tests that need them."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+_CANDIDATE = Path(os.environ.get("FG_NAV_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+DATA = _CANDIDATE if _CANDIDATE.is_dir() else None
+
+needs_data = pytest.mark.skipif(
+    DATA is None, reason="the real recordings are not here: set FG_NAV_DATA or put them at ../shared/data"
+)

@@ -1,0 +1,144 @@
+"""A result folder appears whole or not at all, and never in place of something else."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from fg_nav.errors import OutputError
+from fg_nav.report import folder as folder_module
+from fg_nav.report.folder import check_free, claim_folder, result_folder
+
+
+def fill(folder: Path, words: str = "new") -> None:
+    (folder / "summary.json").write_text(words)
+    (folder / "config.json").write_text(words)
+
+
+def make(out: Path, words: str) -> None:
+    with result_folder(out) as folder:
+        fill(folder, words)
+
+
+def interrupted(out: Path, kind: type[BaseException]) -> None:
+    with result_folder(out, force=True) as folder:
+        fill(folder)
+        raise kind
+
+
+def content(out: Path) -> dict[str, str]:
+    return {str(p.relative_to(out)): p.read_text() for p in out.rglob("*") if p.is_file()}
+
+
+def test_result_is_not_visible_before_it_is_complete(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    with result_folder(out) as folder:
+        fill(folder)
+        assert not (out / "summary.json").exists()
+    assert content(out) == {"summary.json": "new", "config.json": "new"}
+    assert sorted(p.name for p in out.iterdir()) == ["config.json", "summary.json"]
+
+
+@pytest.mark.parametrize("kind", [RuntimeError, KeyboardInterrupt])
+def test_failure_leaves_nothing(tmp_path: Path, kind: type[BaseException]) -> None:
+    with pytest.raises(kind):
+        interrupted(tmp_path / "out", kind)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_older_result_is_kept_without_force(tmp_path: Path) -> None:
+    make(tmp_path / "out", "old")
+    with pytest.raises(OutputError, match="--force"), result_folder(tmp_path / "out"):
+        pass
+    assert content(tmp_path / "out")["summary.json"] == "old"
+
+
+def test_force_replaces_the_whole_older_result(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    make(out, "old")
+    (out / "iez").mkdir()
+    (out / "iez" / "strides.csv").write_text("old")
+    with result_folder(out, force=True) as folder:
+        fill(folder)
+    assert content(out) == {"summary.json": "new", "config.json": "new"}
+
+
+def test_force_that_fails_half_way_keeps_the_older_result(tmp_path: Path) -> None:
+    make(tmp_path / "out", "old")
+    with pytest.raises(RuntimeError):
+        interrupted(tmp_path / "out", RuntimeError)
+    assert content(tmp_path / "out") == {"summary.json": "old", "config.json": "old"}
+
+
+@pytest.mark.parametrize("successes", range(4))
+def test_move_that_fails_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, successes: int) -> None:
+    make(tmp_path / "out", "old")
+    replace, calls = os.replace, []
+
+    def fails_once(origin: Path, place: Path) -> None:
+        calls.append(origin)
+        if len(calls) == successes + 1:
+            raise OSError(28, "No space left on device")
+        replace(origin, place)
+
+    monkeypatch.setattr(folder_module.os, "replace", fails_once)
+    with (
+        pytest.raises(OutputError, match="no space left"),
+        result_folder(tmp_path / "out", force=True) as folder,
+    ):
+        fill(folder)
+    assert content(tmp_path / "out") == {"summary.json": "old", "config.json": "old"}
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["config.json", "summary.json"]
+
+
+def test_summary_comes_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace, order = os.replace, []
+    monkeypatch.setattr(folder_module.os, "replace", lambda a, b: (order.append(Path(b).name), replace(a, b)))
+    with result_folder(tmp_path / "out") as folder:
+        fill(folder)
+        (folder / "trajectory.tum").write_text("new")
+    assert order[-1] == "summary.json"
+    assert len(order) == 3
+
+
+@pytest.mark.parametrize("name", ["thesis.tex", "recording.csv", "data/walk.csv", "iez/notes.txt"])
+def test_foreign_files_are_never_touched(tmp_path: Path, name: str) -> None:
+    make(tmp_path / "out", "old")
+    (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
+    (tmp_path / "out" / name).write_text("mine")
+    with pytest.raises(OutputError, match=name), result_folder(tmp_path / "out", force=True):
+        pass
+    assert (tmp_path / "out" / name).read_text() == "mine"
+
+
+def test_empty_folder_and_hidden_files_are_welcome(tmp_path: Path) -> None:
+    (tmp_path / ".gitignore").write_text("mine")
+    make(tmp_path, "new")
+    assert content(tmp_path) == {".gitignore": "mine", "summary.json": "new", "config.json": "new"}
+
+
+def test_file_in_place_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(OutputError, match="is a file"):
+        check_free(tmp_path / "out", force=True)
+    with pytest.raises(OutputError, match="cannot be written"):
+        claim_folder(tmp_path / "out", "walk")
+    with pytest.raises(OutputError, match="cannot be written"), result_folder(tmp_path / "out" / "deeper"):
+        pass
+
+
+def test_claimed_folders_never_clash_and_go_away_on_failure(tmp_path: Path) -> None:
+    first, second = (claim_folder(tmp_path / "results", "walk-iez") for _ in range(2))
+    assert [first.name, second.name] == ["walk-iez-1", "walk-iez-2"]
+    with pytest.raises(RuntimeError), result_folder(second, claimed=True):
+        raise RuntimeError
+    assert not second.exists()
+    assert first.exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_folder_without_permission(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(OutputError, match="permission denied"):
+        make(tmp_path / "out", "new")
+    tmp_path.chmod(0o700)

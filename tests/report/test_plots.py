@@ -1,0 +1,185 @@
+"""Pictures show what they should; that they are pleasant to look at was judged by eye."""
+
+import subprocess
+import sys
+import time
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.image import imread
+
+from fg_nav.evaluation import evaluate
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.report import style
+from fg_nav.report.courses import plot_heading
+from fg_nav.report.maps import plot_trajectory
+from fg_nav.report.pictures import draw_comparison, draw_result, draw_stances
+from fg_nav.report.thinning import envelope, spread_rows
+from fg_nav.report.view import View
+from fg_nav.session import Options, Outcome, Session
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.stances import Stances
+from tests.report import walks
+
+
+def view(session: Session, drift_deg: float = 2.0) -> View:
+    outcome = walks.outcome(session, drift_deg=drift_deg)
+    return View(outcome.solution, session.truth, outcome.comparison)
+
+
+def is_a_picture(path: Path) -> bool:
+    pixels = imread(path)
+    inked = float(np.mean(pixels[..., :3].min(axis=2) < 0.9))
+    return pixels.shape[0] > 400 and pixels.shape[1] > 1000 and inked > 0.005
+
+
+def test_run_and_comparison_draw_their_pictures(tmp_path: Path, session: Session) -> None:
+    outcomes = {name: walks.outcome(session, name, drift) for name, drift in (("a", 1.0), ("b", 4.0))}
+    for name in outcomes:
+        (tmp_path / name).mkdir()
+    draw_comparison(tmp_path, session, outcomes)
+    draw_stances(tmp_path, session)
+    drawn = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
+    per_method = {f"{m}/{p}.png" for m in "ab" for p in ("trajectory", "heading", "gyro_bias")}
+    assert drawn == per_method | {"trajectories.png", "errors.png", "stance_statistic.png"}
+    assert all(is_a_picture(tmp_path / name) for name in drawn)
+
+
+@pytest.mark.parametrize("change", [walks.without_truth, walks.with_footprints], ids=lambda f: f.__name__)
+def test_walks_with_less_truth_are_drawn_too(tmp_path: Path, session: Session, change: object) -> None:
+    changed = change(session)  # type: ignore[operator]
+    draw_result(tmp_path, changed, walks.outcome(changed))
+    assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
+
+
+def test_stances_without_statistic_are_not_drawn(tmp_path: Path, session: Session) -> None:
+    draw_stances(tmp_path, replace(session, stances=replace(session.stances, statistic=None)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_path_is_drawn_where_the_truth_is(session: Session) -> None:
+    axes = plot_trajectory(view(session, drift_deg=0.0)).axes[0]
+    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    np.testing.assert_allclose(lines["smoother"], lines["truth"], atol=1e-9)
+    assert axes.get_aspect() == 1.0
+
+
+def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Session) -> None:
+    solution = walks.outcome(session).solution
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert isinstance(session.truth, TrajectoryTruth)
+    truth = replace(session.truth, position=session.truth.position @ turn.T, nav_R_body=None)
+    straight = plot_trajectory(View(solution))
+    turned = plot_trajectory(view(replace(session, truth=truth), drift_deg=0.0))
+    ellipses = [
+        next(c for c in f.axes[0].collections if isinstance(c, EllipseCollection)) for f in (straight, turned)
+    ]
+    angle = [np.asarray(e.get_angles()) for e in ellipses]
+    np.testing.assert_allclose((angle[1] - angle[0] + 90) % 180, 0.0, atol=1e-6)
+    long = np.asarray(ellipses[0].get_widths())[-1] / 2
+    covariance = solution.stances.position_cov[-1, :2, :2]
+    samples = np.random.default_rng(0).multivariate_normal(np.zeros(2), covariance, 100_000)
+    short = np.asarray(ellipses[0].get_heights())[-1] / 2
+    a = np.deg2rad(angle[0][-1])
+    along, across = samples @ [np.cos(a), np.sin(a)], samples @ [-np.sin(a), np.cos(a)]
+    assert np.mean((along / long) ** 2 + (across / short) ** 2 < 1) == pytest.approx(0.95, abs=0.003)
+
+
+def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, session: Session) -> None:
+    one = Stances(np.array([0]), np.array([500]), len(session.recording), statistic=session.stances.statistic)
+    alone = replace(walks.without_truth(session), stances=one)
+    solution = walks.drifting(alone.recording, one)
+    solution = replace(solution, stances=replace(solution.stances, position_cov=np.full((1, 3, 3), np.nan)))
+    draw_result(tmp_path, alone, Outcome(solution, evaluate(solution), None))
+    draw_stances(tmp_path, alone)
+    assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
+
+
+def test_small_ellipses_are_enlarged_and_say_so(session: Session) -> None:
+    outcome = walks.outcome(session)
+    stances = replace(outcome.solution.stances, position_cov=outcome.solution.stances.position_cov * 1e-4)
+    axes = plot_trajectory(View(replace(outcome.solution, stances=stances))).axes[0]
+    assert any("times as large" in str(label) for label in axes.get_legend_handles_labels()[1])
+
+
+def test_heading_error_is_counted_from_the_start(session: Session) -> None:
+    drawn = view(session, drift_deg=3.0)
+    figure = plot_heading(drawn)
+    t = drawn.solution.stances.t
+    error = next(line for line in figure.axes[1].lines if line.get_label() == "error").get_ydata()
+    assert np.asarray(error)[0] == pytest.approx(0.0, abs=1e-9)
+    expected_deg = -3.0 * (t[-1] - t[0]) / drawn.solution.t[-1]  # counter-clockwise drift, clockwise heading
+    assert np.asarray(error)[-1] == pytest.approx(expected_deg, abs=1e-6)
+
+
+def test_two_hours_are_drawn_quickly(tmp_path: Path, session: Session) -> None:
+    long, outcome = lengthened(session, 115)
+    assert len(outcome.solution.t) > 1_400_000
+    start = time.perf_counter()
+    draw_result(tmp_path, long, outcome)
+    draw_stances(tmp_path, long)
+    assert time.perf_counter() - start < 12
+    assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
+    assert len(list(tmp_path.glob("*.png"))) == 4
+
+
+def lengthened(session: Session, times: int) -> tuple[Session, Outcome]:
+    """Return the closed walk, walked again and again."""
+    short, found = walks.outcome(session).solution, session.stances
+    n = len(short.t)
+    t = np.arange(times * n) * session.recording.period_s
+    lap = n * np.repeat(np.arange(times), len(found))
+    table = {f.name: tiled(getattr(short.stances, f.name), times) for f in fields(StanceTable)}
+    table["sample"] = table["sample"] + lap
+    table["t"] = t[table["sample"]]
+    path = {name: tiled(getattr(short, name), times) for name in ("position", "velocity", "nav_R_body")}
+    long = Solution("smoother", t=t, **path, stances=StanceTable(**table), runtime_s=1.0)
+    start, stop, statistic = (tiled(rows, times) for rows in (found.start, found.stop, found.statistic))
+    stances = Stances(start + lap, stop + lap, len(t), "TRUE SPEED", 0.02, statistic)
+    recording = Recording(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)))
+    return Session(recording, stances, None, Options()), Outcome(long, evaluate(long), None)
+
+
+def tiled(rows: Any, times: int) -> Any:
+    return rows * times if isinstance(rows, tuple) else np.tile(rows, (times, *[1] * (rows.ndim - 1)))
+
+
+def test_envelope_keeps_every_extreme() -> None:
+    t = np.arange(100_000) / 200
+    value = np.zeros(len(t))
+    value[[4_321, 77_777]] = [9.0, -5.0]
+    value[50_000:50_500] = np.nan
+    short_t, short = envelope(t, value, bins=500)
+    assert len(short) == 1000
+    assert (np.nanmax(short), np.nanmin(short)) == (9.0, -5.0)
+    assert short_t[np.nanargmax(short)] == pytest.approx(t[4_321], abs=1.0)
+    assert np.all(np.diff(short_t) >= 0)
+    same_t, same = envelope(t[:100], value[:100])
+    np.testing.assert_array_equal(same, value[:100])
+    np.testing.assert_array_equal(same_t, t[:100])
+
+
+@pytest.mark.parametrize(("n", "at_most"), [(1, 5), (5, 5), (6, 5), (62, 60), (1000, 7), (3, 1)])
+def test_spread_rows_reach_both_ends_evenly(n: int, at_most: int) -> None:
+    rows = spread_rows(n, at_most)
+    assert (rows[0], rows[-1]) == (0, n - 1)
+    assert len(rows) <= max(at_most, 2)
+    assert len(set(np.diff(rows)[:-1])) <= 1
+
+
+def test_style_leaves_matplotlib_as_it_was() -> None:
+    before = dict(mpl.rcParams)
+    with style.styled():
+        assert mpl.rcParams["axes.spines.top"] is False
+    assert dict(mpl.rcParams) == before
+
+
+def test_neither_library_nor_command_line_import_matplotlib() -> None:
+    modules = "fg_nav.cli, fg_nav.io, fg_nav.evaluation, fg_nav.report.results"
+    code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

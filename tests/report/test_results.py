@@ -1,0 +1,134 @@
+"""The files of a result keep to the contract, and say what the solution says."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fg_nav.frames import heading_of
+from fg_nav.io import read_truth
+from fg_nav.recording import TrajectoryTruth
+from fg_nav.report.results import write_comparison, write_json, write_result
+from fg_nav.session import Session
+from tests.report import walks
+
+STRIDE_COLUMNS = (
+    "index,time_s,x_m,y_m,z_m,heading_deg,gyro_bias_x_deg_s,gyro_bias_y_deg_s,gyro_bias_z_deg_s,"
+    "sigma_x_m,sigma_y_m,sigma_z_m,sigma_heading_deg,field,field_reason"
+)
+SUMMARY_KEYS = {
+    "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
+    "realtime_factor",
+}  # fmt: skip
+TRUTH_KEYS = {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment"}
+
+
+def loaded(path: Path) -> dict[str, object]:
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is not JSON")
+
+    content = json.loads(path.read_text(), parse_constant=refuse)
+    assert isinstance(content, dict)
+    return content
+
+
+def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, session: Session) -> None:
+    outcome = walks.outcome(session)
+    write_result(tmp_path, session, outcome)
+    assert (tmp_path / "strides.csv").read_text().splitlines()[0] == STRIDE_COLUMNS
+    strides, stances = pd.read_csv(tmp_path / "strides.csv"), outcome.solution.stances
+    assert len(strides) == len(session.stances)
+    np.testing.assert_allclose(strides[["x_m", "y_m", "z_m"]], stances.position, atol=1e-6)
+    np.testing.assert_allclose(strides["gyro_bias_y_deg_s"], -0.05, rtol=1e-6)
+    np.testing.assert_allclose(strides["sigma_y_m"] ** 2, stances.position_cov[:, 1, 1], rtol=1e-6)
+    np.testing.assert_allclose(strides["sigma_heading_deg"].iloc[:2], [0.2, 0.23], rtol=1e-6)
+    assert strides["heading_deg"].between(0, 360, inclusive="left").all()
+    np.testing.assert_allclose(
+        np.cos(np.deg2rad(strides["heading_deg"])), np.cos(heading_of(stances.nav_R_body)), atol=1e-6
+    )
+    assert set(strides["field_reason"]) == {"not used, as yet"}  # the comma survives
+
+
+def test_trajectory_reads_back_as_the_solution(tmp_path: Path, session: Session) -> None:
+    outcome = walks.outcome(session)
+    write_result(tmp_path, session, outcome)
+    back = read_truth(tmp_path / "trajectory.tum")
+    assert isinstance(back, TrajectoryTruth)
+    assert back.nav_R_body is not None
+    np.testing.assert_allclose(back.t, session.recording.t, atol=1e-9)
+    np.testing.assert_allclose(back.position, outcome.solution.position, atol=1e-8)
+    np.testing.assert_allclose(back.nav_R_body, outcome.solution.nav_R_body, atol=1e-7)
+
+
+def test_summary_has_the_keys_and_the_figures(tmp_path: Path, session: Session) -> None:
+    outcome = walks.outcome(session)
+    write_result(tmp_path, session, outcome)
+    summary = loaded(tmp_path / "summary.json")
+    assert summary.keys() >= SUMMARY_KEYS | TRUTH_KEYS
+    assert summary["strides"] == len(session.stances) - 1
+    assert summary["realtime_factor"] == pytest.approx(session.recording.duration_s / 0.25)
+    assert summary["rmse_2d_m"] == outcome.metrics.rmse_2d_m
+    assert summary["alignment"] == "yaw"
+    assert summary["magnetometer"] == "not used"
+    assert "made for a test" in str(summary["notes"])
+
+
+def test_summary_without_truth_claims_no_error(tmp_path: Path, session: Session) -> None:
+    bare = walks.without_truth(session)
+    write_result(tmp_path, bare, walks.outcome(bare))
+    summary = loaded(tmp_path / "summary.json")
+    assert summary.keys() >= SUMMARY_KEYS
+    assert not TRUTH_KEYS & summary.keys()
+
+
+def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, session: Session) -> None:
+    surveyed = walks.with_footprints(session)
+    write_result(tmp_path, surveyed, walks.outcome(surveyed))
+    summary = loaded(tmp_path / "summary.json")
+    assert summary["rmse_3d_m"] is None
+    assert summary["heading_rmse_deg"] is None
+    assert 0 < float(str(summary["rmse_2d_m"])) < 1
+
+
+def test_magnetometer_is_used_when_a_stance_says_so(tmp_path: Path, session: Session) -> None:
+    outcome = walks.outcome(session)
+    accepted = ("accepted", *outcome.solution.stances.field[1:])
+    stances = replace(outcome.solution.stances, field=accepted)
+    write_result(tmp_path, session, replace(outcome, solution=replace(outcome.solution, stances=stances)))
+    assert loaded(tmp_path / "summary.json")["magnetometer"] == "used"
+
+
+def test_config_names_input_version_and_parameters(tmp_path: Path, session: Session) -> None:
+    write_result(tmp_path, session, walks.outcome(session))
+    config = loaded(tmp_path / "config.json")
+    assert config["format"] == "demo"
+    assert config["recording"] is None
+    assert config["truth"] == "in the recording"
+    assert config["fg_nav_version"]
+    assert config["parameters"] == {"noise": {"acc_m_s2": 0.3}, "unknown": None}
+    assert config["detector"] == {"name": "TRUE SPEED", "threshold": 0.02, "stances": len(session.stances)}
+
+
+def test_comparison_has_a_row_and_a_folder_for_each_method(tmp_path: Path, session: Session) -> None:
+    outcomes = {"a": walks.outcome(session, "a", 1.0), "b": walks.outcome(session, "b", 4.0)}
+    write_comparison(tmp_path, session, outcomes)
+    table = pd.read_csv(tmp_path / "comparison.csv")
+    assert list(table["method"]) == ["a", "b"]
+    assert table["rmse_2d_m"][1] > 2 * table["rmse_2d_m"][0]
+    assert [row["method"] for row in json.loads((tmp_path / "comparison.json").read_text())] == ["a", "b"]
+    assert loaded(tmp_path / "b" / "summary.json")["method"] == "b"
+
+
+def test_json_is_standard_whatever_numpy_hands_over(tmp_path: Path) -> None:
+    content = {
+        "a": np.float64("inf"),
+        "b": np.arange(2),
+        "c": (np.int64(3), np.bool_(True)),
+        "d": Path("x"),
+        5: None,
+    }
+    write_json(tmp_path / "x.json", content)
+    assert loaded(tmp_path / "x.json") == {"a": None, "b": [0, 1], "c": [3, True], "d": "x", "5": None}

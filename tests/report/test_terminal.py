@@ -1,0 +1,52 @@
+"""What is printed: figures that are known, and progress on a terminal only."""
+
+import io
+import sys
+
+import pytest
+
+from fg_nav.report import terminal
+from fg_nav.report.results import summary
+from fg_nav.session import Session
+from tests.report import walks
+
+
+class Screen(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def printed(session: Session, capsys: pytest.CaptureFixture[str]) -> str:
+    outcomes = [walks.outcome(session, "smoother", 1.0), walks.outcome(session, "iez", 3.0)]
+    terminal.console().print(terminal.result_table([summary(session, outcome) for outcome in outcomes]))
+    return capsys.readouterr().out
+
+
+def test_table_has_a_column_for_each_method(session: Session, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = printed(session, capsys).splitlines()
+    assert lines[0].split() == ["smoother", "iez"]
+    row = next(line for line in lines if line.startswith("rmse 2-D (m)")).split()
+    smoother, iez = float(row[-2]), float(row[-1])
+    assert 0 < smoother < iez
+
+
+def test_table_leaves_out_what_no_method_knows(session: Session, capsys: pytest.CaptureFixture[str]) -> None:
+    out = printed(walks.without_truth(session), capsys)
+    assert "rmse" not in out
+    assert "start to end (m)" in out
+
+
+def test_text_in_brackets_is_no_markup(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.console().print(terminal.listing([("[bold]x", "[red]walk[/red].csv")]))
+    assert capsys.readouterr().out.split() == ["[bold]x", "[red]walk[/red].csv"]
+
+
+@pytest.mark.parametrize("stream", [Screen(), io.StringIO()], ids=["terminal", "pipe"])
+def test_progress_is_for_terminals(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO) -> None:
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "xterm")
+    with terminal.progress("smoother") as report:
+        report(0.5)
+    assert ("smoother" in stream.getvalue()) == stream.isatty()

@@ -1,0 +1,80 @@
+"""A walk, its stances, and solutions of it with errors of known size: for tests."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fg_nav.evaluation import evaluate
+from fg_nav.evaluation.comparison import compare
+from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
+from fg_nav.session import Options, Outcome, Session
+from fg_nav.simulation import demo_walk
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.stances import Stances
+
+
+def true_stances(recording: Recording) -> Stances:
+    """Stances where the true foot is slower than 2 cm/s; the statistic is the speed over that, squared."""
+    assert isinstance(recording.truth, TrajectoryTruth)
+    speed = np.linalg.norm(np.gradient(recording.truth.position, recording.t, axis=0), axis=1)
+    found = Stances.from_mask(speed < 0.02, "TRUE SPEED")
+    return replace(found, threshold=0.02, statistic=(speed / 0.02) ** 2 + 1e-4)
+
+
+def drifting(
+    recording: Recording, stances: Stances, method: str = "smoother", drift_deg: float = 2.0
+) -> Solution:
+    """Return the truth bent by a heading that is `drift_deg` wrong at the end."""
+    truth, t = recording.truth, recording.t
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    turn = Rotation.from_rotvec(np.outer(np.deg2rad(drift_deg) * t / t[-1], [0, 0, 1]))
+    step = turn.apply(np.diff(truth.position, axis=0, prepend=truth.position[:1]))
+    position, attitude = np.cumsum(step, axis=0), turn.as_matrix() @ truth.nav_R_body
+    return Solution(
+        method=method, t=t, position=position, velocity=np.gradient(position, t, axis=0), nav_R_body=attitude,
+        stances=_stance_table(t, position, attitude, stances), runtime_s=0.25,
+        parameters={"noise": {"acc_m_s2": 0.3}, "unknown": float("nan")}, notes=("made for a test",),
+    )  # fmt: skip
+
+
+def _stance_table(t: np.ndarray, position: np.ndarray, attitude: np.ndarray, stances: Stances) -> StanceTable:
+    sample = (stances.start + stances.stop) // 2
+    k = np.arange(len(sample))
+    shape = np.array([[1.0, 0.3, 0.0], [0.3, 0.4, 0.0], [0.0, 0.0, 0.2]])
+    return StanceTable(
+        sample=sample, t=t[sample], position=position[sample], nav_R_body=attitude[sample],
+        gyro_bias=np.tile(np.deg2rad([0.1, -0.05, 0.08]), (len(k), 1)),
+        position_cov=(0.002 + 0.004 * k[:, None, None]) ** 2 * shape,
+        heading_sigma=np.deg2rad(0.2 + 0.03 * k),
+        gyro_bias_sigma=np.deg2rad(np.outer(0.02 + 0.2 * np.exp(-k / 10), [1, 1, 2])),
+        field=("none",) * len(k), field_reason=("not used, as yet",) * len(k),
+    )  # fmt: skip
+
+
+def walk(seed: int = 1) -> Session:
+    """Return the demonstration walk with its true stances."""
+    recording = demo_walk(np.random.default_rng(seed))
+    return Session(recording, true_stances(recording), recording.truth, Options())
+
+
+def outcome(session: Session, method: str = "smoother", drift_deg: float = 2.0) -> Outcome:
+    solution = drifting(session.recording, session.stances, method, drift_deg)
+    if session.truth is None:
+        return Outcome(solution, evaluate(solution), None)
+    return Outcome(solution, evaluate(solution, session.truth), compare(solution, session.truth))
+
+
+def with_footprints(session: Session) -> Session:
+    """Return the same walk, of which only every third footprint is known, in a frame of its own."""
+    truth = session.recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    sample = (session.stances.start + session.stances.stop) // 2
+    stride = np.arange(0, len(sample), 3)
+    xy = truth.position[sample[stride], :2] @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + [5.0, 2.0]
+    return replace(session, truth=FootprintTruth(stride, xy, len(sample) - 1))
+
+
+def without_truth(session: Session) -> Session:
+    return replace(session, truth=None)

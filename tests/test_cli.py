@@ -1,0 +1,357 @@
+"""The command line from end to end, on the demonstration walk."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fg_nav import cli, session
+from fg_nav.io import write_canonical, write_tum
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.simulation import demo_walk
+
+PART_S = 25.0
+RUN_FILES = {
+    "trajectory.tum", "strides.csv", "summary.json", "config.json",
+    "trajectory.png", "heading.png", "gyro_bias.png", "stance_statistic.png",
+}  # fmt: skip
+METHOD_FILES = RUN_FILES - {"stance_statistic.png"}
+
+
+@dataclass(frozen=True)
+class Ran:
+    code: int
+    out: str
+    err: str
+
+    def refused(self, *words: str) -> bool:
+        """Exit code 1, one line on standard error that says all `words`, and nothing else."""
+        line = self.err.rstrip("\n")
+        one_line = line.startswith("fg-nav: ") and "\n" not in line and not self.out
+        return self.code == 1 and one_line and all(word in line for word in words)
+
+
+FgNav = Callable[..., Ran]
+
+
+@pytest.fixture
+def fg_nav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> FgNav:
+    """Call the command line's entry point in an empty working directory."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+
+    def call(*arguments: object) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["fg-nav", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        said = capsys.readouterr()
+        code = left.value.code
+        return Ran(code if isinstance(code, int) else 0, said.out, said.err)
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def part() -> Recording:
+    """First 25 seconds of the demonstration walk."""
+    walk = demo_walk(np.random.default_rng(5))
+    rows = walk.t < PART_S
+    assert isinstance(walk.truth, TrajectoryTruth)
+    assert walk.truth.nav_R_body is not None
+    assert walk.mag is not None
+    truth = TrajectoryTruth(walk.t[rows], walk.truth.position[rows], walk.truth.nav_R_body[rows])
+    return Recording(walk.t[rows], walk.acc[rows], walk.gyr[rows], walk.mag[rows], truth)
+
+
+@pytest.fixture(scope="module")
+def files(part: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with `walk.csv` and `truth.tum`."""
+    folder = tmp_path_factory.mktemp("recordings")
+    truth = part.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    write_canonical(part, folder / "walk.csv")
+    write_tum(folder / "truth.tum", truth.t, truth.position, truth.nav_R_body)
+    return folder
+
+
+def in_a_process(
+    *arguments: object, cwd: Path | None = None, python: tuple[str, ...] = (), **environment: str
+) -> Ran:
+    """Run the command line as a program of its own, both outputs in pipes."""
+    words = [sys.executable, *python, "-m", "fg_nav.cli", *map(str, arguments)]
+    variables = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])} | environment
+    ran = subprocess.run(words, capture_output=True, text=True, check=False, cwd=cwd, env=variables)
+    return Ran(ran.returncode, ran.stdout, ran.stderr)
+
+
+def summary(folder: Path) -> dict[str, float]:
+    content = json.loads((folder / "summary.json").read_text())
+    assert isinstance(content, dict)
+    return content
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("method", ["smoother", "iez"])
+def test_run_writes_the_contract(fg_nav: FgNav, files: Path, part: Recording, method: str) -> None:
+    ran = fg_nav(
+        "run", files / "walk.csv", "--method", method, "--truth", files / "truth.tum", "--out", "deep/out"
+    )
+    assert ran.code == 0, ran.err
+    assert ran.err == ""
+    out = Path("deep/out")
+    assert names(out) == RUN_FILES
+    assert len((out / "trajectory.tum").read_text().splitlines()) == len(part)
+    said = summary(out)
+    strides = pd.read_csv(out / "strides.csv")
+    assert said["method"] == method
+    assert said["strides"] == len(strides) - 1
+    assert said["duration_s"] == pytest.approx(part.duration_s)
+    assert said["rmse_2d_m"] < 0.5
+    assert said["heading_rmse_deg"] < 3
+    assert 20 < said["distance_m"] < 35
+    assert said["realtime_factor"] == pytest.approx(said["duration_s"] / said["runtime_s"])
+    assert said["magnetometer"] == "not used"
+    for words in ("rmse 2-D (m)", method, "files: deep/out", "trajectory.png"):
+        assert words in ran.out
+    config = json.loads((out / "config.json").read_text())
+    assert config["recording"] == str(files / "walk.csv")
+    assert config["format"] == "canonical"
+    assert config["parameters"]
+
+
+def test_result_without_a_folder_goes_to_a_fresh_one(fg_nav: FgNav, files: Path) -> None:
+    for _ in range(2):
+        assert fg_nav("run", files / "walk.csv", "--method", "iez").code == 0
+    assert names(Path("results")) == {"walk-iez-1", "walk-iez-2"}
+    assert "rmse_2d_m" not in summary(Path("results/walk-iez-2"))
+
+
+def test_older_result_is_replaced_only_with_force(fg_nav: FgNav, files: Path) -> None:
+    arguments = ("run", files / "walk.csv", "--method", "iez", "--out", "out")
+    assert fg_nav(*arguments).code == 0
+    Path("out/summary.json").write_text("old")
+    assert fg_nav(*arguments).refused("out already holds a result", "--force")
+    assert Path("out/summary.json").read_text() == "old"
+    assert fg_nav(*arguments, "--force").code == 0
+    assert summary(Path("out"))["method"] == "iez"
+    assert names(Path("out")) == RUN_FILES
+
+
+def test_options_reach_the_method_and_the_record(fg_nav: FgNav, files: Path) -> None:
+    ran = fg_nav("run", files / "walk.csv", "--method", "iez", "--heading", "90", "--no-mag", "--out", "out")
+    assert ran.code == 0
+    first, last = (pd.read_csv("out/strides.csv").iloc[k] for k in (0, 8))
+    assert first["heading_deg"] == pytest.approx(90.0, abs=0.5)
+    assert last["x_m"] - first["x_m"] > 5  # the walk starts straight ahead: now east
+    assert abs(last["y_m"] - first["y_m"]) < 1
+    config = json.loads(Path("out/config.json").read_text())
+    assert (config["heading_deg"], config["use_magnetometer"]) == (90.0, False)
+
+
+def test_compare_lays_methods_side_by_side_on_the_same_stances(fg_nav: FgNav, files: Path) -> None:
+    ran = fg_nav(
+        "compare",
+        files / "walk.csv",
+        "--methods",
+        "smoother, iez",
+        "--truth",
+        files / "truth.tum",
+        "--out",
+        "out",
+    )
+    assert ran.code == 0, ran.err
+    shared = {"comparison.csv", "comparison.json", "trajectories.png", "errors.png", "stance_statistic.png"}
+    assert names(Path("out")) == shared | {"smoother", "iez"}
+    assert names(Path("out/smoother")) == names(Path("out/iez")) == METHOD_FILES
+    table = pd.read_csv("out/comparison.csv")
+    assert list(table["method"]) == ["smoother", "iez"]
+    assert table["rmse_2d_m"][1] == pytest.approx(summary(Path("out/iez"))["rmse_2d_m"])
+    detectors = [
+        json.loads(Path(f"out/{m}/config.json").read_text())["detector"] for m in ("smoother", "iez")
+    ]
+    assert detectors[0] == detectors[1]
+    assert all(word in ran.out for word in ("smoother", "iez", "max error (m)"))
+    assert fg_nav("compare", files / "walk.csv", "--out", "out").refused("--force")
+
+
+def test_demo_can_be_run_again_from_its_files(fg_nav: FgNav) -> None:
+    ran = fg_nav("demo", "--out", "demo")
+    assert ran.code == 0, ran.err
+    assert {"recording.csv", "truth.tum", "comparison.csv", "trajectories.png"} <= names(Path("demo"))
+    first = summary(Path("demo/iez"))
+    assert 60 < first["distance_m"] < 85
+    assert summary(Path("demo/smoother"))["rmse_2d_m"] < 0.5
+    again = fg_nav(
+        "run", "demo/recording.csv", "--method", "iez", "--truth", "demo/truth.tum", "--out", "again"
+    )
+    assert again.code == 0, again.err
+    assert summary(Path("again"))["rmse_2d_m"] == pytest.approx(first["rmse_2d_m"], abs=1e-6)
+    assert fg_nav("run", "demo/recording.csv", "--out", "demo", "--force").refused("recording.csv")
+
+
+@pytest.mark.parametrize("command", [["inspect"], ["run"], ["compare"]], ids=" ".join)
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("missing.csv", None),
+        ("empty.csv", b""),
+        ("letter.txt", b"Dear sir,\nno data.\n"),
+        ("raw.bin", bytes(range(256))),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_bad_recordings_are_refused_in_one_line(
+    fg_nav: FgNav, command: list[str], name: str, content: bytes | None
+) -> None:
+    if content is not None:
+        Path(name).write_bytes(content)
+    before = names(Path())
+    assert fg_nav(*command, name).refused(name)
+    assert names(Path()) == before
+
+
+def test_bad_choices_are_refused_in_one_line(fg_nav: FgNav, files: Path) -> None:
+    walk, truth = files / "walk.csv", files / "truth.tum"
+    Path("taken").write_text("mine")
+    assert fg_nav("run", walk, "--method", "magic").refused("no method 'magic'", "smoother", "iez")
+    assert fg_nav("compare", walk, "--methods", "iez,,smoother").refused("no method ''")
+    assert fg_nav("run", walk, "--format", "magic").refused("magic", "canonical")
+    assert fg_nav("run", walk, "--truth", "nowhere.tum").refused("nowhere.tum")
+    assert fg_nav("run", walk, "--out", "taken").refused("taken is a file")
+    assert fg_nav("run", walk, "--force").refused("--out")
+    assert fg_nav("run", Path()).refused()
+    assert fg_nav("run", truth).refused("truth.tum")
+    assert names(Path()) == {"taken"}
+
+
+def test_truth_of_another_time_is_refused_and_nothing_written(
+    fg_nav: FgNav, files: Path, part: Recording
+) -> None:
+    truth = part.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    write_tum("late.tum", truth.t + 1000, truth.position, truth.nav_R_body)
+    ran = fg_nav("run", files / "walk.csv", "--method", "iez", "--truth", "late.tum")
+    assert ran.refused("share no time")
+    assert names(Path()) == {"late.tum"}
+
+
+def test_truth_of_another_time_in_the_recording_is_left_out(part: Recording) -> None:
+    truth = part.truth
+    assert isinstance(truth, TrajectoryTruth)
+    late = replace(part, truth=replace(truth, t=truth.t + 1000))
+    outcome = session.solve(session.prepare(late), "iez")
+    assert outcome.comparison is None
+    assert outcome.metrics.rmse_2d_m is None
+    assert any("share no time" in note for note in outcome.metrics.notes)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["run"], ["run", "x", "--alignment", "best"], ["dance"], ["run", "x", "-q"]]
+)
+def test_commands_not_understood_exit_with_2(fg_nav: FgNav, arguments: list[str]) -> None:
+    ran = fg_nav(*arguments)
+    assert ran.code == 2
+    assert "Usage" in ran.err
+    assert "Traceback" not in ran.err
+
+
+def failing(error: BaseException) -> Callable[..., None]:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_bug_exits_with_70_and_its_traceback(
+    fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "solve", failing(ZeroDivisionError("a slip")))
+    ran = fg_nav("run", files / "walk.csv")
+    assert ran.code == 70
+    assert "Traceback" in ran.err
+    assert "a slip" in ran.err
+    assert ran.err.splitlines()[-1].startswith("fg-nav: this is a bug (ZeroDivisionError)")
+    assert names(Path()) == set()
+
+
+def test_interrupt_exits_with_130_and_leaves_nothing(
+    fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fg_nav.report import pictures
+
+    monkeypatch.setattr(pictures, "draw_result", failing(KeyboardInterrupt()))
+    ran = fg_nav("run", files / "walk.csv", "--method", "iez", "--out", "out")
+    assert (ran.code, ran.err) == (130, "")
+    assert names(Path()) == set()
+
+
+@pytest.mark.parametrize(
+    "arguments", [["run", "--out", "out"], ["run"], ["compare", "--out", "out"]], ids=" ".join
+)
+def test_full_disk_is_one_line_and_leaves_no_result(
+    fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    from fg_nav.report import pictures
+
+    monkeypatch.setattr(pictures, "draw_stances", failing(OSError(28, "No space left on device")))
+    command, *rest = arguments
+    option = "--method" if command == "run" else "--methods"
+    ran = fg_nav(command, files / "walk.csv", option, "iez", *rest)
+    assert ran.refused("cannot be written", "no space left on device")
+    assert list(Path().rglob("*.*")) == []
+
+
+def test_system_error_outside_the_result_is_one_line(
+    fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "load", failing(PermissionError(13, "Permission denied", "walk.csv")))
+    assert fg_nav("run", files / "walk.csv").refused("permission denied", "walk.csv")
+
+
+def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav, files: Path) -> None:
+    ran = fg_nav("inspect", files / "walk.csv")
+    assert ran.code == 0, ran.err
+    assert "200" in ran.out
+    assert "verdict" in ran.out.lower()
+
+
+def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:
+    walk = files / "walk.csv"
+    for arguments in (["inspect", walk], ["run", walk, "--method", "iez", "--out", "out"]):
+        ran = in_a_process(*arguments, cwd=tmp_path)
+        assert (ran.code, ran.err) == (0, "")
+        assert "\x1b" not in ran.out
+        assert not set("━┃│╭") & set(ran.out)
+        assert ran.out.strip()
+
+
+def test_file_name_that_the_terminal_cannot_show_is_no_bug(files: Path, tmp_path: Path) -> None:
+    walk = tmp_path / "Zürich.csv"
+    walk.write_bytes((files / "walk.csv").read_bytes())
+    ran = in_a_process("inspect", walk, PYTHONIOENCODING="ascii")
+    assert (ran.code, ran.err) == (0, "")
+    assert "Z\\xfcrich.csv" in ran.out
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_are_quick(option: str) -> None:
+    start = time.perf_counter()
+    ran = in_a_process(option, python=("-X", "importtime"))
+    assert time.perf_counter() - start < 3
+    assert ran.code == 0
+    assert ran.out.strip()
+    assert not any(name in ran.err for name in ("matplotlib", "gtsam", "numba", "scipy"))
