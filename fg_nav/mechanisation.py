@@ -94,3 +94,19 @@ def strapdown(
         R[i, 0], R[i, 1], R[i, 2] = r0 + t1 * wz - t2 * wy, r1 + t2 * wx - t0 * wz, r2 + t0 * wy - t1 * wx
     position[2] -= 0.5 * gravity * h * h
     velocity[2] -= gravity * h
+
+
+@njit(cache=True)
+def nudge_tilt(nav_R_body: Floats, force: Floats, gain: float) -> None:
+    """Turn the attitude a share `gain` of the way that brings `force` (3,) to the vertical; keep it orthonormal."""
+    R = nav_R_body
+    east, north, up = R[0].copy(), R[1].copy(), R[2].copy()
+    share = gain / np.sqrt((force**2).sum())
+    up = up + share * ((east * force).sum() * east + (north * force).sum() * north)
+    up /= np.sqrt((up**2).sum())
+    north = north - (north * up).sum() * up
+    north /= np.sqrt((north**2).sum())
+    R[1], R[2] = north, up
+    R[0, 0] = north[1] * up[2] - north[2] * up[1]
+    R[0, 1] = north[2] * up[0] - north[0] * up[2]
+    R[0, 2] = north[0] * up[1] - north[1] * up[0]

@@ -51,8 +51,9 @@ class Stances:
         np.add.at(steps, self.stop, -1)
         return np.cumsum(steps[:-1]) > 0
 
-    def stillest(self, unrest: Floats) -> Ints:
-        """Sample (F,) of each footfall at which `unrest` (N,) is least, within its intervals."""
+    def stillest(self, gyr: Floats) -> Ints:
+        """Sample (F,) of each footfall at which the statistic, or without one the rate `gyr` (N, 3), is least."""
+        unrest = np.linalg.norm(gyr, axis=1) if self.statistic is None else self.statistic
         least = np.full(self.n_footfalls, np.inf)
         sample = np.zeros(self.n_footfalls, dtype=np.int64)
         for start, stop, footfall in zip(self.start, self.stop, self.footfall, strict=True):

@@ -120,13 +120,13 @@ def _is_transport(delay: Floats, period: float) -> bool:
 
 
 def _spread(values: Floats) -> float:
-    """Estimate the standard deviation by the middle two thirds: bursts do not count."""
-    low, high = np.quantile(values, [1 / 6, 5 / 6])
-    return float(high - low) / 1.9348
+    """Estimate the standard deviation by the middle nine tenths: rare bursts do not count, regular ones do."""
+    low, high = np.quantile(values, [0.05, 0.95])
+    return float(high - low) / 3.29
 
 
 def _tick_times(t: Floats, tick: Ints, period: float) -> Floats:
-    """Time the ticks (N,) of one stretch of even sampling: a line through medians of blocks, bent at each."""
+    """Time the ticks (N,) of one even stretch: a line through medians of blocks, bent at each."""
     residual = t - t[0] - period * (tick - tick[0])
     n_blocks = int(min((t[-1] - t[0]) / _BLOCK_S, len(t) / 20))
     if n_blocks < 2:

@@ -351,7 +351,7 @@ def test_file_name_that_the_terminal_cannot_show_is_no_bug(files: Path, tmp_path
 def test_help_and_version_are_quick(option: str) -> None:
     start = time.perf_counter()
     ran = in_a_process(option, python=("-X", "importtime"))
-    assert time.perf_counter() - start < 3
+    assert time.perf_counter() - start < 5
     assert ran.code == 0
     assert ran.out.strip()
     assert not any(name in ran.err for name in ("matplotlib", "gtsam", "numba", "scipy"))

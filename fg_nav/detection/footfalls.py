@@ -29,7 +29,7 @@ from scipy.signal import find_peaks
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2, levelled
-from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.mechanisation import NavState, nudge_tilt, strapdown
 
 
 @dataclass(frozen=True)
@@ -136,12 +136,12 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float
     """Add those of the rough intervals (3, R) that lie in a gap too long for a swing: step 4."""
     if stances.shape[1] == 0:
         return rough
-    last = len(t) - 1
-    before = np.concatenate([[0.0], stances[1]]).astype(np.int64)
-    after = np.concatenate([stances[0], [last]]).astype(np.int64)
+    before = np.concatenate([[0.0], stances[1]])
+    after = np.concatenate([stances[0], [len(t)]])
     gap = np.searchsorted(stances[0], rough[0], side="right")
     inside = (rough[0] >= before[gap]) & (rough[1] <= after[gap])
-    wide = t[np.minimum(after[gap], last)] - t[np.minimum(before[gap], last)] > longest_swing_s
+    edges = np.minimum(np.stack([before, after]), len(t) - 1).astype(np.int64)
+    wide = (t[edges[1]] - t[edges[0]])[gap] > longest_swing_s
     both = np.concatenate([stances, rough[:, inside & wide]], axis=1)
     return both[:, np.argsort(both[0], kind="stable")]
 
@@ -159,24 +159,8 @@ def _free_velocity(
         strapdown(state, acc[i], gyr[i], t[i + 1] - t[i], gravity, turn, push)
         velocity[i + 1] = state.velocity
         if still[i]:
-            _nudge(state.nav_R_body, acc[i])
+            nudge_tilt(state.nav_R_body, acc[i], TILT_GAIN)
     return velocity
-
-
-@njit(cache=True)
-def _nudge(R: Floats, force: Floats) -> None:
-    """Turn `R` a small share of the way that brings `force` to the vertical, and keep it orthonormal."""
-    east, north, up = R[0].copy(), R[1].copy(), R[2].copy()
-    size = np.sqrt((force**2).sum()) / TILT_GAIN
-    a, b = (east * force).sum() / size, (north * force).sum() / size
-    up = up + a * east + b * north
-    up /= np.sqrt((up**2).sum())
-    north = north - (north * up).sum() * up
-    north /= np.sqrt((north**2).sum())
-    R[2], R[1] = up, north
-    R[0, 0] = north[1] * up[2] - north[2] * up[1]
-    R[0, 1] = north[2] * up[0] - north[0] * up[2]
-    R[0, 2] = north[0] * up[1] - north[1] * up[0]
 
 
 @njit(cache=True)

@@ -17,9 +17,8 @@ A bias estimated too high makes the rate too low, hence the minus signs. With T 
     dv'   = dv + (dphi + dphi') / 2 x push - T dba
     dp'   = dp + h (dv + dv') / 2
 
-This is x' = F x with eleven non-zero blocks, of which only T and [push] cost multiplications. P' = F P F^T is
-the same map applied to the columns of P and then to its rows. Noise enters at the end of the step, as
-densities times h.
+This is x' = F x with a sparse F, of which only T and [push] cost multiplications. P' = F P F^T is the same
+map applied to the columns of P and then to its rows. Noise enters at the end of the step, as density times h.
 
 Reference: Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors" (2005); Jimenez et al., "Indoor
 pedestrian navigation using an INS/EKF framework for yaw drift reduction and a foot-mounted IMU" (2010), with

@@ -1,13 +1,13 @@
 """IEZ: strapdown navigation, corrected while the foot stands (INS + EKF + ZUPT).
 
-    state      position, velocity, attitude, gyro bias, accelerometer bias              (mechanisation)
-    error      15 numbers, estimate minus truth, with covariance P                      (covariance)
+    state      position, velocity, attitude, gyro bias, accelerometer bias       (mechanisation)
+    error      15 numbers, estimate minus truth, with covariance P               (covariance)
 
-    begin      level the sensor in the first stance; at rest, take the gyro bias too    (start)
+    begin      level the sensor in the first stance; at rest, take the gyro bias too       (start)
     each sample
-        correct    if the foot stands its velocity is known: take the error off         (zero_velocity,
-        update) keep       position, velocity, attitude; once a stance, the biases and P move       state and
-        P over the period for which the sample is held             (mechanisation, noise)
+        correct    if the foot stands its velocity is known: take the error off       (zero_velocity, update)
+        keep       position, velocity, attitude; once a footfall, the biases and P
+        move       state and P over the period for which the sample is held           (mechanisation, noise)
 
 Samples before the first stance are reached by stepping backward from it, without corrections.
 
@@ -39,13 +39,13 @@ from fg_nav.ekf.covariance import (
     add_body_noise,
     propagate,
 )
-from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.ekf.noise import MotionNoise, densities_in_motion, doubt
 from fg_nav.ekf.start import RestParameters, Start, starting_point
 from fg_nav.ekf.update import take_off
 from fg_nav.ekf.zero_velocity import StanceNoise, correct_in_stance
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
@@ -116,7 +116,7 @@ class Track(NamedTuple):
     """What a pass of the filter leaves behind.
 
     Path `position`, `velocity` (N, 3), `nav_R_body` (N, 3, 3) and `nis` (N,) of the corrections, NaN where
-    there was none; at one sample a stance `gyro_bias` (K, 3) and `covariance` (K, 15, 15).
+    there was none; at one sample a footfall `gyro_bias` (K, 3) and `covariance` (K, 15, 15).
     """
 
     position: Floats
@@ -154,7 +154,7 @@ def run_iez(
     _compile()
     began = perf_counter()
     start = starting_point(recording, stances, heading, parameters.rest)
-    rows = stillest(recording, stances)
+    rows = stances.stillest(recording.gyr)
     track = filter_walk(recording, stances.mask, rows, start, parameters)
     _check_finite(recording.t, track)
     return Solution(
@@ -168,15 +168,6 @@ def run_iez(
         parameters=asdict(parameters),
         notes=(_start_note(recording, start, parameters),),
     )
-
-
-def stillest(recording: Recording, stances: Stances) -> Ints:
-    """Sample (K,) in each stance at which the detector's statistic, or else the angular rate, is least."""
-    unrest = np.linalg.norm(recording.gyr, axis=1)
-    if stances.statistic is not None:
-        unrest = np.where(np.isfinite(stances.statistic), stances.statistic, np.inf)
-    spans = zip(stances.start, stances.stop, strict=True)
-    return np.array([a + np.argmin(unrest[a:b]) for a, b in spans], dtype=np.int64)
 
 
 def filter_walk(
@@ -221,9 +212,8 @@ def initial_belief(start: Start, parameters: IezParameters) -> tuple[NavState, F
     sigma = np.empty(SIZE)
     sigma[POSITION : POSITION + 3] = GAUGE_SIGMA
     sigma[VELOCITY : VELOCITY + 3] = parameters.velocity_sigma
-    at_rest = start.rest is not None
     sigma[ATTITUDE : ATTITUDE + 2] = np.radians(
-        parameters.tilt_sigma_rest_deg if at_rest else parameters.tilt_sigma_deg
+        parameters.tilt_sigma_rest_deg if start.levelled_at_rest else parameters.tilt_sigma_deg
     )
     sigma[ATTITUDE + 2] = GAUGE_SIGMA
     prior = np.radians(parameters.gyro_bias_sigma_deg_s)

@@ -1,8 +1,8 @@
-"""Where a filter begins: attitude and gyro bias from the first stance, and how far they can be trusted.
+"""Where a filter begins: attitude and gyro bias from the first footfall, and how far they can be trusted.
 
 The foot stands, so the mean specific force points up and levels the sensor; the heading is given, or zero. If
-the first stance holds a true rest, the slope of the integrated rate is the gyro bias. (The slope of a fitted
-line, not the mean rate: a standing foot sways by small angles, and sway is white in the angle.)
+the first footfall holds a true rest, the slope of the integrated rate is the gyro bias. (The slope of a line,
+not the mean rate: a standing foot sways by small angles, and sway is white in the angle.)
 
 A foot in mid-walk turns at 1-3 deg/s even while it "stands", so a rest is believed only over blocks of a
 quarter of a second that are quiet and agree with each other, two at least in a row. The uncertainty of the
@@ -53,11 +53,13 @@ class RestParameters:
 class Start:
     """Where navigation begins: at sample `row` with this attitude and gyro bias (3,) rad/s.
 
-    `gyro_bias_sigma` (3,) is infinite where the bias is unknown; `rest` are the samples of the rest, if any.
+    `levelled_at_rest` tells whether the first stance held a rest. `gyro_bias_sigma` (3,) is infinite where
+    the bias is unknown; `rest` are the samples that showed it, if any.
     """
 
     row: int
     nav_R_body: Floats
+    levelled_at_rest: bool
     gyro_bias: Floats
     gyro_bias_sigma: Floats
     rest: slice | None
@@ -69,7 +71,7 @@ def starting_point(
     heading: float = 0.0,
     parameters: RestParameters = RestParameters(),
 ) -> Start:
-    """Level the sensor in its first stance, and take the gyro bias from it if it is a rest.
+    """Level the sensor in its first stance, and take the gyro bias from a rest in the first footfall.
 
     Parameters
     ----------
@@ -84,19 +86,22 @@ def starting_point(
     EstimationError
         Without a stance, on stances of another recording, or where the specific force vanishes.
     """
-    first = _first_stance(recording, stances)
-    rest = find_rest(recording, first, parameters)
-    up = recording.acc[first if rest is None else rest].mean(axis=0)
+    _check(recording, stances)
+    first = slice(int(stances.start[0]), int(stances.stop[0]))
+    quiet = find_rest(recording, first, parameters)
+    up = recording.acc[quiet or first].mean(axis=0)
     if np.linalg.norm(up) < LEAST_FORCE_M_S2:
         raise EstimationError(
             f"the mean specific force in the first stance, at {recording.t[first.start]:.3f} s, is "
             f"{np.linalg.norm(up):.2f} m/s^2, so there is no up: accelerations must include gravity."
         )
+    footfall = slice(first.start, int(stances.stop[stances.footfall == 0][-1]))
+    rest = find_rest(recording, footfall, parameters)
     bias, sigma = _gyro_bias(recording, rest, parameters)
-    return Start(first.start, levelled(up, heading), bias, sigma, rest)
+    return Start(first.start, levelled(up, heading), quiet is not None, bias, sigma, rest)
 
 
-def _first_stance(recording: Recording, stances: Stances) -> slice:
+def _check(recording: Recording, stances: Stances) -> None:
     if len(stances) == 0:
         raise EstimationError("there is no stance to start from: check the stance detection.")
     if stances.n_samples != len(recording):
@@ -104,7 +109,6 @@ def _first_stance(recording: Recording, stances: Stances) -> slice:
             f"the stances belong to {stances.n_samples} samples and the recording has {len(recording)}: "
             "detect the stances on this recording."
         )
-    return slice(int(stances.start[0]), int(stances.stop[0]))
 
 
 def find_rest(recording: Recording, within: slice, parameters: RestParameters) -> slice | None:

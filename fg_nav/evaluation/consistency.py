@@ -10,7 +10,7 @@ the errors most likely under the claim,
 The weights C_k^-1 put the choice of psi where the claim is sharpest, the early strides; an overconfident
 claim turns the path by an error of theirs and is punished further on. For an honest claim nees_k is
 chi-square with 3 degrees of freedom, less what the fit of psi absorbs: nothing of the vertical and the
-along-track error, and of the cross-track error at most two thirds (white steps, straight walk, last stance).
+along-track error, but of the cross-track variance two thirds at the end of a straight walk with white steps.
 Errors of neighbouring stances are nearly the same error, so the spread of one walk's mean is wide: judge the
 median over stances and over walks.
 

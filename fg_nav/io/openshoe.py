@@ -89,9 +89,9 @@ def nominal_rate_hz(estimates: Floats, name: str) -> float:
     Raises
     ------
     FormatError
-        If the estimates hold no positive rate.
+        If no estimate is between 1 Hz and 100 kHz.
     """
-    usable = estimates[np.isfinite(estimates) & (estimates > 0)]
+    usable = estimates[(estimates >= 1.0) & (estimates <= 1e5)]
     if not usable.size:
         raise FormatError(f"{name} holds no sample rate in column 14: export the recording as canonical CSV.")
     median = float(np.median(usable))

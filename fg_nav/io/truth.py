@@ -56,9 +56,11 @@ def read_tum(content: Content) -> TrajectoryTruth:
             f"a CSV with stride,x_m,y_m, or a MATLAB file of footprints."
         )
     table, row = read_table(path, TUM_COLUMNS, range(8), first_line=comments + 1, separator=r"\s+")
-    wrong = ~np.isfinite(table).all(axis=1) | ~(np.abs(table[:, 4:]) < 1.1).all(axis=1)
-    wrong[1:] |= table[1:, 0] <= table[:-1, 0]
-    wrong[~wrong] |= np.abs(np.linalg.norm(table[~wrong, 4:], axis=1) - 1.0) > 0.01
+    unit = np.zeros(len(table), dtype=np.bool_)
+    small = (np.abs(table[:, 4:]) < 1.1).all(axis=1)  # and finite, so that it may be squared
+    unit[small] = np.abs(np.linalg.norm(table[small, 4:], axis=1) - 1.0) < 0.01
+    rising = np.concatenate(([True], table[1:, 0] > table[:-1, 0]))
+    wrong = ~(np.isfinite(table).all(axis=1) & unit & rising)
     if wrong.any():
         raise FormatError(
             f"{path.name}, line {row[np.argmax(wrong)]}: stamps must rise and quaternions have length 1; "

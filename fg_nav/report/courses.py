@@ -27,6 +27,9 @@ _TURNS_UNWRAPPED = 5.0
 
 _MAX_DOTS = 400
 
+_STEEP = float(np.sin(np.deg2rad(60.0)))
+"""An axis steeper than this has hardly a heading."""
+
 
 def plot_errors(views: Mapping[str, View]) -> Figure:
     """Draw the horizontal error of several methods over time. Every view must have a comparison."""
@@ -112,13 +115,14 @@ def _draw_headings(axes: Axes, view: View, heading: Floats, true_heading: Floats
     stances, t = view.solution.stances, view.solution.t
     at_stances = np.unwrap(heading[stances.sample])
     middle = np.interp(t, stances.t, at_stances)
+    steep = np.abs(view.solution.nav_R_body[:, 2, 0]) > _STEEP
+    between = np.where(steep, np.nan, middle + wrap(heading - middle))
+    truth = middle + wrap(true_heading - middle)
     wrapped = bool(np.ptp(at_stances) > _TURNS_UNWRAPPED * 2 * np.pi)
     dots = {"marker": ".", "markersize": 4.5} if len(stances) <= _MAX_DOTS else {}
     line = {"color": style.BLUE, "linewidth": 1.1, "label": f"{view.solution.method}, at the stances"}
-    _draw_angle(
-        axes, t, middle + wrap(true_heading - middle), wrapped, {**style.TRUTH_LINE, "label": "truth"}
-    )
-    _draw_angle(axes, t, middle + wrap(heading - middle), wrapped, {**line, **_PALE, "label": "in between"})
+    _draw_angle(axes, t, truth, wrapped, {**style.TRUTH_LINE, "label": "truth"})
+    _draw_angle(axes, t, between, wrapped, {**line, **_PALE, "label": "in between"})
     _draw_angle(axes, stances.t, at_stances, wrapped, {**line, **dots})
     span_deg = float(np.ptp(axes.get_ylim()))
     axes.yaxis.set_major_locator(MultipleLocator(next((s for s in _COMPASS_DEG if span_deg / s <= 9), 360)))

@@ -34,7 +34,7 @@ def plot_stance_statistic(t: Floats, stances: Stances) -> Figure:
         middle = (t[excerpt.start] + t[excerpt.stop - 1]) / 2
         pointer = {"transform": whole.get_xaxis_transform(), "clip_on": False}
         whole.plot(middle, 1.0, "v", color=style.ORANGE, markersize=7, **pointer)
-        style.head(whole, f"Stance detection ({stances.detector}): {len(stances)} stances")
+        style.head(whole, f"Stance detection ({stances.detector}): {stances.n_footfalls} footfalls")
         whole.set_ylim(*_log_limits(stances.statistic))
         _shade_stances(close, t, stances, excerpt)
         _draw_statistic(close, t[excerpt], stances.statistic[excerpt], linewidth=1.0)

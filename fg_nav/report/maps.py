@@ -123,6 +123,8 @@ def _draw_ellipses(axes: Axes, centre: Floats, cov: Floats, extent_m: float) -> 
         linewidth=0.6, zorder=2,
     )  # fmt: skip
     axes.add_collection(ellipses)
+    reach = np.minimum(zoom * semi[:, 1:], 0.3 * extent_m)
+    axes.update_datalim(np.vstack([centre[row, :2] - reach, centre[row, :2] + reach]))
     words = "95 % ellipses" + (f", drawn {zoom} times as large" if zoom > 1 else "")
     axes.plot([], [], "o", color=style.BLUE, alpha=0.25, markersize=8, label=words)
 

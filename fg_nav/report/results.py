@@ -101,7 +101,12 @@ def config(session: Session, solution: Solution) -> dict[str, object]:
         "heading_deg": options.heading_deg,
         "use_magnetometer": options.use_magnetometer,
         "alignment": options.alignment,
-        "detector": {"name": stances.detector, "threshold": stances.threshold, "stances": len(stances)},
+        "detector": {
+            "name": stances.detector,
+            "threshold": stances.threshold,
+            "stances": len(stances),
+            "footfalls": stances.n_footfalls,
+        },
         "parameters": solution.parameters,
     }
 

@@ -45,12 +45,19 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
     """Print the table of figures, the notes that go with it, and where the files are."""
     out = console()
     out.print(result_table(summaries))
-    notes = dict.fromkeys(str(note) for summary in summaries for note in cast("list[str]", summary["notes"]))
-    for note in notes:
-        out.print(f"note: {note}")
+    for words in notes_of(summaries):
+        out.print(words)
     pictures = ", ".join(sorted(path.name for path in place.glob("*.png")))
     out.print(f"files: {place}", soft_wrap=True)
     out.print(f"pictures: {pictures}", soft_wrap=True)
+
+
+def notes_of(summaries: Sequence[Mapping[str, object]]) -> list[str]:
+    """Lines of notes; of several methods each note says whose it is, unless it is everybody's."""
+    said = {str(summary["method"]): cast("list[str]", summary["notes"]) for summary in summaries}
+    shared = [note for note in next(iter(said.values())) if all(note in notes for notes in said.values())]
+    own = [(name, note) for name, notes in said.items() for note in notes if note not in shared]
+    return [f"note: {note}" for note in shared] + [f"note ({name}): {note}" for name, note in own]
 
 
 def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:

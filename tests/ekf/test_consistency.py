@@ -1,8 +1,8 @@
 """Monte Carlo: walks drawn from the filter's own beliefs, and whether NEES and NIS are what they should be.
 
-Truth and estimate start apart by a draw from P, the biases walk, the samples have the densities of the filter and
-the velocity in stance is measured with its noise. Then the errors are chi-square with as many degrees of freedom as
-components, within the bounds of the number of runs (Bar-Shalom et al. 2001, 5.4).
+Truth and estimate start apart by a draw from P, the biases walk, the samples have the densities of the filter
+and the velocity in stance is measured with its noise. Then the errors are chi-square with as many degrees of
+freedom as components, within the bounds of the number of runs (Bar-Shalom et al. 2001, 5.4).
 """
 
 import numpy as np
@@ -11,8 +11,8 @@ from numba import njit
 from scipy.stats import chi2
 
 from fg_nav.ekf.covariance import VELOCITY, Densities, propagate
-from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.ekf.update import correct_component, take_off
+from fg_nav.mechanisation import NavState, strapdown
 from tests.ekf.errors import error_of, with_error
 from tests.ekf.motion import Walk
 
@@ -51,7 +51,7 @@ def navigate(truth, estimate, P, acc, gyr, stands, h, noise, density, variance):
 
 
 def monte_carlo(claimed=DENSITY, claimed_variance=STANCE_VARIANCE, seed=11):
-    """NEES (runs, 5 parts and all) at the end, and mean NIS of each run, of a filter that claims these noises."""
+    """NEES (runs, 5 parts and all) at the end, and mean NIS of each run, of a filter with these claims."""
     walk = Walk(strides=8, rest_s=1.0)
     recording, stances = walk.recording(RATE)
     rng = np.random.default_rng(seed)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.mechanisation import SERIES_BELOW, NavState, rotation_series, strapdown
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.mechanisation import SERIES_BELOW, NavState, rotation_series, strapdown
 from tests.ekf.motion import Walk
 
 

@@ -1,4 +1,4 @@
-"""The figures on real recordings that the project promises; each test prints what it found."""
+"""The figures on real recordings that the project promises."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ PYSHOE = {"mean": (0.079, 0.131), "median": (0.055, 0.087)}
 
 @pytest.fixture(scope="module")
 def vicon():
-    """Horizontal rmse, rmse in space, scale, and median NEES over its expectation, of each of the 28 trials."""
+    """Horizontal rmse, rmse in space, scale, and median NEES over its expectation, of each trial."""
     rows = []
     for path in sorted((DATA / "vicon").glob("*.mat")):
         recording = read(path)

@@ -72,3 +72,18 @@ def test_a_short_stance_is_no_rest():
     mask[100:180] = True
     start = starting_point(recording, Stances.from_mask(mask))
     assert (start.row, start.rest) == (100, None)
+
+
+def test_the_rest_may_come_after_some_fidgeting_in_the_same_footfall():
+    recording, _ = resting(4.0)
+    gyr, mask = recording.gyr.copy(), np.ones(800, dtype=bool)
+    gyr[150:250] += 1.0
+    mask[140:260] = False
+    fidgeting = replace(recording, gyr=gyr)
+    stances = Stances.from_mask(mask)
+    apart = starting_point(fidgeting, stances)
+    together = starting_point(fidgeting, replace(stances, footfall=np.zeros(2, dtype=np.int64)))
+    assert apart.rest.stop <= 140
+    assert together.rest.start >= 250
+    assert together.gyro_bias_sigma[0] < 0.5 * apart.gyro_bias_sigma[0]
+    np.testing.assert_allclose(together.nav_R_body, apart.nav_R_body)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.mechanisation import NavState
 from fg_nav.ekf.update import correct, correct_component, take_off, turn_in_nav
+from fg_nav.mechanisation import NavState
 from tests.ekf.errors import error_of, random_covariance, random_state, with_error
 
 

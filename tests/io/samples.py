@@ -18,7 +18,7 @@ AXES = "XYZ"
 def tilting(
     rng: np.random.Generator, duration_s: float = 8.0, rate_hz: float = 200.0, still_s: float = 2.0
 ) -> RawRecording:
-    """Rest, then tilt to and fro about the body's x axis: gravity and gyroscope agree. With a magnetometer."""
+    """Rest, then tilt to and fro about the body's x axis: gravity, field and gyroscope agree."""
     t = np.arange(round(duration_s * rate_hz)) / rate_hz
     turn = 2 * np.pi * 0.7
     moving = np.maximum(t - still_s, 0.0)
@@ -38,7 +38,9 @@ def tilting(
 
 def write_sensorconnect(raw: RawRecording, path: Path) -> None:
     assert raw.mag is not None
-    names = [f"inertial-1.2:{name}{axis}" for name in ("scaledAccel", "scaledGyro", "scaledMag") for axis in AXES]
+    names = [
+        f"inertial-1.2:{name}{axis}" for name in ("scaledAccel", "scaledGyro", "scaledMag") for axis in AXES
+    ]
     table = np.column_stack([raw.t, raw.acc / GRAVITY_M_S2, raw.gyr, raw.mag / 100.0])
     _write_csv(path, ["Time", *names], table)
 

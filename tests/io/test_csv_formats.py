@@ -80,7 +80,11 @@ def test_footprints_beside(tmp_path: Path) -> None:
     xy = np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]])
     scipy.io.savemat(
         tmp_path / "walk.mat",
-        {"GCP_meters": xy, "GCP_stride_numbers": stride, "numberOfStrides": np.array([[255]], dtype=np.uint8)},
+        {
+            "GCP_meters": xy,
+            "GCP_stride_numbers": stride,
+            "numberOfStrides": np.array([[255]], dtype=np.uint8),
+        },
     )
     truth = read(path).truth
     assert isinstance(truth, FootprintTruth)

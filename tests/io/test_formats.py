@@ -49,7 +49,7 @@ def test_format_overrides_recognition(tmp_path: Path) -> None:
         read_raw(path, "canonical")
     with pytest.raises(FormatError, match="not a MATLAB file"):
         read_raw(path, "pyshoe")
-    with pytest.raises(FormatError, match="no format 'gaitup'.*canonical, sensorconnect"):
+    with pytest.raises(FormatError, match=r"no format 'gaitup'.*canonical, sensorconnect"):
         read_raw(path, "gaitup")
 
 
@@ -134,7 +134,9 @@ def test_text_in_a_number_is_named_by_line_and_column(kind: str, tmp_path: Path)
     fields[3] = "oops"
     lines[30] = ",".join(fields)
     path.write_text("\n".join(lines))
-    with pytest.raises(FormatError, match=r"walk\.csv, line 31, column '.+': 'oops' is not a number") as caught:
+    with pytest.raises(
+        FormatError, match=r"walk\.csv, line 31, column '.+': 'oops' is not a number"
+    ) as caught:
         read(path)
     assert lines[0].split(",")[3] in str(caught.value)
 
@@ -156,7 +158,7 @@ def test_rows_of_other_lengths(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     lines[10] += ",1,2,3"
     path.write_text("\n".join(lines))
-    with pytest.raises(FormatError, match="not a regular table.*line 11"):
+    with pytest.raises(FormatError, match=r"not a regular table.*line 11"):
         read(path)
 
 

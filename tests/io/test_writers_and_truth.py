@@ -51,7 +51,9 @@ def test_canonical_columns_in_any_order_with_others_between(tmp_path: Path) -> N
     path = tmp_path / "walk.csv"
     write_canonical(RAW, path)
     lines = [line.split(",") for line in path.read_text().splitlines()]
-    path.write_text("\n".join(",".join([*line[::-1], "note" if k == 0 else "x"]) for k, line in enumerate(lines)))
+    path.write_text(
+        "\n".join(",".join([*line[::-1], "note" if k == 0 else "x"]) for k, line in enumerate(lines))
+    )
     raw = read_raw(path)
     np.testing.assert_array_equal(raw.acc, RAW.acc)
     np.testing.assert_array_equal(raw.mag, RAW.mag)
@@ -106,7 +108,9 @@ def test_truth_from_matlab_files(tmp_path: Path) -> None:
     write_pyshoe(RAW, tmp_path / "a.mat")
     write_broad(RAW, tmp_path / "b.mat")
     xy = np.zeros((2, 2))
-    scipy.io.savemat(tmp_path / "c.mat", {"GCP_meters": xy, "GCP_stride_numbers": np.arange(2, dtype=np.uint8)})
+    scipy.io.savemat(
+        tmp_path / "c.mat", {"GCP_meters": xy, "GCP_stride_numbers": np.arange(2, dtype=np.uint8)}
+    )
     assert isinstance(read_truth(tmp_path / "a.mat"), TrajectoryTruth)
     assert isinstance(read_truth(tmp_path / "b.mat"), TrajectoryTruth)
     assert isinstance(read_truth(tmp_path / "c.mat"), FootprintTruth)

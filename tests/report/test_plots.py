@@ -91,7 +91,8 @@ def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Session) -> No
 
 
 def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, session: Session) -> None:
-    one = Stances(np.array([0]), np.array([500]), len(session.recording), statistic=session.stances.statistic)
+    statistic = session.stances.statistic
+    one = Stances(np.array([0]), np.array([500]), np.array([0]), len(session.recording), statistic=statistic)
     alone = replace(walks.without_truth(session), stances=one)
     solution = walks.drifting(alone.recording, one)
     solution = replace(solution, stances=replace(solution.stances, position_cov=np.full((1, 3, 3), np.nan)))
@@ -140,7 +141,8 @@ def lengthened(session: Session, times: int) -> tuple[Session, Outcome]:
     path = {name: tiled(getattr(short, name), times) for name in ("position", "velocity", "nav_R_body")}
     long = Solution("smoother", t=t, **path, stances=StanceTable(**table), runtime_s=1.0)
     start, stop, statistic = (tiled(rows, times) for rows in (found.start, found.stop, found.statistic))
-    stances = Stances(start + lap, stop + lap, len(t), "TRUE SPEED", 0.02, statistic)
+    footfall = np.arange(times * len(found))
+    stances = Stances(start + lap, stop + lap, footfall, len(t), "TRUE SPEED", 0.02, statistic)
     recording = Recording(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)))
     return Session(recording, stances, None, Options()), Outcome(long, evaluate(long), None)
 

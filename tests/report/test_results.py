@@ -109,7 +109,9 @@ def test_config_names_input_version_and_parameters(tmp_path: Path, session: Sess
     assert config["truth"] == "in the recording"
     assert config["fg_nav_version"]
     assert config["parameters"] == {"noise": {"acc_m_s2": 0.3}, "unknown": None}
-    assert config["detector"] == {"name": "TRUE SPEED", "threshold": 0.02, "stances": len(session.stances)}
+    count = len(session.stances)
+    detector = {"name": "TRUE SPEED", "threshold": 0.02, "stances": count, "footfalls": count}
+    assert config["detector"] == detector
 
 
 def test_comparison_has_a_row_and_a_folder_for_each_method(tmp_path: Path, session: Session) -> None:

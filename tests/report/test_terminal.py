@@ -38,6 +38,12 @@ def test_table_leaves_out_what_no_method_knows(session: Session, capsys: pytest.
     assert "start to end (m)" in out
 
 
+def test_notes_say_whose_they_are() -> None:
+    several = [{"method": "a", "notes": ["one", "two"]}, {"method": "b", "notes": ["three", "two"]}]
+    assert terminal.notes_of(several) == ["note: two", "note (a): one", "note (b): three"]
+    assert terminal.notes_of(several[:1]) == ["note: one", "note: two"]
+
+
 def test_text_in_brackets_is_no_markup(capsys: pytest.CaptureFixture[str]) -> None:
     terminal.console().print(terminal.listing([("[bold]x", "[red]walk[/red].csv")]))
     assert capsys.readouterr().out.split() == ["[bold]x", "[red]walk[/red].csv"]

@@ -1,0 +1,59 @@
+"""Zero velocity of a standing foot, for a sensor that stands above the point about which the foot rolls.
+
+A shoe on the ground is not at rest. It rolls slowly from heel to toe, and its sole gives way. A sensor at `l` from
+the point about which the foot rolls (body frame, from that point to the sensor) moves with
+
+    nav_v = nav_R_body (w x l) + nav_settling,
+
+w the angular rate, bias taken off. The residual is the difference of the two sides, in the navigation frame:
+
+    e = nav_v - nav_R_body u - nav_settling,     u = w x l.
+
+With pose perturbations (rotation, translation) in the body frame,
+
+    de/dpose = [nav_R_body [u]x, 0],     de/dv = I.
+
+With l = 0 and no settling this is the plain zero-velocity update, for which gtsam's own `PriorFactorVector` does.
+"""
+
+import gtsam
+import numpy as np
+
+from factors.guarded import Array, guarded_factor
+
+
+def rolling_stance_factor(
+    pose_key: int,
+    velocity_key: int,
+    body_velocity: Array,
+    nav_settling: Array,
+    noise: gtsam.noiseModel.Base,
+) -> gtsam.CustomFactor:
+    """Tie the velocity of a sensor on a rolling, settling foot to its attitude.
+
+    Parameters
+    ----------
+    pose_key, velocity_key
+        Keys of nav_T_body (Pose3) and nav_v (3-vector).
+    body_velocity : (3,) m/s
+        w x l in the body frame.
+    nav_settling : (3,) m/s
+        Velocity of the sole as it gives way, in the navigation frame.
+    noise
+        Of dimension 3, m/s, on the axes of the navigation frame.
+    """
+    u = np.asarray(body_velocity, dtype=np.float64)
+    settling = np.asarray(nav_settling, dtype=np.float64)
+    cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
+    by_velocity = np.eye(3)
+
+    def residual(values: gtsam.Values, with_jacobians: bool) -> tuple[Array, list[Array]]:
+        nav_R_body = values.atPose3(pose_key).rotation().matrix()
+        e = values.atVector(velocity_key) - nav_R_body @ u - settling
+        if not with_jacobians:
+            return e, []
+        by_pose = np.zeros((3, 6))
+        by_pose[:, :3] = nav_R_body @ cross
+        return e, [by_pose, by_velocity]
+
+    return guarded_factor("rolling stance", [pose_key, velocity_key], [6, 3], noise, residual)

@@ -1,0 +1,234 @@
+"""The batch smoother: a whole walk at once.
+
+    rests   -> gyro bias to start from, and its sigma
+    stances -> lever of the rolling foot
+    stances -> nodes; samples between nodes -> inertial measurements
+    strides -> factors, one stride after the other
+    dead reckoning -> initial values; Gauss-Newton -> solution; marginals -> sigmas
+    nodes -> dense trajectory
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from time import perf_counter
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration import RollingLever, rolling_lever
+from fg_nav.detection import Rest, find_rests
+from fg_nav.errors import EstimationError
+from fg_nav.frames import levelled
+from fg_nav.recording import Recording
+from fg_nav.smoother.dense import dense_trajectory
+from fg_nav.smoother.initial import initial_values
+from fg_nav.smoother.nodes import Nodes, place_nodes
+from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.smoother.solver import marginals, nav_pose_covariance, solve, time_order
+from fg_nav.smoother.strides import add_start, add_stride, strides_of
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.stances import Stances
+
+INTEGRATION_SHARE, SOLVING_SHARE = 0.6, 0.3
+"""Shares of the work, for the progress."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of sensor and mounting before the graph is built."""
+
+    gyro_bias: Floats
+    gyro_bias_sigma: float
+    rests: tuple[Rest, ...]
+    lever: RollingLever
+
+
+def smooth(
+    recording: Recording,
+    stances: Stances,
+    parameters: SmootherParameters = SmootherParameters(),
+    heading: float = 0.0,
+    progress: Callable[[float], None] | None = None,
+) -> Solution:
+    """Smooth a walk.
+
+    Parameters
+    ----------
+    recording : Recording
+        The magnetometer is not used.
+    stances : Stances
+        When the foot stood, on this recording.
+    parameters : SmootherParameters
+    heading : float
+        Of the body's x axis at the first stance, rad clockwise from north.
+    progress
+        Told from time to time which fraction is done.
+
+    Raises
+    ------
+    EstimationError
+        With stances of another recording, or where the solution cannot be found.
+    """
+    began = perf_counter()
+    p = parameters
+    _check(recording, stances)
+    known = _known(recording, stances, p)
+    nodes = place_nodes(recording, stances, p)
+    start = levelled(_first_force(recording, stances, known.rests), heading)
+    graph = _graph(recording, stances, nodes, known, start, p, _part(progress, 0.0, INTEGRATION_SHARE))
+    initial = initial_values(recording, stances, nodes, start, known.gyro_bias, p.gravity)
+    solving = _part(progress, INTEGRATION_SHARE, SOLVING_SHARE)
+    values, iterations = solve(
+        graph, initial, time_order(nodes), p.convergence, p.largest_iterations, solving
+    )
+    position, velocity, nav_R_body = _dense(recording, nodes, values, p)
+    table = _table(recording.t, nodes, graph, values)
+    if progress is not None:
+        progress(1.0)
+    return Solution(
+        method="smoother",
+        t=recording.t,
+        position=position,
+        velocity=velocity,
+        nav_R_body=nav_R_body,
+        stances=table,
+        runtime_s=perf_counter() - began,
+        parameters=asdict(p),
+        notes=_notes(known, iterations),
+    )
+
+
+def _check(recording: Recording, stances: Stances) -> None:
+    if stances.n_samples != len(recording):
+        raise EstimationError(
+            f"the stances belong to {stances.n_samples} samples and the recording has {len(recording)}: detect the "
+            "stances on this recording."
+        )
+    if len(stances) == 0:
+        raise EstimationError("there is no stance to hold on to: check the stance detection.")
+
+
+def _known(recording: Recording, stances: Stances, p: SmootherParameters) -> Known:
+    rests = find_rests(recording, p.rest)
+    bias, sigma = _bias_from_rests(rests, np.radians(p.gyro_bias_sigma_deg_s))
+    if p.known_lever is not None:
+        lever = RollingLever(np.array(p.known_lever), np.zeros((3, 3)), 0)
+    else:
+        lever = rolling_lever(recording, stances, p.lever)
+    return Known(bias, sigma, rests, lever)
+
+
+def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Floats, float]:
+    """Bias (3,) to start from and the sigma of its prior about zero, rad/s.
+
+    Rests that show a bias far outside the prior show a sensor that was not calibrated: the prior widens to it.
+    """
+    if not rests:
+        return np.zeros(3), prior_sigma
+    weight = np.array([rest.sigma**-2 for rest in rests])
+    mean = weight @ np.array([rest.rate for rest in rests]) / weight.sum()
+    sigma = float(np.hypot(prior_sigma, np.abs(mean).max()))
+    return mean * sigma**2 / (sigma**2 + 1 / weight.sum()), sigma
+
+
+def _first_force(recording: Recording, stances: Stances, rests: tuple[Rest, ...]) -> Floats:
+    """Mean specific force (3,) by which the first node is levelled: of the rest that it stands in, if any."""
+    first = int(stances.start[0])
+    for rest in rests:
+        if rest.start <= first < rest.stop:
+            return rest.force
+    force = recording.acc[first : int(stances.stop[0])].mean(axis=0)
+    if np.linalg.norm(force) < 1.0:
+        raise EstimationError(
+            f"the specific force in the first stance, at {recording.t[first]:.3f} s, is "
+            f"{np.linalg.norm(force):.2f} m/s^2, so there is no up: accelerations must include gravity."
+        )
+    return np.asarray(force)
+
+
+def _graph(
+    recording: Recording,
+    stances: Stances,
+    nodes: Nodes,
+    known: Known,
+    start: Floats,
+    p: SmootherParameters,
+    progress: Callable[[float], None] | None,
+) -> gtsam.NonlinearFactorGraph:
+    bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
+    measurements = preintegrate(recording, nodes.sample, bias, p, progress)
+    graph = gtsam.NonlinearFactorGraph()
+    add_start(graph, start, known.gyro_bias_sigma, p)
+    lever = known.lever.lever
+    for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, known.rests, p):
+        add_stride(graph, stride, p)
+    return graph
+
+
+def _dense(
+    recording: Recording, nodes: Nodes, values: gtsam.Values, p: SmootherParameters
+) -> tuple[Floats, Floats, Floats]:
+    poses = [values.atPose3(X(j)) for j in range(len(nodes))]
+    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(nodes.footfall[-1] + 1)])
+    return dense_trajectory(
+        recording,
+        nodes.sample,
+        np.array([pose.translation() for pose in poses]),
+        np.array([values.atVector(V(j)) for j in range(len(nodes))]),
+        np.array([pose.rotation().matrix() for pose in poses]),
+        np.ascontiguousarray(bias[nodes.footfall, 3:]),
+        np.ascontiguousarray(bias[nodes.footfall, :3]),
+        p.gravity,
+    )
+
+
+def _table(t: Floats, nodes: Nodes, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> StanceTable:
+    """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
+    covariances = marginals(graph, values)
+    poses = [values.atPose3(X(j)) for j in nodes.result]
+    attitude = np.array([pose.rotation().matrix() for pose in poses])
+    pose_covariance = np.array(
+        [
+            nav_pose_covariance(R, covariances.marginalCovariance(X(j)))
+            for R, j in zip(attitude, nodes.result, strict=True)
+        ]
+    )
+    bias_covariance = np.array([covariances.marginalCovariance(B(k)) for k in range(len(poses))])
+    sample = nodes.sample[nodes.result]
+    return StanceTable(
+        sample=sample,
+        t=t[sample],
+        position=np.array([pose.translation() for pose in poses]),
+        nav_R_body=attitude,
+        gyro_bias=np.array([values.atConstantBias(B(k)).gyroscope() for k in range(len(poses))]),
+        position_cov=pose_covariance[:, 3:, 3:],
+        heading_sigma=np.sqrt(pose_covariance[:, 2, 2]),
+        gyro_bias_sigma=np.sqrt(np.diagonal(bias_covariance, axis1=1, axis2=2)[:, 3:]),
+        field=("none",) * len(poses),
+        field_reason=("the magnetometer was not used",) * len(poses),
+    )
+
+
+def _part(
+    progress: Callable[[float], None] | None, begin: float, share: float
+) -> Callable[[float], None] | None:
+    if progress is None:
+        return None
+    return lambda fraction: progress(begin + share * fraction)
+
+
+def _notes(known: Known, iterations: int) -> tuple[str, ...]:
+    x, y, z = known.lever.lever * 1000
+    rest = sum(rest.stop - rest.start for rest in known.rests)
+    bias = (
+        "gyro bias from the walk alone, there is no rest in it"
+        if rest == 0
+        else f"gyro bias at rest ({len(known.rests)} rests) {np.round(np.degrees(known.gyro_bias), 3).tolist()} deg/s"
+    )
+    lever = f"sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm from the point about which the foot rolls, body axes"
+    return (bias, lever, f"solved in {iterations} Gauss-Newton steps")

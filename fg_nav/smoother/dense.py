@@ -1,0 +1,141 @@
+"""From the smoothed nodes back to the recording's rate.
+
+Between two nodes the samples are integrated from the first one with its bias. What is left at the second, a rotation
+d_R, a velocity d_v and a position d_p, is given back smoothly over the interval of length T, with s in [0, 1]:
+
+    R(s) Exp(a d_R),  a = 3 s^2 - 2 s^3;      p(s) + a d_p + b T d_v,  b = s^3 - s^2;      v(s) its derivative.
+
+So the trajectory passes through every smoothed node in position, velocity and attitude. Before the first node and
+after the last there is nothing to meet: the samples are integrated, backward and forward.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.mechanisation import NavState, rotation_series, strapdown
+from fg_nav.recording import Recording
+
+
+def dense_trajectory(
+    recording: Recording,
+    sample: Ints,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    acc_bias: Floats,
+    gravity: float,
+) -> tuple[Floats, Floats, Floats]:
+    """Position (N, 3), velocity (N, 3) and attitude (N, 3, 3) at every sample, from states at nodes `sample` (M,)."""
+    h = np.append(np.diff(recording.t), recording.period_s)
+    nodes = (sample, position, velocity, nav_R_body, gyro_bias, acc_bias)
+    return _dense(h, recording.acc, recording.gyr, *nodes, gravity)
+
+
+@njit(cache=True)
+def _dense(
+    h: Floats,
+    acc: Floats,
+    gyr: Floats,
+    sample: Ints,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    acc_bias: Floats,
+    gravity: float,
+) -> tuple[Floats, Floats, Floats]:
+    n, m = len(h), len(sample)
+    p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+    for j in range(m):
+        state = NavState(
+            position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j]
+        )
+        if j == 0:
+            backward = NavState(
+                position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j]
+            )
+            _integrate(h, acc, gyr, sample[0], -1, backward, gravity, p, v, R)
+        end = sample[j + 1] if j + 1 < m else n - 1
+        _integrate(h, acc, gyr, sample[j], end, state, gravity, p, v, R)
+        if j + 1 < m:
+            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R)
+    return p, v, R
+
+
+@njit(cache=True)
+def _integrate(
+    h: Floats,
+    acc: Floats,
+    gyr: Floats,
+    first: int,
+    last: int,
+    state: NavState,
+    gravity: float,
+    p: Floats,
+    v: Floats,
+    R: Floats,
+) -> None:
+    """Fill in from sample `first` to `last` inclusive; `last` -1 runs back to the start of the recording."""
+    turn, push = np.empty((3, 3)), np.empty(3)
+    i = first
+    p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
+    forward = last >= first
+    while (forward and i < last) or (not forward and i > 0):
+        if forward:
+            strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+            i += 1
+        else:
+            i -= 1
+            strapdown(state, acc[i], gyr[i], -h[i], gravity, turn, push)
+        p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
+
+
+@njit(cache=True)
+def _meet(
+    h: Floats,
+    first: int,
+    last: int,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    p: Floats,
+    v: Floats,
+    R: Floats,
+) -> None:
+    """Bend the path from sample `first` to `last` so that it ends in the given state."""
+    duration = h[first:last].sum()
+    d_p, d_v = position - p[last], velocity - v[last]
+    d_R = _log(R[last].T @ nav_R_body)
+    elapsed = 0.0
+    for i in range(first + 1, last):
+        elapsed += h[i - 1]
+        s = elapsed / duration
+        a, b = s * s * (3 - 2 * s), s * s * (s - 1)
+        p[i] += a * d_p + b * duration * d_v
+        v[i] += (6 * s * (1 - s) / duration) * d_p + s * (3 * s - 2) * d_v
+        R[i] = R[i] @ _exp(a * d_R)
+    p[last], v[last], R[last] = position, velocity, nav_R_body
+
+
+@njit(cache=True)
+def _exp(angle: Floats) -> Floats:
+    x, y, z = angle
+    square = x * x + y * y + z * z
+    a, b, _ = rotation_series(square)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + (1 - b * square) * K + a * (K @ K)
+
+
+@njit(cache=True)
+def _log(R: Floats) -> Floats:
+    """Rotation vector of a rotation well below half a turn."""
+    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = np.sqrt((axis**2).sum())
+    if sine < 1e-12:
+        return axis
+    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    return axis * (np.arctan2(sine, cosine) / sine)

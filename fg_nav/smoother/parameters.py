@@ -1,0 +1,80 @@
+"""What the smoother believes about sensor, foot and walk.
+
+Noise densities do not depend on the sampling rate: a white error of s a sample at rate f has the density s/sqrt(f).
+Process noise is that of a foot, not of a sensor at rest: scale errors, soft mounting, impacts and jitter grow with
+the motion, so each density has a floor (stance) and a part relative to the motion (swing).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fg_nav.calibration import RollingLeverParameters
+from fg_nav.detection import RestParameters
+from fg_nav.frames import GRAVITY_M_S2
+
+
+@dataclass(frozen=True)
+class SmootherParameters:
+    """Defaults for MEMS sensors on a shoe; `docs/models.md` tells how each was chosen."""
+
+    acc_density: float = 0.007
+    """White error of the specific force in stance, m/s^2/sqrt(Hz); data sheets have 0.001, skin and shoe the rest."""
+    acc_relative_density: float = 0.014
+    """The same per m/s^2 by which |specific force| differs from gravity, 1/sqrt(Hz): shocks, scale, jitter."""
+    gyr_density_deg_s: float = 0.02
+    """White error of the angular rate in stance, deg/s/sqrt(Hz); data sheets have 0.005 to 0.015."""
+    gyr_relative_density: float = 0.0014
+    """The same per rad/s of rate, 1/sqrt(Hz): scale, misalignment, jitter."""
+    saturated_acc_m_s2: float = 20.0
+    """What a clipped specific force may hide, per sample, one sigma."""
+    saturated_gyr_deg_s: float = 50.0
+    """What a clipped angular rate may hide, per sample, one sigma."""
+    position_density: float = 1e-3
+    """White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
+
+    velocity_sigma: float = 0.005
+    """Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011)."""
+    roll_sigma_m: float = 0.06
+    """How far the point about which the foot turns wanders, m: half a foot's width, a quarter of its length."""
+    unsteady_s: float = 0.05
+    """Time for which an acceleration in stance may already have lasted, s: half a node spacing."""
+    settling_m: float = 0.0015
+    """By how much the sole gives way under the load of a stance, m, with as large a sigma: a shoe is soft."""
+    settling_time_s: float = 0.3
+    """Shortest time in which it does."""
+    known_lever: tuple[float, float, float] | None = None
+    """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
+    lever: RollingLeverParameters = field(default_factory=RollingLeverParameters)
+
+    node_spacing_s: float = 0.1
+    """Distance of the graph's nodes in a stance."""
+    long_stance_s: float = 0.5
+    """Beyond this length of a stance, nodes stand `rest_spacing_s` apart."""
+    rest_spacing_s: float = 0.5
+    shortest_interval_s: float = 0.015
+    """Nodes are not closer."""
+
+    gyro_bias_sigma_deg_s: float = 0.15
+    """Gyro bias of a factory-calibrated sensor before a rest has shown it, deg/s."""
+    gyro_bias_walk_deg_s: float = 6e-4
+    """Its random walk, deg/s/sqrt(s): 0.04 deg/s in an hour."""
+    acc_bias_sigma: float = 0.02
+    """Accelerometer bias, m/s^2 (2 mg)."""
+    acc_bias_walk: float = 1e-4
+    """Its random walk, m/s^2/sqrt(s)."""
+    tilt_sigma_deg: float = 1.0
+    """Tilt after levelling in the first stance, deg."""
+    gauge_sigma: float = 1e-4
+    """Position (m) and heading (rad) at the start are known by definition."""
+    rest: RestParameters = field(default_factory=RestParameters)
+    gravity: float = GRAVITY_M_S2
+    """m/s^2."""
+
+    largest_iterations: int = 25
+    convergence: float = 1e-3
+    """The solver stops when the error falls by less than this share of itself."""
+
+
+PLAIN = SmootherParameters(roll_sigma_m=0.0, unsteady_s=0.0, settling_m=0.0, known_lever=(0.0, 0.0, 0.0))
+"""Plain zero velocity: every instant of a stance is equally, fully still. For ablation."""

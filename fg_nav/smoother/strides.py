@@ -1,0 +1,164 @@
+"""One function turns a stride into factors; a walk is its strides, added one after the other.
+
+Variables: pose X and velocity V at each node, one bias B a footfall. A stride is a footfall and the swing that led
+to it. It adds
+
+* inertial factors from the last node of the footfall before, through all nodes of this one;
+* at each node a rolling-stance factor: V = R (w x l) + settling, with a sigma that grows with how fast the foot turns
+  and how far its specific force is from gravity there;
+* a random-walk factor from the bias before to this one;
+* for each rest in the footfall, what it shows of the gyro bias.
+
+The first footfall has in place of the swing the gauge: position and heading by definition, tilt from gravity, and a
+prior on the bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+
+from factors import rolling_stance_factor
+from fg_nav.arrays import Floats
+from fg_nav.detection import Rest
+from fg_nav.recording import Recording
+from fg_nav.smoother.nodes import Nodes
+from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.stances import Stances
+
+UNREST_REACH_S = 0.01
+"""On either side of a node, over which rate and specific force are averaged; not beyond the stance."""
+
+Measurements = Iterator[gtsam.PreintegratedImuMeasurementsG]
+
+
+@dataclass(frozen=True)
+class Stride:
+    """What a footfall and the swing before it measured.
+
+    Nodes `first <= j < last`; `measurements` from each node's predecessor to it (None before the very first);
+    `body_velocity`, `settling`, `velocity_sigma` (last - first, 3) m/s of the sensor in stance.
+    """
+
+    footfall: int
+    first: int
+    last: int
+    time_since_last_s: float
+    measurements: list[gtsam.PreintegratedImuMeasurementsG]
+    body_velocity: Floats
+    settling: Floats
+    velocity_sigma: Floats
+    rests: tuple[Rest, ...]
+
+
+def strides_of(
+    recording: Recording,
+    stances: Stances,
+    nodes: Nodes,
+    measurements: Measurements,
+    gyro_bias: Floats,
+    lever: Floats,
+    rests: tuple[Rest, ...],
+    p: SmootherParameters,
+) -> Iterator[Stride]:
+    """Yield the strides of a walk in order; `gyro_bias` (3,) rad/s is the one the lever's velocity is taken with."""
+    reach = max(1, round(UNREST_REACH_S / recording.period_s))
+    rate = _about_nodes(recording.gyr, stances, nodes, reach) - gyro_bias
+    off_gravity = np.linalg.norm(recording.acc, axis=1, keepdims=True) - p.gravity
+    off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
+    body_velocity = np.cross(rate, lever)
+    settling, sigma = _stance_noise(recording.t, stances, nodes, rate, off_gravity, p)
+    t = recording.t[nodes.sample]
+    home = _footfall_of(rests, nodes)
+    for k, (first, last) in enumerate(zip(nodes.first[:-1], nodes.first[1:], strict=True)):
+        yield Stride(
+            footfall=k,
+            first=first,
+            last=last,
+            time_since_last_s=0.0 if k == 0 else t[nodes.result[k]] - t[nodes.result[k - 1]],
+            measurements=[next(measurements) for _ in range(max(first, 1), last)],
+            body_velocity=body_velocity[first:last],
+            settling=settling[first:last],
+            velocity_sigma=sigma[first:last],
+            rests=tuple(rest for rest, footfall in zip(rests, home, strict=True) if footfall == k),
+        )
+
+
+def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
+    """Turn a stride into factors."""
+    k = stride.footfall
+    for j, measurement in enumerate(stride.measurements, start=max(stride.first, 1)):
+        bias = B(k - 1) if j == stride.first else B(k)
+        graph.push_back(gtsam.GalileanImuFactor(X(j - 1), V(j - 1), X(j), V(j), bias, measurement))
+    for i, j in enumerate(range(stride.first, stride.last)):
+        noise = gtsam.noiseModel.Diagonal.Sigmas(stride.velocity_sigma[i])
+        graph.push_back(
+            rolling_stance_factor(X(j), V(j), stride.body_velocity[i], stride.settling[i], noise)
+        )
+    if k > 0:
+        walk = np.repeat([p.acc_bias_walk, np.radians(p.gyro_bias_walk_deg_s)], 3)
+        noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.time_since_last_s))
+        graph.push_back(
+            gtsam.BetweenFactorConstantBias(B(k - 1), B(k), gtsam.imuBias.ConstantBias(), noise)
+        )
+    for rest in stride.rests:
+        graph.addPriorConstantBias(B(k), _bias(rest.rate), _bias_noise(UNKNOWN_ACC_BIAS, rest.sigma))
+
+
+def add_start(
+    graph: gtsam.NonlinearFactorGraph, nav_R_body: Floats, gyro_bias_sigma: float, p: SmootherParameters
+) -> None:
+    """Fix the gauge at the first node (position zero, this attitude), and add the prior on the bias."""
+    pose = gtsam.Pose3(gtsam.Rot3(nav_R_body), np.zeros(3))
+    tilt = np.radians(p.tilt_sigma_deg)
+    nav_rotation = np.diag([tilt, tilt, p.gauge_sigma]) ** 2
+    covariance = np.eye(6) * p.gauge_sigma**2
+    covariance[:3, :3] = nav_R_body.T @ nav_rotation @ nav_R_body
+    graph.addPriorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
+    graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(p.acc_bias_sigma, gyro_bias_sigma))
+
+
+UNKNOWN_ACC_BIAS = 10.0
+"""m/s^2: a rest shows nothing of it here, its levelling is in the inertial factors."""
+
+
+def _bias(gyro: Floats) -> gtsam.imuBias.ConstantBias:
+    return gtsam.imuBias.ConstantBias(np.zeros(3), gyro)
+
+
+def _bias_noise(acc_sigma: float, gyro_sigma: float) -> gtsam.noiseModel.Diagonal:
+    return gtsam.noiseModel.Diagonal.Sigmas(np.repeat([acc_sigma, gyro_sigma], 3))
+
+
+def _stance_noise(
+    t: Floats, stances: Stances, nodes: Nodes, rate: Floats, off_gravity: Floats, p: SmootherParameters
+) -> tuple[Floats, Floats]:
+    """Velocity of the settling sole and sigma of the velocity, (M, 3) m/s, at each node."""
+    duration = t[stances.stop - 1] - t[stances.start]
+    sinking = p.settling_m / np.maximum(duration, p.settling_time_s)[nodes.interval]
+    settling = np.zeros((len(nodes), 3))
+    settling[:, 2] = -sinking
+    still = p.velocity_sigma**2 + (p.unsteady_s * off_gravity) ** 2
+    rolling = p.roll_sigma_m**2 * (rate**2).sum(axis=1)
+    sigma = np.repeat(np.sqrt(still + rolling)[:, None], 3, axis=1)
+    sigma[:, 2] = np.hypot(sigma[:, 2], sinking)
+    return settling, sigma
+
+
+def _about_nodes(samples: Floats, stances: Stances, nodes: Nodes, reach: int) -> Floats:
+    """Mean (M, d) of the samples (N, d) about each node, as far as its stance goes."""
+    first = np.maximum(nodes.sample - reach, stances.start[nodes.interval])
+    last = np.minimum(nodes.sample + reach + 1, stances.stop[nodes.interval])
+    total = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)])
+    return np.asarray((total[last] - total[first]) / (last - first)[:, None])
+
+
+def _footfall_of(rests: tuple[Rest, ...], nodes: Nodes) -> list[int]:
+    """Footfall in which, or next to which, each rest lies."""
+    middles = [(rest.start + rest.stop) // 2 for rest in rests]
+    nearest = np.clip(np.searchsorted(nodes.sample, middles), 0, len(nodes) - 1)
+    return [int(footfall) for footfall in nodes.footfall[nearest]]

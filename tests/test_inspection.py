@@ -1,0 +1,228 @@
+"""An inspection finds what was put into the recording, and says so."""
+
+from __future__ import annotations
+
+import sys
+import types
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import DetectionError
+from fg_nav.inspection import Inspection, inspect
+from fg_nav.io import read_raw
+from fg_nav.recording import Provenance, RawRecording, Recording
+from fg_nav.stances import Stances
+from tests.io.samples import tilting
+from tests.real_data import DATA, needs_data
+
+RAW = tilting(np.random.default_rng(7), duration_s=12.0, still_s=4.0)
+assert RAW.mag is not None
+MAG = RAW.mag
+
+
+def _detector(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
+    def detect_stances(recording: Recording) -> Stances:
+        if share == 0:
+            raise DetectionError("no stance was found: look at the statistic.")
+        return Stances.from_mask(np.arange(len(recording)) % 100 < 100 * share)
+
+    module = types.ModuleType("fg_nav.detection")
+    module.__dict__["detect_stances"] = detect_stances
+    monkeypatch.setitem(sys.modules, "fg_nav.detection", module)
+
+
+@pytest.fixture(autouse=True)
+def _forty_per_cent_stance(monkeypatch: pytest.MonkeyPatch) -> None:
+    _detector(monkeypatch, 0.4)
+
+
+def _says(inspection: Inspection, part: str) -> bool:
+    return any(part in sentence for sentence in inspection.verdict)
+
+
+def test_a_good_recording() -> None:
+    found = inspect(RAW)
+    assert found.is_usable
+    assert found.refusal is None
+    assert found.samples == 2400
+    assert found.duration_s == pytest.approx(11.995)
+    assert found.stamps.rate_hz == pytest.approx(200.0)
+    assert (found.stamps.gaps, found.stamps.repeated, found.stamps.backward, found.stamps.missing) == (
+        0,
+        0,
+        0,
+        0,
+    )
+    assert found.rest.acc_m_s2 == pytest.approx(9.80665, abs=0.01)
+    assert found.field is not None
+    assert found.field.strength_uT == pytest.approx(np.hypot(20, 43), abs=0.1)
+    assert found.field.rate_hz == pytest.approx(200, rel=0.01)
+    assert found.stance.share == pytest.approx(0.4)
+    assert found.verdict == (
+        "It can be navigated with.",
+        "The stamps are even, at 200.0 Hz.",
+        "|acc| at rest is 9.81 m/s^2: gravity.",
+        "Gravity turns as the gyroscope says: units and axes agree.",
+        f"4 s of rest show the bias: {', '.join(f'{b:.2f}' for b in found.rest.gyro_bias_deg_s)} deg/s.",
+        "The field is steady: 47 uT, 0 uT about it.",
+        "24 stances make 40 % of the time.",
+    )
+
+
+def test_rest_and_bias() -> None:
+    bias = np.array([0.3, -0.2, 0.5])
+    found = inspect(replace(RAW, gyr=RAW.gyr + np.deg2rad(bias)))
+    assert found.rest.duration_s == pytest.approx(4.0, abs=0.3)
+    np.testing.assert_allclose(found.rest.gyro_bias_deg_s, bias, atol=0.02)
+    large = inspect(replace(RAW, gyr=RAW.gyr + np.deg2rad(3 * bias)))
+    assert _says(large, "The gyroscope's bias is large: 0.90, -0.60, 1.50 deg/s.")
+
+
+def test_no_rest() -> None:
+    found = inspect(_only(np.arange(len(RAW.t)) > 800))
+    assert found.rest.duration_s == 0
+    assert np.isnan(found.rest.gyro_bias_deg_s).all()
+    assert _says(found, "no second of rest")
+    assert _says(inspect(_only(np.arange(len(RAW.t)) > 450)), "only 1.")
+
+
+def _only(kept: np.ndarray) -> RawRecording:
+    return replace(RAW, t=RAW.t[kept], acc=RAW.acc[kept], gyr=RAW.gyr[kept], mag=MAG[kept], row=RAW.row[kept])
+
+
+def test_gaps() -> None:
+    index = np.arange(len(RAW.t))
+    found = inspect(_only((index % 500 != 250) & ~((index > 1000) & (index < 1011))))
+    assert found.is_usable
+    assert found.stamps.gaps == 6
+    assert found.stamps.longest_gap_s == pytest.approx(0.055)
+    assert found.stamps.longest_gap_row == 1013
+    assert _says(found, "There are 6 gaps, the longest of 55 ms before row 1013.")
+    long = inspect(_only((index < 1000) | (index > 1200)))
+    assert not long.is_usable
+    assert long.verdict[0].startswith("It cannot be navigated with: there is a gap of 1.01 s before row 1203")
+
+
+def test_repeated_backward_and_missing() -> None:
+    t = RAW.t.copy()
+    t[100:110] = t[99]
+    t[500] = t[400]
+    acc = RAW.acc.copy()
+    acc[700:760] = np.nan
+    found = inspect(replace(RAW, t=t, acc=acc))
+    assert (found.stamps.repeated, found.stamps.backward, found.stamps.missing) == (10, 1, 60)
+    assert found.stamps.rate_hz == pytest.approx(200, rel=1e-3)
+    assert not found.is_usable
+    for part in ("60 samples are missing", "10 stamps repeat", "1 stamps run backward"):
+        assert _says(found, part)
+    assert np.isnan(found.stance.share)
+
+
+def test_jitter() -> None:
+    rng = np.random.default_rng(1)
+    found = inspect(replace(RAW, t=RAW.t + 5e-4 * rng.uniform(size=len(RAW.t))))
+    assert found.stamps.jitter_s == pytest.approx(5e-4 / np.sqrt(12), rel=0.05)
+    assert _says(found, "The stamps jitter by 0.14 ms")
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"acc": RAW.acc / 9.80665}, "acc seems to be in g"),
+        ({"gyr": np.rad2deg(RAW.gyr)}, "gyr seems to be in deg/s"),
+        ({"mag": MAG / 100}, "mag seems to be in gauss"),
+        ({"t": RAW.t * 1000}, "stamps seem to be in ms"),
+        ({"acc": RAW.acc - [0, 0, 9.80665]}, "acc "),
+        ({"gyr": -RAW.gyr}, "left-handed"),
+    ],
+)
+def test_wrong_units_are_named(changes: dict[str, np.ndarray], part: str) -> None:
+    found = inspect(replace(RAW, **changes))
+    assert not found.is_usable
+    assert part in found.verdict[0]
+    assert len(found.unit_problems) == 1
+
+
+def test_several_wrong_units_are_all_named() -> None:
+    found = inspect(replace(RAW, acc=RAW.acc / 9.80665, gyr=np.rad2deg(RAW.gyr), mag=MAG / 100))
+    assert len(found.unit_problems) == 3
+    assert "acc seems to be in g" in found.verdict[0]
+    assert found.verdict[1].startswith("Gyr seems to be in deg/s")
+    assert found.verdict[2].startswith("Mag seems to be in gauss")
+
+
+def test_saturation() -> None:
+    rng = np.random.default_rng(2)
+    swing = np.sin(2 * np.pi * 1.1 * RAW.t + 0.3 * np.sin(0.7 * RAW.t))
+    gyr = RAW.gyr.copy()
+    gyr[:, 1] = np.clip(14 * swing, -np.inf, 8.7) + 1e-3 * rng.normal(size=len(swing))
+    found = inspect(replace(RAW, gyr=gyr))
+    assert found.gyr_range.share[1] == pytest.approx(np.mean(14 * swing >= 8.7), abs=0.01)
+    assert found.gyr_range.level[1] == pytest.approx(8.7, abs=0.05)
+    assert np.isnan(found.gyr_range.level[[0, 2]]).all()
+    assert _says(found, "gyr saturates on y")
+
+
+def test_field() -> None:
+    disturbed = inspect(replace(RAW, mag=MAG * np.linspace(0.5, 1.5, len(MAG))[:, None]))
+    assert _says(disturbed, "The field is disturbed: 47 uT with a standard deviation of 14 uT.")
+    sparse = inspect(replace(RAW, mag=np.where(np.arange(len(MAG))[:, None] % 4 == 0, MAG, np.nan)))
+    assert sparse.field is not None
+    assert sparse.field.rate_hz == pytest.approx(50, rel=0.01)
+    assert inspect(replace(RAW, mag=None)).field is None
+    assert _says(inspect(replace(RAW, mag=MAG * np.nan)), "The magnetometer has no sample.")
+
+
+@pytest.mark.parametrize(
+    ("share", "part"),
+    [
+        (0.0, "No stance was found: no stance"),
+        (0.05, "is this sensor on a foot?"),
+        (0.95, "little walk in it"),
+    ],
+)
+def test_stance_share(share: float, part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    _detector(monkeypatch, share)
+    assert _says(inspect(RAW), part)
+
+
+def test_offset_of_the_accelerometer() -> None:
+    assert _says(
+        inspect(replace(RAW, acc=RAW.acc * 1.05)), "|acc| at rest is 10.30 m/s^2, gravity 9.81: the acc"
+    )
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 5, 30])
+def test_hardly_any_sample(n: int) -> None:
+    raw = replace(_only(np.arange(len(RAW.t)) < n), provenance=Provenance(None, "array"))
+    found = inspect(raw)
+    assert found.name == "recording"
+    assert found.samples == n
+    assert found.is_usable == (n >= 20)
+
+
+def test_nothing_but_nan() -> None:
+    nothing = np.full((100, 3), np.nan)
+    found = inspect(RawRecording(nothing[:, 0], nothing, nothing, np.arange(100), nothing))
+    assert not found.is_usable
+    assert found.stamps.missing == 100
+
+
+@needs_data
+def test_real_recordings() -> None:
+    assert DATA is not None
+    xio = inspect(read_raw(DATA / "xio/short_walk.csv"))
+    assert (xio.stamps.repeated, xio.stamps.gaps) == (205, 165)
+    assert xio.stamps.rate_hz == pytest.approx(398.3, abs=0.1)
+    gdin = inspect(read_raw(DATA / "gdin/own/SensorConnectData_40.csv"))
+    assert gdin.stamps.rate_hz == pytest.approx(200, rel=1e-3)
+    assert gdin.stamps.jitter_s == pytest.approx(2e-3, rel=0.1)
+    assert gdin.truth == "89 footprints"
+    broad = inspect(read_raw(DATA / "broad/01_undisturbed_slow_rotation_A.mat"))
+    assert broad.field is not None
+    assert broad.field.rate_hz == pytest.approx(202.4, abs=0.5)
+    assert broad.rest.duration_s > 60
+    assert broad.rest.acc_m_s2 == pytest.approx(9.81, abs=0.1)
+    assert broad.is_usable

@@ -1,0 +1,209 @@
+"""The door from a file's samples to a recording: each kind of bad input has its sentence."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fg_nav.errors import RecordingError
+from fg_nav.recording import MAX_GAP_S, Provenance, RawRecording, Recording
+from tests.io.samples import tilting
+
+RAW = replace(tilting(np.random.default_rng(6)), provenance=Provenance(Path("some/walk.csv"), "canonical"))
+assert RAW.mag is not None
+MAG = RAW.mag
+
+
+def _changed(**arrays: np.ndarray) -> RawRecording:
+    return replace(RAW, **arrays)
+
+
+def _with(name: str, index: object, value: float) -> RawRecording:
+    array = getattr(RAW, name).copy()
+    array[index] = value
+    return replace(RAW, **{name: array})
+
+
+def _only(raw: RawRecording, kept: np.ndarray) -> RawRecording:
+    assert raw.mag is not None
+    return replace(
+        raw, t=raw.t[kept], acc=raw.acc[kept], gyr=raw.gyr[kept], mag=raw.mag[kept], row=raw.row[kept]
+    )
+
+
+def test_good_recording_comes_through_unchanged() -> None:
+    recording = Recording.from_raw(RAW)
+    for name in ("t", "acc", "gyr", "mag"):
+        np.testing.assert_array_equal(getattr(recording, name), getattr(RAW, name))
+    assert recording.provenance == RAW.provenance
+    assert recording.provenance.notes == ()
+
+
+def test_one_missing_sample_is_left_out() -> None:
+    recording = Recording.from_raw(_with("gyr", (100, 1), np.nan))
+    np.testing.assert_array_equal(recording.t, np.delete(RAW.t, 100))
+    assert recording.provenance.notes == ("1 missing samples were left out, the first in row 102",)
+
+
+@pytest.mark.parametrize("name", ["t", "acc", "gyr"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
+def test_a_long_run_of_missing_samples_is_refused(name: str, value: float) -> None:
+    message = r"walk\.csv: 6 samples in a row are missing .*, from row 102"
+    with pytest.raises(RecordingError, match=message) as caught:
+        Recording.from_raw(_with(name, np.s_[100:106], value))
+    assert ("t = 0.500 s" in str(caught.value)) == (name != "t")
+    assert "cut the file there" in str(caught.value)
+    recording = Recording.from_raw(_with(name, np.s_[100:104], value))  # 20 ms
+    assert len(recording) == len(RAW.t) - 4
+
+
+def test_many_scattered_missing_samples_are_refused() -> None:
+    with pytest.raises(RecordingError, match=r"107 of 1600 samples are missing .*first in row 2"):
+        Recording.from_raw(_with("acc", np.s_[::15], np.nan))
+
+
+def test_repeated_stamps_cost_the_later_rows() -> None:
+    twice = np.sort(np.concatenate([np.arange(len(RAW.t)), [10, 500, 500]]))
+    raw = _only(RAW, twice)
+    raw.acc[11] = 77.0  # the repeat says something else
+    recording = Recording.from_raw(raw)
+    np.testing.assert_array_equal(recording.acc, RAW.acc)
+    assert recording.provenance.notes == ("3 rows with a repeated stamp were left out, the first is row 12",)
+
+
+def test_coarse_stamps_are_refused() -> None:
+    with pytest.raises(RecordingError, match=r"800 of 1600 stamps repeat.*with more digits"):
+        Recording.from_raw(_changed(t=np.floor(RAW.t * 100) / 100))
+
+
+def test_backward_stamps_are_refused() -> None:
+    t = RAW.t.copy()
+    t[300:] -= 0.1
+    with pytest.raises(
+        RecordingError, match=r"run backward at row 302 \(t = 1.400 s\), from 1.495 s: sort or cut"
+    ):
+        Recording.from_raw(_changed(t=t))
+
+
+def test_short_gaps_are_noted_and_long_ones_refused() -> None:
+    index = np.arange(len(RAW.t))
+    short = Recording.from_raw(_only(RAW, (index < 400) | (index > 420)))
+    assert short.provenance.notes == ("1 short gaps, the longest of 110 ms before row 423",)
+    with pytest.raises(
+        RecordingError, match=r"gap of 0\.51 s before row 504 \(t = 2\.510 s\): cut the file there"
+    ):
+        Recording.from_raw(_only(RAW, (index < 401) | (index > 501)))
+    at_limit = (index < 401) | (index > 400 + round(MAX_GAP_S * 200) - 2)
+    assert len(Recording.from_raw(_only(RAW, at_limit))) == np.count_nonzero(at_limit)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda: {"acc": RAW.acc / 9.80665}, r"acc seems to be in g .*multiply it by 9\.80665"),
+        (lambda: {"acc": RAW.acc / 9.80665 * 1000}, "acc seems to be in mg"),
+        (lambda: {"acc": RAW.acc / 0.3048}, r"acc seems to be in ft/s\^2"),
+        (lambda: {"acc": RAW.acc * 16384}, r"acc measures .* at rest where gravity is 9\.81"),
+        (lambda: {"gyr": np.rad2deg(RAW.gyr)}, r"gyr seems to be in deg/s .*multiply it by 0\.0174533"),
+        (lambda: {"gyr": np.deg2rad(RAW.gyr)}, "gyr is far too small for this motion"),
+        (lambda: {"t": RAW.t * 1e3}, r"stamps seem to be in ms \(step 5\).*divide by 1000"),
+        (lambda: {"t": 1.6e15 + RAW.t * 1e6}, "stamps seem to be in us"),
+        (lambda: {"t": 1.6e18 + RAW.t * 1e9}, "stamps seem to be in ns"),
+        (lambda: {"t": RAW.t / 60}, "no inertial sensor's rate"),
+        (lambda: {"t": RAW.t * 0}, "stamps do not advance"),
+        (lambda: {"mag": MAG / 100}, "mag seems to be in gauss .*multiply it by 100"),
+        (lambda: {"mag": MAG * 10}, "mag seems to be in mG"),
+        (lambda: {"mag": MAG * 1e3}, "mag seems to be in nT"),
+        (lambda: {"mag": MAG / 1e6}, "mag seems to be in T "),
+        (
+            lambda: {"mag": MAG / np.linalg.norm(MAG, axis=1)[:, None]},
+            "median strength of 1 uT, no field on Earth",
+        ),
+        (
+            lambda: {"acc": RAW.acc * [1, -1, 1], "gyr": RAW.gyr * [1, -1, 1]},
+            "axes are left-handed or a sign",
+        ),
+        (lambda: {"gyr": -RAW.gyr}, "axes are left-handed or a sign"),
+    ],
+)
+def test_wrong_units_are_named(change: Callable[[], dict[str, np.ndarray]], message: str) -> None:
+    with pytest.raises(RecordingError, match=message) as caught:
+        Recording.from_raw(_changed(**change()))
+    assert str(caught.value).startswith("walk.csv: ")
+    assert str(caught.value).endswith(".")
+
+
+def test_gravity_removed_is_named() -> None:
+    rng = np.random.default_rng(0)
+    swing = 6.0 * np.sin(8 * RAW.t)[:, None] * (RAW.t > 2)[:, None] * rng.normal(size=3)
+    with pytest.raises(
+        RecordingError, match=r"gravity removed \(0\.1. m/s\^2 at rest.*export the acceleration with"
+    ):
+        Recording.from_raw(_changed(acc=swing + np.array([0.1, 0.1, 0.05])))
+
+
+def test_either_sign_of_gravity_is_right() -> None:
+    """A sensor may point down: only specific force and turn must agree."""
+    flip = np.array([1.0, -1.0, -1.0])
+    assert len(Recording.from_raw(_changed(acc=RAW.acc * flip, gyr=RAW.gyr * flip, mag=MAG * flip))) == len(
+        RAW.t
+    )
+
+
+def test_too_few_samples() -> None:
+    with pytest.raises(RecordingError, match="19 usable samples are too few for a walk: record at least 20"):
+        Recording.from_raw(_only(RAW, np.arange(19)))
+    assert len(Recording.from_raw(_only(RAW, np.arange(20)))) == 20
+
+
+def test_magnetometer_rows_are_whole_or_none() -> None:
+    recording = Recording.from_raw(_with("mag", ([3, 4, 5], [0, 1, 2]), np.nan))
+    assert recording.mag is not None
+    assert np.isnan(recording.mag[3:6]).all()
+    assert np.isnan(recording.mag).sum() == 9
+    assert Recording.from_raw(_with("mag", np.s_[:], np.nan)).mag is None
+    spike = Recording.from_raw(_with("mag", (7, 0), 1e30)).mag
+    assert spike is not None
+    assert np.isnan(spike[7]).all()
+    assert not np.isnan(RAW.mag).any()  # the raw samples are left as they were
+
+
+def test_shapes_are_checked() -> None:
+    with pytest.raises(RecordingError, match=r"acc has shape \(1599, 3\), not \(1600, 3\)"):
+        Recording.from_raw(_changed(acc=RAW.acc[1:]))
+    with pytest.raises(RecordingError, match=r"t has shape \(1600, 1\)"):
+        Recording(RAW.t[:, None], RAW.acc, RAW.gyr)
+    with pytest.raises(RecordingError, match="mag has shape"):
+        Recording(RAW.t, RAW.acc, RAW.gyr, MAG[:, :2])
+
+
+def test_recording_is_valid_by_construction() -> None:
+    with pytest.raises(RecordingError, match="sample 5 is not finite"):
+        Recording(RAW.t, _with("acc", (5, 2), np.inf).acc, RAW.gyr)
+    with pytest.raises(RecordingError, match="stamp of sample 8 is not after"):
+        Recording(_with("t", 8, RAW.t[7]).t, RAW.acc, RAW.gyr)
+    with pytest.raises(RecordingError, match="3 usable samples are too few"):
+        Recording(RAW.t[:3], RAW.acc[:3], RAW.gyr[:3])
+    single = Recording(RAW.t, RAW.acc.astype(np.float32), np.asfortranarray(RAW.gyr))  # type: ignore[arg-type]
+    assert single.acc.dtype == np.float64
+    assert single.gyr.flags.c_contiguous
+
+
+def test_slice() -> None:
+    part = Recording.from_raw(RAW).slice(100, 300)
+    assert len(part) == 200
+    np.testing.assert_array_equal(part.t, RAW.t[100:300])
+    np.testing.assert_array_equal(part.mag, MAG[100:300])
+    assert part.duration_s == pytest.approx(199 / 200)
+    with pytest.raises(RecordingError, match="too few"):
+        part.slice(0, 5)
+
+
+@given(st.integers(0, 1500), st.floats(-0.05, 0.05), st.floats(8.0, 11.5))
+def test_small_calibration_errors_pass(at: int, bias: float, gravity: float) -> None:
+    raw = _changed(acc=RAW.acc * gravity / 9.80665, gyr=RAW.gyr + bias)
+    assert len(Recording.from_raw(_only(raw, np.arange(at, at + 100)))) == 100
