@@ -32,6 +32,7 @@ import numpy as np
 from fg_nav import plausibility
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
+from fg_nav.wording import counted
 
 MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
@@ -220,7 +221,9 @@ def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> No
 
 def _check_count(count: int) -> None:
     if count < MIN_SAMPLES:
-        raise RecordingError(f"{count} usable samples are too few for a walk: record at least {MIN_SAMPLES}.")
+        raise RecordingError(
+            f"{counted(count, 'usable sample')} cannot make a walk: record at least {MIN_SAMPLES}."
+        )
 
 
 def _at(raw: RawRecording, index: int) -> str:
@@ -249,7 +252,7 @@ def _judge_missing(raw: RawRecording, usable: Bools) -> list[str]:
             f"{missing} of {len(usable)} samples are missing (empty, NaN or out of any range), the first in "
             f"{_at(raw, start[0])}: export the recording again."
         )
-    return [f"{missing} missing samples were left out, the first in row {raw.row[start[0]]}"]
+    return [f"left out {counted(missing, 'missing sample')}, the first in row {raw.row[start[0]]}"]
 
 
 def _without_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
@@ -271,7 +274,7 @@ def _without_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
             f"{count} of {len(kept)} stamps repeat the one before, the first in row {first}: "
             f"write the stamps with more digits."
         )
-    return kept[~repeated], [f"{count} rows with a repeated stamp were left out, the first is row {first}"]
+    return kept[~repeated], [f"left out {counted(count, 'repeated stamp')}, the first in row {first}"]
 
 
 def _judge_gaps(raw: RawRecording, kept: Ints) -> list[str]:
@@ -288,7 +291,7 @@ def _judge_gaps(raw: RawRecording, kept: Ints) -> list[str]:
     if not gaps:
         return []
     longest = f"{1e3 * step[worst]:.0f} ms before row {raw.row[kept[worst + 1]]}"
-    return [f"{gaps} short gaps, the longest of {longest}"]
+    return [f"{counted(gaps, 'gap')} of more than two samples, the longest of {longest}"]
 
 
 def _magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:

@@ -120,7 +120,7 @@ def _is_transport(delay: Floats, period: float) -> bool:
 
 
 def _spread(values: Floats) -> float:
-    """Estimate the standard deviation by the middle nine tenths: rare bursts do not count, regular ones do."""
+    """Estimate the standard deviation by the middle nine tenths: rare bursts do not count."""
     low, high = np.quantile(values, [0.05, 0.95])
     return float(high - low) / 3.29
 

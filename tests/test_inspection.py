@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import types
 from dataclasses import replace
 
 import numpy as np
@@ -28,9 +26,7 @@ def _detector(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
             raise DetectionError("no stance was found: look at the statistic.")
         return Stances.from_mask(np.arange(len(recording)) % 100 < 100 * share)
 
-    module = types.ModuleType("fg_nav.detection")
-    module.__dict__["detect_stances"] = detect_stances
-    monkeypatch.setitem(sys.modules, "fg_nav.detection", module)
+    monkeypatch.setattr("fg_nav.inspection.measure.detect_stances", detect_stances)
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +80,7 @@ def test_no_rest() -> None:
     found = inspect(_only(np.arange(len(RAW.t)) > 800))
     assert found.rest.duration_s == 0
     assert np.isnan(found.rest.gyro_bias_deg_s).all()
-    assert _says(found, "no second of rest")
+    assert _says(found, "There is no rest")
     assert _says(inspect(_only(np.arange(len(RAW.t)) > 450)), "only 1.")
 
 
@@ -99,7 +95,7 @@ def test_gaps() -> None:
     assert found.stamps.gaps == 6
     assert found.stamps.longest_gap_s == pytest.approx(0.055)
     assert found.stamps.longest_gap_row == 1013
-    assert _says(found, "There are 6 gaps, the longest of 55 ms before row 1013.")
+    assert _says(found, "Samples were dropped in 6 places; the longest gap is 55 ms before row 1013.")
     long = inspect(_only((index < 1000) | (index > 1200)))
     assert not long.is_usable
     assert long.verdict[0].startswith("It cannot be navigated with: there is a gap of 1.01 s before row 1203")
@@ -115,7 +111,7 @@ def test_repeated_backward_and_missing() -> None:
     assert (found.stamps.repeated, found.stamps.backward, found.stamps.missing) == (10, 1, 60)
     assert found.stamps.rate_hz == pytest.approx(200, rel=1e-3)
     assert not found.is_usable
-    for part in ("60 samples are missing", "10 stamps repeat", "1 stamps run backward"):
+    for part in ("range: 60 samples.", "Repeated: 10 stamps.", "backward: 1 stamp."):
         assert _says(found, part)
     assert np.isnan(found.stance.share)
 

@@ -46,7 +46,7 @@ def test_good_recording_comes_through_unchanged() -> None:
 def test_one_missing_sample_is_left_out() -> None:
     recording = Recording.from_raw(_with("gyr", (100, 1), np.nan))
     np.testing.assert_array_equal(recording.t, np.delete(RAW.t, 100))
-    assert recording.provenance.notes == ("1 missing samples were left out, the first in row 102",)
+    assert recording.provenance.notes == ("left out 1 missing sample, the first in row 102",)
 
 
 @pytest.mark.parametrize("name", ["t", "acc", "gyr"])
@@ -72,7 +72,7 @@ def test_repeated_stamps_cost_the_later_rows() -> None:
     raw.acc[11] = 77.0  # the repeat says something else
     recording = Recording.from_raw(raw)
     np.testing.assert_array_equal(recording.acc, RAW.acc)
-    assert recording.provenance.notes == ("3 rows with a repeated stamp were left out, the first is row 12",)
+    assert recording.provenance.notes == ("left out 3 repeated stamps, the first in row 12",)
 
 
 def test_coarse_stamps_are_refused() -> None:
@@ -92,7 +92,7 @@ def test_backward_stamps_are_refused() -> None:
 def test_short_gaps_are_noted_and_long_ones_refused() -> None:
     index = np.arange(len(RAW.t))
     short = Recording.from_raw(_only(RAW, (index < 400) | (index > 420)))
-    assert short.provenance.notes == ("1 short gaps, the longest of 110 ms before row 423",)
+    assert short.provenance.notes == ("1 gap of more than two samples, the longest of 110 ms before row 423",)
     with pytest.raises(
         RecordingError, match=r"gap of 0\.51 s before row 504 \(t = 2\.510 s\): cut the file there"
     ):
@@ -155,7 +155,7 @@ def test_either_sign_of_gravity_is_right() -> None:
 
 
 def test_too_few_samples() -> None:
-    with pytest.raises(RecordingError, match="19 usable samples are too few for a walk: record at least 20"):
+    with pytest.raises(RecordingError, match="19 usable samples cannot make a walk: record at least 20"):
         Recording.from_raw(_only(RAW, np.arange(19)))
     assert len(Recording.from_raw(_only(RAW, np.arange(20)))) == 20
 
@@ -186,7 +186,7 @@ def test_recording_is_valid_by_construction() -> None:
         Recording(RAW.t, _with("acc", (5, 2), np.inf).acc, RAW.gyr)
     with pytest.raises(RecordingError, match="stamp of sample 8 is not after"):
         Recording(_with("t", 8, RAW.t[7]).t, RAW.acc, RAW.gyr)
-    with pytest.raises(RecordingError, match="3 usable samples are too few"):
+    with pytest.raises(RecordingError, match="3 usable samples cannot make a walk"):
         Recording(RAW.t[:3], RAW.acc[:3], RAW.gyr[:3])
     single = Recording(RAW.t, RAW.acc.astype(np.float32), np.asfortranarray(RAW.gyr))  # type: ignore[arg-type]
     assert single.acc.dtype == np.float64
@@ -199,7 +199,7 @@ def test_slice() -> None:
     np.testing.assert_array_equal(part.t, RAW.t[100:300])
     np.testing.assert_array_equal(part.mag, MAG[100:300])
     assert part.duration_s == pytest.approx(199 / 200)
-    with pytest.raises(RecordingError, match="too few"):
+    with pytest.raises(RecordingError, match="cannot make a walk"):
         part.slice(0, 5)
 
 

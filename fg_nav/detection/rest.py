@@ -1,8 +1,12 @@
-"""Rests: stretches in which the foot stands so still that the mean angular rate is the gyroscope's bias.
+"""Rests: stretches in which the foot stands so still that its mean angular rate is the gyroscope's bias.
 
-A foot "in stance" still turns at a few deg/s; to believe a rest is to fix a bias, so it must be one: over windows
-of `window_s` the smoothed rate and the smoothed specific force keep to a narrow band, sensor noise averaged out.
-A standing person sways: over a rest of length T the mean rate is off by a small angle over T.
+A foot "in stance" still turns at a few deg/s; to believe a rest is to fix a bias, so it must be one. The recording is
+cut into blocks of a quarter of a second, shorter than body sway. A rest is a run of blocks that are quiet within
+and agree with each other, in rate and in specific force.
+
+The bias is the slope of the integrated rate over the rest, not the mean rate: a standing foot sways by small angles,
+and sway is white in the angle. The slope over a time T is uncertain by s sqrt(12) / T for a sway of s rms: 0.07 deg/s
+after one second, 0.007 deg/s after ten.
 """
 
 from __future__ import annotations
@@ -10,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.recording import Recording
@@ -19,67 +22,73 @@ from fg_nav.stances import runs
 
 @dataclass(frozen=True)
 class RestParameters:
-    """What counts as a rest, and how well it shows the bias."""
+    """When a stance is a rest, and how still a rest is."""
 
-    window_s: float = 0.8
-    """Shortest rest: half the time of a slow stride."""
-    smoothing_s: float = 0.2
-    """Averages sensor noise, keeps the motion of a foot."""
-    rate_band_deg_s: float = 0.8
-    """Width of the band in which the smoothed rate stays, per axis."""
-    force_band_m_s2: float = 0.25
-    """The same of the specific force; a tilt by 1.5 deg fills it."""
+    block_s: float = 0.25
+    """Shorter than body sway (about 0.5 Hz), long enough to average sensor noise."""
+    shortest_s: float = 0.5
+    """Shortest rest: no stance of a stride is as still for as long."""
+    gyr_std_deg_s: float = 0.5
+    """Largest standard deviation of the rate within a block, per axis."""
+    acc_std_m_s2: float = 0.2
+    """Largest standard deviation of the specific force within a block, per axis."""
+    gyr_step_deg_s: float = 0.5
+    """Largest change of the mean rate from block to block, per axis."""
+    acc_step_m_s2: float = 0.15
+    """Largest change of the mean specific force from block to block, per axis: 1 deg of tilt."""
     largest_bias_deg_s: float = 10.0
     """A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s."""
-    sway_deg: float = 0.14
-    """Angle by which the foot may have turned from the start of a rest to its end, one sigma."""
+    sway_deg: float = 0.02
+    """Angle by which a resting foot sways, rms."""
 
 
 @dataclass(frozen=True)
 class Rest:
-    """Samples `start <= i < stop` of a rest: `rate` (3,) rad/s is the gyro bias to within `sigma` rad/s per axis."""
+    """Samples `start <= i < stop` of a rest.
+
+    `rate` (3,) rad/s is the gyro bias to within `sigma` rad/s per axis, `force` (3,) m/s^2 the mean specific force.
+    """
 
     start: int
     stop: int
     rate: Floats
-    force: Floats
     sigma: float
+    force: Floats
 
 
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:
     """Find the rests of a recording, in order; none where there are none."""
-    period = recording.period_s
-    half = round(parameters.window_s / (2 * period))
-    centre = _steady(recording, parameters)
-    rests: list[Rest] = []
-    for a, b in zip(*runs(centre), strict=True):
-        start = max(a - half, rests[-1].stop if rests else 0)
-        stop = min(b + half, len(recording))
-        if (stop - start) * period >= 0.9 * parameters.window_s:
-            rests += _measured(recording, start, stop, parameters)
-    return tuple(rests)
+    p = parameters
+    block = max(2, round(p.block_s / recording.period_s))
+    quiet, rate, force = _blocks(recording, block, p)
+    agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(p.gyr_step_deg_s)) & (
+        np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < p.acc_step_m_s2
+    )
+    first, last = runs(quiet[1:] & quiet[:-1] & agree)
+    rests = [_measured(recording, a * block, (b + 1) * block, p) for a, b in zip(first, last, strict=True)]
+    return tuple(rest for rest in rests if _believable(recording, rest, p))
 
 
-def _steady(recording: Recording, p: RestParameters) -> Bools:
-    """(N,) True at the centre of every window that keeps to its bands."""
-    smoothing = max(1, round(p.smoothing_s / recording.period_s))
-    window = max(2, round((p.window_s - p.smoothing_s) / recording.period_s))
-    rate_width = _width(recording.gyr, smoothing, window)
-    force_width = _width(recording.acc, smoothing, window)
-    return np.asarray((rate_width < np.radians(p.rate_band_deg_s)) & (force_width < p.force_band_m_s2))
+def _blocks(recording: Recording, block: int, p: RestParameters) -> tuple[Bools, Floats, Floats]:
+    """Of each block (n,): whether it is quiet within, its mean rate (n, 3) and its mean specific force (n, 3)."""
+    n = len(recording) // block
+    gyr, acc = (samples[: n * block].reshape(n, block, 3) for samples in (recording.gyr, recording.acc))
+    quiet = (gyr.std(axis=1).max(axis=1, initial=0.0) < np.radians(p.gyr_std_deg_s)) & (
+        acc.std(axis=1).max(axis=1, initial=0.0) < p.acc_std_m_s2
+    )
+    return quiet, gyr.mean(axis=1), acc.mean(axis=1)
 
 
-def _width(samples: Floats, smoothing: int, window: int) -> Floats:
-    """Width (N,) of the band of the smoothed samples (N, 3) in a window, on the widest axis."""
-    smooth = uniform_filter1d(samples, smoothing, axis=0, mode="nearest")
-    high = maximum_filter1d(smooth, window, axis=0, mode="nearest")
-    low = minimum_filter1d(smooth, window, axis=0, mode="nearest")
-    return np.asarray((high - low).max(axis=1))
+def _measured(recording: Recording, start: int, stop: int, p: RestParameters) -> Rest:
+    t = recording.t[start:stop] - recording.t[start]
+    gyr = recording.gyr[start:stop]
+    steps = 0.5 * (gyr[1:] + gyr[:-1]) * np.diff(t)[:, None]
+    angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    slope = np.polynomial.polynomial.polyfit(t, angle, 1)[1]
+    sigma = float(np.radians(p.sway_deg) * np.sqrt(12.0) / t[-1])
+    return Rest(start, stop, slope, sigma, recording.acc[start:stop].mean(axis=0))
 
 
-def _measured(recording: Recording, start: int, stop: int, p: RestParameters) -> list[Rest]:
-    rate = recording.gyr[start:stop].mean(axis=0)
-    if np.abs(rate).max() > np.radians(p.largest_bias_deg_s):
-        return []
-    sigma = np.radians(p.sway_deg) / (recording.t[stop - 1] - recording.t[start])
-    return [Rest(start, stop, rate, recording.acc[start:stop].mean(axis=0), float(sigma))]
+def _believable(recording: Recording, rest: Rest, p: RestParameters) -> bool:
+    long_enough = (rest.stop - rest.start) * recording.period_s >= p.shortest_s * (1 - 1e-3)
+    return long_enough and bool(np.abs(rest.rate).max() <= np.radians(p.largest_bias_deg_s))

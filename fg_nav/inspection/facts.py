@@ -39,8 +39,8 @@ class Range:
 class Rest:
     """The sensor at rest.
 
-    `duration_s` of rest in all, the magnitude of the mean acc, and the mean gyr (3,) in deg/s: its bias.
-    Without rest `acc_m_s2` is that of the stillest moments, and the bias NaN.
+    `duration_s` of rests (`fg_nav.detection.rest`) in all, the size of the mean acc, and the mean gyr (3,) in
+    deg/s: its bias. Without rest `acc_m_s2` is that of the stillest moments, and the bias NaN.
     """
 
     duration_s: float

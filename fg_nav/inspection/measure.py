@@ -1,27 +1,18 @@
-"""Measure a recording, however broken.
-
-A rest, as meant here, is a second in which neither gyroscope nor accelerometer shows more than its noise: a
-foot between two steps rolls too much for it. The mean gyroscope output in it is the bias, but for the turn
-of the Earth (0.004 deg/s).
-"""
+"""Measure a recording, however broken."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fg_nav import plausibility
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection import detect_stances, find_rests
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.inspection.facts import Facts, Inspection, MagneticField, Range, Rest, Stamps, StanceShare
 from fg_nav.inspection.words import verdict
-from fg_nav.recording import FootprintTruth, RawRecording, Recording, Truth, usable_samples
+from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, usable_samples
 from fg_nav.saturation import saturated
 from fg_nav.timing import fit_clock
-
-_REST_S = 1.0
-_REST_GYR_RAD_S = float(np.deg2rad(0.6))
-_REST_ACC_M_S2 = 0.15
-"""Standard deviations at rest: above the noise of consumer sensors, below the movement of a walking foot."""
 
 
 def inspect(raw: RawRecording) -> Inspection:
@@ -35,8 +26,8 @@ def _facts(raw: RawRecording) -> Facts:
     usable = usable_samples(raw)
     t, acc, gyr = raw.t[usable], raw.acc[usable], raw.gyr[usable]
     duration = float(np.ptp(t)) if len(t) else 0.0
-    stamps = _stamps(raw, usable)
-    period = 1.0 / stamps.rate_hz
+    rising = _rising(raw, usable)
+    stamps = _stamps(raw, usable, rising)
     return Facts(
         name=raw.provenance.path.name if raw.provenance.path else "recording",
         format=raw.provenance.format,
@@ -45,8 +36,8 @@ def _facts(raw: RawRecording) -> Facts:
         stamps=stamps,
         acc_range=_range(acc),
         gyr_range=_range(gyr),
-        rest=_rest(acc, gyr, period),
-        gravity=plausibility.gravity_transport(acc, gyr, period),
+        rest=_rest(raw, rising),
+        gravity=plausibility.gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
         field=None if raw.mag is None else _field(raw.mag, duration),
         stance=_stance_share(recording),
         truth=_described(raw.truth),
@@ -63,11 +54,15 @@ def _judged(raw: RawRecording) -> tuple[Recording | None, str | None]:
         return None, str(error)
 
 
-def _stamps(raw: RawRecording, usable: Bools) -> Stamps:
+def _rising(raw: RawRecording, usable: Bools) -> Ints:
+    """Find the usable samples that are later than all before them."""
     kept = np.flatnonzero(usable)
-    step = np.diff(raw.t[kept])
     latest = np.maximum.accumulate(raw.t[kept])
-    rising = kept[np.diff(latest, prepend=-np.inf) > 0]
+    return kept[np.diff(latest, prepend=-np.inf) > 0]
+
+
+def _stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
+    step = np.diff(raw.t[usable])
     counts = {
         "repeated": int(np.count_nonzero(step == 0)),
         "backward": int(np.count_nonzero(step < 0)),
@@ -97,35 +92,18 @@ def _range(samples: Floats) -> Range:
     return Range(share=flags.sum(axis=0) / max(1, len(flags)), level=level)
 
 
-def _rest(acc: Floats, gyr: Floats, period: float) -> Rest:
-    length = round(_REST_S / period) if 1e-4 < period < _REST_S / 3 else 0
-    resting = _resting(acc, gyr, length) if 0 < length <= len(acc) else np.zeros(len(acc), dtype=np.bool_)
-    if not resting.any():
+def _rest(raw: RawRecording, rising: Ints) -> Rest:
+    """Measure the rests among samples in order of time, even if the recording is refused."""
+    t, acc, gyr = raw.t[rising], raw.acc[rising], raw.gyr[rising]
+    period = plausibility.median_period_s(t)
+    orderly = len(t) >= MIN_SAMPLES and plausibility.stamp_problem(period) is None
+    rests = find_rests(Recording(t, acc, gyr)) if orderly else ()
+    if not rests:
         return Rest(0.0, plausibility.rest_acc(acc, period), np.full(3, np.nan))
-    return Rest(
-        duration_s=float(np.count_nonzero(resting) * period),
-        acc_m_s2=float(np.median(np.linalg.norm(acc[resting], axis=1))),
-        gyro_bias_deg_s=np.rad2deg(gyr[resting].mean(axis=0)),
-    )
-
-
-def _resting(acc: Floats, gyr: Floats, length: int) -> Bools:
-    """(N,) True where a sample is part of `length` samples of rest."""
-    still = (_moving_std(acc, length) < _REST_ACC_M_S2) & (_moving_std(gyr, length) < _REST_GYR_RAD_S)
-    change = np.zeros(len(acc) + 1, dtype=np.int64)
-    begin = np.flatnonzero(still.all(axis=1))
-    change[begin] += 1
-    change[begin + length] -= 1
-    return np.asarray(np.cumsum(change[:-1]) > 0)
-
-
-def _moving_std(vectors: Floats, length: int) -> Floats:
-    """Take the standard deviations (N - length + 1, 3) of `length` neighbours."""
-    centred = vectors - np.median(vectors, axis=0)  # the sums below cancel less
-    first, second = (np.concatenate([np.zeros((1, 3)), np.cumsum(v, axis=0)]) for v in (centred, centred**2))
-    mean = (first[length:] - first[:-length]) / length
-    variance = (second[length:] - second[:-length]) / length - mean**2
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+    weight = np.array([t[rest.stop - 1] - t[rest.start] for rest in rests])
+    acc_at_rest = [float(np.linalg.norm(rest.force)) for rest in rests]
+    rate_at_rest = np.average([rest.rate for rest in rests], axis=0, weights=weight)
+    return Rest(float(weight.sum()), float(np.average(acc_at_rest, weights=weight)), np.rad2deg(rate_at_rest))
 
 
 def _field(mag: Floats, duration: float) -> MagneticField:
@@ -140,8 +118,6 @@ def _field(mag: Floats, duration: float) -> MagneticField:
 def _stance_share(recording: Recording | None) -> StanceShare:
     if recording is None:
         return StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with")
-    from fg_nav.detection import detect_stances
-
     try:
         stances = detect_stances(recording)
     except DetectionError as error:

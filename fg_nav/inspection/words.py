@@ -6,6 +6,7 @@ import numpy as np
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection.facts import Facts, Range
+from fg_nav.wording import counted
 
 _JITTER_SHARE = 0.02
 """Jitter above this share of the period is worth a word."""
@@ -41,14 +42,14 @@ def _stamp_problems(facts: Facts) -> list[str]:
     stamps = facts.stamps
     said = []
     if stamps.missing:
-        said.append(f"{stamps.missing} samples are missing or out of any range.")
+        said.append(f"Missing, or out of any range: {counted(stamps.missing, 'sample')}.")
     if stamps.repeated:
-        said.append(f"{stamps.repeated} stamps repeat the one before.")
+        said.append(f"Repeated: {counted(stamps.repeated, 'stamp')}.")
     if stamps.backward:
-        said.append(f"{stamps.backward} stamps run backward.")
+        said.append(f"Running backward: {counted(stamps.backward, 'stamp')}.")
     if stamps.gaps:
         longest = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
-        said.append(f"There are {stamps.gaps} gaps, the longest of {longest}.")
+        said.append(f"Samples were dropped in {counted(stamps.gaps, 'place')}; the longest gap is {longest}.")
     if stamps.jitter_s * stamps.rate_hz > _JITTER_SHARE:
         said.append(f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock.")
     return said
@@ -77,7 +78,7 @@ def _rest_problems(facts: Facts) -> list[str]:
             f"the accelerometer has an offset or a scale error."
         )
     if rest.duration_s == 0:
-        said.append("There is no second of rest to see the gyroscope's bias in: stand still at the start.")
+        said.append("There is no rest to see the gyroscope's bias in: stand still at the start.")
     elif rest.duration_s < _LONG_REST_S:
         said.append(f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start.")
     if np.abs(rest.gyro_bias_deg_s).max() > _BIAS_DEG_S:

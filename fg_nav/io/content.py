@@ -70,6 +70,8 @@ def _head(path: Path) -> bytes:
 
 def _decoded(head: bytes) -> str:
     """Text of the head. A byte that is no UTF-8 (a degree or micro sign, mostly) is taken as Latin-1."""
+    if len(head) == _HEAD_BYTES:  # a character may be cut in two at the end
+        head = head[: head.rfind(b"\n") + 1] or head
     try:
         return head.decode("utf-8-sig")
     except UnicodeDecodeError:

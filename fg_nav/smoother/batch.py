@@ -24,12 +24,13 @@ from fg_nav.detection import Rest, find_rests
 from fg_nav.errors import EstimationError
 from fg_nav.frames import levelled
 from fg_nav.recording import Recording
+from fg_nav.smoother.covariances import marginal_covariances
 from fg_nav.smoother.dense import dense_trajectory
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import marginals, nav_pose_covariance, solve, time_order
+from fg_nav.smoother.solver import eliminate, solve, time_order
 from fg_nav.smoother.strides import add_start, add_stride, strides_of
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
@@ -83,11 +84,10 @@ def smooth(
     graph = _graph(recording, stances, nodes, known, start, p, _part(progress, 0.0, INTEGRATION_SHARE))
     initial = initial_values(recording, stances, nodes, start, known.gyro_bias, p.gravity)
     solving = _part(progress, INTEGRATION_SHARE, SOLVING_SHARE)
-    values, iterations = solve(
-        graph, initial, time_order(nodes), p.convergence, p.largest_iterations, solving
-    )
+    ordering = time_order(nodes)
+    values, iterations = solve(graph, initial, ordering, p.convergence, p.largest_iterations, solving)
     position, velocity, nav_R_body = _dense(recording, nodes, values, p)
-    table = _table(recording.t, nodes, graph, values)
+    table = _table(recording.t, nodes, graph, values, ordering)
     if progress is not None:
         progress(1.0)
     return Solution(
@@ -187,31 +187,40 @@ def _dense(
     )
 
 
-def _table(t: Floats, nodes: Nodes, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> StanceTable:
+def _table(
+    t: Floats,
+    nodes: Nodes,
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    ordering: gtsam.Ordering,
+) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
-    covariances = marginals(graph, values)
-    poses = [values.atPose3(X(j)) for j in nodes.result]
+    pose_keys = [X(j) for j in nodes.result]
+    bias_keys = [B(k) for k in range(len(pose_keys))]
+    covariance = marginal_covariances(eliminate(graph, values, ordering), {*pose_keys, *bias_keys})
+    poses = [values.atPose3(key) for key in pose_keys]
     attitude = np.array([pose.rotation().matrix() for pose in poses])
-    pose_covariance = np.array(
-        [
-            nav_pose_covariance(R, covariances.marginalCovariance(X(j)))
-            for R, j in zip(attitude, nodes.result, strict=True)
-        ]
-    )
-    bias_covariance = np.array([covariances.marginalCovariance(B(k)) for k in range(len(poses))])
+    body = np.array([covariance[key] for key in pose_keys])
+    rotation_cov, position_cov = (_in_nav(attitude, body[:, i : i + 3, i : i + 3]) for i in (0, 3))
+    bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
     sample = nodes.sample[nodes.result]
     return StanceTable(
         sample=sample,
         t=t[sample],
         position=np.array([pose.translation() for pose in poses]),
         nav_R_body=attitude,
-        gyro_bias=np.array([values.atConstantBias(B(k)).gyroscope() for k in range(len(poses))]),
-        position_cov=pose_covariance[:, 3:, 3:],
-        heading_sigma=np.sqrt(pose_covariance[:, 2, 2]),
-        gyro_bias_sigma=np.sqrt(np.diagonal(bias_covariance, axis1=1, axis2=2)[:, 3:]),
+        gyro_bias=np.array([values.atConstantBias(key).gyroscope() for key in bias_keys]),
+        position_cov=position_cov,
+        heading_sigma=np.sqrt(rotation_cov[:, 2, 2]),
+        gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
         field=("none",) * len(poses),
         field_reason=("the magnetometer was not used",) * len(poses),
     )
+
+
+def _in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
+    """Covariances (F, 3, 3) from body axes to navigation axes."""
+    return nav_R_body @ body_cov @ nav_R_body.transpose(0, 2, 1)
 
 
 def _part(

@@ -37,7 +37,7 @@ class SmootherParameters:
     """Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011)."""
     roll_sigma_m: float = 0.06
     """How far the point about which the foot turns wanders, m: half a foot's width, a quarter of its length."""
-    unsteady_s: float = 0.05
+    unsteady_s: float = 0.04
     """Time for which an acceleration in stance may already have lasted, s: half a node spacing."""
     settling_m: float = 0.0015
     """By how much the sole gives way under the load of a stance, m, with as large a sigma: a shoe is soft."""
@@ -47,7 +47,7 @@ class SmootherParameters:
     """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
     lever: RollingLeverParameters = field(default_factory=RollingLeverParameters)
 
-    node_spacing_s: float = 0.1
+    node_spacing_s: float = 0.08
     """Distance of the graph's nodes in a stance."""
     long_stance_s: float = 0.5
     """Beyond this length of a stance, nodes stand `rest_spacing_s` apart."""

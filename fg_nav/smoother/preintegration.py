@@ -4,9 +4,10 @@ Galilean preintegration: each sample is held over its own period, and a constant
 integrated exactly; the default preintegration of GTSAM is first order in the period, and its error on a swinging foot
 looks like a yaw bias. The noise of an interval is the mean over its samples of
 
-    s_a^2 = density^2 + (relative (|f| - g))^2 + saturated,     s_w^2 = density^2 + (relative |w|)^2 + saturated,
+    s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
 
-which gives the interval the same total as a noise set sample by sample.
+and more on an axis that is at the end of its range. The interval gets the same total as from a noise set sample by
+sample.
 """
 
 from __future__ import annotations
@@ -32,12 +33,11 @@ def preintegrate(
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
     acc_variance, gyr_variance = _interval_variances(recording, sample, p)
     period = np.diff(recording.t)
-    identity = np.eye(3)
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
-    params.setIntegrationCovariance(identity * p.position_density**2)
+    params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
     for k, (i, j) in enumerate(zip(sample[:-1], sample[1:], strict=True)):
-        params.setAccelerometerCovariance(identity * acc_variance[k])
-        params.setGyroscopeCovariance(identity * gyr_variance[k])
+        params.setAccelerometerCovariance(np.diag(acc_variance[k]))
+        params.setGyroscopeCovariance(np.diag(gyr_variance[k]))
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
         integrate = measurement.integrateMeasurement
         for acc, gyr, h in zip(recording.acc[i:j], recording.gyr[i:j], period[i:j].tolist(), strict=True):
@@ -48,18 +48,18 @@ def preintegrate(
 
 
 def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameters) -> tuple[Floats, Floats]:
-    """Squared noise densities (M-1,) of specific force and rate in each interval."""
+    """Squared noise densities (M-1, 3) of specific force and rate in each interval, per body axis."""
     off_gravity = np.linalg.norm(recording.acc, axis=1) - p.gravity
     rate_squared = (recording.gyr**2).sum(axis=1)
     acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2
     gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * rate_squared
     period = recording.period_s
-    acc += saturated(recording.acc).any(axis=1) * p.saturated_acc_m_s2**2 * period
-    gyr += saturated(recording.gyr).any(axis=1) * np.radians(p.saturated_gyr_deg_s) ** 2 * period
-    return _means(acc, sample), _means(gyr, sample)
+    clipped_acc = saturated(recording.acc) * (p.saturated_acc_m_s2**2 * period)
+    clipped_gyr = saturated(recording.gyr) * (np.radians(p.saturated_gyr_deg_s) ** 2 * period)
+    return _means(acc[:, None] + clipped_acc, sample), _means(gyr[:, None] + clipped_gyr, sample)
 
 
 def _means(values: Floats, sample: Ints) -> Floats:
-    """Mean (M-1,) of the values from each node up to the next."""
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    return np.asarray(np.diff(total[sample]) / np.diff(sample))
+    """Mean (M-1, 3) of the values (N, 3) from each node up to the next."""
+    total = np.vstack([np.zeros(3), np.cumsum(values, axis=0)])
+    return np.asarray(np.diff(total[sample], axis=0) / np.diff(sample)[:, None])

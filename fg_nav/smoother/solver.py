@@ -52,7 +52,7 @@ def solve(
     """
     error = graph.error(values)
     for iteration in range(1, largest_iterations + 1):
-        step = _step(graph, values, ordering)
+        step = eliminate(graph, values, ordering).optimize()
         values, lower = _descend(graph, values, step, error)
         if not np.isfinite(lower):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
@@ -67,11 +67,12 @@ def solve(
     )
 
 
-def _step(
+def eliminate(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ordering: gtsam.Ordering
-) -> gtsam.VectorValues:
+) -> gtsam.GaussianBayesTree:
+    """Linearise at the values and eliminate by QR; raises `EstimationError` where that has no unique solution."""
     try:
-        return graph.linearize(values).eliminateMultifrontal(ordering, gtsam.EliminateQR).optimize()
+        return graph.linearize(values).eliminateMultifrontal(ordering, gtsam.EliminateQR)
     except RuntimeError as error:
         raise EstimationError(
             "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
@@ -89,15 +90,3 @@ def _descend(
             return moved, lower
         step = step.scale(0.5)
     return values, error
-
-
-def marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Marginals:
-    """Marginal covariances at the solution."""
-    return gtsam.Marginals(graph.linearize(values), values)
-
-
-def nav_pose_covariance(nav_R_body: Floats, body: Floats) -> Floats:
-    """Covariance (6, 6) of a pose, rotation then translation, from the body frame to the navigation frame."""
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = nav_R_body
-    return turn @ body @ turn.T

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import types
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fg_nav.errors import DetectionError, FgNavError
+from fg_nav.errors import FgNavError
 from fg_nav.inspection import inspect
 from fg_nav.io import FORMATS, read, read_pyshoe_labels, read_raw, read_truth, write_tum
-from fg_nav.recording import Recording
 from tests.io.samples import WRITERS, tilting
 
 RELAXED = settings(
@@ -80,18 +77,6 @@ def scrambled(draw: st.DrawFn, whole: str) -> bytes:
             table.insert(row, table[row])
         table = table or [[""]]
     return "\n".join(separator.join(line) for line in table).encode("utf-8", "surrogatepass")
-
-
-@pytest.fixture(autouse=True)
-def _no_stances(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stance detection has tests of its own; here it always gives up."""
-
-    def detect_stances(_: Recording) -> None:
-        raise DetectionError("no stance was found: none was looked for.")
-
-    module = types.ModuleType("fg_nav.detection")
-    module.__dict__["detect_stances"] = detect_stances
-    monkeypatch.setitem(sys.modules, "fg_nav.detection", module)
 
 
 @pytest.fixture(scope="module")

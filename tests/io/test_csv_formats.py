@@ -33,7 +33,7 @@ def test_invalid_estimates_are_nan(tmp_path: Path) -> None:
     raw = read_raw(path)
     assert np.isnan(raw.acc[49]).tolist() == [True, False, False]
     assert np.isnan(raw.acc).sum() == 1
-    assert read(path).provenance.notes == ("1 missing samples were left out, the first in row 51",)
+    assert read(path).provenance.notes == ("left out 1 missing sample, the first in row 51",)
 
 
 def test_rows_of_other_packets_are_left_out(tmp_path: Path) -> None:

@@ -179,7 +179,7 @@ def test_cut_off_last_line_costs_one_sample(tmp_path: Path) -> None:
     path.write_text(path.read_text()[:-120])
     recording = read(path)
     assert len(recording) == len(RAW.t) - 1
-    assert recording.provenance.notes == (f"1 missing samples were left out, the first in row {len(RAW.t)}",)
+    assert recording.provenance.notes == (f"left out 1 missing sample, the first in row {len(RAW.t)}",)
 
 
 def test_openshoe_rate_is_nominal(tmp_path: Path) -> None:

@@ -141,14 +141,14 @@ def test_broad_truth_is_the_attitude_of_the_sensor() -> None:
 
 def test_openshoe_ends_where_the_last_line_was_cut() -> None:
     recording = read(_data() / "openshoe/data_inert7.txt")
-    assert recording.provenance.notes == ("1 missing samples were left out, the first in row 16541",)
+    assert recording.provenance.notes == ("left out 1 missing sample, the first in row 16541",)
 
 
 def test_xio_repeats_are_dropped() -> None:
     raw, recording = read_raw(_data() / "xio/short_walk.csv"), read(_data() / "xio/short_walk.csv")
     assert len(raw.t) - len(recording) == 205
     assert (np.diff(recording.t) > 0).all()
-    assert recording.provenance.notes[0] == "205 rows with a repeated stamp were left out, the first is row 4"
+    assert recording.provenance.notes[0] == "left out 205 repeated stamps, the first in row 4"
 
 
 def test_canonical_copy_of_a_real_recording_is_the_same(tmp_path: Path) -> None:

@@ -1,0 +1,78 @@
+"""The real walks on which the figures are measured, each with its stances.
+
+=================== ====================================================================================
+vicon, labels       28 trials with motion capture; stances: `zv_shoe_opt`, the authors' own best labels
+vicon, detected     the same with our detector
+gdin                10 indoor walks with surveyed footprints
+running             2 more that have running strides in them and a gyroscope that saturates
+loops               5 walks that end where they began
+=================== ====================================================================================
+
+The magnetometer is taken off: these figures are inertial ones.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fg_nav.detection import detect_stances
+from fg_nav.errors import FormatError
+from fg_nav.io import read, read_pyshoe_labels
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
+
+DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+GDIN = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
+RUNNING = (35, 43)
+NEWEST_OBSOLETE = 29
+"""gdin walks up to this one lie in a folder of their own."""
+
+LOOPS = {
+    "openshoe 1": "openshoe/data_inert1.txt",
+    "openshoe 7": "openshoe/data_inert7.txt",
+    "openshoe 13": "openshoe/data_inert13.txt",
+    "xio short": "xio/short_walk.csv",
+    "xio long": "xio/long_walk.csv",
+}
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A recording and when the foot stood in it."""
+
+    name: str
+    recording: Recording
+    stances: Stances
+
+
+def data_folder(given: Path | None) -> Path:
+    """Folder with the recordings: the given one, else $FG_NAV_DATA, else ../shared/data beside the repository.
+
+    Raises
+    ------
+    FormatError
+        Where there is none.
+    """
+    folder = given or Path(os.environ.get("FG_NAV_DATA", DEFAULT_DATA))
+    if not folder.is_dir():
+        raise FormatError(
+            f"the real recordings are not at {folder}: name their folder with --data or in FG_NAV_DATA."
+        )
+    return folder
+
+
+def vicon_paths(data: Path) -> list[Path]:
+    """Trials, oldest first; raises `FormatError` if there are none."""
+    paths = sorted((data / "vicon").glob("*.mat"))
+    if not paths:
+        raise FormatError(f"there is no trial in {data / 'vicon'}: check the folder given with --data.")
+    return paths
+
+
+def vicon_labelled(data: Path) -> Iterable[tuple[str, Callable[[], Walk]]]:
+    """Trials with the labels as the stance mask."""
+    return [(path.stem, lambda path=path: _labelled(path)) for path in vicon_paths(data)]
