@@ -51,9 +51,7 @@ Heading = Annotated[
 ]
 TruthPath = Annotated[
     Path | None,
-    typer.Option(
-        "--truth", metavar="FILE", help="True path or footprints. \\[default: what the recording carries]"
-    ),
+    typer.Option("--truth", metavar="FILE", help="True path or footprints. \\[default: what the recording carries]"),
 ]
 AlignmentMode = Annotated[
     Literal["yaw", "none", "origin", "se3"],
@@ -62,9 +60,7 @@ AlignmentMode = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Replace an older result in the folder.")]
 OutDir = Annotated[
     Path | None,
-    typer.Option(
-        "--out", metavar="DIR", help="Folder for the result. \\[default: a fresh one under results/]"
-    ),
+    typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: a fresh one under results/]"),
 ]
 
 
@@ -79,9 +75,7 @@ def main() -> NoReturn:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         where = "" if error.filename is None else f" ({error.filename})"
-        _leave(
-            f"the system refused: {reason.lower()}{where}; check path, permissions and free space.", EXIT_USER
-        )
+        _leave(f"the system refused: {reason.lower()}{where}; check path, permissions and free space.", EXIT_USER)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
     except Exception as error:
@@ -139,9 +133,7 @@ def run(
 @app.command()
 def compare(
     recording: RecordingPath,
-    methods: Annotated[
-        str, typer.Option(metavar="A,B", help="Methods, with commas between.")
-    ] = "smoother,iez",
+    methods: Annotated[str, typer.Option(metavar="A,B", help="Methods, with commas between.")] = "smoother,iez",
     no_mag: NoMag = False,
     heading: Heading = 0.0,
     truth: TruthPath = None,

@@ -32,9 +32,9 @@ def levelled(body_up: Floats, heading: float = 0.0) -> Floats:
         forward = np.array([0.0, 0.0, 1.0]) - up[2] * up
     forward /= np.linalg.norm(forward)
     left = np.cross(up, forward)
-    level_R_body = np.stack([np.sin(heading) * forward - np.cos(heading) * left,
-                             np.cos(heading) * forward + np.sin(heading) * left, up])
-    return level_R_body
+    return np.stack(
+        [np.sin(heading) * forward - np.cos(heading) * left, np.cos(heading) * forward + np.sin(heading) * left, up]
+    )
 
 
 def wrap(angle: Floats) -> Floats:

@@ -62,9 +62,7 @@ def rotation_series(x: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def strapdown(
-    state: NavState, acc: Floats, gyr: Floats, h: float, gravity: float, turn: Floats, push: Floats
-) -> None:
+def strapdown(state: NavState, acc: Floats, gyr: Floats, h: float, gravity: float, turn: Floats, push: Floats) -> None:
     """Move `state` over one sample `acc` (3,) m/s^2, `gyr` (3,) rad/s held for `h` seconds.
 
     Writes `turn` (3, 3) s and `push` (3,) m/s, which the propagation of the covariance needs.

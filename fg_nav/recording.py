@@ -25,6 +25,7 @@ magnetometer without a sample   no magnetometer
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ import numpy as np
 from fg_nav import plausibility
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
+from fg_nav.timing import dejittered
 from fg_nav.wording import counted
 
 MIN_SAMPLES = 20
@@ -155,7 +157,7 @@ class Recording:
             path = raw.provenance.path
             raise RecordingError(f"{path.name}: {error}" if path else str(error)) from None
 
-    @property
+    @cached_property
     def period_s(self) -> float:
         """Median sample period in seconds."""
         return float(np.median(np.diff(self.t)))
@@ -201,14 +203,32 @@ def _admitted(raw: RawRecording) -> Recording:
     _check_count(len(kept))
     kept, remarks = _without_repeats(raw, kept)
     notes += [*remarks, *_judge_gaps(raw, kept)]
+    t, remarks = _evened(raw.t[kept])
+    notes += remarks
     return Recording(
-        t=raw.t[kept],
+        t=t,
         acc=raw.acc[kept],
         gyr=raw.gyr[kept],
         mag=_magnetometer(raw, kept),
-        truth=raw.truth,
+        truth=_on_clock(raw.truth, raw.t[kept], t),
         provenance=replace(raw.provenance, notes=tuple(notes)),
     )
+
+
+def _evened(t: Floats) -> tuple[Floats, list[str]]:
+    """Stamps without transport jitter: a sensor samples evenly, however its samples were stamped on the way."""
+    even = dejittered(t)
+    if np.array_equal(even, t):
+        return t, []
+    worst_ms = 1e3 * float(np.abs(even - t).max())
+    return even, [f"evened out the jitter of the stamps, up to {worst_ms:.1f} ms"]
+
+
+def _on_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
+    """Truth that was recorded with the samples, stamp for stamp, moves with their stamps."""
+    if isinstance(truth, TrajectoryTruth) and np.array_equal(truth.t, stamped):
+        return replace(truth, t=t)
+    return truth
 
 
 def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> None:
@@ -221,9 +241,7 @@ def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> No
 
 def _check_count(count: int) -> None:
     if count < MIN_SAMPLES:
-        raise RecordingError(
-            f"{counted(count, 'usable sample')} cannot make a walk: record at least {MIN_SAMPLES}."
-        )
+        raise RecordingError(f"{counted(count, 'usable sample')} cannot make a walk: record at least {MIN_SAMPLES}.")
 
 
 def _at(raw: RawRecording, index: int) -> str:

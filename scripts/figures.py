@@ -71,16 +71,19 @@ def finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def print_heading(words: str) -> None:
+    """Begin a section."""
+    console().print(f"\n{words}", style="bold")
+
+
 def print_figures(figures: Sequence[Figure]) -> None:
     """One row a figure: asked, measured, mark."""
     rows = [(f.name, f.method, f.asked or "-", f.pattern.format(f.measured), f.mark) for f in figures]
-    print_table("", ("figure", "method", "asked", "measured", ""), rows)
+    print_table(("figure", "method", "asked", "measured", ""), rows)
 
 
-def print_table(title: str, headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Left-aligned first column, numbers to the right."""
-    if title:
-        console().print(f"\n{title}")
+def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """First column to the left, the others to the right."""
     table = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, pad_edge=False)
     for i, header in enumerate(headers):
         table.add_column(Text(header), justify="right" if i else "left")

@@ -14,7 +14,7 @@ The magnetometer is taken off: these figures are inertial ones.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -59,20 +59,48 @@ def data_folder(given: Path | None) -> Path:
     """
     folder = given or Path(os.environ.get("FG_NAV_DATA", DEFAULT_DATA))
     if not folder.is_dir():
-        raise FormatError(
-            f"the real recordings are not at {folder}: name their folder with --data or in FG_NAV_DATA."
-        )
+        raise FormatError(f"the real recordings are not at {folder}: name their folder with --data or in FG_NAV_DATA.")
     return folder
 
 
-def vicon_paths(data: Path) -> list[Path]:
-    """Trials, oldest first; raises `FormatError` if there are none."""
+def vicon_labelled(data: Path) -> list[Walk]:
+    """Trials with the authors' labels as the stance mask, oldest first."""
+    return [
+        Walk(path.stem, _inertial(path), Stances.from_mask(read_pyshoe_labels(path))) for path in _vicon_paths(data)
+    ]
+
+
+def vicon_detected(data: Path) -> list[Walk]:
+    """Trials with our own stances, oldest first."""
+    return [_detected(path.stem, path) for path in _vicon_paths(data)]
+
+
+def gdin(data: Path, numbers: Sequence[int] = GDIN) -> list[Walk]:
+    """Indoor walks by number."""
+    return [_detected(f"gdin {number}", _gdin_path(data, number)) for number in numbers]
+
+
+def loops(data: Path) -> list[Walk]:
+    """Read the walks that end where they began."""
+    return [_detected(name, data / path) for name, path in LOOPS.items()]
+
+
+def _detected(name: str, path: Path) -> Walk:
+    recording = _inertial(path)
+    return Walk(name, recording, detect_stances(recording))
+
+
+def _inertial(path: Path) -> Recording:
+    return replace(read(path), mag=None)
+
+
+def _vicon_paths(data: Path) -> list[Path]:
     paths = sorted((data / "vicon").glob("*.mat"))
     if not paths:
         raise FormatError(f"there is no trial in {data / 'vicon'}: check the folder given with --data.")
     return paths
 
 
-def vicon_labelled(data: Path) -> Iterable[tuple[str, Callable[[], Walk]]]:
-    """Trials with the labels as the stance mask."""
-    return [(path.stem, lambda path=path: _labelled(path)) for path in vicon_paths(data)]
+def _gdin_path(data: Path, number: int) -> Path:
+    folder = "own" if number > NEWEST_OBSOLETE else "own_obsolete"
+    return data / "gdin" / folder / f"SensorConnectData_{number}.csv"

@@ -109,9 +109,7 @@ def _normal_equations(
 
 
 @njit(cache=True)
-def _add_stance(
-    t: Floats, acc: Floats, gyr: Floats, a: int, b: int, still: int, normal: Floats, right: Floats
-) -> None:
+def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, still: int, normal: Floats, right: Floats) -> None:
     n = b - a + 1
     design, y = np.zeros((n, 9)), np.zeros((n, 3))
     low, high = max(still - 2, 0), min(still + 3, len(acc))

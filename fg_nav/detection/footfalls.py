@@ -74,8 +74,11 @@ class FootfallParameters:
     """... nor above this, unless the minimum itself is."""
 
 
-TILT_GAIN = 0.02
-"""Share of the tilt error taken off per still sample."""
+BROKEN = 24.0
+"""Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
+
+TILT_TIME_S = 0.25
+"""Time constant with which still samples take off the tilt error."""
 
 
 def find_footfalls(
@@ -117,11 +120,18 @@ def _search(
     t: Floats, acc: Floats, gyr: Floats, level: Floats, candidates: Ints, link: LinkParameters, p: FootfallParameters
 ) -> Ints:
     """Samples of the footfalls: steps 2 and 3."""
-    start = levelled(acc[int(candidates[0])])
-    velocity = _free_velocity(t, acc, gyr, level < link.still_level, start, GRAVITY_M_S2)
+    stillest = int(candidates[np.argmin(level[candidates])])
+    start = levelled(acc[stillest])
+    velocity = _free_velocity(t, acc, gyr, level < link.still_level, stillest, start, GRAVITY_M_S2)
     worth = link.reward - np.maximum(level[candidates] - p.easy_level, 0.0)
     chain = _best_chain(
-        t[candidates], worth, velocity[candidates], link.velocity_sigma, link.acc_sigma, p.longest_link_s
+        t[candidates],
+        worth,
+        velocity[candidates],
+        link.velocity_sigma,
+        link.acc_sigma,
+        p.longest_link_s,
+        p.longest_swing_s,
     )
     return candidates[chain]
 
@@ -148,39 +158,46 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float
 
 @njit(cache=True)
 def _free_velocity(
-    t: Floats, acc: Floats, gyr: Floats, still: Floats, nav_R_body: Floats, gravity: float
+    t: Floats, acc: Floats, gyr: Floats, still: Floats, first: int, nav_R_body: Floats, gravity: float
 ) -> Floats:
-    """Velocity (N, 3) m/s of a strapdown pass from rest, its tilt nudged towards gravity at still samples."""
+    """Velocity (N, 3) m/s of a strapdown pass from rest and this attitude at the sample `first`, both ways.
+
+    At still samples the tilt is nudged towards gravity.
+    """
     n = len(t)
     velocity = np.zeros((n, 3))
-    state = NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
     turn, push = np.empty((3, 3)), np.empty(3)
-    for i in range(n - 1):
-        strapdown(state, acc[i], gyr[i], t[i + 1] - t[i], gravity, turn, push)
-        velocity[i + 1] = state.velocity
-        if still[i]:
-            nudge_tilt(state.nav_R_body, acc[i], TILT_GAIN)
+    for way in (1, -1):
+        state = NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
+        i = first
+        while 0 <= i + way < n:
+            held = min(i, i + way)  # a sample holds from its stamp to the next
+            h = t[i + way] - t[i]
+            strapdown(state, acc[held], gyr[held], h, gravity, turn, push)
+            if still[held]:
+                nudge_tilt(state.nav_R_body, acc[held], min(abs(h) / TILT_TIME_S, 1.0))
+            i += way
+            velocity[i] = state.velocity
     return velocity
 
 
 @njit(cache=True)
-def _best_chain(t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float) -> Ints:
+def _best_chain(t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float, swing: float) -> Ints:
     """Indices of the candidates of the best chain: the dynamic programme of step 3."""
     n = len(t)
     best, previous = np.empty(n), np.full(n, -1)
-    broken = 24.0  # a chain may begin anew, at the price of two impossible links
     for j in range(n):
-        best[j] = worth[j] if j == 0 else worth[j] - broken
+        best[j] = worth[j] - (BROKEN if t[j] - t[0] > swing else 0.0)
         for i in range(j - 1, -1, -1):
             elapsed = t[j] - t[i]
             if elapsed > longest and j - i > 1:
                 break
             change = ((velocity[j] - velocity[i]) ** 2).sum()
             cost = 2.0 * np.log1p(change / (4.0 * (s0 * s0 + (sa * elapsed) ** 2)))
-            total = best[i] + worth[j] - min(cost, broken / 2)
+            total = best[i] + worth[j] - min(cost, BROKEN / 2)
             if total > best[j]:
                 best[j], previous[j] = total, i
-    chain = [int(np.argmax(best))]
+    chain = [int(np.argmax(best - np.where(t[-1] - t > swing, BROKEN, 0.0)))]
     while previous[chain[-1]] >= 0:
         chain.append(previous[chain[-1]])
     return np.array(chain[::-1])

@@ -91,9 +91,7 @@ def _one_threshold(recording: Recording, statistic: Floats, p: StanceParameters)
     return start, stop, np.full(len(start), threshold)
 
 
-def _long_enough(
-    t: Floats, start: Ints, stop: Ints, threshold: Floats, shortest_s: float
-) -> tuple[Ints, Ints, Floats]:
+def _long_enough(t: Floats, start: Ints, stop: Ints, threshold: Floats, shortest_s: float) -> tuple[Ints, Ints, Floats]:
     keep = t[stop - 1] - t[start] >= shortest_s
     return start[keep], stop[keep], threshold[keep]
 

@@ -29,6 +29,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection import Rest, RestParameters
 from fg_nav.ekf.covariance import (
     ACC_BIAS,
     ATTITUDE,
@@ -40,7 +41,7 @@ from fg_nav.ekf.covariance import (
     propagate,
 )
 from fg_nav.ekf.noise import MotionNoise, densities_in_motion, doubt
-from fg_nav.ekf.start import RestParameters, Start, starting_point
+from fg_nav.ekf.start import Start, starting_point
 from fg_nav.ekf.update import take_off
 from fg_nav.ekf.zero_velocity import StanceNoise, correct_in_stance
 from fg_nav.errors import EstimationError
@@ -170,9 +171,7 @@ def run_iez(
     )
 
 
-def filter_walk(
-    recording: Recording, stands: Bools, rows: Ints, start: Start, parameters: IezParameters
-) -> Track:
+def filter_walk(recording: Recording, stands: Bools, rows: Ints, start: Start, parameters: IezParameters) -> Track:
     """Run the filter from `start` with a foot that `stands` (N,), and keep P at `rows` (K,), ascending."""
     n, k = len(recording), len(rows)
     track = Track(
@@ -217,11 +216,16 @@ def initial_belief(start: Start, parameters: IezParameters) -> tuple[NavState, F
     )
     sigma[ATTITUDE + 2] = GAUGE_SIGMA
     prior = np.radians(parameters.gyro_bias_sigma_deg_s)
-    trust = prior**2 / (prior**2 + start.gyro_bias_sigma**2)
+    trust, bias = (0.0, np.zeros(3)) if start.rest is None else _weighed(start.rest, prior)
     sigma[GYRO_BIAS : GYRO_BIAS + 3] = prior * np.sqrt(1.0 - trust)
     sigma[ACC_BIAS : ACC_BIAS + 3] = parameters.acc_bias_sigma
-    state = NavState(np.zeros(3), np.zeros(3), start.nav_R_body.copy(), trust * start.gyro_bias, np.zeros(3))
+    state = NavState(np.zeros(3), np.zeros(3), start.nav_R_body.copy(), trust * bias, np.zeros(3))
     return state, np.diag(sigma**2)
+
+
+def _weighed(rest: Rest, prior: float) -> tuple[float, Floats]:
+    """Weight of what a rest shows of the bias against a prior about zero, and what it shows."""
+    return prior**2 / (prior**2 + rest.sigma**2), rest.rate
 
 
 @cache
@@ -268,9 +272,7 @@ def _forward(
 
 
 @njit(cache=True)
-def _backward(
-    first: int, h: Floats, acc: Floats, gyr: Floats, state: NavState, gravity: float, track: Track
-) -> None:
+def _backward(first: int, h: Floats, acc: Floats, gyr: Floats, state: NavState, gravity: float, track: Track) -> None:
     turn, push = np.empty((3, 3)), np.empty(3)
     for i in range(first - 1, -1, -1):
         strapdown(state, acc[i], gyr[i], -h[i], gravity, turn, push)

@@ -40,17 +40,11 @@ class StanceNoise(NamedTuple):
 
 
 @njit(cache=True)
-def correct_in_stance(
-    state: NavState, P: Floats, x: Floats, gyr: Floats, h: float, stance: StanceNoise
-) -> float:
+def correct_in_stance(state: NavState, P: Floats, x: Floats, gyr: Floats, h: float, stance: StanceNoise) -> float:
     """Take the known velocity over a sample of `h` s into the error `x` (15,) and `P`; returns its NIS."""
     rate = gyr - state.gyro_bias
-    east = (
-        state.nav_R_body[0, 0] * rate[0] + state.nav_R_body[0, 1] * rate[1] + state.nav_R_body[0, 2] * rate[2]
-    )
-    north = (
-        state.nav_R_body[1, 0] * rate[0] + state.nav_R_body[1, 1] * rate[1] + state.nav_R_body[1, 2] * rate[2]
-    )
+    east = state.nav_R_body[0, 0] * rate[0] + state.nav_R_body[0, 1] * rate[1] + state.nav_R_body[0, 2] * rate[2]
+    north = state.nav_R_body[1, 0] * rate[0] + state.nav_R_body[1, 1] * rate[1] + state.nav_R_body[1, 2] * rate[2]
     expected = (north * stance.height, -east * stance.height, 0.0)
     variance = (stance.floor + stance.rolling * np.dot(rate, rate)) / h
     nis = 0.0

@@ -63,9 +63,7 @@ class Consistency:
         return float(np.mean(self.nees < chi2.ppf(probability, DEGREES_OF_FREEDOM)))
 
 
-def stance_nees(
-    stances: StanceTable, truth: TrajectoryTruth, truth_sigma_m: float = TRUTH_SIGMA_M
-) -> Consistency:
+def stance_nees(stances: StanceTable, truth: TrajectoryTruth, truth_sigma_m: float = TRUTH_SIGMA_M) -> Consistency:
     """Compare claimed stance positions with a true trajectory.
 
     Raises

@@ -110,6 +110,4 @@ def _missed_note(stance: Ints, truth: FootprintTruth) -> list[str]:
     missed = truth.stride[stance == MISSED]
     if not len(missed):
         return []
-    return [
-        f"no stance for footprint{'s' if len(missed) > 1 else ''} {', '.join(map(str, missed))}: not scored"
-    ]
+    return [f"no stance for footprint{'s' if len(missed) > 1 else ''} {', '.join(map(str, missed))}: not scored"]

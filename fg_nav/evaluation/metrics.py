@@ -90,9 +90,7 @@ def _path_metrics(stance_position: Floats) -> Metrics:
     moves = np.linalg.norm(np.diff(stance_position, axis=0), axis=1)
     distance, closure = float(moves.sum()), float(np.linalg.norm(stance_position[-1] - stance_position[0]))
     percent = 100 * closure / distance if distance > 0.0 else None
-    return Metrics(
-        distance_m=distance, closure_m=closure, closure_percent=percent, strides_detected=len(moves)
-    )
+    return Metrics(distance_m=distance, closure_m=closure, closure_percent=percent, strides_detected=len(moves))
 
 
 def _with_errors(path: Metrics, found: Comparison) -> Metrics:

@@ -62,9 +62,7 @@ def read(content: Content) -> RawRecording:
 def _fitting(variables: Mapping[str, Any], name: str, length: int, path: Path, columns: int = 3) -> Floats:
     values = mat.array(variables, name, path, columns=columns)
     if len(values) != length:
-        raise FormatError(
-            f"{path.name}: '{name}' has {len(values)} rows, 'imu_acc' {length}: export it again."
-        )
+        raise FormatError(f"{path.name}: '{name}' has {len(values)} rows, 'imu_acc' {length}: export it again.")
     return values
 
 

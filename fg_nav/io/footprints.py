@@ -31,9 +31,7 @@ def read_footprint_mat(path: Path) -> FootprintTruth:
     xy = mat.array(variables, "GCP_meters", path, columns=2)
     stride = mat.array(variables, "GCP_stride_numbers", path)
     if len(stride) != len(xy):
-        raise FormatError(
-            f"{path.name} has {len(xy)} footprints but {len(stride)} stride numbers: export it again."
-        )
+        raise FormatError(f"{path.name} has {len(xy)} footprints but {len(stride)} stride numbers: export it again.")
     count = mat.array(variables, "numberOfStrides", path) if "numberOfStrides" in variables else np.empty(0)
     return footprints(stride, xy, int(count[0]) if count.size and np.isfinite(count[0]) else None, path)
 
@@ -63,7 +61,5 @@ def footprints(stride: Floats, xy: Floats, stride_count: int | None, path: Path)
         raise FormatError(f"{path.name} has a footprint that is not finite: correct or delete it.")
     whole = (stride >= 0).all() and (stride == np.round(stride)).all() and (stride < 2**31).all()
     if not whole or (np.diff(stride) <= 0).any():
-        raise FormatError(
-            f"{path.name}: stride numbers must be whole and rising, 0 at the start: correct them."
-        )
+        raise FormatError(f"{path.name}: stride numbers must be whole and rising, 0 at the start: correct them.")
     return FootprintTruth(stride=stride.astype(np.int64), xy=xy, stride_count=stride_count)

@@ -32,12 +32,8 @@ def _by_name(*formats: Format) -> Mapping[str, Format]:
 
 
 FORMATS: Mapping[str, Format] = _by_name(
-    Format(
-        "canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognises, canonical.read
-    ),
-    Format(
-        "sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognises, sensorconnect.read
-    ),
+    Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognises, canonical.read),
+    Format("sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognises, sensorconnect.read),
     Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognises, pyshoe.read, is_mat=True),
     Format("openshoe", "OpenShoe text", openshoe.recognises, openshoe.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognises, xio.read),
@@ -80,9 +76,7 @@ def read_raw(path: Path | str, format: str | None = None) -> RawRecording:
     chosen = recognised(content) if format is None else FORMATS[format]
     if chosen.is_mat != bool(content.variables):
         kind = "a MATLAB file" if chosen.is_mat else "a text file"
-        raise FormatError(
-            f"{content.path.name} is not {kind}, so it cannot be '{chosen.name}': leave the format out."
-        )
+        raise FormatError(f"{content.path.name} is not {kind}, so it cannot be '{chosen.name}': leave the format out.")
     return chosen.read(content)
 
 
@@ -98,9 +92,7 @@ def recognised(content: Content) -> Format:
         if known.recognises(content):
             return known
     if "GCP_meters" in content.variables:
-        raise FormatError(
-            f"{content.path.name} holds surveyed footprints, no recording: give it as the truth."
-        )
+        raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
     raise FormatError(
         f"{content.path.name} is in none of the formats read here ({', '.join(FORMATS)}): "
         f"name its format, or write it as canonical CSV."

@@ -80,6 +80,4 @@ def _guarded(path: Path, reader: Callable[[str], T]) -> T:
         ) from None
     except Exception as error:  # the zoo: zlib, struct, Value, Type, Key, Index, Memory, Overflow ... errors
         reason = type(error).__name__
-        raise FormatError(
-            f"{path.name} is a damaged MATLAB file ({reason}): copy or export it again."
-        ) from None
+        raise FormatError(f"{path.name} is a damaged MATLAB file ({reason}): copy or export it again.") from None

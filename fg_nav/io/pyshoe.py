@@ -77,16 +77,12 @@ def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
 
 def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTruth | None:
     gt = variables.get("gt")
-    if (
-        not isinstance(gt, np.ndarray) or gt.ndim != 2 or gt.shape[1] != 3
-    ):  # the stair trials give one height a landing
+    if not isinstance(gt, np.ndarray) or gt.ndim != 2 or gt.shape[1] != 3:  # the stair trials give one height a landing
         return None
     position = mat.array(variables, "gt", path, columns=3) * _RIGHT_HANDED
     sample = np.arange(len(t)) if "gt_idx" not in variables else _indices(variables, len(t), path)
     if len(sample) != len(position):
-        raise FormatError(
-            f"{path.name} has {len(position)} true positions for {len(sample)} samples: export it again."
-        )
+        raise FormatError(f"{path.name} has {len(position)} true positions for {len(sample)} samples: export it again.")
     return true_path(t[sample], position)
 
 

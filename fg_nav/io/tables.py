@@ -120,6 +120,5 @@ def _first_bad_cell(
     row, column = bad[0]
     cell, name = str(text.iat[row, column])[:40], names[wanted[column]]
     return FormatError(
-        f"{path.name}, line {row + first_line}, column '{name}': {cell!r} is not a number; "
-        f"correct or delete that line."
+        f"{path.name}, line {row + first_line}, column '{name}': {cell!r} is not a number; correct or delete that line."
     )

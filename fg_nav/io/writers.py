@@ -33,9 +33,7 @@ def write_canonical(recording: Recording | RawRecording, path: Path | str) -> No
         columns.append(recording.mag)
         names += MAG
     table = np.concatenate(columns, axis=1)
-    _write(
-        Path(path), ",".join(names) + "\n", (text.replace("nan", "") for text in _blocks(table, "%r", ","))
-    )
+    _write(Path(path), ",".join(names) + "\n", (text.replace("nan", "") for text in _blocks(table, "%r", ",")))
 
 
 def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats) -> None:
@@ -70,6 +68,4 @@ def _write(path: Path, header: str, blocks: Iterator[str]) -> None:
             file.write(header)
             file.writelines(blocks)
     except OSError as error:
-        raise OutputError(
-            f"{path} cannot be written ({error.strerror}): check the path and its permissions."
-        ) from None
+        raise OutputError(f"{path} cannot be written ({error.strerror}): check the path and its permissions.") from None

@@ -56,9 +56,7 @@ class Column:
 
 def recognises(content: Content) -> bool:
     """Whether the first line names a gyroscope or accelerometer axis as x-io does."""
-    return any(
-        re.match(r"(gyroscope|accelerometer)\s+[xyz]\b", name, re.IGNORECASE) for name in content.fields()
-    )
+    return any(re.match(r"(gyroscope|accelerometer)\s+[xyz]\b", name, re.IGNORECASE) for name in content.fields())
 
 
 def read(content: Content) -> RawRecording:
@@ -72,9 +70,7 @@ def read(content: Content) -> RawRecording:
     path, header = content.path, content.fields()
     columns = columns_of(header, path)
     wanted = [_the(columns, "time", "", path)]
-    wanted += [
-        _the(columns, quantity, axis, path) for quantity in ("accelerometer", "gyroscope") for axis in "xyz"
-    ]
+    wanted += [_the(columns, quantity, axis, path) for quantity in ("accelerometer", "gyroscope") for axis in "xyz"]
     magnetic = [column for column in columns if column.quantity == "magnetometer"]
     arbitrary = any(np.isnan(column.scale) for column in magnetic)
     if magnetic and not arbitrary:
@@ -116,9 +112,7 @@ def _scale(quantity: str, unit: str, name: str, path: Path) -> float:
     if plain in known:
         return known[plain]
     problem = f"the unit '{unit}', which is not known" if unit else "no unit"
-    raise FormatError(
-        f"{path.name}: column '{name}' has {problem}: write one of {', '.join(known)} in brackets."
-    )
+    raise FormatError(f"{path.name}: column '{name}' has {problem}: write one of {', '.join(known)} in brackets.")
 
 
 def _the(columns: list[Column], quantity: str, axis: str, path: Path) -> Column:

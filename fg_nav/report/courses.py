@@ -89,9 +89,7 @@ def _draw_error(axes: Axes, view: View, colour: str, name: str) -> None:
         t = view.solution.stances.t[view.comparison.row]
         axes.plot(t, error, "o-", color=colour, markersize=3.5, linewidth=0.9, label=rms)
     else:
-        axes.plot(
-            *envelope(view.solution.t[view.comparison.row], error), color=colour, linewidth=0.9, label=rms
-        )
+        axes.plot(*envelope(view.solution.t[view.comparison.row], error), color=colour, linewidth=0.9, label=rms)
 
 
 def _heading(view: View) -> Floats:

@@ -79,9 +79,7 @@ def check_free(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FIL
     except OSError as error:
         raise unwritable(out, error) from None
     if foreign:
-        raise OutputError(
-            f"{out} holds '{foreign[0]}', which this command does not write: choose another --out."
-        )
+        raise OutputError(f"{out} holds '{foreign[0]}', which this command does not write: choose another --out.")
     if present and not force:
         raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
 

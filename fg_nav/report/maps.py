@@ -109,9 +109,7 @@ def _draw_ellipses(axes: Axes, centre: Floats, cov: Floats, extent_m: float) -> 
     if not len(claimed):
         return
     largest_m = ELLIPSE_RADIUS * float(np.sqrt(np.max(np.linalg.eigvalsh(cov[claimed]))))
-    at_most = int(
-        np.clip(4 * extent_m / max(largest_m, 1e-9), 6, MAX_ELLIPSES)
-    )  # huge ones would hide the path
+    at_most = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, MAX_ELLIPSES))  # huge ones would hide the path
     row = claimed[spread_rows(len(claimed), at_most)]
     variance, direction = np.linalg.eigh(cov[row])
     semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
@@ -138,9 +136,7 @@ def _zoom(semi_m: float, extent_m: float) -> int:
 
 def _draw_ends(axes: Axes, stance: Floats) -> None:
     apart = np.linalg.norm(stance[-1, :2] - stance[0, :2]) > 0.05 * np.max(np.ptp(stance[:, :2], axis=0))
-    marks: list[tuple[str, Floats, dict[str, Any]]] = [
-        ("start" if apart else "start, end", stance[0], {"marker": "o"})
-    ]
+    marks: list[tuple[str, Floats, dict[str, Any]]] = [("start" if apart else "start, end", stance[0], {"marker": "o"})]
     if apart:
         marks.append(("end", stance[-1], {"marker": "s"}))
     for words, point, kind in marks:

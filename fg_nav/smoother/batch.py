@@ -1,11 +1,11 @@
 """The batch smoother: a whole walk at once.
 
-    rests   -> gyro bias to start from, and its sigma
-    stances -> lever of the rolling foot
-    stances -> nodes; samples between nodes -> inertial measurements
-    strides -> factors, one stride after the other
-    dead reckoning -> initial values; Gauss-Newton -> solution; marginals -> sigmas
-    nodes -> dense trajectory
+rests   -> gyro bias to start from, and its sigma
+stances -> lever of the rolling foot
+stances -> nodes; samples between nodes -> inertial measurements
+strides -> factors, one stride after the other
+dead reckoning -> initial values; Gauss-Newton -> solution; marginals -> sigmas
+nodes -> dense trajectory
 """
 
 from __future__ import annotations
@@ -30,13 +30,10 @@ from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import eliminate, solve, time_order
-from fg_nav.smoother.strides import add_start, add_stride, strides_of
+from fg_nav.smoother.solver import Solved, solve, time_order
+from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, strides_of
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
-
-INTEGRATION_SHARE, SOLVING_SHARE = 0.6, 0.3
-"""Shares of the work, for the progress."""
 
 
 @dataclass(frozen=True)
@@ -81,13 +78,11 @@ def smooth(
     known = _known(recording, stances, p)
     nodes = place_nodes(recording, stances, p)
     start = levelled(_first_force(recording, stances, known.rests), heading)
-    graph = _graph(recording, stances, nodes, known, start, p, _part(progress, 0.0, INTEGRATION_SHARE))
+    graph, ties = _graph(recording, stances, nodes, known, start, p, progress)
     initial = initial_values(recording, stances, nodes, start, known.gyro_bias, p.gravity)
-    solving = _part(progress, INTEGRATION_SHARE, SOLVING_SHARE)
-    ordering = time_order(nodes)
-    values, iterations = solve(graph, initial, ordering, p.convergence, p.largest_iterations, solving)
-    position, velocity, nav_R_body = _dense(recording, nodes, values, p)
-    table = _table(recording.t, nodes, graph, values, ordering)
+    solved = solve(graph, initial, time_order(nodes), ties.renew, p.convergence, p.largest_steps)
+    position, velocity, nav_R_body = _dense(recording, nodes, solved.values, p)
+    table = _table(recording.t, nodes, solved)
     if progress is not None:
         progress(1.0)
     return Solution(
@@ -99,7 +94,7 @@ def smooth(
         stances=table,
         runtime_s=perf_counter() - began,
         parameters=asdict(p),
-        notes=_notes(known, iterations),
+        notes=_notes(known, solved.steps),
     )
 
 
@@ -159,15 +154,15 @@ def _graph(
     start: Floats,
     p: SmootherParameters,
     progress: Callable[[float], None] | None,
-) -> gtsam.NonlinearFactorGraph:
+) -> tuple[gtsam.NonlinearFactorGraph, VelocityTies]:
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
     measurements = preintegrate(recording, nodes.sample, bias, p, progress)
-    graph = gtsam.NonlinearFactorGraph()
+    graph, ties = gtsam.NonlinearFactorGraph(), VelocityTies()
     add_start(graph, start, known.gyro_bias_sigma, p)
     lever = known.lever.lever
     for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, known.rests, p):
-        add_stride(graph, stride, p)
-    return graph
+        add_stride(graph, ties, stride, p)
+    return graph, ties
 
 
 def _dense(
@@ -187,18 +182,12 @@ def _dense(
     )
 
 
-def _table(
-    t: Floats,
-    nodes: Nodes,
-    graph: gtsam.NonlinearFactorGraph,
-    values: gtsam.Values,
-    ordering: gtsam.Ordering,
-) -> StanceTable:
+def _table(t: Floats, nodes: Nodes, solved: Solved) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
     pose_keys = [X(j) for j in nodes.result]
     bias_keys = [B(k) for k in range(len(pose_keys))]
-    covariance = marginal_covariances(eliminate(graph, values, ordering), {*pose_keys, *bias_keys})
-    poses = [values.atPose3(key) for key in pose_keys]
+    covariance = marginal_covariances(solved.tree, {*pose_keys, *bias_keys})
+    poses = [solved.values.atPose3(key) for key in pose_keys]
     attitude = np.array([pose.rotation().matrix() for pose in poses])
     body = np.array([covariance[key] for key in pose_keys])
     rotation_cov, position_cov = (_in_nav(attitude, body[:, i : i + 3, i : i + 3]) for i in (0, 3))
@@ -209,7 +198,7 @@ def _table(
         t=t[sample],
         position=np.array([pose.translation() for pose in poses]),
         nav_R_body=attitude,
-        gyro_bias=np.array([values.atConstantBias(key).gyroscope() for key in bias_keys]),
+        gyro_bias=np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys]),
         position_cov=position_cov,
         heading_sigma=np.sqrt(rotation_cov[:, 2, 2]),
         gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
@@ -223,15 +212,7 @@ def _in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     return nav_R_body @ body_cov @ nav_R_body.transpose(0, 2, 1)
 
 
-def _part(
-    progress: Callable[[float], None] | None, begin: float, share: float
-) -> Callable[[float], None] | None:
-    if progress is None:
-        return None
-    return lambda fraction: progress(begin + share * fraction)
-
-
-def _notes(known: Known, iterations: int) -> tuple[str, ...]:
+def _notes(known: Known, steps: int) -> tuple[str, ...]:
     x, y, z = known.lever.lever * 1000
     rest = sum(rest.stop - rest.start for rest in known.rests)
     bias = (
@@ -240,4 +221,4 @@ def _notes(known: Known, iterations: int) -> tuple[str, ...]:
         else f"gyro bias at rest ({len(known.rests)} rests) {np.round(np.degrees(known.gyro_bias), 3).tolist()} deg/s"
     )
     lever = f"sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm from the point about which the foot rolls, body axes"
-    return (bias, lever, f"solved in {iterations} Gauss-Newton steps")
+    return (bias, lever, f"solved in {steps} Gauss-Newton steps")

@@ -51,13 +51,9 @@ def _dense(
     n, m = len(h), len(sample)
     p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
     for j in range(m):
-        state = NavState(
-            position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j]
-        )
+        state = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
         if j == 0:
-            backward = NavState(
-                position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j]
-            )
+            backward = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
             _integrate(h, acc, gyr, sample[0], -1, backward, gravity, p, v, R)
         end = sample[j + 1] if j + 1 < m else n - 1
         _integrate(h, acc, gyr, sample[j], end, state, gravity, p, v, R)
@@ -115,19 +111,26 @@ def _meet(
         elapsed += h[i - 1]
         s = elapsed / duration
         a, b = s * s * (3 - 2 * s), s * s * (s - 1)
-        p[i] += a * d_p + b * duration * d_v
-        v[i] += (6 * s * (1 - s) / duration) * d_p + s * (3 * s - 2) * d_v
-        R[i] = R[i] @ _exp(a * d_R)
+        da, db = 6 * s * (1 - s) / duration, s * (3 * s - 2)
+        for k in range(3):
+            p[i, k] += a * d_p[k] + b * duration * d_v[k]
+            v[i, k] += da * d_p[k] + db * d_v[k]
+        _turn(R[i], a * d_R[0], a * d_R[1], a * d_R[2])
     p[last], v[last], R[last] = position, velocity, nav_R_body
 
 
 @njit(cache=True)
-def _exp(angle: Floats) -> Floats:
-    x, y, z = angle
+def _turn(R: Floats, x: float, y: float, z: float) -> None:
+    """Replace R by R Exp((x, y, z)): each row r becomes r + (1 - b q) (r x a) + c (r x a) x a, q = |a|^2."""
     square = x * x + y * y + z * z
-    a, b, _ = rotation_series(square)
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + (1 - b * square) * K + a * (K @ K)
+    c, b, _ = rotation_series(square)
+    s = 1.0 - b * square
+    for i in range(3):
+        r0, r1, r2 = R[i, 0], R[i, 1], R[i, 2]
+        u0, u1, u2 = r1 * z - r2 * y, r2 * x - r0 * z, r0 * y - r1 * x
+        R[i, 0] = r0 + s * u0 + c * (u1 * z - u2 * y)
+        R[i, 1] = r1 + s * u1 + c * (u2 * x - u0 * z)
+        R[i, 2] = r2 + s * u2 + c * (u0 * y - u1 * x)
 
 
 @njit(cache=True)

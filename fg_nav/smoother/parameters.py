@@ -47,7 +47,7 @@ class SmootherParameters:
     """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
     lever: RollingLeverParameters = field(default_factory=RollingLeverParameters)
 
-    node_spacing_s: float = 0.08
+    node_spacing_s: float = 0.15
     """Distance of the graph's nodes in a stance."""
     long_stance_s: float = 0.5
     """Beyond this length of a stance, nodes stand `rest_spacing_s` apart."""
@@ -71,9 +71,10 @@ class SmootherParameters:
     gravity: float = GRAVITY_M_S2
     """m/s^2."""
 
-    largest_iterations: int = 25
     convergence: float = 1e-3
-    """The solver stops when the error falls by less than this share of itself."""
+    """The solver stops when the error differs from what the linear model promised by less than this share."""
+    largest_steps: int = 25
+    """And gives up after so many."""
 
 
 PLAIN = SmootherParameters(roll_sigma_m=0.0, unsteady_s=0.0, settling_m=0.0, known_lever=(0.0, 0.0, 0.0))

@@ -13,6 +13,7 @@ sample.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -35,7 +36,7 @@ def preintegrate(
     period = np.diff(recording.t)
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
-    for k, (i, j) in enumerate(zip(sample[:-1], sample[1:], strict=True)):
+    for k, (i, j) in enumerate(pairwise(sample)):
         params.setAccelerometerCovariance(np.diag(acc_variance[k]))
         params.setGyroscopeCovariance(np.diag(gyr_variance[k]))
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)

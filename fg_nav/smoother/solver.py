@@ -1,22 +1,23 @@
 """Gauss-Newton with halved steps, its outer loop in Python so that no factor is handed a copy of the values.
 
-    repeat   linearise, eliminate, step; halve the step while it does not lower the error
-    until    the error falls by less than a share of itself
+    repeat   renew what depends on the attitude, linearise, eliminate, step; halve the step while it raises the error
+    until    the error after the step is the one that the linear model promised
 
-QR elimination: the information of a bias over hours and of a node over milliseconds differ by more than Cholesky
-bears. The variables are eliminated in the order of time, which on a chain is as good as any ordering and leaves the
-last footfall at the root.
+where the model holds its minimum is that of the graph: one linearisation less than waiting for a step that changes
+nothing, and its Bayes tree serves for the marginals. QR elimination: the information of a bias over hours and of a
+node over milliseconds differ by more than Cholesky bears. The variables are eliminated in the order of time, which on
+a chain is as good as any ordering and leaves the last footfall at the root.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.smoother.nodes import Nodes
 
@@ -35,44 +36,59 @@ def time_order(nodes: Nodes) -> gtsam.Ordering:
     return ordering
 
 
+@dataclass(frozen=True)
+class Solved:
+    """Values at the minimum, the Bayes tree of the last linearisation, and the number of linearisations."""
+
+    values: gtsam.Values
+    tree: gtsam.GaussianBayesTree
+    steps: int
+
+
 def solve(
     graph: gtsam.NonlinearFactorGraph,
     values: gtsam.Values,
     ordering: gtsam.Ordering,
+    renew: Callable[[gtsam.NonlinearFactorGraph, gtsam.Values], None],
     convergence: float,
-    largest_iterations: int,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[gtsam.Values, int]:
-    """Minimise the error of the graph; returns the values and the number of iterations.
+    largest_steps: int,
+) -> Solved:
+    """Minimise the error of the graph.
+
+    Parameters
+    ----------
+    renew
+        Called before each linearisation, to renew the factors that depend on the attitude.
+    convergence
+        Largest difference of promised and true error, as a share of it.
 
     Raises
     ------
     EstimationError
-        If the error is not finite, or has not settled after `largest_iterations`.
+        If the equations have no unique solution, or no minimum is found in `largest_steps`.
     """
-    error = graph.error(values)
-    for iteration in range(1, largest_iterations + 1):
-        step = eliminate(graph, values, ordering).optimize()
-        values, lower = _descend(graph, values, step, error)
-        if not np.isfinite(lower):
+    for steps in range(1, largest_steps + 1):
+        renew(graph, values)
+        linear, tree = _eliminated(graph, values, ordering)
+        step = tree.optimize()
+        promised = linear.error(step)
+        values, error = _descend(graph, values, step)
+        if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
-        if error - lower <= convergence * error:
-            return values, iteration
-        error = lower
-        if progress is not None:
-            progress(iteration / largest_iterations)
+        if abs(error - promised) <= convergence * error:
+            return Solved(values, tree, steps)
     raise EstimationError(
-        f"the smoother did not converge in {largest_iterations} steps: the stances are not those of a walk on foot, "
-        "or the units of the recording are wrong; look at it with 'fg-nav inspect'."
+        f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
+        "units of the recording are wrong; look at it with 'fg-nav inspect'."
     )
 
 
-def eliminate(
+def _eliminated(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ordering: gtsam.Ordering
-) -> gtsam.GaussianBayesTree:
-    """Linearise at the values and eliminate by QR; raises `EstimationError` where that has no unique solution."""
+) -> tuple[gtsam.GaussianFactorGraph, gtsam.GaussianBayesTree]:
     try:
-        return graph.linearize(values).eliminateMultifrontal(ordering, gtsam.EliminateQR)
+        linear = graph.linearize(values)
+        return linear, linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
     except RuntimeError as error:
         raise EstimationError(
             "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
@@ -80,13 +96,14 @@ def eliminate(
 
 
 def _descend(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, step: gtsam.VectorValues, error: float
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, step: gtsam.VectorValues
 ) -> tuple[gtsam.Values, float]:
-    """Values after the step, halved as often as it takes not to raise the error; unchanged if nothing helps."""
+    """Values after the step, halved as often as it takes not to raise the error, and their error."""
+    before = graph.error(values)
     for _ in range(MOST_HALVINGS):
         moved = values.retract(step)
-        lower = graph.error(moved)
-        if lower <= error:
-            return moved, lower
+        error = graph.error(moved)
+        if error <= before:
+            return moved, error
         step = step.scale(0.5)
-    return values, error
+    return values, before

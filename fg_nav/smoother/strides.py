@@ -4,10 +4,14 @@ Variables: pose X and velocity V at each node, one bias B a footfall. A stride i
 to it. It adds
 
 * inertial factors from the last node of the footfall before, through all nodes of this one;
-* at each node a rolling-stance factor: V = R (w x l) + settling, with a sigma that grows with how fast the foot turns
+* at each node a tie of the velocity, V = R (w x l) + settling, with a sigma that grows with how fast the foot turns
   and how far its specific force is from gravity there;
 * a random-walk factor from the bias before to this one;
 * for each rest in the footfall, what it shows of the gyro bias.
+
+The velocity tie is `factors.rolling_stance_factor` with the attitude R of the current linearisation: `VelocityTies`
+renews it before every step of the solver. What that leaves out is the derivative by R, which is the small velocity
+w x l itself, well below the sigma of the tie; what it saves is a Python call per node and linearisation.
 
 The first footfall has in place of the swing the gauge: position and heading by definition, tilt from gravity, and a
 prior on the bias.
@@ -22,7 +26,6 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from factors import rolling_stance_factor
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
 from fg_nav.recording import Recording
@@ -88,23 +91,53 @@ def strides_of(
         )
 
 
-def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
+class VelocityTies:
+    """The velocity ties of a graph, each to the attitude of its node as far as it is known."""
+
+    def __init__(self) -> None:
+        self._place: list[int] = []
+        self._node: list[int] = []
+        self._body_velocity: list[Floats] = []
+        self._settling: list[Floats] = []
+        self._noise: list[gtsam.noiseModel.Diagonal] = []
+
+    def add(
+        self,
+        graph: gtsam.NonlinearFactorGraph,
+        j: int,
+        body_velocity: Floats,
+        settling: Floats,
+        sigma: Floats,
+    ) -> None:
+        """Add the tie of node `j` to the graph; it says nothing true before the first `renew`."""
+        noise = gtsam.noiseModel.Diagonal.Sigmas(sigma)
+        self._place.append(graph.size())
+        self._node.append(j)
+        self._body_velocity.append(body_velocity)
+        self._settling.append(settling)
+        self._noise.append(noise)
+        graph.push_back(gtsam.PriorFactorVector(V(j), settling, noise))
+
+    def renew(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
+        """Turn the ties to the attitudes in `values`."""
+        attitude = np.array([values.atPose3(X(j)).rotation().matrix() for j in self._node])
+        velocity = np.einsum("jab,jb->ja", attitude, self._body_velocity) + self._settling
+        for place, j, v, noise in zip(self._place, self._node, velocity, self._noise, strict=True):
+            graph.replace(place, gtsam.PriorFactorVector(V(j), v, noise))
+
+
+def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: Stride, p: SmootherParameters) -> None:
     """Turn a stride into factors."""
     k = stride.footfall
     for j, measurement in enumerate(stride.measurements, start=max(stride.first, 1)):
         bias = B(k - 1) if j == stride.first else B(k)
         graph.push_back(gtsam.GalileanImuFactor(X(j - 1), V(j - 1), X(j), V(j), bias, measurement))
     for i, j in enumerate(range(stride.first, stride.last)):
-        noise = gtsam.noiseModel.Diagonal.Sigmas(stride.velocity_sigma[i])
-        graph.push_back(
-            rolling_stance_factor(X(j), V(j), stride.body_velocity[i], stride.settling[i], noise)
-        )
+        ties.add(graph, j, stride.body_velocity[i], stride.settling[i], stride.velocity_sigma[i])
     if k > 0:
         walk = np.repeat([p.acc_bias_walk, np.radians(p.gyro_bias_walk_deg_s)], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.time_since_last_s))
-        graph.push_back(
-            gtsam.BetweenFactorConstantBias(B(k - 1), B(k), gtsam.imuBias.ConstantBias(), noise)
-        )
+        graph.push_back(gtsam.BetweenFactorConstantBias(B(k - 1), B(k), gtsam.imuBias.ConstantBias(), noise))
     for rest in stride.rests:
         graph.addPriorConstantBias(B(k), _bias(rest.rate), _bias_noise(UNKNOWN_ACC_BIAS, rest.sigma))
 
