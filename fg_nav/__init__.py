@@ -31,3 +31,48 @@ Solution
 The data's way: `fg_nav.io` -> `Recording` -> `fg_nav.detection` -> `Stances` -> `fg_nav.smoother` or `fg_nav.ekf`
 -> `Solution` -> `fg_nav.evaluation`, `fg_nav.report`.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fg_nav.detection import detect_stances
+    from fg_nav.ekf import run_iez
+    from fg_nav.errors import FgNavError
+    from fg_nav.evaluation import evaluate
+    from fg_nav.io import read
+    from fg_nav.recording import Recording
+    from fg_nav.smoother import smooth
+    from fg_nav.solution import Solution
+    from fg_nav.stances import Stances
+
+_HOME = {
+    "FgNavError": "fg_nav.errors",
+    "Recording": "fg_nav.recording",
+    "Solution": "fg_nav.solution",
+    "Stances": "fg_nav.stances",
+    "detect_stances": "fg_nav.detection",
+    "evaluate": "fg_nav.evaluation",
+    "read": "fg_nav.io",
+    "run_iez": "fg_nav.ekf",
+    "smooth": "fg_nav.smoother",
+}
+
+__all__ = [
+    "FgNavError",
+    "Recording",
+    "Solution",
+    "Stances",
+    "detect_stances",
+    "evaluate",
+    "read",
+    "run_iez",
+    "smooth",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for: the graph library and the compiler take a second to load."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'fg_nav' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)

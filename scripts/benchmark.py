@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     repeats = measure(some, chosen.repeats)
     figures = print_costs(some, repeats)
     stages = print_stages(some, chosen.repeats)
-    print_accuracy(list(some.values())[-1])
+    print_found(some)
     fig.print_verdict(figures)
     if chosen.json:
         times = [{walk: {call: vars(t) for call, t in of.items()} for walk, of in r.items()} for r in repeats]
@@ -304,13 +304,16 @@ def print_stages(some: Mapping[str, Recording], repeats: int) -> dict[str, dict[
     return cost
 
 
-def print_accuracy(recording: Recording) -> None:
+def print_found(some: Mapping[str, Recording]) -> None:
     """Print what `smooth` found, so that it is known to have done its work."""
-    stances = detect_stances(recording)
-    solution = smooth(recording, stances)
-    found = evaluate(solution, recording.truth)
-    error = "" if found.rmse_2d_m is None else f", rmse {found.rmse_2d_m:.3f} m"
-    console().print(f"\n{found.strides_detected} strides, {found.distance_m:.0f} m{error}; {solution.notes[-1]}")
+    rows = []
+    for name, recording in some.items():
+        solution = smooth(recording, detect_stances(recording))
+        metrics = evaluate(solution, recording.truth)
+        rmse = "-" if metrics.rmse_2d_m is None else f"{metrics.rmse_2d_m:.3f}"
+        rows.append([name, f"{metrics.strides_detected}", f"{metrics.distance_m:.0f}", rmse, solution.notes[-1]])
+    fig.print_heading("What smooth found")
+    fig.print_table(("walk", "strides", "distance (m)", "rmse 2-D (m)", ""), rows)
 
 
 if __name__ == "__main__":

@@ -4,19 +4,25 @@ Gait, shoe and sensor change how still a foot in stance is by a factor of a hund
 middle of a swing can look as still as the stance of a runner. But a foot in mid-swing moves at metres a second,
 and that shows in the integrated acceleration. So:
 
-1. Candidates are the local minima of L = log10(SHOE), at least `prominence` decades deep.
-2. A free strapdown pass gives the velocity V at each candidate, up to a slow drift. Between two true footfalls
-   V hardly changes; between a footfall and a mid-swing it changes by the speed of the foot.
+1. Candidates are the local minima of L = log10(SHOE), at least `prominence` decades deep. The first and the last
+   sample of the recording may cut a slope: they are minima only below `floor`.
+2. A free strapdown pass, both ways from the stillest candidate, gives the velocity V at each candidate, up to a slow
+   drift. Between two true footfalls V hardly changes; between a footfall and a mid-swing it changes by the speed of
+   the foot.
 3. The footfalls are the chain of candidates i -> j -> ... with the greatest
        sum of u_i - c_ij,    u = reward - max(L - L_0, 0),
        c_ij = 2 log(1 + |V_j - V_i|^2 / (4 s^2)),   s^2 = s_0^2 + (s_a T_ij)^2,
    found by dynamic programming: still candidates earn, changes of velocity cost, with the tail of a Student t
    (shocks and clipping spoil single strides). No link is longer than `longest_link_s`, unless nothing is between.
-4. Where no footfall was found for longer than a swing lasts, the search is repeated there with wider s.
-5. A stance reaches from its minimum as far as L stays below a threshold of its own, `margin` above the minimum
+   A recording may begin or end in a swing, so a chain may leave out its first or last `longest_swing_s`.
+4. A stance reaches from its minimum as far as L stays below a threshold of its own, `margin` above the minimum
    but between `floor` and `ceiling`.
+5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
+6. No foot swings within `shortest_swing_s`: of two intervals closer than that, with the angular rate of a swing
+   between them, only the stiller is a stance: the other is the landing before it, or a mid-swing. Two rests stay two.
 
-Levels L are in decades of SHOE at the scale of `StillnessNoise`; a sensor at rest has L of about 1.
+Levels L are in decades of SHOE at the scale of `StillnessNoise`: L is reached by an angular rate of 0.2 deg/s, or a
+specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
 """
 
 from __future__ import annotations
@@ -27,7 +33,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import find_peaks
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2, levelled
 from fg_nav.mechanisation import NavState, nudge_tilt, strapdown
 
@@ -55,13 +61,17 @@ class FootfallParameters:
     rest_level: float = 3.0
     """L is cut off below: a rest is one candidate, however its noise ripples."""
     highest_level: float = 5.8
-    """A minimum above this is never a stance: 40 deg/s rms."""
+    """A minimum above this is never a stance: 160 deg/s, or 16 m/s^2."""
     easy_level: float = 3.5
     """L_0: up to here a candidate earns the full reward."""
     longest_link_s: float = 2.5
     """A stride takes no longer."""
     longest_swing_s: float = 1.2
-    """No foot of a walking or running person is in the air for longer."""
+    """No foot of a walking or running person is in the air for longer ..."""
+    shortest_swing_s: float = 0.25
+    """... nor for shorter; sprinters need 0.35."""
+    swing_rate_rad_s: float = 2.0
+    """No swing without a peak rate above this."""
     walking: LinkParameters = field(default_factory=lambda: LinkParameters(4.0, 0.2, 0.3, 3.0))
     """For the first search."""
     rough: LinkParameters = field(default_factory=lambda: LinkParameters(5.0, 0.3, 0.5, 4.0))
@@ -69,10 +79,13 @@ class FootfallParameters:
     margin: float = 0.6
     """A stance's own threshold above its minimum, decades."""
     floor: float = 4.0
-    """Its threshold is not below this, 8 deg/s rms ..."""
+    """Its threshold is not below this, 20 deg/s or 2 m/s^2 ..."""
     ceiling: float = 5.3
-    """... nor above this, unless the minimum itself is."""
+    """... nor above this, 90 deg/s or 9 m/s^2, unless the minimum itself is."""
 
+
+HIGHER_THAN_ANY = 1e3
+"""Level of the walls at both ends of a recording."""
 
 BROKEN = 24.0
 """Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
@@ -105,15 +118,20 @@ def find_footfalls(
     found = [_search(t, acc, gyr, level, candidates, p, parameters) for p in (parameters.walking, parameters.rough)]
     stances, rough = (_grown(level, samples, parameters) for samples in found)
     merged = _fill_gaps(t, stances, rough, parameters.longest_swing_s)
-    return merged[0].astype(np.int64), merged[1].astype(np.int64), merged[2]
+    start, stop, threshold = merged[0].astype(np.int64), merged[1].astype(np.int64), merged[2]
+    kept = _apart(t, gyr, level, start, stop, parameters)
+    return start[kept], stop[kept], threshold[kept]
 
 
 def _candidates(level: Floats, parameters: FootfallParameters) -> Ints:
+    """Samples of the local minima: step 1."""
     cut = np.maximum(level, parameters.rest_level)
-    walled = np.concatenate([[np.inf], cut, [np.inf]])
-    peaks, _ = find_peaks(-np.minimum(walled, 1e3), prominence=parameters.prominence, plateau_size=1)
+    wall = [HIGHER_THAN_ANY]
+    peaks, _ = find_peaks(-np.concatenate([wall, cut, wall]), prominence=parameters.prominence, plateau_size=1)
     minima = peaks - 1
-    return np.asarray(minima[cut[minima] < parameters.highest_level], dtype=np.int64)
+    at_an_end = (minima == 0) | (minima == len(level) - 1)
+    highest = np.where(at_an_end, parameters.floor, parameters.highest_level)
+    return np.asarray(minima[cut[minima] < highest], dtype=np.int64)
 
 
 def _search(
@@ -137,13 +155,13 @@ def _search(
 
 
 def _grown(level: Floats, samples: Ints, p: FootfallParameters) -> Floats:
-    """Intervals around footfalls (3, K): start, stop, threshold: step 5. Overlapping ones become one."""
+    """Intervals around footfalls (3, K): start, stop, threshold: step 4. Overlapping ones become one."""
     own = np.clip(level[samples] + p.margin, p.floor, np.maximum(p.ceiling, level[samples] + 0.2))
     return np.array(_grow(level, samples, own))
 
 
 def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float) -> Floats:
-    """Add those of the rough intervals (3, R) that lie in a gap too long for a swing: step 4."""
+    """Add those of the rough intervals (3, R) that lie in a gap too long for a swing: step 5."""
     if stances.shape[1] == 0:
         return rough
     before = np.concatenate([[0.0], stances[1]])
@@ -156,9 +174,30 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float
     return both[:, np.argsort(both[0], kind="stable")]
 
 
+def _apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints, p: FootfallParameters) -> Ints:
+    """Intervals (K,) that stay when those too close for a swing have gone, but for rests: step 6."""
+    least = np.array([level[a:b].min() for a, b in zip(start, stop, strict=True)])
+    kept = np.arange(len(start))
+    while True:
+        close = _too_close(t, gyr, start[kept], stop[kept], p)
+        doubtful = (np.append(close, False) | np.insert(close, 0, False)) & (least[kept] > p.rest_level)
+        if not doubtful.any():
+            return kept
+        kept = np.delete(kept, np.argmax(np.where(doubtful, least[kept], -np.inf)))
+
+
+def _too_close(t: Floats, gyr: Floats, start: Ints, stop: Ints, p: FootfallParameters) -> Bools:
+    """Whether the foot turns as in a swing from each interval to the next (K - 1,), but for less time than one."""
+    close = t[start[1:]] - t[stop[:-1] - 1] < p.shortest_swing_s
+    for k in np.flatnonzero(close):
+        between = gyr[stop[k] : start[k + 1] + 1]
+        close[k] = np.linalg.norm(between, axis=1).max() > p.swing_rate_rad_s
+    return np.asarray(close)
+
+
 @njit(cache=True)
 def _free_velocity(
-    t: Floats, acc: Floats, gyr: Floats, still: Floats, first: int, nav_R_body: Floats, gravity: float
+    t: Floats, acc: Floats, gyr: Floats, still: Bools, first: int, nav_R_body: Floats, gravity: float
 ) -> Floats:
     """Velocity (N, 3) m/s of a strapdown pass from rest and this attitude at the sample `first`, both ways.
 
@@ -208,7 +247,7 @@ def _grow(level: Floats, samples: Ints, threshold: Floats) -> tuple[Floats, Floa
     """Intervals in which the level stays below each sample's threshold, overlapping ones merged."""
     start, stop, own = np.empty(len(samples)), np.empty(len(samples)), np.empty(len(samples))
     k = 0
-    for i, limit in zip(samples, threshold):
+    for i, limit in zip(samples, threshold):  # noqa: B905 - numba knows no strict
         a, b = i, i + 1
         while a > 0 and level[a - 1] < limit:
             a -= 1

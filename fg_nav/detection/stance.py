@@ -33,8 +33,6 @@ class StanceParameters:
     """Length of the sliding window."""
     shortest_s: float = 0.015
     """Shorter stances are dropped; those of running last 50 ms and more."""
-    swing_rate_rad_s: float = 2.0
-    """No swing without a peak rate above this: what lies between two still moments is else a fidget."""
     noise: StillnessNoise = field(default_factory=StillnessNoise)
     footfalls: FootfallParameters = field(default_factory=FootfallParameters)
 
@@ -55,7 +53,7 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     start, stop, threshold = _long_enough(recording.t, *found, parameters.shortest_s)
     if len(start) == 0:
         raise DetectionError(_nothing_found(recording, statistic))
-    footfall = _footfalls(recording.gyr, start, stop, parameters.swing_rate_rad_s)
+    footfall = _footfalls(recording.gyr, start, stop, parameters.footfalls.swing_rate_rad_s)
     relative = statistic / _threshold_along(len(recording), start, stop, threshold)
     return Stances(
         start, stop, footfall, len(recording), parameters.detector, float(np.median(threshold)), statistic=relative

@@ -6,8 +6,9 @@ The foot turns about a *pivot* near the floor; the sensor sits at `lever` from i
 
     position = pivot + nav_R_body lever,    nav_R_body = Rz(yaw) Ry(pitch) Rx(roll),
 
-with x forward, y left, z up; positive pitch points the toe down. In stance the pivot is still and the
-sensor moves only because the foot rolls: velocity = nav_R_body (rate x lever).
+with x forward, y left, z up; positive pitch points the toe down. In stance the pivot stays where it is but for
+the sole, which gives way under the load, and the sensor moves because the foot rolls:
+velocity = nav_R_body (rate x lever) + settling.
 
 Pivot and angles are sums of *ramps*, each rising from 0 to its full rise within one phase of a stride as
 

@@ -18,13 +18,13 @@ from fg_nav.frames import GRAVITY_M_S2
 class SmootherParameters:
     """Defaults for MEMS sensors on a shoe; `docs/models.md` tells how each was chosen."""
 
-    acc_density: float = 0.007
+    acc_density: float = 0.005
     """White error of the specific force in stance, m/s^2/sqrt(Hz); data sheets have 0.001, skin and shoe the rest."""
-    acc_relative_density: float = 0.014
+    acc_relative_density: float = 0.01
     """The same per m/s^2 by which |specific force| differs from gravity, 1/sqrt(Hz): shocks, scale, jitter."""
-    gyr_density_deg_s: float = 0.02
+    gyr_density_deg_s: float = 0.015
     """White error of the angular rate in stance, deg/s/sqrt(Hz); data sheets have 0.005 to 0.015."""
-    gyr_relative_density: float = 0.0014
+    gyr_relative_density: float = 0.001
     """The same per rad/s of rate, 1/sqrt(Hz): scale, misalignment, jitter."""
     saturated_acc_m_s2: float = 20.0
     """What a clipped specific force may hide, per sample, one sigma."""
@@ -33,12 +33,12 @@ class SmootherParameters:
     position_density: float = 1e-3
     """White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
 
-    velocity_sigma: float = 0.005
+    velocity_sigma: float = 0.004
     """Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011)."""
-    roll_sigma_m: float = 0.06
-    """How far the point about which the foot turns wanders, m: half a foot's width, a quarter of its length."""
-    unsteady_s: float = 0.04
-    """Time for which an acceleration in stance may already have lasted, s: half a node spacing."""
+    roll_sigma_m: float = 0.05
+    """How far the point about which the foot turns wanders, m: half the width of a foot."""
+    unsteady_s: float = 0.03
+    """Time for which an acceleration in stance may already have lasted, s: a footfall's tremble is at 10 Hz."""
     settling_m: float = 0.0015
     """By how much the sole gives way under the load of a stance, m, with as large a sigma: a shoe is soft."""
     settling_time_s: float = 0.3

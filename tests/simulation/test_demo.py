@@ -11,6 +11,7 @@ from fg_nav.recording import TrajectoryTruth
 from fg_nav.simulation import demo_walk
 from fg_nav.simulation.demo import STANDING_S, demo_motion
 from fg_nav.simulation.gait import FootMotion, Kinematics
+from fg_nav.stances import runs
 
 SEED = 7
 
@@ -102,18 +103,58 @@ def test_toe_and_heel_stay_above_the_floor(
     assert height.max() > 0.05
 
 
-def test_in_stance_the_foot_rolls_slowly_about_a_still_pivot(
-    walk: tuple[FootMotion, float], dense: tuple[np.ndarray, Kinematics]
+@pytest.fixture(scope="module")
+def flat(walk: tuple[FootMotion, float], dense: tuple[np.ndarray, Kinematics]) -> tuple[np.ndarray, np.ndarray]:
+    """Pivot (N, 3) m, and whether the foot is flat in a stance of the walk: its pivot neither swings nor lifts."""
+    motion, (t, state) = walk[0], dense
+    pivot = state.position - state.nav_R_body @ motion.lever
+    velocity = np.gradient(pivot, t, axis=0)
+    walking = (t > STANDING_S) & (t < t[-1] - STANDING_S)
+    slow = (np.linalg.norm(velocity[:, :2], axis=1) < 1e-6) & (velocity[:, 2] < 0) & (velocity[:, 2] > -0.02)
+    return pivot, walking & slow & (pivot[:, 2] < 0.01)
+
+
+def test_in_stance_the_foot_rolls_slowly_about_a_pivot_that_sinks(
+    walk: tuple[FootMotion, float], dense: tuple[np.ndarray, Kinematics], flat: tuple[np.ndarray, np.ndarray]
 ) -> None:
     motion, (t, state) = walk[0], dense
+    pivot, stands = flat
     walking = (t > STANDING_S) & (t < t[-1] - STANDING_S)
-    pivot = state.position - state.nav_R_body @ motion.lever
-    still = walking & (np.linalg.norm(np.gradient(pivot, t, axis=0), axis=1) < 1e-5)
-    assert 0.33 < still.sum() / walking.sum() < 0.45
-    rolling = np.linalg.norm(np.cross(state.rate, motion.lever), axis=1)
-    np.testing.assert_allclose(np.linalg.norm(state.velocity, axis=1)[still], rolling[still], atol=2e-5)
-    assert 0.001 < np.sqrt(np.mean(rolling[still] ** 2)) < 0.015
-    assert 1 < np.rad2deg(np.linalg.norm(state.rate, axis=1))[still].mean() < 5
+    assert 0.33 < stands.sum() / walking.sum() < 0.45
+    rolling = np.cross(state.rate, motion.lever)
+    settling = np.gradient(pivot, t, axis=0)[stands]
+    moving = np.einsum("nij,nj->ni", state.nav_R_body, rolling)[stands]
+    np.testing.assert_allclose(state.velocity[stands] - moving, settling, atol=2e-5)
+    assert 0.001 < np.sqrt(np.mean(moving**2)) * np.sqrt(3) < 0.015
+    assert 1 < np.rad2deg(np.linalg.norm(state.rate, axis=1))[stands].mean() < 5
+
+
+def test_sole_gives_way_under_load_and_springs_back(
+    dense: tuple[np.ndarray, Kinematics], flat: tuple[np.ndarray, np.ndarray]
+) -> None:
+    (t, _), (pivot, stands) = dense, flat
+    height = pivot[:, 2]
+    start, stop = runs(stands)
+    long = stop - start > 150
+    start, stop = start[long], stop[long]
+    assert len(start) == 61
+    sunk = height[start] - height[stop - 1]
+    assert 0.0013 < sunk.mean() < 0.0018
+    assert 0.0003 < sunk.std() < 0.0007
+    quarter = (stop - start) // 4
+    speed = (height[start + quarter] - height[stop - quarter]) / (t[stop - quarter] - t[start + quarter])
+    assert 0.004 < np.median(speed) < 0.008
+    # what is lost in a stance comes back before the next one: no stride begins lower than it should
+    np.testing.assert_allclose(height[start][1:], np.median(height[start]), atol=5e-4)
+
+
+def test_a_foot_that_stands_on_stays_pressed(
+    dense: tuple[np.ndarray, Kinematics], flat: tuple[np.ndarray, np.ndarray]
+) -> None:
+    (t, state), (pivot, _) = dense, flat
+    for standing in (t < STANDING_S, t > t[-1] - STANDING_S + 0.01):
+        assert np.ptp(state.position[standing], axis=0).max() < 1e-9
+    np.testing.assert_allclose(pivot[-1], pivot[0], atol=1e-9)
 
 
 def test_walk_is_a_closed_loop_with_corners() -> None:
