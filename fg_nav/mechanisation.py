@@ -95,6 +95,20 @@ def strapdown(state: NavState, acc: Floats, gyr: Floats, h: float, gravity: floa
 
 
 @njit(cache=True)
+def rotate_in_body(R: Floats, x: float, y: float, z: float) -> None:
+    """Replace R by R Exp((x, y, z)): each row r becomes r + (1 - b q) (r x a) + c (r x a) x a, q = |a|^2."""
+    square = x * x + y * y + z * z
+    c, b, _ = rotation_series(square)
+    s = 1.0 - b * square
+    for i in range(3):
+        r0, r1, r2 = R[i, 0], R[i, 1], R[i, 2]
+        u0, u1, u2 = r1 * z - r2 * y, r2 * x - r0 * z, r0 * y - r1 * x
+        R[i, 0] = r0 + s * u0 + c * (u1 * z - u2 * y)
+        R[i, 1] = r1 + s * u1 + c * (u2 * x - u0 * z)
+        R[i, 2] = r2 + s * u2 + c * (u0 * y - u1 * x)
+
+
+@njit(cache=True)
 def nudge_tilt(nav_R_body: Floats, force: Floats, gain: float) -> None:
     """Turn the attitude a share `gain` of the way that brings `force` (3,) to the vertical; keep it orthonormal."""
     R = nav_R_body

@@ -48,7 +48,7 @@ from fg_nav.ekf import run_iez
 from fg_nav.evaluation import evaluate
 from fg_nav.io import read
 from fg_nav.recording import Recording
-from fg_nav.report.terminal import console, progress
+from fg_nav.report.terminal import progress
 from fg_nav.smoother import SmootherParameters, batch, smooth
 
 SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 2.5, 2.3, 2.5
@@ -219,7 +219,7 @@ class StageClock:
 
     seconds: dict[str, float] = field(default_factory=lambda: {REST: 0.0})
     _open: list[str] = field(default_factory=lambda: [REST])
-    _since: float = field(default_factory=perf_counter)
+    _since: float = field(default_factory=lambda: perf_counter())
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

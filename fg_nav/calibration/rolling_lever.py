@@ -1,14 +1,13 @@
 """Where a foot's sensor stands above the point about which the foot rolls, known from the recording itself.
 
 In stance a foot rolls slowly about a point near the ground, and a sensor at l from it (body frame) moves with
-v = w x l. Integrated from the stillest instant t_0 of a stance, in the body frame of that instant (R_0 = I),
+v = w x l. With R(t) the attitude since the first sample of the stance,
 
-    y(t) = int_{t_0}^t R f - R(t_0) f(t_0) ds  =  (R w(t) - w(t_0)) x l-terms + c (t - t_0) + d,
+    y(t) = int R f ds = R (w x l) + offset + ramp,    R (w x l) = A(t) l,    A = R [w]x,
 
-that is, y(t) = (R(t) [w(t)]x - [w(t_0)]x) l + nuisance: a ramp c for tilt and bias, an offset d for the noise of the
-starting instant. Both are projected out of each stance, and l is the least-squares solution over all of them. It
-assumes nothing about the velocity being zero, which is why it does not shrink: a blind estimate inside a graph
-whose zero-velocity factors pull v to zero gives about half.
+offset and ramp being the velocity at the start, gravity, tilt and bias. Both are projected out of each stance, and l is
+the least-squares solution over all of them. It assumes nothing about the velocity being zero, which is why it does not
+shrink: a blind estimate inside a graph whose zero-velocity factors pull v to zero is far too small.
 
 The stance-to-stance scatter gives the covariance (a sandwich estimate: errors within a stance are correlated).
 """
@@ -21,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
@@ -104,53 +104,41 @@ def _normal_equations(
         while b < stop[k] - 1 and rate[b + 1] < largest_rate and t[b + 1] - t[still] < longest:
             b += 1
         if b - a + 1 >= fewest:
-            _add_stance(t, acc, gyr, a, b, still, normal[k], right[k])
+            _add_stance(t, acc, gyr, a, b, normal[k], right[k])
     return normal, right
 
 
 @njit(cache=True)
-def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, still: int, normal: Floats, right: Floats) -> None:
+def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, normal: Floats, right: Floats) -> None:
+    """Add the samples a <= i <= b of a stance, without the part of them that is a line in time.
+
+    Each nav axis r has at each sample the row z = (A_r1, A_r2, A_r3, y_r). Its products less those of its line are
+    sum z z' - s s'/n - q q'/sum tau^2, with s = sum z, q = sum z tau, tau the time from the mean time.
+    """
     n = b - a + 1
-    design, y = np.zeros((n, 9)), np.zeros((n, 3))
-    low, high = max(still - 2, 0), min(still + 3, len(acc))
-    level = np.zeros(3)
-    for i in range(low, high):
-        level += acc[i] / (high - low)
-    for direction in (1, -1):
-        R, v = np.eye(3), np.zeros(3)
-        i = still
-        while (direction == 1 and i <= b) or (direction == -1 and i >= a):
-            design[i - a] = (R @ _cross_matrix(gyr[i])).copy().reshape(9)
-            y[i - a] = v
-            held = i if direction == 1 else i - 1
-            if held < a or held + 1 > b:
-                break
-            h = (t[held + 1] - t[held]) * direction
-            turned = R @ (np.eye(3) + _cross_matrix(gyr[held]) * h)
-            force = 0.5 * (R @ acc[held] + turned @ acc[held])
-            v = v + (force - level) * h
-            R = turned
-            i += direction
-    at_still = design[still - a].copy()
-    elapsed = t[a : b + 1] - t[still]
-    elapsed = elapsed - elapsed.mean()
-    elapsed /= np.sqrt((elapsed**2).sum())
-    for j in range(9):
-        design[:, j] = _without_line(design[:, j] - at_still[j], elapsed)
-    for j in range(3):
-        y[:, j] = _without_line(y[:, j], elapsed)
-    for i in range(n):
-        A = design[i].copy().reshape(3, 3)
-        normal += A.T @ A
-        right += A.T @ y[i]
-
-
-@njit(cache=True)
-def _without_line(column: Floats, unit_time: Floats) -> Floats:
-    centred = column - column.mean()
-    return centred - unit_time * (unit_time * centred).sum()
-
-
-@njit(cache=True)
-def _cross_matrix(w: Floats) -> Floats:
-    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    middle = t[a : b + 1].mean()
+    spread = ((t[a : b + 1] - middle) ** 2).sum()
+    R, y, z = np.eye(3), np.zeros(3), np.empty(4)
+    products, s, q = np.zeros((4, 4)), np.zeros((3, 4)), np.zeros((3, 4))
+    for i in range(a, b + 1):
+        w, f = gyr[i], acc[i]
+        for r in range(3):
+            z[0] = R[r, 1] * w[2] - R[r, 2] * w[1]
+            z[1] = R[r, 2] * w[0] - R[r, 0] * w[2]
+            z[2] = R[r, 0] * w[1] - R[r, 1] * w[0]
+            z[3] = y[r]
+            for j in range(4):
+                s[r, j] += z[j]
+                q[r, j] += z[j] * (t[i] - middle)
+                for k in range(4):
+                    products[j, k] += z[j] * z[k]
+        if i < b:
+            h = t[i + 1] - t[i]
+            for half in range(2):
+                for r in range(3):
+                    y[r] += 0.5 * h * (R[r, 0] * f[0] + R[r, 1] * f[1] + R[r, 2] * f[2])
+                if half == 0:
+                    rotate_in_body(R, w[0] * h, w[1] * h, w[2] * h)
+    products -= s.T @ s / n + q.T @ q / spread
+    normal += products[:3, :3]
+    right += products[:3, 3]

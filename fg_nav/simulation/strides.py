@@ -10,12 +10,12 @@ share of swing moves          what happens
 0.05 - 0.95    roll           the sole turns inward and back
 0.15 - 0.90    yaw            the foot turns into the next direction
 then, stance   pitch          the foot rolls slowly on about the pivot
-0.80 - stance  height         the load of the body presses the sole together: a millimetre or two
-0.00 - 0.25    height         the sole springs back as the heel comes off (of the next swing)
+0.80 - 0.10    height         the load of the body presses the sole together, up to the next push-off
+0.10 - 0.35    height         the sole springs back as the foot unloads
 =============  =============  ==============================================================
 
 The sole is there because its motion does not cancel. A sensor on a shoe sinks in every stance, where an estimator
-holds on to its velocity, and rises again at heel-off; motion capture of people in shoes shows 2 to 9 mm/s in
+holds on to its velocity, and rises again in push-off; motion capture of people in shoes shows 2 to 9 mm/s in
 mid-stance. Who takes that for zero climbs by some millimetres in every stride, and who allows for it would sink as
 much on a rigid sole. A foot that stands on is pressed already, and stays where it is.
 """
@@ -116,10 +116,10 @@ def _pivot(strides: Strides, gait: Gait, vigour: Floats) -> tuple[Ramps, ...]:
 
 def _sole(strides: Strides, gait: Gait, pressed: Floats) -> tuple[Ramps, ...]:
     """Height of a sole pressed together by `pressed` (K,) m in each stance; it begins as pressed as it ends."""
-    end_of_stance = 1 / gait.swing_share
+    next_swing = 1 / gait.swing_share
     return (
-        strides.swing(gait, 0.00, 0.25, _Z, np.roll(pressed, 1)),
-        strides.swing(gait, 0.80, end_of_stance, _Z, -pressed),
+        strides.swing(gait, 0.10, 0.35, _Z, np.roll(pressed, 1)),
+        strides.swing(gait, 0.80, next_swing + 0.10, _Z, -pressed),
     )
 
 

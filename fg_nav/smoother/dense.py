@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.mechanisation import NavState, rotation_series, strapdown
+from fg_nav.mechanisation import NavState, rotate_in_body, strapdown
 from fg_nav.recording import Recording
 
 
@@ -115,22 +115,8 @@ def _meet(
         for k in range(3):
             p[i, k] += a * d_p[k] + b * duration * d_v[k]
             v[i, k] += da * d_p[k] + db * d_v[k]
-        _turn(R[i], a * d_R[0], a * d_R[1], a * d_R[2])
+        rotate_in_body(R[i], a * d_R[0], a * d_R[1], a * d_R[2])
     p[last], v[last], R[last] = position, velocity, nav_R_body
-
-
-@njit(cache=True)
-def _turn(R: Floats, x: float, y: float, z: float) -> None:
-    """Replace R by R Exp((x, y, z)): each row r becomes r + (1 - b q) (r x a) + c (r x a) x a, q = |a|^2."""
-    square = x * x + y * y + z * z
-    c, b, _ = rotation_series(square)
-    s = 1.0 - b * square
-    for i in range(3):
-        r0, r1, r2 = R[i, 0], R[i, 1], R[i, 2]
-        u0, u1, u2 = r1 * z - r2 * y, r2 * x - r0 * z, r0 * y - r1 * x
-        R[i, 0] = r0 + s * u0 + c * (u1 * z - u2 * y)
-        R[i, 1] = r1 + s * u1 + c * (u2 * x - u0 * z)
-        R[i, 2] = r2 + s * u2 + c * (u0 * y - u1 * x)
 
 
 @njit(cache=True)

@@ -124,8 +124,9 @@ def test_in_stance_the_foot_rolls_slowly_about_a_pivot_that_sinks(
     rolling = np.cross(state.rate, motion.lever)
     settling = np.gradient(pivot, t, axis=0)[stands]
     moving = np.einsum("nij,nj->ni", state.nav_R_body, rolling)[stands]
-    np.testing.assert_allclose(state.velocity[stands] - moving, settling, atol=2e-5)
-    assert 0.001 < np.sqrt(np.mean(moving**2)) * np.sqrt(3) < 0.015
+    np.testing.assert_allclose(state.velocity[stands] - moving, settling, atol=3e-4)
+    assert np.all(settling[:, 2] < 0)
+    assert 0.001 < np.sqrt(np.mean((moving**2).sum(axis=1))) < 0.015
     assert 1 < np.rad2deg(np.linalg.norm(state.rate, axis=1))[stands].mean() < 5
 
 
@@ -152,9 +153,9 @@ def test_a_foot_that_stands_on_stays_pressed(
     dense: tuple[np.ndarray, Kinematics], flat: tuple[np.ndarray, np.ndarray]
 ) -> None:
     (t, state), (pivot, _) = dense, flat
-    for standing in (t < STANDING_S, t > t[-1] - STANDING_S + 0.01):
+    for standing in (t < STANDING_S, t > t[-1] - STANDING_S + 0.1):
         assert np.ptp(state.position[standing], axis=0).max() < 1e-9
-    np.testing.assert_allclose(pivot[-1], pivot[0], atol=1e-9)
+    assert pivot[-1, 2] == pytest.approx(pivot[0, 2], abs=1e-9)
 
 
 def test_walk_is_a_closed_loop_with_corners() -> None:

@@ -1,0 +1,277 @@
+"""The scripts that print the project's figures: what they measure, and how they judge it."""
+
+import importlib
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fg_nav.detection import detect_stances
+from fg_nav.errors import EstimationError, FormatError
+from fg_nav.evaluation import Metrics
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.simulation import demo_walk
+from fg_nav.smoother import SmootherParameters, batch
+from tests.real_data import DATA, needs_data
+
+SCRIPTS = Path(__file__).parents[1] / "scripts"
+sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
+figures = importlib.import_module("figures")
+walks = importlib.import_module("walks")
+real_walks = importlib.import_module("real_walks")
+benchmark = importlib.import_module("benchmark")
+long_walk = importlib.import_module("long_walk").long_walk
+
+
+@pytest.fixture(scope="module")
+def demo():
+    recording = demo_walk(np.random.default_rng(3))
+    return walks.Walk("demo", recording, detect_stances(recording))
+
+
+def results(method="smoother", **columns):
+    """One result a walk, from columns of figures of merit."""
+    blank = Metrics(distance_m=100.0, closure_m=0.0, strides_detected=80)
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return [real_walks.Result("s", str(k), method, replace(blank, **row)) for k, row in enumerate(rows)]
+
+
+def by_name(found, method="smoother"):
+    return {figure.name: figure for figure in found if figure.method == method}
+
+
+@pytest.mark.parametrize(
+    ("measured", "low", "high", "asked", "mark"),
+    [
+        (0.5, -np.inf, 0.5, "<= 0.500", "ok"),
+        (0.501, -np.inf, 0.5, "<= 0.500", "short"),
+        (7, 8, np.inf, ">= 8.000", "short"),
+        (1.2, 0.99, 1.01, "0.990 to 1.010", "short"),
+        (1.0, 0.99, 1.01, "0.990 to 1.010", "ok"),
+        (9.9, -np.inf, np.inf, "", ""),
+        (np.inf, -np.inf, 0.5, "<= 0.500", "short"),
+        (np.nan, -np.inf, 0.5, "<= 0.500", "short"),
+    ],
+)
+def test_a_figure_is_marked_by_what_was_asked(measured, low, high, asked, mark):
+    figure = figures.Figure("section", "name", "method", measured, low, high)
+    assert (figure.asked, figure.mark) == (asked, mark)
+
+
+def test_what_could_not_be_measured_is_null_in_the_file(tmp_path):
+    figure = figures.Figure("section", "name", "method", float("inf"), high=1.0)
+    figures.write_json(tmp_path / "f.json", {"figures": [figure.as_dict()]})
+    [written] = json.loads((tmp_path / "f.json").read_text())["figures"]
+    assert written["measured"] is None
+    assert (written["high"], written["mark"]) == (1.0, "short")
+
+
+def test_in_a_pipe_tables_are_plain_text(capsys):
+    figures.print_figures([figures.Figure("section", "some name", "iez", 0.25, high=0.2)])
+    assert capsys.readouterr().out.splitlines()[-1].split() == ["some", "name", "iez", "<=", "0.200", "0.250", "short"]
+
+
+def test_means_and_medians_over_walks_and_scale_tolerance():
+    flat, space, scale = [0.02, 0.04, 0.12], [0.03, 0.05, 0.25], [0.98, 1.011, 1.5]
+    columns = {"rmse_2d_m": flat, "rmse_3d_m": space, "scale": scale}
+    rows = results(**columns) + results("iez", **columns)
+    found = by_name(real_walks.labelled_figures("s", rows))
+    assert found["rmse 2-D, mean (m), PyShoe 0.079"].measured == pytest.approx(0.06)
+    assert found["rmse 2-D, median (m), PyShoe 0.055"].measured == 0.04
+    assert found["rmse 3-D, mean (m), PyShoe 0.131"].mark == "short"
+    assert found["rmse 3-D, median (m), PyShoe 0.087"].mark == "ok"
+    assert found["best-fit scale, median"].mark == "short"
+
+
+def test_strides_are_counted_right_within_one():
+    rows = results(strides_true=[80, 79, 81, 82, 70], rmse_2d_m=[0.1] * 5, scale=[1.0] * 5)
+    found = real_walks.footprint_figures("s", rows + [replace(row, method="iez") for row in rows])
+    [count] = [figure for figure in found if "stride count" in figure.name]
+    assert (count.measured, count.mark) == (3, "short")
+
+
+def test_a_walk_without_a_solution_is_infinitely_bad(demo):
+    def fails(recording, stances):
+        raise EstimationError("no such walk.")
+
+    failed = real_walks.measured("s", demo, "smoother", fails)
+    assert failed.failure == "no such walk."
+    rows = [failed, *results(closure_percent=[0.1]), *results("iez", closure_percent=[0.1, 0.2])]
+    found = by_name(real_walks.closure_figures("s", rows))
+    assert found["closure, worst (%)"].measured == np.inf
+    assert found["closure, median (%)"].mark == "short"
+
+
+def test_both_methods_are_measured_on_the_same_walk(demo):
+    rows = real_walks.run("s", [demo])
+    assert [row.method for row in rows] == ["smoother", "iez"]
+    for row in rows:
+        assert row.value("rmse_2d_m") < 0.3
+        assert row.value("strides_detected") == demo.stances.n_footfalls - 1
+        assert 0 < row.nees("median_ratio") < np.inf
+        assert row.as_dict()["nees_median_ratio"] == row.nees("median_ratio")
+
+
+def test_each_part_left_out_is_a_smoother_of_its_own(demo):
+    variants = dict(real_walks.ABLATION)
+    assert len({repr(parameters) for parameters in variants.values()}) >= len(variants) - 1  # one is the default's
+    rows = {name: real_walks._variant(name, p, {"vicon": [demo]}) for name, p in variants.items()}
+    assert all(row["failed"] == 0 for row in rows.values())
+    default = next(row for name, row in rows.items() if name.startswith("default"))
+    # a sensor that rolls 10 cm above the ground makes the path of plain zero velocity too short
+    assert rows["plain zero velocity"]["scale"] > 1.005 > 1.002 > default["scale"]
+    assert rows["foot does not roll (no lever)"]["scale"] > default["scale"]
+
+
+def test_one_node_a_stance_is_what_it_says(demo):
+    parameters = real_walks.ABLATION["one node a stance"]
+    assert len(batch.place_nodes(demo.recording, demo.stances, parameters)) == len(demo.stances)
+    assert len(batch.place_nodes(demo.recording, demo.stances, SmootherParameters())) > len(demo.stances)
+
+
+def test_missing_recordings_are_one_sentence(tmp_path, capsys):
+    with pytest.raises(SystemExit) as left:
+        figures.leave_with(lambda: real_walks.main(["--data", str(tmp_path / "nowhere")]))
+    assert left.value.code == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert "nowhere" in line
+    assert "--data" in line
+
+
+@pytest.mark.parametrize("load", [walks.vicon_labelled, walks.vicon_detected, walks.gdin, walks.loops])
+def test_an_empty_folder_is_refused(tmp_path, load):
+    with pytest.raises(FormatError):
+        load(tmp_path)
+
+
+def test_data_folder_is_the_option_then_the_environment(tmp_path, monkeypatch):
+    monkeypatch.setenv("FG_NAV_DATA", str(tmp_path))
+    assert walks.data_folder(None) == tmp_path
+    assert walks.data_folder(SCRIPTS) == SCRIPTS
+
+
+@needs_data
+def test_loops_are_printed_and_written(tmp_path, capsys):
+    real_walks.main(["--data", str(DATA), "--only", "loops", "--json", str(tmp_path / "f.json")])
+    written = json.loads((tmp_path / "f.json").read_text())
+    assert [row["walk"] for row in written["walks"][::2]] == list(walks.LOOPS)
+    percent = [row["closure_percent"] for row in written["walks"] if row["method"] == "smoother"]
+    median = next(f for f in written["figures"] if f["name"] == "closure, median (%)")
+    assert median["measured"] == pytest.approx(np.median(percent))
+    out = capsys.readouterr().out
+    assert "openshoe 13" in out
+    assert "figures are as asked" in out
+
+
+@needs_data
+def test_vicon_trials_are_measured_with_labels_and_with_our_own_stances(capsys, monkeypatch):
+    trials = sorted((DATA / "vicon").glob("*.mat"))[:2]
+    monkeypatch.setattr(walks, "_vicon_paths", lambda data: trials)
+    rows, found = real_walks.measure_sets(DATA, ["vicon"], per_trial=True)
+    assert len(rows) == 2 * 2 * 2
+    assert len({row.section for row in rows}) == 2
+    assert all(row.value("rmse_2d_m") < 0.3 for row in rows)
+    assert trials[1].stem in capsys.readouterr().out
+    assert all(np.isfinite(figure.measured) for figure in found)
+
+
+@needs_data
+def test_the_magnetometer_is_taken_off():
+    [walk] = walks.gdin(DATA, [36])
+    assert walk.recording.mag is None
+    assert walk.recording.truth is not None
+
+
+@pytest.fixture(scope="module")
+def three_rounds():
+    return long_walk(2.5, np.random.default_rng(5))
+
+
+def test_rounds_of_a_long_walk_join_at_rest(three_rounds):
+    """Where one round ends and the next begins the sensor stands: no jump, and the same bias on either side."""
+    assert len(three_rounds) == 30000
+    position = three_rounds.truth.position
+    assert np.linalg.norm(np.diff(position, axis=0), axis=1).max() < 0.05  # a foot at 10 m/s
+    home = np.flatnonzero(np.linalg.norm(position, axis=1) < 1e-3)
+    later = [part for part in np.split(home, np.flatnonzero(np.diff(home) > 200) + 1) if part[0] > 200]
+    assert [len(part) for part in later] == pytest.approx([1200, 1200], abs=120)  # 3 s, twice
+    bias = three_rounds.gyr[:500].mean(axis=0)
+    for part in later:
+        middle = part[100:-100]
+        strength = np.linalg.norm(three_rounds.acc[middle], axis=1)
+        assert strength.mean() == pytest.approx(GRAVITY_M_S2, abs=0.1)
+        assert np.abs(strength - strength.mean()).max() < 0.2
+        assert three_rounds.gyr[middle].mean(axis=0) == pytest.approx(bias, abs=3e-4)
+
+
+def test_a_long_walk_is_one_walk(three_rounds):
+    walk = walks.Walk("long", three_rounds, detect_stances(three_rounds))
+    [row] = real_walks.run("s", [walk], {"smoother": real_walks.smooth})
+    assert row.value("strides_detected") == pytest.approx(2.4 * 61, abs=8)
+    assert row.value("rmse_2d_m") < 0.5
+    assert row.value("scale") == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_long_walk_comes_from_its_seed():
+    first, second, other = (long_walk(0.2, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert np.array_equal(first.acc, second.acc)
+    assert not np.array_equal(first.acc, other.acc)
+
+
+def test_the_bare_loop_takes_every_sample_over_its_own_period(demo, monkeypatch):
+    taken = []
+
+    class Counting:
+        def __init__(self, params):
+            pass
+
+        def integrateMeasurement(self, acc, gyr, h):
+            taken.append((acc, gyr, h))
+
+    monkeypatch.setattr(benchmark.gtsam, "PreintegratedImuMeasurementsG", Counting)
+    benchmark.bare_loop(demo.recording)
+    assert len(taken) == len(demo.recording) - 1
+    assert sum(h for *_, h in taken) == pytest.approx(demo.recording.duration_s)
+    assert np.array_equal([acc for acc, *_ in taken], demo.recording.acc[:-1])
+
+
+def test_walks_of_the_benchmark_double(monkeypatch):
+    monkeypatch.setattr(benchmark, "MINUTES", (0.25, 0.5))
+    some = benchmark.recordings()
+    assert [len(recording) for recording in some.values()] == [3000, 6000]
+
+
+def test_every_call_is_timed_and_judged(demo, capsys):
+    some = {"half": demo.recording.slice(0, len(demo.recording) // 2), "demo": demo.recording}
+    repeats = benchmark.measure(some, 2)
+    for repeat in repeats:
+        of = repeat["demo"]
+        assert all(time.wall > 0 for time in of.values())
+        assert of[benchmark.BOTH].wall == of[benchmark.DETECT].wall + of[benchmark.SMOOTH].wall
+    found = benchmark.print_costs(some, repeats)
+    ratio = [repeat["demo"][benchmark.SMOOTH].wall / repeat["demo"][benchmark.BARE].wall for repeat in repeats]
+    assert by_name(found)["smooth over bare loop, demo"].measured == pytest.approx(np.median(ratio))
+    doubled = [repeat["demo"][benchmark.SMOOTH].wall / repeat["half"][benchmark.SMOOTH].wall for repeat in repeats]
+    assert by_name(found)["smooth, demo over half"].measured == pytest.approx(np.median(doubled))
+    assert "bare loop" in capsys.readouterr().out
+
+
+def test_stages_add_up_and_leave_no_trace(demo):
+    before = {name: thing for name, thing in vars(batch).items() if callable(thing)}
+    whole, seconds = benchmark.timed(lambda: benchmark.stage_seconds(demo.recording))
+    assert {"preintegration", "strides", "solver", "covariances", "dense", "batch"} <= set(seconds)
+    assert 0 < sum(seconds.values()) < whole.wall
+    assert seconds["preintegration"] > 0.05 * sum(seconds.values())
+    assert all(vars(batch)[name] is thing for name, thing in before.items())
+
+
+def test_a_stage_is_not_charged_for_one_within_it(monkeypatch):
+    ticks = iter([0.0, 1.0, 3.0, 7.0, 15.0])
+    monkeypatch.setattr(benchmark, "perf_counter", lambda: next(ticks))
+    clock = benchmark.StageClock()
+    with clock.stage("outer"), clock.stage("inner"):
+        pass
+    assert clock.seconds == {benchmark.REST: 1.0, "outer": 2.0 + 8.0, "inner": 4.0}
