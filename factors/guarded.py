@@ -33,7 +33,15 @@ def guarded_factor(
         Its dimension is that of the residual.
     residual
         As described above.
+
+    Raises
+    ------
+    ValueError
+        If keys and dims do not match; later, from within gtsam, if what the residual function returns does not.
+        That a key's variable has the dimension given here, nothing checks.
     """
+    if len(keys) != len(dims):
+        raise ValueError(f"{name}: there are {len(keys)} keys and {len(dims)} dimensions.")
     size = noise.dim()
     shapes = [(size, d) for d in dims]
 
@@ -41,6 +49,8 @@ def guarded_factor(
         e, H = residual(values, jacobians is not None)
         _check(name, "residual", e, (size,))
         if jacobians is not None:
+            if len(H) != len(shapes):
+                raise ValueError(f"{name}: there are {len(H)} Jacobians for {len(shapes)} keys.")
             for i, shape in enumerate(shapes):
                 _check(name, f"Jacobian {i}", H[i], shape)
                 jacobians[i] = H[i]
@@ -49,8 +59,10 @@ def guarded_factor(
     return gtsam.CustomFactor(noise, list(keys), error)
 
 
-def _check(name: str, what: str, array: Array, shape: tuple[int, ...]) -> None:
+def _check(name: str, what: str, array: object, shape: tuple[int, ...]) -> None:
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f"{name}: the {what} is a {type(array).__name__}, and must be float64{shape}.")
     if array.shape != shape or array.dtype != np.float64:
         raise ValueError(f"{name}: the {what} is {array.dtype}{array.shape}, and must be float64{shape}.")
-    if not np.isfinite(array.sum()):
+    if not np.isfinite(array).all():
         raise ValueError(f"{name}: the {what} is not finite.")

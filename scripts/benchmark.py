@@ -97,9 +97,15 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Time the estimators against the bare preintegration loop.")
     parser.add_argument("--long", action="store_true", help="walks of 7.5 minutes to 2 hours, doubling each time")
     parser.add_argument("--real", type=Path, metavar="FILE", help="a recording in place of the simulated walks")
-    parser.add_argument("--repeats", type=int, default=5, metavar="N", help="how often all is run (5)")
+    parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="how often all is run (5)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
     return parser.parse_args(arguments)
+
+
+def _count(words: str) -> int:
+    if not (words.isdecimal() and int(words) > 0):
+        raise argparse.ArgumentTypeError(f"'{words}' is no number of repeats: give 1 or more")
+    return int(words)
 
 
 def recordings(long: bool = False, real: Path | None = None) -> dict[str, Recording]:

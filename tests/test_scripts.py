@@ -121,9 +121,10 @@ def test_each_part_left_out_is_a_smoother_of_its_own(demo):
     rows = {name: real_walks._variant(name, p, {"vicon": [demo]}) for name, p in variants.items()}
     assert all(row["failed"] == 0 for row in rows.values())
     default = next(row for name, row in rows.items() if name.startswith("default"))
-    # a sensor that rolls 10 cm above the ground makes the path of plain zero velocity too short
-    assert rows["plain zero velocity"]["scale"] > 1.005 > 1.002 > default["scale"]
-    assert rows["foot does not roll (no lever)"]["scale"] > default["scale"]
+    # 10 cm above the ground, a foot that rolls by 0.9 deg a stance goes 1.6 mm: 0.12 % of the stride that plain
+    # zero velocity takes away
+    for without in ("plain zero velocity", "foot does not roll (no lever)"):
+        assert 0.0008 < rows[without]["scale"] - default["scale"] < 0.01
 
 
 def test_one_node_a_stance_is_what_it_says(demo):

@@ -24,6 +24,12 @@ from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
+FINEST_M = 1e-4
+"""No scatter shows a lever better than to this, m."""
+
+UNSEEN = 1e-9
+"""A direction with less than this share of the information is that of an axis about which the foot never turns."""
+
 
 @dataclass(frozen=True)
 class RollingLeverParameters:
@@ -72,12 +78,13 @@ def _solution(normal: Floats, right: Floats, p: RollingLeverParameters) -> Rolli
     """Least squares with the prior; the noise is what the stances scatter about the common solution."""
     if len(normal) < 4:
         return RollingLever(np.zeros(3), np.eye(3) * p.prior_sigma_m**2, len(normal))
-    total = normal.sum(axis=0)
-    free = np.linalg.solve(total, right.sum(axis=0))
-    misfit = right - normal @ free
-    spread = np.linalg.inv(total)
-    scatter = p.error_correlation * spread @ (misfit.T @ misfit) @ spread
-    information = np.linalg.inv(scatter + np.eye(3) * 1e-8)
+    strength, axes = np.linalg.eigh(normal.sum(axis=0))
+    seen = strength > UNSEEN * strength[-1]
+    axes, weighted = axes[:, seen], axes[:, seen] / strength[seen]
+    free = axes @ (weighted.T @ right.sum(axis=0))
+    misfit = (right - normal @ free) @ weighted
+    scatter = p.error_correlation * misfit.T @ misfit + np.eye(seen.sum()) * FINEST_M**2
+    information = axes @ np.linalg.inv(scatter) @ axes.T
     covariance = np.linalg.inv(information + np.eye(3) / p.prior_sigma_m**2)
     return RollingLever(covariance @ information @ free, covariance, len(normal))
 
@@ -97,11 +104,14 @@ def _normal_equations(
     normal, right = np.zeros((len(start), 3, 3)), np.zeros((len(start), 3))
     rate = np.sqrt((gyr**2).sum(axis=1))
     for k in range(len(start)):
-        still = start[k] + np.argmin(rate[start[k] : stop[k]])
+        first, last = start[k], min(stop[k], len(t) - 1) - 1  # the very last sample has no period
+        if last - first + 1 < fewest:
+            continue
+        still = first + np.argmin(rate[first : last + 1])
         a, b = still, still
-        while a > start[k] and rate[a - 1] < largest_rate and t[still] - t[a - 1] < longest:
+        while a > first and rate[a - 1] < largest_rate and t[still] - t[a - 1] < longest:
             a -= 1
-        while b < stop[k] - 1 and rate[b + 1] < largest_rate and t[b + 1] - t[still] < longest:
+        while b < last and rate[b + 1] < largest_rate and t[b + 1] - t[still] < longest:
             b += 1
         if b - a + 1 >= fewest:
             _add_stance(t, acc, gyr, a, b, normal[k], right[k])
@@ -112,16 +122,23 @@ def _normal_equations(
 def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, normal: Floats, right: Floats) -> None:
     """Add the samples a <= i <= b of a stance, without the part of them that is a line in time.
 
-    Each nav axis r has at each sample the row z = (A_r1, A_r2, A_r3, y_r). Its products less those of its line are
+    A sample is the mean over its period, so all is taken at the periods' middles. Each nav axis r has at each sample
+    the row z = (A_r1, A_r2, A_r3, y_r). Its products less those of its line are
     sum z z' - s s'/n - q q'/sum tau^2, with s = sum z, q = sum z tau, tau the time from the mean time.
     """
-    n = b - a + 1
-    middle = t[a : b + 1].mean()
-    spread = ((t[a : b + 1] - middle) ** 2).sum()
+    middle = 0.5 * (t[a + 1 : b + 2] + t[a : b + 1])
+    centre = middle.mean()
     R, y, z = np.eye(3), np.zeros(3), np.empty(4)
     products, s, q = np.zeros((4, 4)), np.zeros((3, 4)), np.zeros((3, 4))
     for i in range(a, b + 1):
-        w, f = gyr[i], acc[i]
+        w = gyr[i]
+        tau = middle[i - a] - centre
+        if i > a:
+            before, after = t[i] - middle[i - 1 - a], middle[i - a] - t[i]
+            _push(y, R, acc[i - 1], before)
+            x = before * gyr[i - 1] + after * w
+            rotate_in_body(R, x[0], x[1], x[2])
+            _push(y, R, acc[i], after)
         for r in range(3):
             z[0] = R[r, 1] * w[2] - R[r, 2] * w[1]
             z[1] = R[r, 2] * w[0] - R[r, 0] * w[2]
@@ -129,16 +146,16 @@ def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, normal: Flo
             z[3] = y[r]
             for j in range(4):
                 s[r, j] += z[j]
-                q[r, j] += z[j] * (t[i] - middle)
+                q[r, j] += z[j] * tau
                 for k in range(4):
                     products[j, k] += z[j] * z[k]
-        if i < b:
-            h = t[i + 1] - t[i]
-            for half in range(2):
-                for r in range(3):
-                    y[r] += 0.5 * h * (R[r, 0] * f[0] + R[r, 1] * f[1] + R[r, 2] * f[2])
-                if half == 0:
-                    rotate_in_body(R, w[0] * h, w[1] * h, w[2] * h)
-    products -= s.T @ s / n + q.T @ q / spread
+    products -= s.T @ s / len(middle) + q.T @ q / ((middle - centre) ** 2).sum()
     normal += products[:3, :3]
     right += products[:3, 3]
+
+
+@njit(cache=True)
+def _push(y: Floats, R: Floats, f: Floats, h: float) -> None:
+    """Add to y what the specific force f does in the time h at the attitude R."""
+    for r in range(3):
+        y[r] += h * (R[r, 0] * f[0] + R[r, 1] * f[1] + R[r, 2] * f[2])

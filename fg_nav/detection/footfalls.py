@@ -31,7 +31,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
-from scipy.signal import find_peaks
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2, levelled
@@ -84,9 +83,6 @@ class FootfallParameters:
     """... nor above this, 90 deg/s or 9 m/s^2, unless the minimum itself is."""
 
 
-HIGHER_THAN_ANY = 1e3
-"""Level of the walls at both ends of a recording."""
-
 BROKEN = 24.0
 """Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
 
@@ -126,9 +122,7 @@ def find_footfalls(
 def _candidates(level: Floats, parameters: FootfallParameters) -> Ints:
     """Samples of the local minima: step 1."""
     cut = np.maximum(level, parameters.rest_level)
-    wall = [HIGHER_THAN_ANY]
-    peaks, _ = find_peaks(-np.concatenate([wall, cut, wall]), prominence=parameters.prominence, plateau_size=1)
-    minima = peaks - 1
+    minima = _minima(cut, parameters.prominence)
     at_an_end = (minima == 0) | (minima == len(level) - 1)
     highest = np.where(at_an_end, parameters.floor, parameters.highest_level)
     return np.asarray(minima[cut[minima] < highest], dtype=np.int64)
@@ -177,22 +171,51 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float
 def _apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints, p: FootfallParameters) -> Ints:
     """Intervals (K,) that stay when those too close for a swing have gone, but for rests: step 6."""
     least = np.array([level[a:b].min() for a, b in zip(start, stop, strict=True)])
-    kept = np.arange(len(start))
-    while True:
-        close = _too_close(t, gyr, start[kept], stop[kept], p)
-        doubtful = (np.append(close, False) | np.insert(close, 0, False)) & (least[kept] > p.rest_level)
-        if not doubtful.any():
-            return kept
-        kept = np.delete(kept, np.argmax(np.where(doubtful, least[kept], -np.inf)))
+    kept: list[int] = []
+    for k in range(len(start)):
+        while kept and _too_close(t, gyr, stop[kept[-1]], start[k], p) and least[k] <= least[kept[-1]] > p.rest_level:
+            kept.pop()
+        if not kept or least[k] <= p.rest_level or not _too_close(t, gyr, stop[kept[-1]], start[k], p):
+            kept.append(k)
+    return np.array(kept, dtype=np.int64)
 
 
-def _too_close(t: Floats, gyr: Floats, start: Ints, stop: Ints, p: FootfallParameters) -> Bools:
-    """Whether the foot turns as in a swing from each interval to the next (K - 1,), but for less time than one."""
-    close = t[start[1:]] - t[stop[:-1] - 1] < p.shortest_swing_s
-    for k in np.flatnonzero(close):
-        between = gyr[stop[k] : start[k + 1] + 1]
-        close[k] = np.linalg.norm(between, axis=1).max() > p.swing_rate_rad_s
-    return np.asarray(close)
+def _too_close(t: Floats, gyr: Floats, stop: int, start: int, p: FootfallParameters) -> bool:
+    """Whether from the end of one interval to the start of the next the foot turns as in a swing, but for less time."""
+    if t[start] - t[stop - 1] >= p.shortest_swing_s:
+        return False
+    return bool(np.linalg.norm(gyr[stop : start + 1], axis=1).max() > p.swing_rate_rad_s)
+
+
+@njit(cache=True)
+def _minima(level: Floats, prominence: float) -> Ints:
+    """Middles of the minima from which the level rises by `prominence` on either side before it falls lower.
+
+    Of equally low stretches in one minimum the longest counts. Beyond both ends the level is high.
+    (`scipy.signal.find_peaks` takes quadratic time where many minima are cut off at one level.)
+    """
+    found = np.empty(len(level), dtype=np.int64)
+    count, falling = 0, True
+    low, first, last, begun, high = level[0], 0, 0, 0, level[0]
+    for i in range(len(level)):
+        x = level[i]
+        if not falling:
+            high = max(high, x)
+            if x <= high - prominence:
+                falling, low, first, last, begun = True, x, i, i, i
+        elif x < low:
+            low, first, last, begun = x, i, i, i
+        elif x == low:
+            begun = begun if level[i - 1] == low else i
+            if i - begun > last - first:
+                first, last = begun, i
+        elif x >= low + prominence:
+            found[count] = (first + last) // 2
+            count, falling, high = count + 1, False, x
+    if falling:
+        found[count] = (first + last) // 2
+        count += 1
+    return found[:count]
 
 
 @njit(cache=True)

@@ -80,9 +80,8 @@ def demo_walk(rng: np.random.Generator, rate_hz: float = 200.0) -> Recording:
     )
 
 
-def demo_motion(rng: np.random.Generator) -> tuple[FootMotion, float]:
+def demo_motion(rng: np.random.Generator, gait: Gait = Gait()) -> tuple[FootMotion, float]:
     """Draw the foot's motion; returns it with its duration in s."""
-    gait = Gait()
     footprint, heading = _footprints(gait, rng)
     duration = gait.stride_s * (1 + gait.variation * rng.standard_normal(len(heading) - 1))
     start = STANDING_S + np.concatenate([[0.0], np.cumsum(duration[:-1])])

@@ -47,7 +47,7 @@ class SmootherParameters:
     """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
     lever: RollingLeverParameters = field(default_factory=RollingLeverParameters)
 
-    node_spacing_s: float = 0.15
+    node_spacing_s: float = 0.2
     """Distance of the graph's nodes in a stance."""
     long_stance_s: float = 0.5
     """Beyond this length of a stance, nodes stand `rest_spacing_s` apart."""

@@ -32,16 +32,16 @@ def preintegrate(
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[gtsam.PreintegratedImuMeasurementsG]:
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
-    acc_variance, gyr_variance = _interval_variances(recording, sample, p)
-    period = np.diff(recording.t)
+    acc_noise, gyr_noise = (_diagonal(variance) for variance in _interval_variances(recording, sample, p))
+    period = np.diff(recording.t).tolist()
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
     for k, (i, j) in enumerate(pairwise(sample)):
-        params.setAccelerometerCovariance(np.diag(acc_variance[k]))
-        params.setGyroscopeCovariance(np.diag(gyr_variance[k]))
+        params.setAccelerometerCovariance(acc_noise[k])
+        params.setGyroscopeCovariance(gyr_noise[k])
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
         integrate = measurement.integrateMeasurement
-        for acc, gyr, h in zip(recording.acc[i:j], recording.gyr[i:j], period[i:j].tolist(), strict=True):
+        for acc, gyr, h in zip(recording.acc[i:j], recording.gyr[i:j], period[i:j], strict=True):
             integrate(acc, gyr, h)
         if progress is not None and k % 64 == 0:
             progress(k / len(sample))
@@ -58,6 +58,11 @@ def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameter
     clipped_acc = saturated(recording.acc) * (p.saturated_acc_m_s2**2 * period)
     clipped_gyr = saturated(recording.gyr) * (np.radians(p.saturated_gyr_deg_s) ** 2 * period)
     return _means(acc[:, None] + clipped_acc, sample), _means(gyr[:, None] + clipped_gyr, sample)
+
+
+def _diagonal(variance: Floats) -> Floats:
+    """Diagonal matrices (M, 3, 3) of the rows (M, 3)."""
+    return np.asarray(variance[:, :, None] * np.eye(3))
 
 
 def _means(values: Floats, sample: Ints) -> Floats:

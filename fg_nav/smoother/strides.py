@@ -95,35 +95,29 @@ class VelocityTies:
     """The velocity ties of a graph, each to the attitude of its node as far as it is known."""
 
     def __init__(self) -> None:
-        self._place: list[int] = []
         self._node: list[int] = []
         self._body_velocity: list[Floats] = []
         self._settling: list[Floats] = []
         self._noise: list[gtsam.noiseModel.Diagonal] = []
+        self._place: list[int] = []
 
-    def add(
-        self,
-        graph: gtsam.NonlinearFactorGraph,
-        j: int,
-        body_velocity: Floats,
-        settling: Floats,
-        sigma: Floats,
-    ) -> None:
-        """Add the tie of node `j` to the graph; it says nothing true before the first `renew`."""
-        noise = gtsam.noiseModel.Diagonal.Sigmas(sigma)
-        self._place.append(graph.size())
-        self._node.append(j)
+    def add(self, node: int, body_velocity: Floats, settling: Floats, sigma: Floats) -> None:
+        """Take note of the tie of a node; `renew` puts it into the graph."""
+        self._node.append(node)
         self._body_velocity.append(body_velocity)
         self._settling.append(settling)
-        self._noise.append(noise)
-        graph.push_back(gtsam.PriorFactorVector(V(j), settling, noise))
+        self._noise.append(gtsam.noiseModel.Diagonal.Sigmas(sigma))
 
     def renew(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
-        """Turn the ties to the attitudes in `values`."""
+        """Turn the ties to the attitudes in `values`, and add those that are not in the graph yet."""
         attitude = np.array([values.atPose3(X(j)).rotation().matrix() for j in self._node])
         velocity = np.einsum("jab,jb->ja", attitude, self._body_velocity) + self._settling
-        for place, j, v, noise in zip(self._place, self._node, velocity, self._noise, strict=True):
-            graph.replace(place, gtsam.PriorFactorVector(V(j), v, noise))
+        ties = map(gtsam.PriorFactorVector, map(V, self._node), velocity, self._noise)
+        for place in self._place:
+            graph.replace(place, next(ties))
+        for tie in ties:
+            self._place.append(graph.size())
+            graph.push_back(tie)
 
 
 def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: Stride, p: SmootherParameters) -> None:
@@ -133,7 +127,7 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: St
         bias = B(k - 1) if j == stride.first else B(k)
         graph.push_back(gtsam.GalileanImuFactor(X(j - 1), V(j - 1), X(j), V(j), bias, measurement))
     for i, j in enumerate(range(stride.first, stride.last)):
-        ties.add(graph, j, stride.body_velocity[i], stride.settling[i], stride.velocity_sigma[i])
+        ties.add(j, stride.body_velocity[i], stride.settling[i], stride.velocity_sigma[i])
     if k > 0:
         walk = np.repeat([p.acc_bias_walk, np.radians(p.gyro_bias_walk_deg_s)], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.time_since_last_s))
