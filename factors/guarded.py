@@ -49,8 +49,8 @@ def guarded_factor(
         e, H = residual(values, jacobians is not None)
         _check(name, "residual", e, (size,))
         if jacobians is not None:
-            if len(H) != len(shapes):
-                raise ValueError(f"{name}: there are {len(H)} Jacobians for {len(shapes)} keys.")
+            if H is None or len(H) != len(shapes):
+                raise ValueError(f"{name}: there must be a Jacobian for each of the {len(shapes)} keys.")
             for i, shape in enumerate(shapes):
                 _check(name, f"Jacobian {i}", H[i], shape)
                 jacobians[i] = H[i]

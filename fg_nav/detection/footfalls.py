@@ -4,8 +4,8 @@ Gait, shoe and sensor change how still a foot in stance is by a factor of a hund
 middle of a swing can look as still as the stance of a runner. But a foot in mid-swing moves at metres a second,
 and that shows in the integrated acceleration. So:
 
-1. Candidates are the local minima of L = log10(SHOE), at least `prominence` decades deep. The first and the last
-   sample of the recording may cut a slope: they are minima only below `floor`.
+1. Candidates are the local minima of L = log10(SHOE), at least `prominence` decades deep; a rest is one candidate,
+   from its first sample to its last. Both ends of the recording may cut a slope: they are minima only below `floor`.
 2. A free strapdown pass, both ways from the stillest candidate, gives the velocity V at each candidate, up to a slow
    drift. Between two true footfalls V hardly changes; between a footfall and a mid-swing it changes by the speed of
    the foot.
@@ -58,7 +58,7 @@ class FootfallParameters:
     prominence: float = 0.3
     """Decades by which a minimum must lie below its surroundings."""
     rest_level: float = 3.0
-    """L is cut off below: a rest is one candidate, however its noise ripples."""
+    """L is cut off below: a foot this still rests, however its noise ripples."""
     highest_level: float = 5.8
     """A minimum above this is never a stance: 160 deg/s, or 16 m/s^2."""
     easy_level: float = 3.5
@@ -82,6 +82,9 @@ class FootfallParameters:
     ceiling: float = 5.3
     """... nor above this, 90 deg/s or 9 m/s^2, unless the minimum itself is."""
 
+
+FREE_FALL_M_S2 = 1.0
+"""A foot that stands feels gravity, and so more specific force than this."""
 
 BROKEN = 24.0
 """Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
@@ -107,8 +110,8 @@ def find_footfalls(
     start, stop, threshold
         (K,) first sample, sample after the last, and level of the threshold of each interval.
     """
-    candidates = _candidates(level, parameters)
-    if len(candidates) == 0:
+    candidates = _candidates(acc, level, parameters)
+    if candidates.size == 0:
         nothing = np.empty(0, dtype=np.int64)
         return nothing, nothing, np.empty(0)
     found = [_search(t, acc, gyr, level, candidates, p, parameters) for p in (parameters.walking, parameters.rough)]
@@ -119,23 +122,29 @@ def find_footfalls(
     return start[kept], stop[kept], threshold[kept]
 
 
-def _candidates(level: Floats, parameters: FootfallParameters) -> Ints:
-    """Samples of the local minima: step 1."""
-    cut = np.maximum(level, parameters.rest_level)
-    minima = _minima(cut, parameters.prominence)
-    at_an_end = (minima == 0) | (minima == len(level) - 1)
-    highest = np.where(at_an_end, parameters.floor, parameters.highest_level)
-    return np.asarray(minima[cut[minima] < highest], dtype=np.int64)
+def _candidates(acc: Floats, level: Floats, p: FootfallParameters) -> Ints:
+    """First and last sample (2, C) of the local minima: step 1. They differ where the foot rests."""
+    cut = np.maximum(level, p.rest_level)
+    first, last = _minima(cut, p.prominence)
+    at_an_end = (first == 0) | (last == len(level) - 1)
+    low = cut[first] < np.where(at_an_end, p.floor, p.highest_level)
+    return np.stack([first, last])[:, low & ~_falls(acc[first])]
+
+
+def _falls(acc: Floats) -> Bools:
+    """Whether the sensor falls freely (N,), or its gravity has been removed."""
+    return np.asarray(np.linalg.norm(acc, axis=1) < FREE_FALL_M_S2)
 
 
 def _search(
     t: Floats, acc: Floats, gyr: Floats, level: Floats, candidates: Ints, link: LinkParameters, p: FootfallParameters
 ) -> Ints:
     """Samples of the footfalls: steps 2 and 3."""
-    stillest = int(candidates[np.argmin(level[candidates])])
+    first = candidates[0]
+    stillest = int(np.argmin(np.where(_falls(acc), np.inf, level)))
     start = levelled(acc[stillest])
     velocity = _free_velocity(t, acc, gyr, level < link.still_level, stillest, start, GRAVITY_M_S2)
-    worth = link.reward - np.maximum(level[candidates] - p.easy_level, 0.0)
+    worth = link.reward - np.maximum(level[first] - p.easy_level, 0.0)
     chain = _best_chain(
         t[candidates],
         worth,
@@ -145,7 +154,7 @@ def _search(
         p.longest_link_s,
         p.longest_swing_s,
     )
-    return candidates[chain]
+    return np.asarray(first[chain])
 
 
 def _grown(level: Floats, samples: Ints, p: FootfallParameters) -> Floats:
@@ -188,34 +197,32 @@ def _too_close(t: Floats, gyr: Floats, stop: int, start: int, p: FootfallParamet
 
 
 @njit(cache=True)
-def _minima(level: Floats, prominence: float) -> Ints:
-    """Middles of the minima from which the level rises by `prominence` on either side before it falls lower.
+def _minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
+    """First and last lowest sample of the minima from which the level rises by `prominence` before it falls lower.
 
-    Of equally low stretches in one minimum the longest counts. Beyond both ends the level is high.
-    (`scipy.signal.find_peaks` takes quadratic time where many minima are cut off at one level.)
+    Beyond both ends the level is high. (`scipy.signal.find_peaks` takes quadratic time where many minima are cut off
+    at one level.)
     """
-    found = np.empty(len(level), dtype=np.int64)
+    first, last = np.empty(len(level), dtype=np.int64), np.empty(len(level), dtype=np.int64)
     count, falling = 0, True
-    low, first, last, begun, high = level[0], 0, 0, 0, level[0]
+    low = high = level[0]
+    first[0] = last[0] = 0
     for i in range(len(level)):
         x = level[i]
-        if not falling:
-            high = max(high, x)
-            if x <= high - prominence:
-                falling, low, first, last, begun = True, x, i, i, i
-        elif x < low:
-            low, first, last, begun = x, i, i, i
-        elif x == low:
-            begun = begun if level[i - 1] == low else i
-            if i - begun > last - first:
-                first, last = begun, i
-        elif x >= low + prominence:
-            found[count] = (first + last) // 2
+        if falling and x < low:
+            low = x
+            first[count] = last[count] = i
+        elif falling and x == low:
+            last[count] = i
+        elif falling and x >= low + prominence:
             count, falling, high = count + 1, False, x
-    if falling:
-        found[count] = (first + last) // 2
-        count += 1
-    return found[:count]
+        elif not falling and x <= high - prominence:
+            falling, low = True, x
+            first[count] = last[count] = i
+        elif not falling:
+            high = max(high, x)
+    count += falling
+    return first[:count], last[:count]
 
 
 @njit(cache=True)
@@ -245,21 +252,24 @@ def _free_velocity(
 
 @njit(cache=True)
 def _best_chain(t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float, swing: float) -> Ints:
-    """Indices of the candidates of the best chain: the dynamic programme of step 3."""
-    n = len(t)
+    """Indices of the candidates of the best chain: the dynamic programme of step 3.
+
+    `t` (2, C) s and `velocity` (2, C, 3) m/s of the candidates' first and last samples: a link spans what is between.
+    """
+    n = len(worth)
     best, previous = np.empty(n), np.full(n, -1)
     for j in range(n):
-        best[j] = worth[j] - (BROKEN if t[j] - t[0] > swing else 0.0)
+        best[j] = worth[j] - (BROKEN if t[0, j] - t[0, 0] > swing else 0.0)
         for i in range(j - 1, -1, -1):
-            elapsed = t[j] - t[i]
+            elapsed = t[0, j] - t[1, i]
             if elapsed > longest and j - i > 1:
                 break
-            change = ((velocity[j] - velocity[i]) ** 2).sum()
+            change = ((velocity[0, j] - velocity[1, i]) ** 2).sum()
             cost = 2.0 * np.log1p(change / (4.0 * (s0 * s0 + (sa * elapsed) ** 2)))
             total = best[i] + worth[j] - min(cost, BROKEN / 2)
             if total > best[j]:
                 best[j], previous[j] = total, i
-    chain = [int(np.argmax(best - np.where(t[-1] - t > swing, BROKEN, 0.0)))]
+    chain = [int(np.argmax(best - np.where(t[1, -1] - t[1] > swing, BROKEN, 0.0)))]
     while previous[chain[-1]] >= 0:
         chain.append(previous[chain[-1]])
     return np.array(chain[::-1])

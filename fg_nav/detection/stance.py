@@ -43,16 +43,15 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     Raises
     ------
     DetectionError
-        For an unknown detector, an automatic threshold with another detector than SHOE, or if no stance is found.
+        For an unknown detector, an automatic threshold with another detector than SHOE, a threshold that makes no
+        sense, or if no stance is found.
     """
     statistic = _statistic(recording, parameters)
-    if parameters.threshold is None and parameters.false_alarm_rate is None:
-        found = _automatic(recording, statistic, parameters)
-    else:
-        found = _one_threshold(recording, statistic, parameters)
+    one = _one_threshold(recording, parameters)
+    found = _automatic(recording, statistic, parameters) if one is None else _below(statistic, one)
     start, stop, threshold = _long_enough(recording.t, *found, parameters.shortest_s)
     if len(start) == 0:
-        raise DetectionError(_nothing_found(recording, statistic))
+        raise DetectionError(_nothing_found(recording, statistic, parameters.detector, one))
     footfall = _footfalls(recording.gyr, start, stop, parameters.footfalls.swing_rate_rad_s)
     relative = statistic / _threshold_along(len(recording), start, stop, threshold)
     return Stances(
@@ -80,11 +79,18 @@ def _automatic(recording: Recording, statistic: Floats, p: StanceParameters) -> 
     return start, stop, 10.0**threshold
 
 
-def _one_threshold(recording: Recording, statistic: Floats, p: StanceParameters) -> tuple[Ints, Ints, Floats]:
-    threshold = p.threshold
-    if threshold is None:
-        assert p.false_alarm_rate is not None
-        threshold = threshold_at_rest(p.detector, _window(recording, p), p.false_alarm_rate)
+def _one_threshold(recording: Recording, p: StanceParameters) -> float | None:
+    """Threshold for the whole recording; None if it shall be automatic."""
+    if p.threshold is not None and p.false_alarm_rate is not None:
+        raise DetectionError("a threshold and a false-alarm rate are given: choose one of them.")
+    if p.false_alarm_rate is None:
+        return p.threshold
+    if not 0 < p.false_alarm_rate < 1:
+        raise DetectionError(f"the false-alarm rate is {p.false_alarm_rate:g}: give a probability between 0 and 1.")
+    return threshold_at_rest(p.detector, _window(recording, p), p.false_alarm_rate)
+
+
+def _below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]:
     start, stop = runs(statistic < threshold)
     return start, stop, np.full(len(start), threshold)
 
@@ -108,8 +114,13 @@ def _threshold_along(n: int, start: Ints, stop: Ints, threshold: Floats) -> Floa
     return np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
 
 
-def _nothing_found(recording: Recording, statistic: Floats) -> str:
+def _nothing_found(recording: Recording, statistic: Floats, detector: str, threshold: float | None) -> str:
     i = int(np.argmin(statistic))
+    if threshold is not None:
+        return (
+            f"no stance was found in {recording.duration_s:.1f} s: even at its stillest, at {recording.t[i]:.3f} s, "
+            f"{detector} is {statistic[i]:.3g} and the threshold {threshold:.3g}; raise it, or leave it automatic."
+        )
     rate = np.degrees(np.linalg.norm(recording.gyr[i]))
     return (
         f"no stance was found in {recording.duration_s:.1f} s: even at its stillest, at {recording.t[i]:.3f} s, the "

@@ -46,19 +46,19 @@ def shoe(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = Stillnes
     strength = np.linalg.norm(_mean(acc, window), axis=1)
     g = noise.gravity_m_s2
     # sum |y - g ybar/|ybar||^2 = sum |y|^2 - 2 g W |ybar| + g^2 W, and rounding must not make it negative
-    off_gravity = np.maximum(_mean((acc**2).sum(axis=1), window) - 2 * g * strength + g * g, 0.0)
+    off_gravity: Floats = np.maximum(_mean((acc**2).sum(axis=1), window) - 2 * g * strength + g * g, 0.0)
     return off_gravity / noise.acc_m_s2**2 + are(acc, gyr, window, noise)
 
 
 def are(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = StillnessNoise()) -> Floats:
     """Angular rate energy (N,); `acc` is not used."""
-    return _mean((gyr**2).sum(axis=1), window) / np.radians(noise.gyr_deg_s) ** 2
+    return _mean((gyr**2).sum(axis=1), window) / float(np.radians(noise.gyr_deg_s)) ** 2
 
 
 def mv(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = StillnessNoise()) -> Floats:
     """Moving variance of the specific force (N,); `gyr` is not used."""
-    spread = _mean((acc**2).sum(axis=1), window) - (_mean(acc, window) ** 2).sum(axis=1)
-    return np.maximum(spread, 0.0) / noise.acc_m_s2**2
+    spread: Floats = np.maximum(_mean((acc**2).sum(axis=1), window) - (_mean(acc, window) ** 2).sum(axis=1), 0.0)
+    return spread / noise.acc_m_s2**2
 
 
 def mag(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = StillnessNoise()) -> Floats:

@@ -169,15 +169,16 @@ def _dense(
     recording: Recording, nodes: Nodes, values: gtsam.Values, p: SmootherParameters
 ) -> tuple[Floats, Floats, Floats]:
     poses = [values.atPose3(X(j)) for j in range(len(nodes))]
-    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(nodes.footfall[-1] + 1)])
+    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(nodes.bias[-1] + 1)])
+    bias = bias[nodes.bias[nodes.footfall]]
     return dense_trajectory(
         recording,
         nodes.sample,
         np.array([pose.translation() for pose in poses]),
         np.array([values.atVector(V(j)) for j in range(len(nodes))]),
         np.array([pose.rotation().matrix() for pose in poses]),
-        np.ascontiguousarray(bias[nodes.footfall, 3:]),
-        np.ascontiguousarray(bias[nodes.footfall, :3]),
+        np.ascontiguousarray(bias[:, 3:]),
+        np.ascontiguousarray(bias[:, :3]),
         p.gravity,
     )
 
@@ -185,7 +186,7 @@ def _dense(
 def _table(t: Floats, nodes: Nodes, solved: Solved) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
     pose_keys = [X(j) for j in nodes.result]
-    bias_keys = [B(k) for k in range(len(pose_keys))]
+    bias_keys = [B(k) for k in nodes.bias]
     covariance = marginal_covariances(solved.tree, {*pose_keys, *bias_keys})
     poses = [solved.values.atPose3(key) for key in pose_keys]
     attitude = np.array([pose.rotation().matrix() for pose in poses])

@@ -47,7 +47,7 @@ def initial_values(
         values.insert(X(j), gtsam.Pose3(gtsam.Rot3(attitude[j]), position[j]))
         values.insert(V(j), rest)
     bias = gtsam.imuBias.ConstantBias(rest, gyro_bias)
-    for k in range(stances.n_footfalls):
+    for k in range(nodes.bias[-1] + 1):
         values.insert(B(k), bias)
     return values
 

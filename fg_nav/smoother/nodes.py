@@ -26,6 +26,7 @@ class Nodes:
     footfall  (M,) footfall it belongs to
     first     (F+1,) first node of each footfall, and M
     result    (F,) node of each footfall at its stillest sample
+    bias      (F,) bias variable of each footfall, from 0, never falling
     ========= ==== ===========================================================
     """
 
@@ -34,6 +35,7 @@ class Nodes:
     footfall: Ints
     first: Ints
     result: Ints
+    bias: Ints
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -50,7 +52,15 @@ def place_nodes(recording: Recording, stances: Stances, p: SmootherParameters) -
     interval = np.repeat(np.arange(len(stances)), [len(nodes) for nodes in per_interval])
     footfall = stances.footfall[interval]
     first = np.searchsorted(footfall, np.arange(stances.n_footfalls + 1))
-    return Nodes(sample, interval, footfall, first, np.searchsorted(sample, stillest))
+    return Nodes(
+        sample, interval, footfall, first, np.searchsorted(sample, stillest), _biases(recording.t[stillest], p)
+    )
+
+
+def _biases(t: Floats, p: SmootherParameters) -> Ints:
+    """Number (F,) of the bias variable of each footfall, at times `t` (F,): a new one after each spacing."""
+    spacing = np.floor((t - t[0]) / p.bias_spacing_s).astype(np.int64)
+    return np.cumsum(np.diff(spacing, prepend=spacing[0]) > 0)
 
 
 def _interval_nodes(t: Floats, start: int, stop: int, stillest: int, p: SmootherParameters) -> Ints:

@@ -54,6 +54,8 @@ class SmootherParameters:
     rest_spacing_s: float = 0.5
     shortest_interval_s: float = 0.015
     """Nodes are not closer."""
+    bias_spacing_s: float = 10.0
+    """Footfalls within this time share one bias: its random walk in between is 0.002 deg/s."""
 
     gyro_bias_sigma_deg_s: float = 0.15
     """Gyro bias of a factory-calibrated sensor before a rest has shown it, deg/s."""

@@ -25,14 +25,15 @@ MOST_HALVINGS = 6
 
 
 def time_order(nodes: Nodes) -> gtsam.Ordering:
-    """Order in which the variables are eliminated: a footfall's bias after the nodes of the next swing's start."""
+    """Order in which the variables are eliminated: node by node, a bias after the last node that uses it."""
     ordering = gtsam.Ordering()
+    bias = nodes.bias[nodes.footfall]
     for j in range(len(nodes)):
-        if j > 0 and nodes.footfall[j] != nodes.footfall[j - 1]:
-            ordering.push_back(B(nodes.footfall[j - 1]))
+        if j > 0 and bias[j] != bias[j - 1]:
+            ordering.push_back(B(bias[j - 1]))
         ordering.push_back(X(j))
         ordering.push_back(V(j))
-    ordering.push_back(B(nodes.footfall[-1]))
+    ordering.push_back(B(bias[-1]))
     return ordering
 
 
@@ -60,7 +61,7 @@ def solve(
     renew
         Called before each linearisation, to renew the factors that depend on the attitude.
     convergence
-        Largest difference of promised and true error, as a share of it.
+        Largest difference of promised and true error, as a share of it, or of one: less is less than one sigma.
 
     Raises
     ------
@@ -69,13 +70,11 @@ def solve(
     """
     for steps in range(1, largest_steps + 1):
         renew(graph, values)
-        linear, tree = _eliminated(graph, values, ordering)
-        step = tree.optimize()
-        promised = linear.error(step)
+        tree, step, promised = _solve_linear(graph, values, ordering)
         values, error = _descend(graph, values, step)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
-        if abs(error - promised) <= convergence * error:
+        if abs(error - promised) <= convergence * max(error, 1.0):
             return Solved(values, tree, steps)
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
@@ -83,16 +82,19 @@ def solve(
     )
 
 
-def _eliminated(
+def _solve_linear(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ordering: gtsam.Ordering
-) -> tuple[gtsam.GaussianFactorGraph, gtsam.GaussianBayesTree]:
+) -> tuple[gtsam.GaussianBayesTree, gtsam.VectorValues, float]:
+    """Bayes tree of the linearised graph, its minimum, and the error there."""
     try:
         linear = graph.linearize(values)
-        return linear, linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+        tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+        step = tree.optimize()
     except RuntimeError as error:
         raise EstimationError(
             "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
         ) from error
+    return tree, step, linear.error(step)
 
 
 def _descend(

@@ -1,12 +1,13 @@
 """One function turns a stride into factors; a walk is its strides, added one after the other.
 
-Variables: pose X and velocity V at each node, one bias B a footfall. A stride is a footfall and the swing that led
+Variables: pose X and velocity V at each node, one bias B for the footfalls of ten
+seconds. A stride is a footfall and the swing that led
 to it. It adds
 
 * inertial factors from the last node of the footfall before, through all nodes of this one;
 * at each node a tie of the velocity, V = R (w x l) + settling, with a sigma that grows with how fast the foot turns
   and how far its specific force is from gravity there;
-* a random-walk factor from the bias before to this one;
+* where a new bias begins, a random-walk factor from the one before;
 * for each rest in the footfall, what it shows of the gyro bias.
 
 The velocity tie is `factors.rolling_stance_factor` with the attitude R of the current linearisation: `VelocityTies`
@@ -43,19 +44,21 @@ Measurements = Iterator[gtsam.PreintegratedImuMeasurementsG]
 class Stride:
     """What a footfall and the swing before it measured.
 
-    Nodes `first <= j < last`; `measurements` from each node's predecessor to it (None before the very first);
+    Nodes `first <= j < last`, bias `bias` and before the footfall `bias_before`, begun `bias_age_s` ago;
+    `measurements` from each node's predecessor to it (none before the very first);
     `body_velocity`, `settling`, `velocity_sigma` (last - first, 3) m/s of the sensor in stance.
     """
 
-    footfall: int
     first: int
     last: int
-    time_since_last_s: float
+    bias: int
+    bias_before: int
+    bias_age_s: float
     measurements: list[gtsam.PreintegratedImuMeasurementsG]
     body_velocity: Floats
     settling: Floats
     velocity_sigma: Floats
-    rests: tuple[Rest, ...]
+    rests: list[Rest]
 
 
 def strides_of(
@@ -75,19 +78,21 @@ def strides_of(
     off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
     body_velocity = np.cross(rate, lever)
     settling, sigma = _stance_noise(recording.t, stances, nodes, rate, off_gravity, p)
-    t = recording.t[nodes.sample]
-    home = _footfall_of(rests, nodes)
+    t = recording.t[nodes.sample[nodes.result]]
+    begun = t[np.flatnonzero(np.diff(nodes.bias, prepend=-1))]
+    rests_of = _by_footfall(rests, nodes)
     for k, (first, last) in enumerate(zip(nodes.first[:-1], nodes.first[1:], strict=True)):
         yield Stride(
-            footfall=k,
             first=first,
             last=last,
-            time_since_last_s=0.0 if k == 0 else t[nodes.result[k]] - t[nodes.result[k - 1]],
+            bias=nodes.bias[k],
+            bias_before=nodes.bias[max(k - 1, 0)],
+            bias_age_s=t[k] - begun[nodes.bias[max(k - 1, 0)]],
             measurements=[next(measurements) for _ in range(max(first, 1), last)],
             body_velocity=body_velocity[first:last],
             settling=settling[first:last],
             velocity_sigma=sigma[first:last],
-            rests=tuple(rest for rest, footfall in zip(rests, home, strict=True) if footfall == k),
+            rests=rests_of.get(k, []),
         )
 
 
@@ -122,18 +127,17 @@ class VelocityTies:
 
 def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: Stride, p: SmootherParameters) -> None:
     """Turn a stride into factors."""
-    k = stride.footfall
     for j, measurement in enumerate(stride.measurements, start=max(stride.first, 1)):
-        bias = B(k - 1) if j == stride.first else B(k)
+        bias = B(stride.bias_before if j == stride.first else stride.bias)
         graph.push_back(gtsam.GalileanImuFactor(X(j - 1), V(j - 1), X(j), V(j), bias, measurement))
     for i, j in enumerate(range(stride.first, stride.last)):
         ties.add(j, stride.body_velocity[i], stride.settling[i], stride.velocity_sigma[i])
-    if k > 0:
+    if stride.bias != stride.bias_before:
         walk = np.repeat([p.acc_bias_walk, np.radians(p.gyro_bias_walk_deg_s)], 3)
-        noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.time_since_last_s))
-        graph.push_back(gtsam.BetweenFactorConstantBias(B(k - 1), B(k), gtsam.imuBias.ConstantBias(), noise))
+        noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
+        graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
     for rest in stride.rests:
-        graph.addPriorConstantBias(B(k), _bias(rest.rate), _bias_noise(UNKNOWN_ACC_BIAS, rest.sigma))
+        graph.addPriorConstantBias(B(stride.bias), _bias(rest.rate), _bias_noise(UNKNOWN_ACC_BIAS, rest.sigma))
 
 
 def add_start(
@@ -148,6 +152,8 @@ def add_start(
     graph.addPriorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
     graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(p.acc_bias_sigma, gyro_bias_sigma))
 
+
+NO_CHANGE = gtsam.imuBias.ConstantBias()
 
 UNKNOWN_ACC_BIAS = 10.0
 """m/s^2: a rest shows nothing of it here, its levelling is in the inertial factors."""
@@ -184,8 +190,11 @@ def _about_nodes(samples: Floats, stances: Stances, nodes: Nodes, reach: int) ->
     return np.asarray((total[last] - total[first]) / (last - first)[:, None])
 
 
-def _footfall_of(rests: tuple[Rest, ...], nodes: Nodes) -> list[int]:
-    """Footfall in which, or next to which, each rest lies."""
+def _by_footfall(rests: tuple[Rest, ...], nodes: Nodes) -> dict[int, list[Rest]]:
+    """Rests of each footfall, in which or next to which they lie."""
     middles = [(rest.start + rest.stop) // 2 for rest in rests]
     nearest = np.clip(np.searchsorted(nodes.sample, middles), 0, len(nodes) - 1)
-    return [int(footfall) for footfall in nodes.footfall[nearest]]
+    found: dict[int, list[Rest]] = {}
+    for rest, footfall in zip(rests, nodes.footfall[nearest], strict=True):
+        found.setdefault(int(footfall), []).append(rest)
+    return found

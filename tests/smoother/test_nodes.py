@@ -1,0 +1,104 @@
+"""Nodes stand where the foot stands: at the ends of its stances, between, and at the stillest sample."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fg_nav.recording import Recording
+from fg_nav.smoother.nodes import place_nodes
+from fg_nav.stances import Stances
+from tests.smoother.walks import DEFAULT, demo
+
+RATE = 200.0
+
+
+def walk_with(lengths: list[tuple[int, int]], seed: int, one_footfall: bool = False) -> tuple[Recording, Stances]:
+    """Stances of some samples, each after a swing of some samples, in a recording that is nothing but noise."""
+    gaps, stands = np.array(lengths).T
+    start = np.cumsum(gaps) + np.concatenate([[0], np.cumsum(stands)[:-1]])
+    stop = start + stands
+    n = int(stop[-1]) + 20
+    rng = np.random.default_rng(seed)
+    recording = Recording(
+        t=np.arange(n) / RATE, acc=np.tile([0.0, 0.0, 9.8], (n, 1)), gyr=rng.standard_normal((n, 3))
+    )
+    footfall = np.zeros(len(start), dtype=np.int64) if one_footfall else np.arange(len(start))
+    return recording, Stances(start, stop, footfall, n)
+
+
+some_stances = st.lists(st.tuples(st.integers(1, 80), st.integers(1, 500)), min_size=1, max_size=6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(lengths=some_stances, seed=st.integers(0, 99), one=st.booleans())
+def test_nodes_are_in_order_and_in_their_stances(lengths: list[tuple[int, int]], seed: int, one: bool) -> None:
+    recording, stances = walk_with(lengths, seed, one)
+    nodes = place_nodes(recording, stances, DEFAULT)
+    assert np.all(np.diff(nodes.sample) > 0)
+    assert np.all((stances.start[nodes.interval] <= nodes.sample) & (nodes.sample < stances.stop[nodes.interval]))
+    assert set(nodes.interval) == set(range(len(stances)))
+    np.testing.assert_array_equal(nodes.footfall, stances.footfall[nodes.interval])
+    np.testing.assert_array_equal(nodes.footfall[nodes.first[:-1]], np.arange(stances.n_footfalls))
+    assert nodes.first[-1] == len(nodes)
+
+
+@settings(max_examples=60, deadline=None)
+@given(lengths=some_stances, seed=st.integers(0, 99), one=st.booleans())
+def test_the_stillest_sample_of_a_footfall_has_its_result_node(
+    lengths: list[tuple[int, int]], seed: int, one: bool
+) -> None:
+    recording, stances = walk_with(lengths, seed, one)
+    nodes = place_nodes(recording, stances, DEFAULT)
+    np.testing.assert_array_equal(nodes.sample[nodes.result], stances.stillest(recording.gyr))
+
+
+@settings(max_examples=60, deadline=None)
+@given(lengths=some_stances, seed=st.integers(0, 99))
+def test_nodes_of_a_stance_are_neither_close_nor_far(lengths: list[tuple[int, int]], seed: int) -> None:
+    recording, stances = walk_with(lengths, seed)
+    nodes = place_nodes(recording, stances, DEFAULT)
+    for k in range(len(stances)):
+        mine = nodes.sample[nodes.interval == k]
+        step = np.diff(recording.t[mine])
+        duration = recording.t[stances.stop[k] - 1] - recording.t[stances.start[k]]
+        spacing = DEFAULT.node_spacing_s if duration <= DEFAULT.long_stance_s else DEFAULT.rest_spacing_s
+        assert np.all(step >= DEFAULT.shortest_interval_s - 1e-9)
+        assert np.all(step <= 1.5 * spacing + 2 / RATE)  # the node on the stillest sample was moved by half a step
+
+
+@settings(max_examples=60, deadline=None)
+@given(length=st.integers(8, 500), seed=st.integers(0, 99))
+def test_the_ends_of_a_stance_are_nodes_but_where_the_stillest_sample_is_nearer(length: int, seed: int) -> None:
+    recording, stances = walk_with([(20, length)], seed)
+    nodes = place_nodes(recording, stances, DEFAULT)
+    stillest = stances.stillest(recording.gyr)[0]
+    others = nodes.sample[nodes.sample != stillest]
+    for end in (20, 20 + length - 1):
+        near = abs(stillest - end)
+        assert end in nodes.sample or near < DEFAULT.shortest_interval_s * RATE + 1 or near <= np.abs(others - stillest).min()
+
+
+def test_a_stance_of_one_sample_is_one_node() -> None:
+    recording, stances = walk_with([(30, 1), (50, 1)], 0)
+    np.testing.assert_array_equal(place_nodes(recording, stances, DEFAULT).sample, stances.start)
+
+
+def test_a_fidget_in_a_footfall_has_nodes_but_no_result_of_its_own() -> None:
+    recording, stances = walk_with([(30, 100), (10, 4), (10, 100)], 3, one_footfall=True)
+    nodes = place_nodes(recording, stances, DEFAULT)
+    assert len(nodes.result) == 1
+    assert np.count_nonzero(nodes.interval == 1) == 1
+
+
+@pytest.mark.parametrize("spacing", [0.05, 0.1, 0.4])
+def test_spacing_is_what_was_asked_for(spacing: float) -> None:
+    walk = demo()
+    nodes = place_nodes(walk.recording, walk.stances, replace(DEFAULT, node_spacing_s=spacing))
+    walking = nodes.interval[1:] == nodes.interval[:-1]
+    inner = walking & (nodes.interval[1:] > 0) & (nodes.interval[1:] < len(walk.stances) - 1)
+    step = np.diff(walk.recording.t[nodes.sample])[inner]
+    assert np.median(step) <= spacing
+    assert step.max() <= 1.5 * spacing + 0.01

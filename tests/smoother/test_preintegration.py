@@ -1,0 +1,142 @@
+"""Inertial measurements between nodes: the same strapdown as everywhere, with the noise that the motion calls for."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.recording import Recording
+from fg_nav.saturation import saturated
+from fg_nav.smoother.preintegration import preintegrate
+from tests.smoother.walks import DEFAULT, demo
+
+NO_BIAS = gtsam.imuBias.ConstantBias()
+QUIET = replace(DEFAULT, acc_relative_density=0.0, gyr_relative_density=0.0, position_density=1e-9)
+
+
+def measurements(recording: Recording, sample: list[int], p=DEFAULT, bias=NO_BIAS) -> list:
+    return list(preintegrate(recording, np.array(sample), bias, p))
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return demo().recording
+
+
+@pytest.mark.parametrize("bias", [np.zeros(6), np.array([0.1, -0.2, 0.05, 0.01, 0.02, -0.03])], ids=["none", "some"])
+def test_measurement_is_strapdown_over_the_same_samples(recording: Recording, bias: np.ndarray) -> None:
+    sample = [600, 640, 641, 790, 1200]
+    found = measurements(recording, sample, bias=gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
+    assert len(found) == len(sample) - 1
+    rng = np.random.default_rng(0)
+    for measurement, i, j in zip(found, sample[:-1], sample[1:], strict=True):
+        attitude = gtsam.Rot3.RzRyRx(*rng.standard_normal(3))
+        position, velocity = rng.standard_normal(3), rng.standard_normal(3)
+        start = gtsam.NavState(attitude, position, velocity)
+        predicted = measurement.predict(start, gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
+        state = NavState(position.copy(), velocity.copy(), attitude.matrix().copy(), bias[3:], bias[:3])
+        turn, push = np.empty((3, 3)), np.empty(3)
+        for k in range(i, j):
+            h = recording.t[k + 1] - recording.t[k]
+            strapdown(state, recording.acc[k], recording.gyr[k], h, GRAVITY_M_S2, turn, push)
+        np.testing.assert_allclose(predicted.position(), state.position, atol=1e-11)
+        np.testing.assert_allclose(predicted.velocity(), state.velocity, atol=1e-11)
+        np.testing.assert_allclose(predicted.attitude().matrix(), state.nav_R_body, atol=1e-12)
+        assert measurement.deltaTij() == pytest.approx(recording.t[j] - recording.t[i], abs=1e-12)
+
+
+def variances(measurement) -> np.ndarray:
+    """Of rotation, position and velocity (3, 3), each along the body axes at the end."""
+    return np.diagonal(measurement.preintMeasCov()).reshape(3, 3)
+
+
+def still(n: int = 401, rate_hz: float = 200.0) -> Recording:
+    """A sensor that stands level and reads no noise."""
+    return Recording(t=np.arange(n) / rate_hz, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1)), gyr=np.zeros((n, 3)))
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 400.0])
+def test_covariance_is_that_of_integrated_white_noise(rate_hz: float) -> None:
+    T, acc, gyr = 2.0, QUIET.acc_density, np.radians(QUIET.gyr_density_deg_s)
+    n = round(T * rate_hz)
+    rotation, position, velocity = variances(measurements(still(n + 1, rate_hz), [0, n], QUIET)[0])
+    np.testing.assert_allclose(rotation, gyr**2 * T, rtol=1e-2)
+    assert velocity[2] == pytest.approx(acc**2 * T, rel=1e-2)
+    assert position[2] == pytest.approx(acc**2 * T**3 / 3, rel=2e-2)
+    tilted = GRAVITY_M_S2 * gyr  # a tilt that walks turns gravity into the level plane
+    np.testing.assert_allclose(velocity[:2], acc**2 * T + tilted**2 * T**3 / 3, rtol=2e-2)
+    np.testing.assert_allclose(position[:2], acc**2 * T**3 / 3 + tilted**2 * T**5 / 20, rtol=2e-2)
+
+
+def test_noise_scales_with_its_density(recording: Recording) -> None:
+    one, other = (measurements(recording, [600, 700], replace(QUIET, acc_density=d))[0] for d in (0.005, 0.015))
+    twice = measurements(recording, [600, 700], replace(QUIET, gyr_density_deg_s=2 * QUIET.gyr_density_deg_s))[0]
+    np.testing.assert_allclose(variances(other)[0], variances(one)[0])
+    assert variances(other)[2].sum() / variances(one)[2].sum() == pytest.approx(9.0, rel=0.02)
+    np.testing.assert_allclose(variances(twice)[0], 4 * variances(one)[0], rtol=1e-9)
+
+
+def test_noise_of_an_interval_is_the_mean_over_its_samples(recording: Recording) -> None:
+    """Of a level, straight push: the velocity's variance is the sum of the samples' s^2 h."""
+    base, n = still(), 400
+    push = np.zeros((n + 1, 3))
+    push[100:130, 2] = np.linspace(1.0, 60.0, 30)
+    h, gravity = 1 / 200, GRAVITY_M_S2
+    shaken = replace(base, acc=base.acc + push)
+    p = replace(QUIET, acc_relative_density=0.02, gyr_density_deg_s=1e-9)
+    (found,) = measurements(shaken, [0, n], p)
+    off = np.linalg.norm(shaken.acc[:n], axis=1) - gravity
+    expected = np.sum(p.acc_density**2 + (0.02 * off) ** 2) * h
+    np.testing.assert_allclose(variances(found)[2], expected, rtol=1e-6)
+
+
+def test_noise_grows_with_the_rate() -> None:
+    base = still()
+    turning = replace(base, gyr=np.tile([0.0, 0.0, 6.0], (401, 1)))
+    p = replace(QUIET, gyr_relative_density=0.002)
+    expected = 2.0 * (np.radians(p.gyr_density_deg_s) ** 2 + (0.002 * 6.0) ** 2)
+    np.testing.assert_allclose(variances(measurements(turning, [0, 400], p)[0])[0], expected, rtol=1e-2)
+
+
+def clipped(axis: int) -> Recording:
+    """A still sensor but for one swing, whose rate about an axis is cut at the end of the range."""
+    base = still()
+    swing = np.zeros(401)
+    swing[100:200] = 12.0 * np.sin(np.linspace(0.0, np.pi, 100))
+    gyr = np.zeros((401, 3))
+    gyr[:, axis] = np.minimum(swing, 8.7)
+    return replace(base, gyr=gyr)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_saturated_axis_is_doubted_and_no_other(axis: int) -> None:
+    recording = clipped(axis)
+    flags = saturated(recording.gyr)
+    assert 20 < flags[:, axis].sum() < 80
+    assert flags.sum() == flags[:, axis].sum()
+    believing = replace(QUIET, saturated_gyr_deg_s=0.0)
+    # body axes at the end are those at the start but for a turn about `axis`: it is an eigenvector of the turn
+    doubt, without = (measurements(recording, [0, 400], p)[0].preintMeasCov()[:3, :3] for p in (QUIET, believing))
+    added = doubt - without
+    hidden = np.radians(QUIET.saturated_gyr_deg_s) ** 2 * (1 / 200) ** 2 * flags[:400, axis].sum()
+    assert added[axis, axis] == pytest.approx(hidden, rel=1e-6)
+    others = [k for k in range(3) if k != axis]
+    np.testing.assert_allclose(added[np.ix_(others, others)], 0.0, atol=1e-9 * hidden)
+
+
+def test_a_saturated_peak_does_not_spoil_the_stride_after() -> None:
+    p = QUIET
+    first, second = measurements(clipped(1), [0, 250, 400], p)
+    assert variances(first)[0, 1] > 100 * variances(second)[0, 1]
+    np.testing.assert_allclose(variances(second)[0], np.radians(p.gyr_density_deg_s) ** 2 * 0.75, rtol=1e-2)
+
+
+def test_progress_is_told(recording: Recording) -> None:
+    told: list[float] = []
+    sample = np.arange(0, len(recording) - 1, 50)
+    assert len(list(preintegrate(recording, sample, NO_BIAS, DEFAULT, told.append))) == len(sample) - 1
+    assert len(told) > 2
+    assert all(0 <= a < b <= 1 for a, b in zip(told, told[1:], strict=False))

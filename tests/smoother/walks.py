@@ -1,0 +1,155 @@
+"""Walks to smooth, simulated and real, and their graphs before they are solved."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import B, V, X
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration import rolling_lever
+from fg_nav.detection import detect_stances, find_rests
+from fg_nav.frames import levelled
+from fg_nav.io import read, read_pyshoe_labels
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.simulation import demo_walk
+from fg_nav.simulation.demo import demo_motion
+from fg_nav.simulation.strides import Gait
+from fg_nav.smoother import SmootherParameters
+from fg_nav.smoother.initial import initial_values
+from fg_nav.smoother.nodes import Nodes, place_nodes
+from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.smoother.solver import time_order
+from fg_nav.smoother.strides import Stride, VelocityTies, add_start, add_stride, strides_of
+from fg_nav.stances import Stances
+from tests.real_data import DATA
+
+DEFAULT = SmootherParameters()
+RIGID = Gait(sole_m=0.0, sole_sd_m=0.0)
+
+
+@dataclass(frozen=True)
+class Walk:
+    recording: Recording
+    stances: Stances
+
+
+@cache
+def demo(seed: int = 0) -> Walk:
+    """The demonstration: biased, noisy samples of a foot with a soft sole."""
+    return _detected(demo_walk(np.random.default_rng(seed)))
+
+
+@cache
+def noise_free(gait: Gait = Gait(), seed: int = 0, rate_hz: float = 200.0) -> Walk:
+    """The same walk as a perfect sensor has it."""
+    motion, duration_s = demo_motion(np.random.default_rng(seed), gait)
+    t = np.arange(int(duration_s * rate_hz)) / rate_hz
+    rate, force = motion.sampled(t, 1 / rate_hz)
+    state = motion.at(t)
+    truth = TrajectoryTruth(t, state.position, state.nav_R_body)
+    return _detected(Recording(t=t, acc=force, gyr=rate, truth=truth))
+
+
+@cache
+def vicon(trial: str) -> Walk:
+    """A trial with motion capture; the stances are the authors' labels."""
+    path = _data() / "vicon" / f"{trial}.mat"
+    return Walk(read(path), Stances.from_mask(read_pyshoe_labels(path)))
+
+
+@cache
+def gdin(number: int) -> Walk:
+    """An indoor walk with surveyed footprints."""
+    folder = "own" if number > 29 else "own_obsolete"
+    return _detected(read(_data() / "gdin" / folder / f"SensorConnectData_{number}.csv"))
+
+
+@cache
+def openshoe(number: int) -> Walk:
+    """A loop of 78 m that ends where it began."""
+    return _detected(read(_data() / "openshoe" / f"data_inert{number}.txt"))
+
+
+def _data():
+    if DATA is None:
+        pytest.skip("the real recordings are not here")
+    return DATA
+
+
+def _detected(recording: Recording) -> Walk:
+    recording = replace(recording, mag=None)
+    return Walk(recording, detect_stances(recording))
+
+
+def part(walk: Walk, footfalls: int) -> Walk:
+    """The beginning of a walk, up to the middle of the swing after these footfalls."""
+    s = walk.stances
+    last = int(np.flatnonzero(s.footfall < footfalls)[-1])
+    stop = int(s.stop[last] + s.start[last + 1]) // 2
+    few = slice(0, last + 1)
+    statistic = None if s.statistic is None else s.statistic[:stop]
+    stances = replace(
+        s, start=s.start[few], stop=s.stop[few], footfall=s.footfall[few], n_samples=stop, statistic=statistic
+    )
+    return Walk(walk.recording.slice(0, stop), stances)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A walk's graph, its velocity ties apart, and where its solution starts."""
+
+    nodes: Nodes
+    strides: list[Stride]
+    graph: gtsam.NonlinearFactorGraph
+    ties: VelocityTies
+    initial: gtsam.Values
+    ordering: gtsam.Ordering
+
+
+class NoTies:
+    """In place of `VelocityTies`, to leave them out."""
+
+    def add(self, *_: object) -> None:
+        pass
+
+
+def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: object | None = None) -> Problem:
+    """Build the graph of a walk from the smoother's own parts, in its own order."""
+    recording, stances = walk.recording, walk.stances
+    rests = find_rests(recording, p.rest)
+    bias = np.mean([rest.rate for rest in rests], axis=0) if rests else np.zeros(3)
+    lever = rolling_lever(recording, stances, p.lever).lever if p.known_lever is None else np.array(p.known_lever)
+    nodes = place_nodes(recording, stances, p)
+    start = levelled(recording.acc[stances.start[0] : stances.stop[0]].mean(axis=0))
+    measurements = preintegrate(recording, nodes.sample, gtsam.imuBias.ConstantBias(np.zeros(3), bias), p)
+    graph = gtsam.NonlinearFactorGraph()
+    ties = VelocityTies() if ties is None else ties
+    add_start(graph, start, np.radians(p.gyro_bias_sigma_deg_s), p)
+    strides = list(strides_of(recording, stances, nodes, measurements, bias, lever, rests, p))
+    for stride in strides:
+        add_stride(graph, ties, stride, p)
+    initial = initial_values(recording, stances, nodes, start, bias, p.gravity)
+    return Problem(nodes, strides, graph, ties, initial, time_order(nodes))
+
+
+def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Position, velocity (M, 3), attitude (M, 3, 3), gyro and accelerometer bias (M, 3) at the nodes."""
+    poses = [values.atPose3(X(j)) for j in range(len(nodes))]
+    bias = np.array([values.atConstantBias(B(int(k))).vector() for k in nodes.footfall])
+    return (
+        np.array([pose.translation() for pose in poses]),
+        np.array([values.atVector(V(j)) for j in range(len(nodes))]),
+        np.array([pose.rotation().matrix() for pose in poses]),
+        np.ascontiguousarray(bias[:, 3:]),
+        np.ascontiguousarray(bias[:, :3]),
+    )
+
+
+def degrees_between(R: Floats, Q: Floats) -> Floats:
+    """Angles (M,) between attitudes (M, 3, 3)."""
+    turn = np.einsum("nji,njk->nik", R, Q)
+    axis = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1)
+    return np.degrees(np.arctan2(np.linalg.norm(axis, axis=1) / 2, (np.trace(turn, axis1=1, axis2=2) - 1) / 2))
