@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.io import read
+from fg_nav.io import read, read_raw
 from fg_nav.timing import dejittered, fit_clock
 from tests.real_data import DATA, needs_data
 
@@ -97,7 +97,7 @@ def test_even_stamps_are_left_alone() -> None:
 def test_vicon_stamps_become_even_where_they_are() -> None:
     assert DATA is not None
     for path in sorted((DATA / "vicon").glob("*.mat"))[::7]:
-        t = read(path).t
+        t = read_raw(path).t
         even = dejittered(t)
         np.testing.assert_allclose(np.diff(even), 0.005, rtol=1e-3)
         assert np.abs(even - t).max() < 5e-3
@@ -106,7 +106,7 @@ def test_vicon_stamps_become_even_where_they_are() -> None:
 @needs_data
 def test_gdin_40_is_a_200_hz_recording() -> None:
     assert DATA is not None
-    t = read(DATA / "gdin/own/SensorConnectData_40.csv").t
+    t = read_raw(DATA / "gdin/own/SensorConnectData_40.csv").t
     assert np.median(np.diff(t)) > 0.0059
     np.testing.assert_allclose(np.diff(dejittered(t)), 0.005, rtol=1e-3)
 

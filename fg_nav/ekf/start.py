@@ -66,7 +66,7 @@ def starting_point(
 
 
 def first_stance(recording: Recording, stances: Stances) -> slice:
-    """Return the samples of the first stance; raises `EstimationError` without one, or if the stances are of another walk."""
+    """Return the samples of the first stance; `EstimationError` without one, or with stances of another walk."""
     if stances.n_samples != len(recording):
         raise EstimationError(
             f"the stances belong to {stances.n_samples} samples and the recording has {len(recording)}: "

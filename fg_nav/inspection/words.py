@@ -29,10 +29,8 @@ _STANCE_SHARES = (0.15, 0.8)
 
 def verdict(facts: Facts) -> tuple[str, ...]:
     """Sentences on a recording, the most important first."""
-    if facts.refusal is None:
-        first = "It can be navigated with."
-    else:
-        first = f"It cannot be navigated with: {facts.refusal}"
+    refused = facts.refusal is not None
+    first = f"It cannot be navigated with: {facts.refusal}" if refused else "It can be navigated with."
     further = [f"{p[0].upper()}{p[1:]}." for p in facts.unit_problems if p not in (facts.refusal or "")]
     problems = [*_stamp_problems(facts), *_saturation(facts), *_rest_problems(facts), *_field_problems(facts)]
     return (first, *further, *problems, *_stance_problems(facts), *_good(facts))

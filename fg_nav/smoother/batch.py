@@ -80,7 +80,7 @@ def smooth(
     start = levelled(_first_force(recording, stances, known.rests), heading)
     graph, ties = _graph(recording, stances, nodes, known, start, p, progress)
     initial = initial_values(recording, stances, nodes, start, known.gyro_bias, p.gravity)
-    solved = solve(graph, initial, time_order(nodes), ties.renew, p.convergence, p.largest_steps)
+    solved = solve(graph, ties, initial, time_order(nodes), p.convergence, p.largest_steps)
     position, velocity, nav_R_body = _dense(recording, nodes, solved.values, p)
     table = _table(recording.t, nodes, solved)
     if progress is not None:

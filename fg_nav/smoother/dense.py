@@ -127,4 +127,4 @@ def _log(R: Floats) -> Floats:
     if sine < 1e-12:
         return axis
     cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
-    return axis * (np.arctan2(sine, cosine) / sine)
+    return np.asarray(axis * (np.arctan2(sine, cosine) / sine))

@@ -1,6 +1,6 @@
 """Gauss-Newton with halved steps, its outer loop in Python so that no factor is handed a copy of the values.
 
-    repeat   renew what depends on the attitude, linearise, eliminate, step; halve the step while it raises the error
+    repeat   linearise, eliminate, step; halve the step while it raises the error
     until    the error after the step is the one that the linear model promised
 
 where the model holds its minimum is that of the graph: one linearisation less than waiting for a step that changes
@@ -11,7 +11,6 @@ a chain is as good as any ordering and leaves the last footfall at the root.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import gtsam
@@ -20,6 +19,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.smoother.nodes import Nodes
+from fg_nav.smoother.strides import VelocityTies
 
 MOST_HALVINGS = 6
 
@@ -48,18 +48,16 @@ class Solved:
 
 def solve(
     graph: gtsam.NonlinearFactorGraph,
+    ties: VelocityTies,
     values: gtsam.Values,
     ordering: gtsam.Ordering,
-    renew: Callable[[gtsam.NonlinearFactorGraph, gtsam.Values], None],
     convergence: float,
     largest_steps: int,
 ) -> Solved:
-    """Minimise the error of the graph.
+    """Minimise the error of the graph and the ties.
 
     Parameters
     ----------
-    renew
-        Called before each linearisation, to renew the factors that depend on the attitude.
     convergence
         Largest difference of promised and true error, as a share of it, or of one: less is less than one sigma.
 
@@ -68,10 +66,10 @@ def solve(
     EstimationError
         If the equations have no unique solution, or no minimum is found in `largest_steps`.
     """
+    error = np.inf
     for steps in range(1, largest_steps + 1):
-        renew(graph, values)
-        tree, step, promised = _solve_linear(graph, values, ordering)
-        values, error = _descend(graph, values, step)
+        tree, step, promised = _solve_linear(graph, ties, values, ordering)
+        values, error = _descend(graph, ties, values, step, error)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * max(error, 1.0):
@@ -83,11 +81,13 @@ def solve(
 
 
 def _solve_linear(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ordering: gtsam.Ordering
+    graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, values: gtsam.Values, ordering: gtsam.Ordering
 ) -> tuple[gtsam.GaussianBayesTree, gtsam.VectorValues, float]:
     """Bayes tree of the linearised graph, its minimum, and the error there."""
     try:
         linear = graph.linearize(values)
+        for tie in ties.linearize(values):
+            linear.push_back(tie)
         tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
         step = tree.optimize()
     except RuntimeError as error:
@@ -98,13 +98,16 @@ def _solve_linear(
 
 
 def _descend(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, step: gtsam.VectorValues
+    graph: gtsam.NonlinearFactorGraph,
+    ties: VelocityTies,
+    values: gtsam.Values,
+    step: gtsam.VectorValues,
+    before: float,
 ) -> tuple[gtsam.Values, float]:
-    """Values after the step, halved as often as it takes not to raise the error, and their error."""
-    before = graph.error(values)
+    """Values after the step, halved as often as it takes not to raise the error `before` it, and their error."""
     for _ in range(MOST_HALVINGS):
         moved = values.retract(step)
-        error = graph.error(moved)
+        error = graph.error(moved) + ties.error(moved)
         if error <= before:
             return moved, error
         step = step.scale(0.5)

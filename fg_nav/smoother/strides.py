@@ -10,9 +10,8 @@ to it. It adds
 * where a new bias begins, a random-walk factor from the one before;
 * for each rest in the footfall, what it shows of the gyro bias.
 
-The velocity tie is `factors.rolling_stance_factor` with the attitude R of the current linearisation: `VelocityTies`
-renews it before every step of the solver. What that leaves out is the derivative by R, which is the small velocity
-w x l itself, well below the sigma of the tie; what it saves is a Python call per node and linearisation.
+The velocity tie is `factors.rolling_stance_factor`. There are thousands in a walk, and each costs a call from C++ into
+Python at every linearisation; `VelocityTies` holds them all, and linearises them together in numpy.
 
 The first footfall has in place of the swing the gauge: position and heading by definition, tilt from gravity, and a
 prior on the bias.
@@ -97,32 +96,45 @@ def strides_of(
 
 
 class VelocityTies:
-    """The velocity ties of a graph, each to the attitude of its node as far as it is known."""
+    """The velocity ties of a walk: residual e = V - R u - settling over sigma, with u = w x l in the body frame."""
 
     def __init__(self) -> None:
         self._node: list[int] = []
         self._body_velocity: list[Floats] = []
         self._settling: list[Floats] = []
-        self._noise: list[gtsam.noiseModel.Diagonal] = []
-        self._place: list[int] = []
+        self._sigma: list[Floats] = []
 
     def add(self, node: int, body_velocity: Floats, settling: Floats, sigma: Floats) -> None:
-        """Take note of the tie of a node; `renew` puts it into the graph."""
+        """Add the tie of a node, all (3,) m/s."""
         self._node.append(node)
         self._body_velocity.append(body_velocity)
         self._settling.append(settling)
-        self._noise.append(gtsam.noiseModel.Diagonal.Sigmas(sigma))
+        self._sigma.append(sigma)
 
-    def renew(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
-        """Turn the ties to the attitudes in `values`, and add those that are not in the graph yet."""
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        residual, _ = self._residuals(values)
+        return 0.5 * float((residual**2).sum())
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
+        """Yield the linearised ties: de/dpose = [R [u]x, 0], de/dV = I, all over sigma."""
+        residual, attitude = self._residuals(values)
+        weight = 1.0 / np.array(self._sigma)
+        by_pose = np.zeros((len(weight), 3, 6))
+        for axis in range(3):
+            column = np.cross(self._body_velocity, np.eye(3)[axis])
+            by_pose[:, :, axis] = weight * np.einsum("jab,jb->ja", attitude, column)
+        by_velocity = weight[:, :, None] * np.eye(3)
+        unit = gtsam.noiseModel.Unit.Create(3)
+        for j, A, B_, b in zip(self._node, by_pose, by_velocity, -residual, strict=True):
+            yield gtsam.JacobianFactor(X(j), A, V(j), B_, b, unit)
+
+    def _residuals(self, values: gtsam.Values) -> tuple[Floats, Floats]:
+        """Residuals over sigma (J, 3), and attitudes (J, 3, 3)."""
         attitude = np.array([values.atPose3(X(j)).rotation().matrix() for j in self._node])
-        velocity = np.einsum("jab,jb->ja", attitude, self._body_velocity) + self._settling
-        ties = map(gtsam.PriorFactorVector, map(V, self._node), velocity, self._noise)
-        for place in self._place:
-            graph.replace(place, next(ties))
-        for tie in ties:
-            self._place.append(graph.size())
-            graph.push_back(tie)
+        velocity = np.array([values.atVector(V(j)) for j in self._node])
+        rolling = np.einsum("jab,jb->ja", attitude, self._body_velocity)
+        return (velocity - rolling - self._settling) / self._sigma, attitude
 
 
 def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: Stride, p: SmootherParameters) -> None:

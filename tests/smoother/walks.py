@@ -1,5 +1,6 @@
 """Walks to smooth, simulated and real, and their graphs before they are solved."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, V, X
 
+from factors import rolling_stance_factor
 from fg_nav.arrays import Floats
 from fg_nav.calibration import rolling_lever
 from fg_nav.detection import detect_stances, find_rests
@@ -21,7 +23,7 @@ from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import time_order
+from fg_nav.smoother.solver import Solved, solve, time_order
 from fg_nav.smoother.strides import Stride, VelocityTies, add_start, add_stride, strides_of
 from fg_nav.stances import Stances
 from tests.real_data import DATA
@@ -99,7 +101,7 @@ def part(walk: Walk, footfalls: int) -> Walk:
 
 @dataclass(frozen=True)
 class Problem:
-    """A walk's graph, its velocity ties apart, and where its solution starts."""
+    """A walk's graph, its velocity ties, and where its solution starts."""
 
     nodes: Nodes
     strides: list[Stride]
@@ -109,14 +111,20 @@ class Problem:
     ordering: gtsam.Ordering
 
 
-class NoTies:
+class NoTies(VelocityTies):
     """In place of `VelocityTies`, to leave them out."""
 
     def add(self, *_: object) -> None:
         pass
 
+    def error(self, values: gtsam.Values) -> float:
+        return 0.0
 
-def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: object | None = None) -> Problem:
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
+        return iter(())
+
+
+def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: VelocityTies | None = None) -> Problem:
     """Build the graph of a walk from the smoother's own parts, in its own order."""
     recording, stances = walk.recording, walk.stances
     rests = find_rests(recording, p.rest)
@@ -135,10 +143,26 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: object | None = N
     return Problem(nodes, strides, graph, ties, initial, time_order(nodes))
 
 
+def with_exact_factors(walk: Walk) -> Problem:
+    """The graph of the same strides, its ties the factors of the ground floor."""
+    one = problem(walk, ties=NoTies())
+    for stride in one.strides:
+        for i, j in enumerate(range(stride.first, stride.last)):
+            noise = gtsam.noiseModel.Diagonal.Sigmas(stride.velocity_sigma[i])
+            tie = rolling_stance_factor(X(j), V(j), stride.body_velocity[i], stride.settling[i], noise)
+            one.graph.push_back(tie)
+    return one
+
+
+def minimum(one: Problem, convergence: float = DEFAULT.convergence) -> Solved:
+    """Solve a problem as the smoother does."""
+    return solve(one.graph, one.ties, one.initial, one.ordering, convergence, DEFAULT.largest_steps)
+
+
 def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Position, velocity (M, 3), attitude (M, 3, 3), gyro and accelerometer bias (M, 3) at the nodes."""
     poses = [values.atPose3(X(j)) for j in range(len(nodes))]
-    bias = np.array([values.atConstantBias(B(int(k))).vector() for k in nodes.footfall])
+    bias = np.array([values.atConstantBias(B(int(k))).vector() for k in nodes.bias[nodes.footfall]])
     return (
         np.array([pose.translation() for pose in poses]),
         np.array([values.atVector(V(j)) for j in range(len(nodes))]),

@@ -1,0 +1,201 @@
+"""From a recording to its stances: one threshold, footfalls, and what is said where nothing is found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.detection.statistics import STATISTICS, StillnessNoise
+from fg_nav.errors import DetectionError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import Recording
+from fg_nav.stances import runs
+from tests.detection.walks import RUNNING, WALKING, simulate
+
+NOISE = StillnessNoise()
+
+
+def standing(seconds, seed=0):
+    """A sensor at rest, with its nominal noise."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds * 200)
+    acc = np.array([0.0, 0.0, GRAVITY_M_S2]) + NOISE.acc_m_s2 * rng.standard_normal((n, 3))
+    return Recording(t=np.arange(n) / 200, acc=acc, gyr=np.radians(NOISE.gyr_deg_s) * rng.standard_normal((n, 3)))
+
+
+def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
+    """The same, turning at a rate for a moment at each of these times."""
+    gyr = recording.gyr.copy()
+    for begin in at_s:
+        gyr[(recording.t >= begin) & (recording.t < begin + lasting_s), 1] += rate_rad_s
+    return replace(recording, gyr=gyr)
+
+
+# one threshold
+
+
+@pytest.mark.parametrize("detector", STATISTICS)
+def test_one_threshold_cuts_the_statistic_at_that_level(detector):
+    recording = simulate(strides=3).recording
+    statistic = STATISTICS[detector](recording.acc, recording.gyr, 10, NOISE)
+    threshold = float(np.quantile(statistic, 0.4))
+    stances = detect_stances(recording, StanceParameters(detector, threshold=threshold, shortest_s=0.0))
+    np.testing.assert_array_equal(stances.mask, statistic < threshold)
+    np.testing.assert_allclose(stances.statistic, statistic / threshold)
+    assert (stances.detector, stances.threshold, stances.n_samples) == (detector, threshold, len(recording))
+
+
+@pytest.mark.parametrize("detector", STATISTICS)
+def test_a_false_alarm_rate_is_the_share_of_rest_called_motion(detector):
+    recording = standing(100.0)
+    stances = detect_stances(recording, StanceParameters(detector, false_alarm_rate=0.1, shortest_s=0.0))
+    assert np.mean(~stances.mask) == pytest.approx(0.1, abs=0.025)  # 2000 windows that share no sample: 0.007
+
+
+def test_the_window_is_a_time():
+    for rate_hz in (100.0, 800.0):
+        recording = simulate(strides=3, rate_hz=rate_hz).recording
+        window = round(0.05 * rate_hz)
+        expected = STATISTICS["shoe"](recording.acc, recording.gyr, window, NOISE)
+        stances = detect_stances(recording, StanceParameters(threshold=1e4, window_s=0.05, shortest_s=0.0))
+        np.testing.assert_array_equal(stances.mask, expected < 1e4)
+
+
+def test_stances_shorter_than_the_shortest_are_dropped():
+    recording = with_turns(standing(4.0), 1.0, [0.5, 0.8, 2.0, 2.4])
+    found = detect_stances(recording, StanceParameters("are", threshold=100.0, shortest_s=0.0))
+    lasting = recording.t[found.stop - 1] - recording.t[found.start]
+    assert np.count_nonzero(lasting < 0.3) == 2
+    kept = detect_stances(recording, StanceParameters("are", threshold=100.0, shortest_s=0.3))
+    np.testing.assert_array_equal(kept.start, found.start[lasting >= 0.3])
+    np.testing.assert_array_equal(kept.stop, found.stop[lasting >= 0.3])
+
+
+def test_a_single_sample_is_no_stance():
+    recording = standing(1.0)
+    shaken = recording.gyr + 1.0
+    shaken[100] = 0.0
+    with pytest.raises(DetectionError, match="no stance was found"):
+        detect_stances(replace(recording, gyr=shaken), StanceParameters("are", threshold=100.0, window_s=0.005))
+
+
+# footfalls
+
+
+def test_a_foot_that_fidgets_on_the_ground_makes_one_footfall():
+    recording = with_turns(standing(4.0), 1.5, [1.0, 2.0, 2.6])
+    stances = detect_stances(recording)
+    assert len(stances) == 4
+    assert stances.footfall.tolist() == [0, 0, 0, 0]
+    assert stances.n_footfalls == 1
+
+
+def test_what_turns_as_fast_as_a_swing_divides_footfalls():
+    recording = with_turns(standing(4.0), 3.0, [1.0], lasting_s=0.5)
+    stances = detect_stances(recording)
+    assert stances.footfall.tolist() == [0, 1]
+
+
+def test_fidgets_and_swings_are_told_apart_in_one_recording():
+    walk = simulate(strides=4, standing_s=3.0)
+    recording = with_turns(walk.recording, 1.5, [0.8, 1.6])
+    stances = detect_stances(recording)
+    assert stances.n_footfalls == 5
+    assert np.count_nonzero(stances.footfall == 0) == 3
+
+
+def test_the_number_of_footfalls_follows_swings_at_one_threshold_too():
+    walk = simulate(strides=5)
+    stances = detect_stances(walk.recording, StanceParameters(threshold=3e4))
+    assert stances.n_footfalls == 6
+
+
+# the statistic over the threshold
+
+
+@pytest.mark.parametrize("gait", [WALKING, RUNNING], ids=["walk", "run"])
+def test_the_statistic_is_relative_to_the_threshold_of_the_nearest_stance(gait):
+    walk = simulate(gait, strides=6)
+    stances = detect_stances(walk.recording)
+    assert stances.statistic is not None
+    assert stances.statistic[stances.mask].max() < 1.0
+    before, after = stances.start[1:] - 1, stances.stop[:-1]  # the threshold is where the stance ends
+    assert stances.statistic[before].min() >= 1.0
+    assert stances.statistic[after].min() >= 1.0
+
+
+# nothing found, nothing sensible asked
+
+
+def refused(recording, **parameters):
+    with pytest.raises(DetectionError) as error:
+        detect_stances(recording, StanceParameters(**parameters))
+    message = str(error.value)
+    assert "\n" not in message
+    assert message.endswith(("?", "."))
+    return message
+
+
+def test_an_unknown_detector():
+    assert refused(standing(1.0), detector="glrt") == (
+        "there is no stance detector 'glrt': choose one of shoe, are, mv, mag."
+    )
+
+
+@pytest.mark.parametrize("detector", ["are", "mv", "mag"])
+def test_the_automatic_threshold_needs_shoe(detector):
+    assert f"give {detector} a threshold or a false-alarm rate" in refused(standing(1.0), detector=detector)
+
+
+def test_two_thresholds():
+    assert "choose one of them" in refused(standing(1.0), threshold=10.0, false_alarm_rate=0.01)
+
+
+@pytest.mark.parametrize("rate", [-0.1, 0.0, 1.0, 20.0, np.nan])
+def test_a_rate_that_is_no_probability(rate):
+    assert "between 0 and 1" in refused(standing(1.0), false_alarm_rate=rate)
+
+
+def test_a_threshold_below_all_noise():
+    message = refused(standing(2.0), threshold=1e-3)
+    assert "shoe is" in message
+    assert "the threshold 0.001; raise it" in message
+
+
+def test_a_sensor_that_turns_all_the_time():
+    recording = standing(3.0)
+    message = refused(replace(recording, gyr=recording.gyr + np.array([0.0, 0.0, 5.0])))
+    assert "no stance was found in 3.0 s" in message
+    assert "turns at 286 deg/s with a specific force of 9.8 m/s^2" in message
+
+
+@pytest.mark.parametrize("gait", [replace(WALKING, stride_s=0.6), RUNNING], ids=["brisk", "run"])
+def test_a_swing_alone(gait):
+    """Of a slower one the middle may pass for a stance: nothing else is there to compare it with."""
+    walk = simulate(gait, strides=4)
+    begin, end = walk.swing[2]
+    a, b = np.searchsorted(walk.recording.t, [begin + 0.15 * (end - begin), end - 0.15 * (end - begin)])
+    assert "no stance was found" in refused(walk.recording.slice(a, b))
+
+
+def test_a_recording_without_gravity():
+    recording = standing(2.0)
+    assert "specific force of 0.0" in refused(replace(recording, acc=recording.acc - np.array([0, 0, GRAVITY_M_S2])))
+    assert "specific force of 0.0" in refused(replace(recording, acc=np.zeros_like(recording.acc)))
+
+
+def test_a_recording_of_nothing_but_rest_is_one_stance():
+    stances = detect_stances(standing(5.0))
+    assert (stances.start.tolist(), stances.stop.tolist(), stances.n_footfalls) == ([0], [1000], 1)
+
+
+def test_the_shortest_recording():
+    assert len(detect_stances(standing(0.1))) == 1
+
+
+def test_runs_of_the_mask_are_the_stances():
+    stances = detect_stances(simulate().recording)
+    start, stop = runs(stances.mask)
+    np.testing.assert_array_equal(start, stances.start)
+    np.testing.assert_array_equal(stop, stances.stop)

@@ -1,0 +1,100 @@
+"""Marginals from the Bayes tree are those of GTSAM and those of a dense inverse."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import V
+
+from fg_nav.detection import detect_stances
+from fg_nav.recording import Recording
+from fg_nav.smoother.covariances import DIMENSION, marginal_covariances
+from tests.smoother.walks import Problem, Walk, demo, minimum, part, problem, with_exact_factors
+
+
+def eliminated(one: Problem) -> tuple[gtsam.GaussianFactorGraph, gtsam.GaussianBayesTree, gtsam.Values]:
+    """Linearised graph, its tree and the point of linearisation, at the solution."""
+    values = minimum(one, 1e-6).values
+    linear = one.graph.linearize(values)
+    return linear, linear.eliminateMultifrontal(one.ordering, gtsam.EliminateQR), values
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Problem, gtsam.GaussianFactorGraph, gtsam.GaussianBayesTree, gtsam.Values]:
+    one = with_exact_factors(part(demo(), 5))
+    return (one, *eliminated(one))
+
+
+def test_marginals_are_those_of_a_dense_inverse(small) -> None:
+    one, linear, tree, values = small
+    keys = list(values.keys())
+    found = marginal_covariances(tree, set(keys))
+    assert set(found) == set(keys)
+    jacobian, _ = linear.jacobian(one.ordering)
+    _, R = np.linalg.qr(jacobian)
+    inverse = np.linalg.solve(R, np.eye(len(R)))
+    dense = inverse @ inverse.T
+    first = 0
+    for i in range(one.ordering.size()):
+        key = one.ordering.at(i)
+        last = first + DIMENSION[key >> 56]
+        expected = dense[first:last, first:last]
+        np.testing.assert_allclose(found[key], expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
+        first = last
+    assert first == len(dense)
+
+
+def test_marginals_are_those_of_gtsam(small) -> None:
+    one, _, tree, values = small
+    marginals = gtsam.Marginals(one.graph, values)
+    found = marginal_covariances(tree, set(values.keys()))
+    for key, covariance in found.items():
+        expected = marginals.marginalCovariance(key)
+        np.testing.assert_allclose(covariance, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+
+
+def test_only_what_is_wanted_is_kept(small) -> None:
+    _, _, tree, values = small
+    wanted = {next(iter(values.keys()))}
+    found = marginal_covariances(tree, wanted)
+    assert set(found) == wanted
+    (covariance,) = found.values()
+    np.testing.assert_allclose(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance).min() > 0
+
+
+@pytest.mark.parametrize("shape", ["chain", "star", "forest"])
+def test_any_tree_will_do(shape: str) -> None:
+    """Linear graphs of vectors, whose joint information is known in closed form."""
+    n, rng = 7, np.random.default_rng(1)
+    pairs = {"chain": [(i, i + 1) for i in range(n - 1)], "star": [(0, i) for i in range(1, n)], "forest": [(0, 1)]}
+    graph, order = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+    information = np.zeros((3 * n, 3 * n))
+    for i in range(n):
+        J = rng.standard_normal((3, 3)) + 2 * np.eye(3)
+        graph.add(V(i), J, np.zeros(3), gtsam.noiseModel.Unit.Create(3))
+        information[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += J.T @ J
+        order.push_back(V(n - 1 - i))
+    for i, j in pairs[shape]:
+        A, C = rng.standard_normal((2, 3, 3))
+        graph.add(V(i), A, V(j), C, np.zeros(3), gtsam.noiseModel.Unit.Create(3))
+        both = np.zeros((3, 3 * n))
+        both[:, 3 * i : 3 * i + 3], both[:, 3 * j : 3 * j + 3] = A, C
+        information += both.T @ both
+    tree = graph.eliminateMultifrontal(order, gtsam.EliminateQR)
+    found = marginal_covariances(tree, {V(i) for i in range(n)})
+    dense = np.linalg.inv(information)
+    for i in range(n):
+        np.testing.assert_allclose(found[V(i)], dense[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], rtol=1e-9, atol=1e-12)
+
+
+def test_a_long_walk_has_marginals_too() -> None:
+    """Three times round the corridor: the position is known to half a metre, a step of it to a millimetre."""
+    once = demo().recording
+    again = [np.tile(getattr(once, name), (3, 1)) for name in ("acc", "gyr")]
+    recording = Recording(np.arange(len(again[0])) * once.period_s, *again)
+    found = minimum(problem(Walk(recording, detect_stances(recording))))
+    covariance = marginal_covariances(found.tree, set(found.values.keys()))
+    assert all(np.linalg.eigvalsh(c).min() > 0 for c in covariance.values())
+    spread = [np.trace(c[3:, 3:]) for key, c in sorted(covariance.items()) if key >> 56 == ord("x")]
+    assert 0.3 < np.sqrt(spread[-1]) < 3.0
+    assert np.polyfit(np.arange(len(spread)), spread, 1)[0] > 0

@@ -1,0 +1,143 @@
+"""The dense trajectory meets every node, has no jump, and is plain strapdown where nothing is to be met."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import Recording
+from fg_nav.smoother.dense import dense_trajectory
+from tests.smoother.walks import RIGID, degrees_between, noise_free
+
+RATE = 200.0
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return noise_free(RIGID).recording.slice(400, 2400)
+
+
+@pytest.fixture(scope="module")
+def truth(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity and attitude by integration of the samples from the truth at the first one."""
+    whole = recording.truth
+    here = np.searchsorted(whole.t, recording.t)
+    first = np.array([0])
+    zero = np.zeros((1, 3))
+    start = whole.position[here[:1]], zero, whole.nav_R_body[here[:1]]
+    return dense_trajectory(recording, first, *start, zero, zero, GRAVITY_M_S2)
+
+
+SAMPLE = np.array([130, 150, 151, 420, 700, 1000, 1013, 1700])
+
+
+def moved(truth, rng: np.random.Generator, metres: float, degrees: float):
+    """States at the nodes, each a little off the integrated ones."""
+    p, v, R = (states[SAMPLE] for states in truth)
+    turn = Rotation.from_rotvec(np.radians(degrees) * rng.standard_normal((len(SAMPLE), 3))).as_matrix()
+    shift, kick = metres * rng.standard_normal((2, len(SAMPLE), 3))
+    return p + shift, v + kick, R @ turn
+
+
+def dense(recording: Recording, states, gyro_bias: np.ndarray | None = None, acc_bias: np.ndarray | None = None):
+    nothing = np.zeros((len(SAMPLE), 3))
+    biases = [nothing if bias is None else np.tile(bias, (len(SAMPLE), 1)) for bias in (gyro_bias, acc_bias)]
+    return dense_trajectory(recording, SAMPLE, *states, *biases, GRAVITY_M_S2)
+
+
+@pytest.fixture(scope="module")
+def bent(recording: Recording, truth) -> tuple:
+    states = moved(truth, np.random.default_rng(2), metres=0.02, degrees=0.5)
+    return states, dense(recording, states)
+
+
+def test_it_passes_through_every_node(bent) -> None:
+    states, found = bent
+    for state, dense_state in zip(states, found, strict=True):
+        np.testing.assert_allclose(dense_state[SAMPLE], state, atol=1e-9)
+
+
+def test_nothing_is_corrected_where_the_nodes_lie_on_the_integrated_path(recording: Recording, truth) -> None:
+    found = dense(recording, [states[SAMPLE] for states in truth])
+    for integrated, dense_states in zip(truth, found, strict=True):
+        np.testing.assert_allclose(dense_states, integrated, atol=1e-9)
+
+
+def test_biases_are_taken_off(recording: Recording, truth) -> None:
+    gyro, acc = np.array([0.01, -0.02, 0.03]), np.array([0.1, 0.2, -0.3])
+    biased = replace(recording, acc=recording.acc + acc, gyr=recording.gyr + gyro)
+    found = dense(biased, [states[SAMPLE] for states in truth], gyro, acc)
+    for integrated, dense_states in zip(truth, found, strict=True):
+        np.testing.assert_allclose(dense_states, integrated, atol=1e-9)
+
+
+def test_velocity_is_the_derivative_of_position(recording: Recording, bent) -> None:
+    """Over each period the path moves by the mean velocity, but for the change of acceleration in a period."""
+    _, (p, v, _) = bent
+    missing = np.diff(p, axis=0) * RATE - 0.5 * (v[1:] + v[:-1])
+    missing[150] = 0.0  # two nodes a period apart, 2 cm from where they should be: nothing lies between
+    assert np.linalg.norm(missing, axis=1).max() < 0.006
+    assert np.linalg.norm(v, axis=1).max() > 4.0
+
+
+def test_corrections_are_smooth(recording: Recording, truth) -> None:
+    """The path less the integrated one begins with nothing and grows without a step; so do velocity and attitude."""
+    rng = np.random.default_rng(5)
+    states = moved(truth, rng, metres=0.02, degrees=0.5)
+    p, v, R = dense(recording, states)
+    between = slice(SAMPLE[3], SAMPLE[4] + 1)
+    own = dense_trajectory(
+        recording,
+        SAMPLE[3:4],
+        *(state[3:4] for state in states),
+        *np.zeros((2, 1, 3)),
+        GRAVITY_M_S2,
+    )
+    shift, kick = (a[between] - b[between] for a, b in ((p, own[0]), (v, own[1])))
+    turn = degrees_between(own[2][between], R[between])
+    for correction in (shift, kick, turn[:, None]):
+        size = np.linalg.norm(correction, axis=1)
+        step = np.linalg.norm(np.diff(correction, axis=0), axis=1)
+        assert size[0] == pytest.approx(0.0, abs=1e-9)
+        assert step.max() < 6.0 * size.max() / len(size)
+    # the correction of velocity is the derivative of that of position
+    h = 1 / RATE
+    np.testing.assert_allclose(np.gradient(shift, h, axis=0)[1:-1], kick[1:-1], atol=1e-4)
+
+
+def test_attitude_stays_orthonormal(bent) -> None:
+    _, (_, _, R) = bent
+    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (len(R), 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-12)
+
+
+def test_before_the_first_node_and_after_the_last_it_is_integration(recording: Recording, truth, bent) -> None:
+    states, found = bent
+    # turned and shifted as a whole: what the integrated path is to its state at the node
+    for part, node in ((slice(0, SAMPLE[0] + 1), 0), (slice(SAMPLE[-1], None), -1)):
+        i = SAMPLE[node]
+        alone = dense_trajectory(
+            recording, SAMPLE[[node]], *(s[[node]] for s in states), *np.zeros((2, 1, 3)), GRAVITY_M_S2
+        )
+        for a, b in zip(found, alone, strict=True):
+            np.testing.assert_allclose(a[part], b[part], atol=1e-12)
+        turned = truth[2][i] @ np.swapaxes(truth[2][part], 1, 2)
+        np.testing.assert_allclose(found[2][i] @ np.swapaxes(found[2][part], 1, 2), _in(states[2][node], truth[2][i], turned), atol=1e-9)
+
+
+def _in(R: np.ndarray, Q: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    """Turns seen from an attitude Q as seen from R."""
+    change = R @ Q.T
+    return change @ turned @ change.T
+
+
+def test_back_to_the_start_and_forth_again(recording: Recording, truth) -> None:
+    """Integrated back from one node to the start: from there forward the same states are met."""
+    i = 900
+    back = dense_trajectory(
+        recording, np.array([i]), *(s[[i]] for s in truth), *np.zeros((2, 1, 3)), GRAVITY_M_S2
+    )
+    for a, b in zip(back, truth, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)

@@ -1,0 +1,138 @@
+"""Gauss-Newton: few steps to the minimum, halved where it overshoots, and one sentence where there is none."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import B, V, X
+
+from factors import guarded_factor
+from fg_nav.errors import EstimationError
+from fg_nav.smoother.solver import MOST_HALVINGS, Solved, solve
+from tests.smoother.walks import DEFAULT, NoTies, demo, minimum, node_arrays, problem
+
+UNIT = gtsam.noiseModel.Unit.Create(3)
+
+
+def ordering(*keys: int) -> gtsam.Ordering:
+    made = gtsam.Ordering()
+    for key in keys:
+        made.push_back(key)
+    return made
+
+
+def of_one_vector(residual, start: float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """A graph whose only factor is residual(x), d residual / d x of each component of one vector."""
+
+    def factor(values: gtsam.Values, with_jacobians: bool):
+        e, slope = residual(values.atVector(V(0)))
+        return e, [np.diag(slope)] if with_jacobians else []
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.push_back(guarded_factor("test", [V(0)], [3], UNIT, factor))
+    values.insert(V(0), np.full(3, start))
+    return graph, values
+
+
+def run(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    keys: tuple[int, ...] = (V(0),),
+    convergence: float = DEFAULT.convergence,
+    largest_steps: int = 25,
+) -> Solved:
+    """Solve a graph that is no walk."""
+    return solve(graph, NoTies(), values, ordering(*keys), convergence, largest_steps)
+
+
+def test_a_walk_takes_few_steps_to_its_minimum() -> None:
+    one = problem(demo())
+    usual, exact = minimum(one), minimum(one, 1e-9)
+    assert usual.steps <= 3
+    position, exact_position = (node_arrays(one.nodes, found.values)[0] for found in (usual, exact))
+    assert np.linalg.norm(position - exact_position, axis=1).max() < 0.005
+
+
+def test_convergence_is_quadratic() -> None:
+    """Each step leaves about the square of the error before it: the digits that are right double."""
+    graph, values = of_one_vector(lambda x: (np.exp(x) - 2.0, np.exp(x)), start=1.5)
+    distance = []
+    for steps in range(1, 6):
+        found = _after(graph, values, steps)
+        distance.append(abs(found[0] - np.log(2.0)))
+    ratio = [b / a**2 for a, b in zip(distance, distance[1:], strict=False) if b > 1e-14]
+    assert len(ratio) >= 3
+    assert max(ratio) < 1.0
+
+
+def _after(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, steps: int) -> np.ndarray:
+    """The vector after so many steps, taken one call at a time."""
+    for _ in range(steps):
+        values = run(graph, values, convergence=np.inf, largest_steps=1).values
+    return values.atVector(V(0))
+
+
+def test_a_step_that_overshoots_is_halved() -> None:
+    """Full Gauss-Newton steps on atan(x) run away from |x| > 1.39."""
+    graph, values = of_one_vector(lambda x: (np.arctan(x), 1 / (1 + x**2)), start=3.0)
+    one_step = _after(graph, values, 1)
+    full = 3.0 - np.arctan(3.0) * 10.0
+    assert abs(full) > 3.0
+    halvings = np.log2((full - 3.0) / (one_step[0] - 3.0))
+    assert halvings == pytest.approx(round(halvings))
+    assert 1 <= halvings <= MOST_HALVINGS
+    assert graph.error(_with(one_step)) < graph.error(values)
+    found = run(graph, values, convergence=1e-9)
+    np.testing.assert_allclose(found.values.atVector(V(0)), 0.0, atol=1e-4)
+
+
+def _with(x: np.ndarray) -> gtsam.Values:
+    values = gtsam.Values()
+    values.insert(V(0), x)
+    return values
+
+
+def test_no_step_is_taken_that_raises_the_error() -> None:
+    """A slope of the wrong sign: every step leads uphill, and the values stay."""
+    graph, values = of_one_vector(lambda x: (np.exp(x), -np.exp(x)), start=1.0)
+    np.testing.assert_array_equal(_after(graph, values, 1), values.atVector(V(0)))
+
+
+def test_an_error_of_nearly_nothing_is_converged() -> None:
+    """Samples without noise leave errors of 1e-20, of which no share is small."""
+    graph, values = of_one_vector(lambda x: (x**3 * 1e-9, 3e-9 * x**2), start=1.0)
+    assert run(graph, values).steps == 1
+
+
+def test_no_minimum_in_the_steps_allowed_is_one_sentence() -> None:
+    """On the cube root every full step doubles the distance, and a halved one halves it."""
+    graph, values = of_one_vector(lambda x: (1e9 * np.cbrt(x), 1e9 / (3 * np.cbrt(x) ** 2)), start=1.0)
+    with pytest.raises(EstimationError, match="did not converge in 25 steps: .*fg-nav inspect") as error:
+        run(graph, values)
+    assert "\n" not in str(error.value)
+
+
+def test_no_unique_solution_is_one_sentence() -> None:
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for j in range(2):
+        values.insert(X(j), gtsam.Pose3(gtsam.Rot3(), np.array([float(j), 0.0, 0.0])))
+    graph.push_back(gtsam.BetweenFactorPose3(X(0), X(1), gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6)))
+    with pytest.raises(EstimationError, match="no unique solution"):
+        run(graph, values, (X(0), X(1)))
+
+
+def test_what_is_not_finite_is_one_sentence() -> None:
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(V(0), np.zeros(3))
+    graph.push_back(gtsam.PriorFactorVector(V(0), np.array([np.nan, 0.0, 0.0]), UNIT))
+    with pytest.raises(EstimationError, match="not finite"):
+        run(graph, values)
+
+
+def test_time_order_eliminates_every_variable_once_and_biases_after_their_nodes() -> None:
+    one = problem(demo())
+    keys = [one.ordering.at(i) for i in range(one.ordering.size())]
+    assert sorted(keys) == sorted(one.initial.keys())
+    place = {key: i for i, key in enumerate(keys)}
+    for j, bias in enumerate(one.nodes.bias[one.nodes.footfall]):
+        assert place[B(int(bias))] > place[X(j)]
+    assert keys[-1] == B(int(one.nodes.bias[-1]))

@@ -1,0 +1,206 @@
+"""Strides become factors in one place, and what they say of a stance is what a foot does in it."""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import B, V, X
+
+import fg_nav.smoother
+from fg_nav.arrays import Floats
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import Recording
+from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.parameters import PLAIN
+from fg_nav.stances import Stances
+from tests.real_data import needs_data
+from tests.smoother.walks import (
+    DEFAULT,
+    RIGID,
+    Problem,
+    Walk,
+    degrees_between,
+    demo,
+    gdin,
+    minimum,
+    node_arrays,
+    noise_free,
+    part,
+    problem,
+    with_exact_factors,
+)
+
+KNOWN = replace(DEFAULT, known_lever=RIGID.lever_m)
+
+
+def converged(one: Problem, steps: int = 12) -> gtsam.Values:
+    """Gauss-Newton without any criterion: as many full steps as told."""
+    values = one.initial
+    for _ in range(steps):
+        tree = one.graph.linearize(values).eliminateMultifrontal(one.ordering, gtsam.EliminateQR)
+        values = values.retract(tree.optimize())
+    return values
+
+
+def differences(one: Problem, a: gtsam.Values, b: gtsam.Values) -> tuple[float, float]:
+    """Largest difference of the nodes in position, m, and attitude, deg."""
+    p, _, R, *_ = node_arrays(one.nodes, a)
+    q, _, Q, *_ = node_arrays(one.nodes, b)
+    return float(np.linalg.norm(p - q, axis=1).max()), float(degrees_between(R, Q).max())
+
+
+@pytest.mark.parametrize("walk", [demo, pytest.param(lambda: gdin(18), marks=needs_data)], ids=["demo", "gdin 18"])
+def test_solution_is_that_of_the_exact_factors(walk) -> None:
+    one = with_exact_factors(walk())
+    metres, degrees = differences(one, minimum(problem(walk()), 1e-6).values, converged(one))
+    assert metres < 1e-4
+    assert degrees < 0.01
+
+
+def test_linearised_ties_are_the_linearised_factors() -> None:
+    """At any point: the same Jacobians and residuals, hence the same error before and after a step."""
+    ties, exact = problem(part(demo(), 4)), with_exact_factors(part(demo(), 4))
+    rng = np.random.default_rng(0)
+    values, step = gtsam.Values(), gtsam.VectorValues()
+    for j in range(len(ties.nodes)):
+        values.insert(X(j), gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.standard_normal(3)), rng.standard_normal(3)))
+        values.insert(V(j), 0.01 * rng.standard_normal(3))
+        step.insert(X(j), 0.01 * rng.standard_normal(6))
+        step.insert(V(j), 0.01 * rng.standard_normal(3))
+    factors = [f for f in map(exact.graph.at, range(exact.graph.size())) if isinstance(f, gtsam.CustomFactor)]
+    assert len(factors) == len(ties.nodes)
+    assert ties.ties.error(values) == pytest.approx(sum(f.error(values) for f in factors), rel=1e-9)
+    expected = sum(f.linearize(values).error(step) for f in factors)
+    assert sum(f.error(step) for f in ties.ties.linearize(values)) == pytest.approx(expected, rel=1e-9)
+
+
+def stance_truth(walk: Walk) -> tuple[Floats, Floats]:
+    """True velocity (N, 3) and attitude (N, 3, 3) of the sensor at all samples."""
+    truth = walk.recording.truth
+    return np.gradient(truth.position, truth.t, axis=0, edge_order=2), truth.nav_R_body
+
+
+def at_nodes(one: Problem, name: str) -> Floats:
+    return np.concatenate([getattr(stride, name) for stride in one.strides])
+
+
+def inner_nodes(one: Problem) -> np.ndarray:
+    """(M,) Whether a node stands inside a stance of the walk, neither at its ends nor in the rests."""
+    interval = one.nodes.interval
+    same = np.diff(interval) == 0
+    inside = np.append(same, False) & np.insert(same, 0, False)
+    return inside & (interval > 0) & (interval < interval[-1])
+
+
+def test_lever_says_how_a_rolling_foot_moves() -> None:
+    walk = noise_free(RIGID)
+    one = problem(walk, KNOWN)
+    velocity, attitude = stance_truth(walk)
+    inner = inner_nodes(one)
+    sample = one.nodes.sample[inner]
+    said = np.einsum("nij,nj->ni", attitude[sample], at_nodes(one, "body_velocity")[inner])
+    assert inner.sum() > 50
+    assert np.linalg.norm(said, axis=1).max() > 0.003
+    np.testing.assert_allclose(said, velocity[sample], atol=4e-4)
+
+
+def test_sole_sinks_in_a_stance_of_the_walk_and_not_in_a_rest() -> None:
+    walk = noise_free()
+    one = problem(walk, KNOWN)
+    velocity, attitude = stance_truth(walk)
+    inner = inner_nodes(one)
+    sample, settling = one.nodes.sample[inner], at_nodes(one, "settling")
+    rolling = np.einsum("nij,nj->ni", attitude[sample], at_nodes(one, "body_velocity")[inner])
+    sinking = (velocity[sample] - rolling)[:, 2].mean()
+    assert np.all(settling[:, 2] < 0)
+    assert not settling[:, :2].any()
+    assert 0.5 < settling[inner, 2].mean() / sinking < 2.0
+    assert np.all(np.abs(settling[one.nodes.interval == 0, 2]) < 1e-3)
+
+
+def test_ties_are_firm_where_the_foot_is_still() -> None:
+    """Three stances between swings: still, turning at 0.5 rad/s, pushed at 0.5 m/s^2 off gravity."""
+    n, stances = 500, Stances.from_mask(np.isin(np.arange(500) // 100, [0, 2, 4]))
+    acc, gyr = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1)), np.zeros((n, 3))
+    gyr[100:200, 1] = gyr[300:400, 1] = 4.0
+    gyr[200:300, 1] = 0.5
+    acc[400:, 2] += 0.5
+    recording = Recording(t=np.arange(n) / 200.0, acc=acc, gyr=gyr)
+    one = problem(Walk(recording, stances), KNOWN)
+    sigma, p = at_nodes(one, "velocity_sigma"), DEFAULT
+    expected = np.hypot(p.velocity_sigma, np.array([0.0, 0.5 * p.roll_sigma_m, 0.5 * p.unsteady_s]))
+    np.testing.assert_allclose(sigma[:, :2], np.repeat(expected[one.nodes.interval][:, None], 2, axis=1), rtol=1e-9)
+    assert np.all(sigma[:, 2] > sigma[:, 0])  # how deep a sole sinks is not known
+
+
+def test_velocity_in_stance_is_within_the_sigma_of_its_tie() -> None:
+    walk = noise_free()
+    one = problem(walk)
+    velocity, attitude = stance_truth(walk)
+    sample = one.nodes.sample
+    said = np.einsum("nij,nj->ni", attitude[sample], at_nodes(one, "body_velocity")) + at_nodes(one, "settling")
+    z = (velocity[sample] - said) / at_nodes(one, "velocity_sigma")
+    assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.2)
+
+
+def test_plain_zero_velocity_is_zero_and_equally_firm() -> None:
+    one = problem(demo(), PLAIN)
+    assert not at_nodes(one, "body_velocity").any()
+    assert not at_nodes(one, "settling").any()
+    np.testing.assert_allclose(at_nodes(one, "velocity_sigma"), PLAIN.velocity_sigma)
+
+
+def test_every_node_is_reached_and_every_rest_is_told_once() -> None:
+    one = problem(demo())
+    assert sum(len(stride.measurements) for stride in one.strides) == len(one.nodes) - 1
+    assert [stride.first for stride in one.strides] == list(one.nodes.first[:-1])
+    rests = [rest for stride in one.strides for rest in stride.rests]
+    assert len(rests) == 2
+    assert len(one.strides[0].rests) == 1
+    assert len(one.strides[-1].rests) == 1
+
+
+def test_bias_walks_from_variable_to_variable() -> None:
+    walk = demo()
+    nodes = place_nodes(walk.recording, walk.stances, DEFAULT)
+    one = problem(walk)
+    keys = [key for key in one.initial.keys() if key >> 56 == ord("b")]  # noqa: SIM118 (gtsam.Values is no dict)
+    assert keys == [B(k) for k in range(nodes.bias[-1] + 1)]
+    graph = one.graph
+    between = [f for f in map(graph.at, range(graph.size())) if isinstance(f, gtsam.BetweenFactorConstantBias)]
+    assert len(between) == len(keys) - 1
+    variance = sum(f.noiseModel().sigmas()[3] ** 2 for f in between)
+    t = walk.recording.t[nodes.sample[nodes.result]]
+    last = t[np.flatnonzero(np.diff(nodes.bias))[-1] + 1]
+    assert np.sqrt(variance) == pytest.approx(np.radians(DEFAULT.gyro_bias_walk_deg_s) * np.sqrt(last - t[0]), rel=1e-6)
+
+
+def functions_that_mention(name: str) -> Iterator[str]:
+    """Names of the functions in the smoother that mention an attribute or call of this name."""
+    for path in sorted(Path(fg_nav.smoother.__file__).parent.glob("*.py")):
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(function, ast.FunctionDef) and any(
+                isinstance(node, ast.Attribute) and node.attr == name for node in ast.walk(function)
+            ):
+                yield function.name
+
+
+def test_one_function_turns_a_stride_into_factors() -> None:
+    assert list(functions_that_mention("GalileanImuFactor")) == ["add_stride"]
+    assert list(functions_that_mention("BetweenFactorConstantBias")) == ["add_stride"]
+    source = Path(fg_nav.smoother.__file__).parent
+    calls = [path.name for path in source.glob("*.py") if "ties.add(" in path.read_text(encoding="utf-8")]
+    assert calls == ["strides.py"]
+    assert list(functions_that_mention("body_velocity")) == ["add_stride"]
+
+
+def test_a_walk_is_its_strides_one_after_the_other() -> None:
+    """The graph of the first strides is the beginning of the graph of more: what a smoother online adds."""
+    few, more = problem(part(demo(), 4)), problem(part(demo(), 6))
+    assert few.graph.size() < more.graph.size()
+    for i in range(few.graph.size()):
+        assert few.graph.at(i).keys() == more.graph.at(i).keys()

@@ -1,0 +1,120 @@
+"""What README and docs say is true of the code; and the direction in which modules import."""
+
+import ast
+import re
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+from fg_nav.cli import app
+from fg_nav.io import FORMATS, write_canonical
+from fg_nav.report.folder import RESULT_FILES
+from fg_nav.simulation import demo_walk
+from fg_nav.smoother import SmootherParameters
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
+
+FORBIDDEN = {
+    "factors": {"fg_nav"},
+    "fg_nav.io": {"fg_nav.ekf", "fg_nav.smoother", "fg_nav.estimators", "fg_nav.session", "fg_nav.evaluation"},
+    "fg_nav.detection": {"fg_nav.ekf", "fg_nav.smoother", "fg_nav.estimators", "fg_nav.session", "fg_nav.io"},
+    "fg_nav.calibration": {"fg_nav.ekf", "fg_nav.smoother", "fg_nav.estimators", "fg_nav.session", "fg_nav.io"},
+    "fg_nav.ekf": {"fg_nav.smoother", "fg_nav.io", "fg_nav.evaluation", "gtsam"},
+    "fg_nav.smoother": {"fg_nav.ekf", "fg_nav.io", "fg_nav.evaluation"},
+    "fg_nav": {"fg_nav.report", "fg_nav.cli", "matplotlib", "rich", "typer", "scripts", "tests"},
+}
+"""What a package must not import; that of `fg_nav` holds for all of it but `cli` and `report`."""
+
+
+def rows_of(page: Path) -> list[list[str]]:
+    """Cells of every row of every table."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+
+
+def imports_of(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+@pytest.mark.parametrize("package", FORBIDDEN)
+def test_imports_run_one_way(package: str) -> None:
+    files = sorted((ROOT / package.replace(".", "/")).rglob("*.py"))
+    assert files
+    for path in files:
+        if package == "fg_nav" and (path.name == "cli.py" or path.parent.name == "report"):
+            continue
+        wrong = [m for m in imports_of(path) if any(m == f or m.startswith(f + ".") for f in FORBIDDEN[package])]
+        assert not wrong, f"{path.relative_to(ROOT)} imports {wrong}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    targets = re.findall(r"\]\(([^)]+)\)", text)
+    for target in targets:
+        place, _, anchor = target.partition("#")
+        if place.startswith("http"):
+            continue
+        linked = page.parent / place if place else page
+        assert linked.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", linked.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}, target
+
+
+@pytest.mark.parametrize("page", [README, ROOT / "docs/formats.md"], ids=lambda page: page.name)
+def test_every_format_has_its_row(page: Path) -> None:
+    listed = [row[0].strip("`") for row in rows_of(page) if row[0].strip("`") in FORMATS]
+    assert listed == list(FORMATS)
+
+
+def test_parameters_have_the_values_that_the_page_tells() -> None:
+    known = {f.name: f.default for f in fields(SmootherParameters)}
+    told: dict[str, float] = {}
+    for first, value, *_ in rows_of(ROOT / "docs/models.md"):
+        told |= {name: float(value) for name in re.findall(r"`(\w+)`", first) if name in known}
+    assert told == {name: known[name] for name in told}
+    untold = {name for name, value in known.items() if isinstance(value, float) and name not in told}
+    assert untold <= {"gravity", "convergence"}
+
+
+def test_every_file_of_a_result_is_explained() -> None:
+    text = README.read_text(encoding="utf-8")
+    assert not [name for name in RESULT_FILES if f"`{name}`" not in text]
+
+
+def test_commands_and_options_exist() -> None:
+    blocks = re.findall(r"```sh\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    lines = re.findall(r"(?:^|/)fg-nav (\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
+    assert {name for name, _ in lines} == {"demo", "inspect", "run", "compare"}
+    commands = typer.main.get_command(app).commands
+    for name, rest in lines:
+        options = {option for parameter in commands[name].params for option in parameter.opts}
+        assert set(re.findall(r"--[\w-]+", rest)) <= options
+
+
+def test_python_example_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    write_canonical(demo_walk(np.random.default_rng(2)).slice(0, 3000), tmp_path / "walk.csv")
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    assert "strides_detected" in capsys.readouterr().out
+
+
+def test_changelog_knows_the_version() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f"## {version}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
