@@ -42,8 +42,8 @@ def rolling_stance_factor(
     noise
         Of dimension 3, m/s, on the axes of the navigation frame.
     """
-    u = np.asarray(body_velocity, dtype=np.float64)
-    settling = np.asarray(nav_settling, dtype=np.float64)
+    u = np.array(body_velocity, dtype=np.float64)
+    settling = np.array(nav_settling, dtype=np.float64)
     cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
     by_velocity = np.eye(3)
 

@@ -110,10 +110,14 @@ def rotate_in_body(R: Floats, x: float, y: float, z: float) -> None:
 
 @njit(cache=True)
 def nudge_tilt(nav_R_body: Floats, force: Floats, gain: float) -> None:
-    """Turn the attitude a share `gain` of the way that brings `force` (3,) to the vertical; keep it orthonormal."""
+    """Turn the attitude a share `gain` of the way that brings `force` (3,) to the vertical; keep it orthonormal.
+
+    In free fall there is no vertical, and the attitude stays.
+    """
     R = nav_R_body
     east, north, up = R[0].copy(), R[1].copy(), R[2].copy()
-    share = gain / np.sqrt((force**2).sum())
+    strength = np.sqrt((force**2).sum())
+    share = gain / strength if strength > 0.0 else 0.0
     up = up + share * ((east * force).sum() * east + (north * force).sum() * north)
     up /= np.sqrt((up**2).sum())
     north = north - (north * up).sum() * up

@@ -1,6 +1,5 @@
-"""What README and docs say is true of the code; and the direction in which modules import."""
+"""What README and docs say is true of the code."""
 
-import ast
 import re
 import tomllib
 from dataclasses import fields
@@ -20,43 +19,11 @@ ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
 
-FORBIDDEN = {
-    "factors": {"fg_nav"},
-    "fg_nav.io": {"fg_nav.ekf", "fg_nav.smoother", "fg_nav.estimators", "fg_nav.session", "fg_nav.evaluation"},
-    "fg_nav.detection": {"fg_nav.ekf", "fg_nav.smoother", "fg_nav.estimators", "fg_nav.session", "fg_nav.io"},
-    "fg_nav.calibration": {"fg_nav.ekf", "fg_nav.smoother", "fg_nav.estimators", "fg_nav.session", "fg_nav.io"},
-    "fg_nav.ekf": {"fg_nav.smoother", "fg_nav.io", "fg_nav.evaluation", "gtsam"},
-    "fg_nav.smoother": {"fg_nav.ekf", "fg_nav.io", "fg_nav.evaluation"},
-    "fg_nav": {"fg_nav.report", "fg_nav.cli", "matplotlib", "rich", "typer", "scripts", "tests"},
-}
-"""What a package must not import; that of `fg_nav` holds for all of it but `cli` and `report`."""
-
 
 def rows_of(page: Path) -> list[list[str]]:
     """Cells of every row of every table."""
     lines = page.read_text(encoding="utf-8").splitlines()
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
-
-
-def imports_of(path: Path) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return found
-
-
-@pytest.mark.parametrize("package", FORBIDDEN)
-def test_imports_run_one_way(package: str) -> None:
-    files = sorted((ROOT / package.replace(".", "/")).rglob("*.py"))
-    assert files
-    for path in files:
-        if package == "fg_nav" and (path.name == "cli.py" or path.parent.name == "report"):
-            continue
-        wrong = [m for m in imports_of(path) if any(m == f or m.startswith(f + ".") for f in FORBIDDEN[package])]
-        assert not wrong, f"{path.relative_to(ROOT)} imports {wrong}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

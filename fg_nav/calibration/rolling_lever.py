@@ -27,8 +27,9 @@ from fg_nav.stances import Stances
 FINEST_M = 1e-4
 """No scatter shows a lever better than to this, m."""
 
-UNSEEN = 1e-9
-"""A direction with less than this share of the information is that of an axis about which the foot never turns."""
+ABOVE_NOISE = 4.0
+"""Rolling counts where its mean square is this many times that of the gyroscope's noise: noise, taken for rolling that
+moves nothing, would show a lever of zero."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class RollingLeverParameters:
     largest_rate_rad_s: float = 1.0
     """Above this the foot no longer rolls on the ground but leaves it."""
     fewest_samples: int = 10
+    gyr_noise_deg_s: float = 0.2
+    """White noise of the angular rate, per sample and axis; data sheets and recordings at rest have 0.1 to 0.4."""
     prior_sigma_m: float = 0.1
     """A foot's sensor is within a hand of the ground; the prior mean is zero, the plain zero-velocity update."""
     error_correlation: float = 25.0
@@ -60,7 +63,7 @@ def rolling_lever(
 ) -> RollingLever:
     """Estimate the lever from every stance that rolls; few or unrolling stances leave it at the prior, zero."""
     p = parameters
-    normal, right = _normal_equations(
+    normal, right, samples = _normal_equations(
         recording.t,
         recording.acc,
         recording.gyr,
@@ -70,16 +73,21 @@ def rolling_lever(
         p.largest_rate_rad_s,
         p.fewest_samples,
     )
-    used = normal.trace(axis1=1, axis2=2) > 0
-    return _solution(normal[used], right[used], p)
+    used = samples > 0
+    noise = 2 * int(samples.sum()) * float(np.radians(p.gyr_noise_deg_s)) ** 2
+    return _solution(normal[used], right[used], noise, p)
 
 
-def _solution(normal: Floats, right: Floats, p: RollingLeverParameters) -> RollingLever:
-    """Least squares with the prior; the noise is what the stances scatter about the common solution."""
+def _solution(normal: Floats, right: Floats, noise: float, p: RollingLeverParameters) -> RollingLever:
+    """Least squares with the prior; the noise is what the stances scatter about the common solution.
+
+    `noise` (rad/s)^2 is what the gyroscope's noise adds to every eigenvalue of the sum of the normal matrices. About
+    an axis with little more the foot does not roll, and across it nothing is known but the prior.
+    """
     if len(normal) < 4:
         return RollingLever(np.zeros(3), np.eye(3) * p.prior_sigma_m**2, len(normal))
     strength, axes = np.linalg.eigh(normal.sum(axis=0))
-    seen = strength > UNSEEN * strength[-1]
+    seen = strength > ABOVE_NOISE * noise
     axes, weighted = axes[:, seen], axes[:, seen] / strength[seen]
     free = axes @ (weighted.T @ right.sum(axis=0))
     misfit = (right - normal @ free) @ weighted
@@ -99,9 +107,10 @@ def _normal_equations(
     longest: float,
     largest_rate: float,
     fewest: int,
-) -> tuple[Floats, Floats]:
-    """A^T A (K, 3, 3) and A^T y (K, 3) of each stance, nuisance projected out; zero where it is not used."""
+) -> tuple[Floats, Floats, Ints]:
+    """A^T A (K, 3, 3) and A^T y (K, 3) of each stance, nuisance projected out, and its samples (K,), 0 if not used."""
     normal, right = np.zeros((len(start), 3, 3)), np.zeros((len(start), 3))
+    samples = np.zeros(len(start), dtype=np.int64)
     rate = np.sqrt((gyr**2).sum(axis=1))
     for k in range(len(start)):
         first, last = start[k], min(stop[k], len(t) - 1) - 1  # the very last sample has no period
@@ -115,7 +124,8 @@ def _normal_equations(
             b += 1
         if b - a + 1 >= fewest:
             _add_stance(t, acc, gyr, a, b, normal[k], right[k])
-    return normal, right
+            samples[k] = b - a + 1
+    return normal, right, samples
 
 
 @njit(cache=True)

@@ -18,8 +18,8 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.stances import Stances
 
-TILT_GAIN = 0.02
-"""Share of the tilt error taken off per sample in stance."""
+TILT_TIME_S = 0.25
+"""Time constant with which a stance takes off the tilt error."""
 
 
 def initial_values(
@@ -70,9 +70,10 @@ def _stop_and_go(
     attitude[0] = nav_R_body
     for j in range(1, len(sample)):
         for i in range(sample[j - 1], sample[j]):
-            strapdown(state, acc[i], gyr[i], t[i + 1] - t[i], gravity, turn, push)
+            h = t[i + 1] - t[i]
+            strapdown(state, acc[i], gyr[i], h, gravity, turn, push)
             if stands[i]:
-                nudge_tilt(state.nav_R_body, acc[i], TILT_GAIN)
+                nudge_tilt(state.nav_R_body, acc[i], min(h / TILT_TIME_S, 1.0))
         state.position[:] -= state.velocity * (0.5 * (t[sample[j]] - t[sample[j - 1]]))
         state.velocity[:] = 0.0
         position[j], attitude[j] = state.position, state.nav_R_body

@@ -1,7 +1,8 @@
 """Where the graph has its variables: a few samples of each stance.
 
 A swing needs none. A stance has one at each end and more between, so that the inertial measurements in stance tie
-the still middle to the rolling ends; one of them is the stillest sample of the footfall, at which results are given.
+the still middle to the rolling ends. Results are given at the stillest sample of each footfall: the nearest node is
+moved onto it.
 """
 
 from __future__ import annotations

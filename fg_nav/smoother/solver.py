@@ -59,7 +59,7 @@ def solve(
     Parameters
     ----------
     convergence
-        Largest difference of promised and true error, as a share of it, or of one: less is less than one sigma.
+        Largest difference of promised and true error per variable.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def solve(
         values, error = _descend(graph, ties, values, step, error)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
-        if abs(error - promised) <= convergence * max(error, 1.0):
+        if abs(error - promised) <= convergence * ordering.size():
             return Solved(values, tree, steps)
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "

@@ -124,7 +124,9 @@ def test_before_the_first_node_and_after_the_last_it_is_integration(recording: R
         for a, b in zip(found, alone, strict=True):
             np.testing.assert_allclose(a[part], b[part], atol=1e-12)
         turned = truth[2][i] @ np.swapaxes(truth[2][part], 1, 2)
-        np.testing.assert_allclose(found[2][i] @ np.swapaxes(found[2][part], 1, 2), _in(states[2][node], truth[2][i], turned), atol=1e-9)
+        np.testing.assert_allclose(
+            found[2][i] @ np.swapaxes(found[2][part], 1, 2), _in(states[2][node], truth[2][i], turned), atol=1e-9
+        )
 
 
 def _in(R: np.ndarray, Q: np.ndarray, turned: np.ndarray) -> np.ndarray:
@@ -136,8 +138,6 @@ def _in(R: np.ndarray, Q: np.ndarray, turned: np.ndarray) -> np.ndarray:
 def test_back_to_the_start_and_forth_again(recording: Recording, truth) -> None:
     """Integrated back from one node to the start: from there forward the same states are met."""
     i = 900
-    back = dense_trajectory(
-        recording, np.array([i]), *(s[[i]] for s in truth), *np.zeros((2, 1, 3)), GRAVITY_M_S2
-    )
+    back = dense_trajectory(recording, np.array([i]), *(s[[i]] for s in truth), *np.zeros((2, 1, 3)), GRAVITY_M_S2)
     for a, b in zip(back, truth, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)

@@ -22,9 +22,7 @@ def walk_with(lengths: list[tuple[int, int]], seed: int, one_footfall: bool = Fa
     stop = start + stands
     n = int(stop[-1]) + 20
     rng = np.random.default_rng(seed)
-    recording = Recording(
-        t=np.arange(n) / RATE, acc=np.tile([0.0, 0.0, 9.8], (n, 1)), gyr=rng.standard_normal((n, 3))
-    )
+    recording = Recording(t=np.arange(n) / RATE, acc=np.tile([0.0, 0.0, 9.8], (n, 1)), gyr=rng.standard_normal((n, 3)))
     footfall = np.zeros(len(start), dtype=np.int64) if one_footfall else np.arange(len(start))
     return recording, Stances(start, stop, footfall, n)
 
@@ -78,7 +76,11 @@ def test_the_ends_of_a_stance_are_nodes_but_where_the_stillest_sample_is_nearer(
     others = nodes.sample[nodes.sample != stillest]
     for end in (20, 20 + length - 1):
         near = abs(stillest - end)
-        assert end in nodes.sample or near < DEFAULT.shortest_interval_s * RATE + 1 or near <= np.abs(others - stillest).min()
+        assert (
+            end in nodes.sample
+            or near < DEFAULT.shortest_interval_s * RATE + 1
+            or near <= np.abs(others - stillest).min()
+        )
 
 
 def test_a_stance_of_one_sample_is_one_node() -> None:

@@ -1,6 +1,7 @@
 """Inertial measurements between nodes: the same strapdown as everywhere, with the noise that the motion calls for."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -139,4 +140,4 @@ def test_progress_is_told(recording: Recording) -> None:
     sample = np.arange(0, len(recording) - 1, 50)
     assert len(list(preintegrate(recording, sample, NO_BIAS, DEFAULT, told.append))) == len(sample) - 1
     assert len(told) > 2
-    assert all(0 <= a < b <= 1 for a, b in zip(told, told[1:], strict=False))
+    assert all(0 <= a < b <= 1 for a, b in pairwise(told))

@@ -56,7 +56,7 @@ def differences(one: Problem, a: gtsam.Values, b: gtsam.Values) -> tuple[float, 
 @pytest.mark.parametrize("walk", [demo, pytest.param(lambda: gdin(18), marks=needs_data)], ids=["demo", "gdin 18"])
 def test_solution_is_that_of_the_exact_factors(walk) -> None:
     one = with_exact_factors(walk())
-    metres, degrees = differences(one, minimum(problem(walk()), 1e-6).values, converged(one))
+    metres, degrees = differences(one, minimum(problem(walk()), 1e-10).values, converged(one))
     assert metres < 1e-4
     assert degrees < 0.01
 

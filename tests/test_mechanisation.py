@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.mechanisation import SERIES_BELOW, NavState, rotation_series, strapdown
+from fg_nav.mechanisation import SERIES_BELOW, NavState, nudge_tilt, rotate_in_body, rotation_series, strapdown
 from tests.ekf.motion import Walk
 
 
@@ -109,3 +109,82 @@ def test_a_walk_is_followed_to_second_order_in_the_period():
     assert fine[0] < 0.02
     order = np.log2(coarse / fine)
     assert np.all(order > 1.9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.05, 0.1, 0.11, 1.0, 3.1, 20.0])
+def test_a_rotation_in_the_body_frame(angle):
+    rng = np.random.default_rng(5)
+    R0 = Rotation.random(rng=rng).as_matrix()
+    axis = rng.standard_normal(3)
+    rotvec = angle * axis / np.linalg.norm(axis)
+    R = R0.copy()
+    rotate_in_body(R, *rotvec)
+    np.testing.assert_allclose(R, R0 @ Rotation.from_rotvec(rotvec).as_matrix(), atol=1e-13)
+
+
+def tilted(tilt, heading=0.4):
+    """An attitude, and the specific force at rest if its true attitude has this rotation vector more."""
+    R = Rotation.from_euler("ZYX", [heading, 0.3, -0.2]).as_matrix()
+    true = Rotation.from_rotvec([*tilt, 0.0]).as_matrix() @ R
+    return R, true, true.T @ [0.0, 0.0, GRAVITY_M_S2]
+
+
+def tilt_error(R, force):
+    """Angle between the force in the navigation frame and the vertical."""
+    up = R @ force / np.linalg.norm(force)
+    return np.arctan2(np.linalg.norm(up[:2]), up[2])
+
+
+@pytest.mark.parametrize("gain", [0.02, 0.3, 1.0])
+@pytest.mark.parametrize("tilt", [(0.05, 0.0), (-0.02, 0.04)])
+def test_a_nudge_takes_off_its_share_of_the_tilt(tilt, gain):
+    R, _, force = tilted(tilt)
+    before = tilt_error(R, force)
+    assert before == pytest.approx(np.hypot(*tilt))
+    nudge_tilt(R, force, gain)
+    assert tilt_error(R, force) == pytest.approx((1 - gain) * before, abs=1e-3 * before + before**3)
+
+
+def test_a_nudge_turns_about_a_level_axis():
+    """So the heading stays, but for what tilt and heading have to do with each other: of second order."""
+    R, _, force = tilted((0.02, -0.03))
+    before = R.copy()
+    nudge_tilt(R, force, 0.5)
+    turned = Rotation.from_matrix(R @ before.T).as_rotvec()
+    assert np.linalg.norm(turned[:2]) == pytest.approx(0.5 * np.hypot(0.02, 0.03), rel=0.01)
+    assert abs(turned[2]) < 0.03**2
+
+
+def test_many_nudges_level_from_any_tilt():
+    R, _, force = tilted((1.8, -1.4))
+    assert tilt_error(R, force) > 2.0
+    for _ in range(600):
+        nudge_tilt(R, force, 0.02)
+    assert tilt_error(R, force) < 1e-3
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+def test_a_nudge_makes_a_drifted_matrix_a_rotation_again():
+    R, _, force = tilted((0.01, 0.02))
+    R += 1e-4 * np.random.default_rng(6).standard_normal((3, 3))
+    nudge_tilt(R, force, 0.02)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+def test_a_nudge_does_not_ask_how_strong_the_force_is():
+    R, _, force = tilted((0.1, 0.05))
+    other = R.copy()
+    nudge_tilt(R, force, 0.1)
+    nudge_tilt(other, 3.0 * force, 0.1)
+    np.testing.assert_allclose(R, other, atol=1e-15)
+
+
+def test_a_level_attitude_and_free_fall_leave_the_attitude_alone():
+    R, true, force = tilted((0.1, 0.05))
+    level, falling = true.copy(), R.copy()
+    nudge_tilt(level, force, 0.5)
+    nudge_tilt(falling, np.zeros(3), 0.5)
+    np.testing.assert_allclose(level, true, atol=1e-15)
+    np.testing.assert_allclose(falling, R, atol=1e-15)

@@ -1,0 +1,122 @@
+"""Stances of real walks: known stride counts, and motion capture of what the foot did meanwhile."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from fg_nav.detection import detect_stances, find_rests
+from fg_nav.io import read
+from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
+from tests.detection.walks import mounted
+from tests.real_data import DATA, needs_data
+
+pytestmark = needs_data
+
+GDIN = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
+CRAWLING = ("2018-02-09-11-16-53", "2018-02-09-11-19-39")
+"""On these the foot is dragged over the ground."""
+
+
+def gdin(number):
+    folder = "own" if number > 29 else "own_obsolete"
+    return read(DATA / "gdin" / folder / f"SensorConnectData_{number}.csv")
+
+
+@pytest.fixture(scope="module")
+def walks():
+    return {number: gdin(number) for number in GDIN}
+
+
+@pytest.fixture(scope="module")
+def captured():
+    """Recording, stances and true speed of the sensor of each trial with motion capture."""
+    return {path.stem: measured(read(path)) for path in sorted((DATA / "vicon").glob("*.mat"))}
+
+
+def measured(recording):
+    assert isinstance(recording.truth, TrajectoryTruth)
+    smooth = gaussian_filter1d(recording.truth.position, 3, axis=0)  # millimetres of noise at 5 ms
+    speed = np.linalg.norm(np.gradient(smooth, recording.truth.t, axis=0), axis=1)
+    return recording, detect_stances(recording), np.interp(recording.t, recording.truth.t, speed)
+
+
+def count(recording):
+    return detect_stances(recording).n_footfalls - 1
+
+
+@pytest.mark.parametrize("number", GDIN)
+def test_stride_counts(walks, number):
+    recording = walks[number]
+    assert isinstance(recording.truth, FootprintTruth)
+    assert recording.truth.stride_count is not None
+    assert abs(count(recording) - recording.truth.stride_count) <= 1
+
+
+@pytest.mark.parametrize("number", [22, 33])
+def test_stride_counts_do_not_hang_on_mounting_rate_and_calibration(walks, number):
+    recording = walks[number]
+    turned = mounted(recording, Rotation.from_rotvec([2.0, -0.7, 1.0]))
+    halved = Recording(*(pairwise_means(x) for x in (recording.t, recording.acc, recording.gyr)))
+    offset = replace(recording, gyr=recording.gyr + np.radians([2.0, -2.0, 1.5]))
+    stretched = replace(recording, acc=1.02 * recording.acc)
+    expected = count(recording)
+    assert [count(r) for r in (turned, halved, offset, stretched)] == [expected] * 4
+
+
+def pairwise_means(samples):
+    even = samples[: len(samples) // 2 * 2]
+    return (even[::2] + even[1::2]) / 2
+
+
+@pytest.mark.parametrize("number", [18, 24, 36])
+def test_a_cut_from_mid_walk_has_the_stances_of_the_whole(walks, number):
+    """Ten seconds from anywhere: no stance that the whole walk does not have, and none is lost but at the cuts."""
+    recording = walks[number]
+    whole = detect_stances(recording)
+    for cut in range(2000, 2240, 20):
+        part = detect_stances(recording.slice(cut, cut + 2000))
+        assert np.all([whole.mask[cut + a : cut + b].any() for a, b in zip(part.start, part.stop, strict=True)])
+        inside = (whole.start >= cut + 20) & (whole.stop <= cut + 1980)
+        pairs = zip(whole.start[inside] - cut, whole.stop[inside] - cut, strict=True)
+        assert np.all([part.mask[a:b].any() for a, b in pairs])
+
+
+def test_the_foot_stands_in_stances(captured):
+    """In each stance of walking and running there is an instant at which the foot hardly moves."""
+    least = [
+        speed[a:b].min()
+        for name, (_, stances, speed) in captured.items()
+        if name not in CRAWLING
+        for a, b in zip(stances.start, stances.stop, strict=True)
+    ]
+    assert len(captured) == 28
+    assert max(least) < 1.0
+    assert np.mean(np.array(least) < 0.2) > 0.98
+    assert np.median(least) < 0.02
+
+
+def test_every_stop_of_the_foot_is_found(captured):
+    """Where the true speed stays below 3 cm/s for 0.1 s, there is a stance."""
+    missed = total = 0
+    for _, stances, speed in captured.values():
+        stopped = np.lib.stride_tricks.sliding_window_view(speed < 0.03, 20).all(axis=1)
+        begin = np.flatnonzero(np.diff(stopped.astype(int)) == 1) + 1
+        total += len(begin)
+        missed += sum(not stances.mask[i : i + 20].any() for i in begin)
+    assert total > 300
+    assert missed <= 0.02 * total
+
+
+def test_rests_agree_on_the_bias():
+    """All rests of a second and more of a walk show the bias of the longest, as far as feet stand still."""
+    off_deg_s = []
+    for path in (*(DATA / "openshoe").glob("*.txt"), *(DATA / "xio").glob("*.csv"), *(DATA / "vicon").glob("*.mat")):
+        rests = [rest for rest in find_rests(read(path)) if rest.sigma < np.radians(0.071)]
+        longest = min(rests, key=lambda rest: rest.sigma, default=None)
+        off_deg_s += [np.degrees(np.abs(rest.rate - longest.rate).max()) for rest in rests if rest is not longest]
+    assert len(off_deg_s) >= 10
+    assert max(off_deg_s) < 0.4
+    assert np.median(off_deg_s) < 0.15

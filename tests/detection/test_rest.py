@@ -1,0 +1,144 @@
+"""Rests: the bias is where it is said to be, and a foot that rolls, however slowly, does not rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from fg_nav.detection import RestParameters, find_rests
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import Recording
+from fg_nav.simulation import demo_walk
+from fg_nav.simulation.demo import STANDING_S
+from tests.detection.walks import RUNNING, WALKING, mounted, simulate
+
+BIAS_DEG_S = np.array([0.3, -0.2, 0.1])
+SWAY_HZ = 0.5
+
+
+def standing(seconds, seed=0, sway_deg=0.02, gyr_noise_deg_s=0.15, bias_deg_s=BIAS_DEG_S, rate_hz=200.0):
+    """A foot that stands and sways by small angles, slowly; tilt moves gravity along."""
+    rng = np.random.default_rng(seed)
+    n, width = round(seconds * rate_hz), rate_hz / (2 * np.pi * SWAY_HZ)
+    margin = round(5 * width)
+    angle = gaussian_filter1d(rng.standard_normal((n + 2 * margin, 3)), width, axis=0)[margin : margin + n]
+    angle *= np.radians(sway_deg) * np.sqrt(2 * np.sqrt(np.pi) * width)  # unit variance, before
+    rate = np.radians(bias_deg_s) + np.gradient(angle, 1 / rate_hz, axis=0)
+    up = Rotation.from_rotvec(angle).inv().apply([0.0, 0.0, GRAVITY_M_S2])
+    return Recording(
+        t=np.arange(n) / rate_hz,
+        acc=up + 0.02 * rng.standard_normal((n, 3)),
+        gyr=rate + np.radians(gyr_noise_deg_s) * rng.standard_normal((n, 3)),
+    )
+
+
+def turning(seconds, rate_deg_s):
+    """A sensor at rest but for this rate about y, a function of time."""
+    recording = standing(seconds, sway_deg=0.0)
+    gyr = recording.gyr.copy()
+    gyr[:, 1] += np.radians(rate_deg_s(recording.t))
+    return replace(recording, gyr=gyr)
+
+
+def joined(*recordings):
+    acc, gyr = (np.vstack([getattr(r, name) for r in recordings]) for name in ("acc", "gyr"))
+    return Recording(t=np.arange(len(acc)) / 200, acc=acc, gyr=gyr)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 3.0, 10.0])
+def test_the_bias_is_known_to_within_its_sigma(seconds):
+    errors = []
+    for seed in range(30):
+        (rest,) = find_rests(standing(seconds, seed))
+        assert rest.stop - rest.start > 0.7 * seconds * 200
+        errors.append((rest.rate - np.radians(BIAS_DEG_S)) / rest.sigma)
+    assert 0.2 < np.sqrt(np.mean(np.square(errors))) < 1.3
+
+
+def test_a_longer_rest_knows_more():
+    sigmas = [find_rests(standing(seconds))[0].sigma for seconds in (1.0, 4.0, 16.0)]
+    assert sigmas[0] > 3 * sigmas[1] > 9 * sigmas[2]
+
+
+def test_the_force_is_gravity_in_the_body():
+    tilt = Rotation.from_rotvec([0.4, -0.2, 0.0])
+    (rest,) = find_rests(mounted(standing(2.0), tilt))
+    np.testing.assert_allclose(rest.force, tilt.inv().apply([0.0, 0.0, GRAVITY_M_S2]), atol=0.02)
+
+
+def test_mounting_does_not_matter_much():
+    """The limits are per axis, so the extent may differ by a block; the bias turns along."""
+    turn = Rotation.from_rotvec([1.0, -2.0, 0.5])
+    (asis,), (turned,) = find_rests(standing(5.0)), find_rests(mounted(standing(5.0), turn))
+    np.testing.assert_allclose(turned.rate, turn.inv().apply(asis.rate), atol=2 * asis.sigma)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 400.0])
+def test_sample_rate_does_not_matter(rate_hz):
+    (rest,) = find_rests(standing(3.0, rate_hz=rate_hz))
+    assert (rest.stop - rest.start) / rate_hz > 2.7
+    np.testing.assert_allclose(rest.rate, np.radians(BIAS_DEG_S), atol=3 * rest.sigma)
+
+
+def test_rests_at_the_start_in_the_middle_and_at_the_end():
+    first, second = simulate(strides=4, standing_s=2.0, seed=1), simulate(strides=4, standing_s=2.0, seed=2)
+    recording = joined(first.recording, second.recording)
+    rests = find_rests(recording)
+    length = first.recording.duration_s
+    begin = [0.0, first.swing[-1, 1], length + second.swing[-1, 1]]
+    end = [first.swing[0, 0], length + second.swing[0, 0], recording.t[-1]]
+    assert len(rests) == 3
+    for rest, a, b in zip(rests, begin, end, strict=True):
+        assert recording.t[rest.start] >= a - 0.02
+        assert recording.t[rest.stop - 1] <= b + 0.02
+        assert (rest.stop - rest.start) / 200 > b - a - 0.55  # a block of a quarter of a second lost on either side
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_on_a_walk_only_standing_is_rest(seed):
+    recording = demo_walk(np.random.default_rng(seed))
+    rests = find_rests(recording)
+    assert len(rests) == 2
+    assert recording.t[rests[0].stop - 1] < STANDING_S + 0.05
+    assert recording.t[rests[1].start] > recording.t[-1] - STANDING_S - 0.5  # the last stance before is flat too
+    np.testing.assert_allclose(rests[0].rate, rests[1].rate, atol=np.radians(0.05))
+
+
+@pytest.mark.parametrize("stride_s", [0.7, 1.3, 2.0])
+def test_the_stances_of_walking_are_no_rests(stride_s):
+    walk = simulate(replace(WALKING, stride_s=stride_s), strides=10, standing_s=0.0)
+    assert find_rests(walk.part(0, np.searchsorted(walk.recording.t, walk.swing[-1, 1])).recording) == ()
+
+
+def test_running_has_no_rests():
+    assert find_rests(simulate(RUNNING, standing_s=0.0).recording) == ()
+
+
+@pytest.mark.parametrize("period_s", [0.5, 0.7, 1.0])
+def test_a_foot_that_rolls_to_and_fro_does_not_rest(period_s):
+    assert find_rests(turning(8.0, lambda t: 2.0 * np.sin(2 * np.pi * t / period_s))) == ()
+
+
+def test_a_steady_turn_is_not_a_bias():
+    assert find_rests(turning(5.0, lambda t: np.full_like(t, 15.0))) == ()
+    assert len(find_rests(turning(5.0, lambda t: np.full_like(t, 4.0)))) == 1  # an uncalibrated gyroscope
+
+
+def test_a_sensor_in_free_motion_at_a_steady_attitude_does_not_rest():
+    recording = standing(5.0)
+    acc = recording.acc.copy()
+    acc[:, 0] += 1.5 * np.sin(2 * np.pi * recording.t)  # as on a swing or in a car
+    assert find_rests(replace(recording, acc=acc)) == ()
+
+
+def test_what_is_shorter_than_the_shortest_rest_is_none():
+    shaken = turning(1.0, lambda t: 50 * np.sin(2 * np.pi * 5 * t))
+    recording = joined(shaken, standing(1.1), shaken)
+    assert len(find_rests(recording)) == 1
+    assert find_rests(recording, RestParameters(shortest_s=1.5)) == ()
+
+
+def test_a_recording_shorter_than_a_block():
+    assert find_rests(standing(0.15)) == ()

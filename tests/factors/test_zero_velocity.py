@@ -1,0 +1,127 @@
+"""The rolling-stance factor: its Jacobians by finite differences, its zero by the physics of a rolling body."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import V, X
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from factors import rolling_stance_factor
+from fg_nav.simulation.gait import FootMotion, Ramps
+
+UNIT = gtsam.noiseModel.Unit.Create(3)
+vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
+
+
+def state(rotvec, position, velocity):
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose3(gtsam.Rot3(Rotation.from_rotvec(rotvec).as_matrix()), position))
+    values.insert(V(0), velocity)
+    return values
+
+
+def residual(factor, values):
+    """Residual, from the right-hand side -e of the linearised factor."""
+    return -factor.linearize(values).jacobian()[1]
+
+
+def moved(values, step):
+    """Values a tangent-space step (9,) of pose and velocity away."""
+    there = gtsam.Values()
+    there.insert(X(0), values.atPose3(X(0)).retract(step[:6]))
+    there.insert(V(0), values.atVector(V(0)) + step[6:])
+    return there
+
+
+@given(rotvec=vectors, position=vectors, velocity=vectors, body_velocity=vectors, settling=vectors)
+@settings(max_examples=30, deadline=None)
+def test_jacobians_are_the_derivatives_on_the_manifold(rotvec, position, velocity, body_velocity, settling):
+    factor = rolling_stance_factor(X(0), V(0), body_velocity, settling, UNIT)
+    values = state(rotvec, position, velocity)
+    A, _ = factor.linearize(values).jacobian()
+    h = 1e-5
+    numeric = [
+        (residual(factor, moved(values, h * e)) - residual(factor, moved(values, -h * e))) / (2 * h) for e in np.eye(9)
+    ]
+    by_key = dict(zip(factor.keys(), np.split(A, [6], axis=1), strict=True))
+    np.testing.assert_allclose(np.hstack([by_key[X(0)], by_key[V(0)]]), np.transpose(numeric), atol=1e-8)
+
+
+def test_the_error_is_half_the_square_of_the_whitened_residual():
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.1, 0.2, 0.5]))
+    factor = rolling_stance_factor(X(0), V(0), np.zeros(3), np.array([0.0, 0.0, 1.0]), noise)
+    values = state(np.zeros(3), np.zeros(3), np.array([0.3, 0.4, 2.0]))
+    assert factor.error(values) == pytest.approx(0.5 * (3.0**2 + 2.0**2 + 2.0**2))
+
+
+def rolling_foot(lever, sinking=0.0):
+    """A foot that turns about a pivot, which sinks by so many metres meanwhile."""
+    begin, width = np.array([0.0]), np.array([0.4])
+    turn = Ramps(begin, width, np.array([[0.1, 0.5, -0.2]]))
+    return FootMotion((Ramps(begin, width, np.array([[0.0, 0.0, -sinking]])),), (turn,), np.asarray(lever))
+
+
+LEVER = np.array([-0.03, 0.02, 0.11])
+
+
+@pytest.mark.parametrize("sinking", [0.0, 0.003])
+def test_a_body_that_rolls_about_a_settling_pivot_has_no_residual(sinking):
+    motion = rolling_foot(LEVER, sinking)
+    t = np.linspace(0.02, 0.38, 7)
+    now = motion.at(t)
+    settling = rolling_foot(np.zeros(3), sinking).at(t).velocity  # of the pivot
+    assert np.linalg.norm(now.velocity, axis=1).max() > 0.1
+    for k in range(len(t)):
+        factor = rolling_stance_factor(X(0), V(0), np.cross(now.rate[k], LEVER), settling[k], UNIT)
+        rotvec = Rotation.from_matrix(now.nav_R_body[k]).as_rotvec()
+        values = state(rotvec, now.position[k], now.velocity[k])
+        np.testing.assert_allclose(residual(factor, values), 0.0, atol=1e-12)
+
+
+def test_another_lever_leaves_a_residual():
+    motion = rolling_foot(LEVER)
+    now = motion.at(np.array([0.2]))
+    values = state(Rotation.from_matrix(now.nav_R_body[0]).as_rotvec(), now.position[0], now.velocity[0])
+    plain = rolling_stance_factor(X(0), V(0), np.zeros(3), np.zeros(3), UNIT)
+    np.testing.assert_allclose(residual(plain, values), now.velocity[0], atol=1e-12)
+
+
+@given(rotvec=vectors, position=vectors, velocity=vectors)
+@settings(max_examples=10, deadline=None)
+def test_without_a_lever_it_is_the_plain_zero_velocity_update(rotvec, position, velocity):
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.01, 0.02, 0.03]))
+    values = state(rotvec, position, velocity)
+    graphs = [gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()]
+    graphs[0].push_back(rolling_stance_factor(X(0), V(0), np.zeros(3), np.zeros(3), noise))
+    graphs[1].push_back(gtsam.PriorFactorVector(V(0), np.zeros(3), noise))
+    for graph in graphs:  # the same variables in both
+        graph.addPriorPose3(X(0), gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6))
+        graph.addPriorVector(V(0), np.zeros(3), UNIT)
+    assert graphs[0].error(values) == pytest.approx(graphs[1].error(values), rel=1e-12)
+    (H0, b0), (H1, b1) = (graph.linearize(values).hessian() for graph in graphs)
+    np.testing.assert_allclose(H0, H1, rtol=1e-12, atol=1e-6)
+    np.testing.assert_allclose(b0, b1, rtol=1e-12, atol=1e-6)
+
+
+def test_where_it_stands_does_not_matter():
+    factor = rolling_stance_factor(X(0), V(0), np.array([0.1, 0.0, 0.05]), np.zeros(3), UNIT)
+    here = state([0.3, 0.1, 2.0], np.zeros(3), np.array([0.1, 0.2, 0.3]))
+    there = state([0.3, 0.1, 2.0], np.array([1e4, -1e4, 50.0]), np.array([0.1, 0.2, 0.3]))
+    np.testing.assert_array_equal(residual(factor, here), residual(factor, there))
+
+
+def test_arrays_changed_afterwards_do_not_change_the_factor():
+    body_velocity, settling = np.array([0.1, 0.0, 0.0]), np.zeros(3)
+    factor = rolling_stance_factor(X(0), V(0), body_velocity, settling, UNIT)
+    values = state(np.zeros(3), np.zeros(3), np.zeros(3))
+    before = residual(factor, values)
+    body_velocity[:], settling[:] = 9.0, 9.0
+    np.testing.assert_array_equal(residual(factor, values), before)
+
+
+def test_a_noise_of_the_wrong_dimension_is_named():
+    factor = rolling_stance_factor(X(0), V(0), np.zeros(3), np.zeros(3), gtsam.noiseModel.Unit.Create(2))
+    with pytest.raises(ValueError, match="rolling stance: the residual is"):
+        factor.error(state(np.zeros(3), np.zeros(3), np.zeros(3)))

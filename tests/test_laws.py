@@ -1,0 +1,166 @@
+"""The laws of the house: imports run one way, nothing heavy is loaded unasked, everything public speaks for itself."""
+
+import ast
+import re
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LIBRARY = sorted([*ROOT.glob("fg_nav/**/*.py"), *ROOT.glob("factors/**/*.py")])
+BELOW_ESTIMATORS = ("io", "detection", "calibration", "simulation", "evaluation")
+ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
+TOP = {"fg_nav.cli", "fg_nav.report", "fg_nav.session", "fg_nav.estimators"}
+TEXT = {".py", ".md", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".json", ".csv", ""}
+
+
+def module_name(path):
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imports_of(path):
+    """Modules that a file imports anywhere, in functions and under TYPE_CHECKING too."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path.name} imports relatively"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
+    return found
+
+
+def unit(module):
+    """The package or module of the first level that a module belongs to: fg_nav.io.mat is of fg_nav.io."""
+    parts = module.split(".")
+    return ".".join(parts[:2]) if parts[0] == "fg_nav" else parts[0]
+
+
+UNITS = {unit(module_name(path)) for path in LIBRARY} - {"fg_nav"}
+IMPORTS = {path: {unit(name) for name in imports_of(path)} for path in LIBRARY}
+
+
+def importers_of(name):
+    return {unit(module_name(path)) for path, units in IMPORTS.items() if name in units}
+
+
+def test_there_is_something_to_judge():
+    assert len(LIBRARY) > 60
+    assert ESTIMATORS | TOP <= UNITS
+    assert "numpy" in IMPORTS[ROOT / "fg_nav" / "frames.py"]
+
+
+def test_factors_need_gtsam_and_numpy_only():
+    allowed = set(sys.stdlib_module_names) | {"factors", "gtsam", "numpy"}
+    for path in LIBRARY:
+        if unit(module_name(path)) == "factors":
+            assert allowed >= IMPORTS[path], path.name
+
+
+@pytest.mark.parametrize("package", BELOW_ESTIMATORS)
+def test_the_ground_floor_knows_no_estimator(package):
+    for path in (ROOT / "fg_nav" / package).glob("*.py"):
+        assert not IMPORTS[path] & (ESTIMATORS | TOP), path.name
+
+
+def test_estimators_do_not_know_each_other_nor_what_uses_them():
+    for path in LIBRARY:
+        own = unit(module_name(path))
+        if own in ESTIMATORS:
+            assert not IMPORTS[path] & ((ESTIMATORS | TOP) - {own}), path.name
+
+
+def test_the_report_is_imported_by_the_command_line_alone():
+    assert importers_of("fg_nav.report") <= {"fg_nav.cli", "fg_nav.report"}
+    assert importers_of("fg_nav.cli") <= {"fg_nav.cli"}
+
+
+def test_gtsam_and_matplotlib_each_have_their_place():
+    assert importers_of("gtsam") <= {"fg_nav.smoother", "factors"}
+    assert importers_of("matplotlib") <= {"fg_nav.report"}
+
+
+def test_imports_run_one_way():
+    """Between packages there is no circle; the package itself, which only names its public parts, is left out."""
+    graph = {}
+    for path, units in IMPORTS.items():
+        own = unit(module_name(path))
+        if own != "fg_nav":
+            graph.setdefault(own, set()).update(units & UNITS - {own})
+    TopologicalSorter(graph).prepare()
+
+
+def loaded_by(statement):
+    """Modules in memory after a statement, in an interpreter of its own."""
+    code = f"import sys; {statement}; print(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("statement", "light"),
+    [
+        ("import factors", {"fg_nav", "matplotlib", "scipy", "numba"}),
+        ("import fg_nav", {"matplotlib", "gtsam", "numba", "pandas", "scipy"}),
+        (
+            "import fg_nav.io, fg_nav.detection, fg_nav.calibration, fg_nav.ekf, fg_nav.evaluation, fg_nav.simulation",
+            {"matplotlib", "gtsam"},
+        ),
+        ("import fg_nav.smoother, fg_nav.cli", {"matplotlib.pyplot"}),
+    ],
+    ids=["factors", "fg_nav", "without the smoother", "the command line"],
+)
+def test_nothing_heavy_is_loaded_unasked(statement, light):
+    assert not loaded_by(statement) & light
+
+
+def public_definitions(tree):
+    """Public functions and classes of a module, and the public methods of these classes."""
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    for node in tree.body:
+        if isinstance(node, kinds) and not node.name.startswith("_"):
+            yield node
+            for inner in node.body if isinstance(node, ast.ClassDef) else []:
+                if isinstance(inner, kinds) and not inner.name.startswith("_"):
+                    yield inner
+
+
+@pytest.mark.parametrize("path", LIBRARY, ids=module_name)
+def test_what_is_public_says_what_it_is(path):
+    tree = ast.parse(path.read_text())
+    assert ast.get_docstring(tree), "the module has no docstring"
+    for node in public_definitions(tree):
+        assert ast.get_docstring(node), f"{node.name} has no docstring"
+
+
+def our_files():
+    """Files of the project, as git knows them where it is there."""
+    try:
+        listed = subprocess.run(
+            ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.splitlines()
+    except (OSError, subprocess.CalledProcessError):
+        listed = [str(path.relative_to(ROOT)) for path in [*LIBRARY, *ROOT.glob("tests/**/*.py")]]
+    return [ROOT / name for name in listed if (ROOT / name).is_file()]
+
+
+def test_no_file_names_a_path_of_a_machine():
+    somewhere = re.compile(r"(?<![\w.])/(?:work|root|home|Users|mnt|tmp)/\w")
+    texts = [path for path in our_files() if path.suffix in TEXT]
+    assert len(texts) > 100
+    for path in texts:
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            assert not somewhere.search(line), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+
+
+def test_no_recording_is_in_the_project():
+    for path in our_files():
+        assert path.suffix != ".mat", path.name
+        assert path.stat().st_size < 2**20, path.name
