@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection import footfalls as ff
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.simulation import demo_walk
 from fg_nav.simulation.demo import demo_motion
@@ -227,6 +228,33 @@ def test_a_rest_is_one_minimum_from_its_first_sample_to_its_last():
     first, last = ff._minima(level, 0.5)
     np.testing.assert_array_equal(first, [1, 6, 8])
     np.testing.assert_array_equal(last, [4, 6, 9])
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 400.0])
+def test_free_velocity_both_ways_from_any_sample(rate_hz):
+    """Without noise and without nudges it is the true velocity, but for what held samples leave out."""
+    walk = simulate(strides=3, rate_hz=rate_hz, noise=0.0)
+    t, acc, gyr = walk.recording.t, walk.recording.acc, walk.recording.gyr
+    true = walk.motion.at(t)
+    start = len(t) // 2
+    never = np.zeros(len(t), dtype=bool)
+    velocity = ff._free_velocity(t, acc, gyr, never, start, true.nav_R_body[start], GRAVITY_M_S2)
+    error = velocity - (true.velocity - true.velocity[start])
+    assert np.abs(error).max() < 0.3 * (100 / rate_hz) ** 2
+    assert np.ptp(true.velocity, axis=0).max() > 3.0
+
+
+def test_tilt_is_forgotten_at_the_same_pace_at_every_rate():
+    """A still sensor, levelled wrongly: what is left after the nudges is a velocity of g tilt times their time."""
+    tilt, reached = 0.05, []
+    for rate_hz in (100.0, 800.0):
+        n = round(3 * rate_hz)
+        acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1))
+        wrong = Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix()
+        still = np.ones(n, dtype=bool)
+        reached.append(ff._free_velocity(np.arange(n) / rate_hz, acc, 0 * acc, still, 0, wrong, GRAVITY_M_S2)[-1])
+    expected = GRAVITY_M_S2 * tilt * ff.TILT_TIME_S
+    np.testing.assert_allclose([np.linalg.norm(v[:2]) for v in reached], expected, rtol=0.02)
 
 
 def intervals(*pairs):

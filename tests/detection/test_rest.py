@@ -133,6 +133,13 @@ def test_a_sensor_in_free_motion_at_a_steady_attitude_does_not_rest():
     assert find_rests(replace(recording, acc=acc)) == ()
 
 
+def test_a_force_that_drifts_is_no_rest():
+    """No block is restless within, but each differs from the one before."""
+    recording = standing(5.0)
+    acc = recording.acc + np.outer(recording.t, [1.0, 0.0, 0.0])
+    assert find_rests(replace(recording, acc=acc)) == ()
+
+
 def test_what_is_shorter_than_the_shortest_rest_is_none():
     shaken = turning(1.0, lambda t: 50 * np.sin(2 * np.pi * 5 * t))
     recording = joined(shaken, standing(1.1), shaken)

@@ -68,6 +68,16 @@ def test_nodes_of_a_stance_are_neither_close_nor_far(lengths: list[tuple[int, in
 
 
 @settings(max_examples=60, deadline=None)
+@given(lengths=some_stances, seed=st.integers(0, 99))
+def test_nodes_asked_for_too_densely_keep_their_distance(lengths: list[tuple[int, int]], seed: int) -> None:
+    recording, stances = walk_with(lengths, seed)
+    nodes = place_nodes(recording, stances, replace(DEFAULT, node_spacing_s=0.02))
+    same = np.diff(nodes.interval) == 0
+    assert np.all(np.diff(recording.t[nodes.sample])[same] >= DEFAULT.shortest_interval_s - 1e-9)
+    np.testing.assert_array_equal(nodes.sample[nodes.result], stances.stillest(recording.gyr))
+
+
+@settings(max_examples=60, deadline=None)
 @given(length=st.integers(8, 500), seed=st.integers(0, 99))
 def test_the_ends_of_a_stance_are_nodes_but_where_the_stillest_sample_is_nearer(length: int, seed: int) -> None:
     recording, stances = walk_with([(20, length)], seed)

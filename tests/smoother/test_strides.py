@@ -179,6 +179,13 @@ def test_bias_walks_from_variable_to_variable() -> None:
     assert np.sqrt(variance) == pytest.approx(np.radians(DEFAULT.gyro_bias_walk_deg_s) * np.sqrt(last - t[0]), rel=1e-6)
 
 
+def test_inertial_factors_chain_the_nodes_each_with_the_bias_of_its_start() -> None:
+    one = problem(demo())
+    keys = [f.keys() for f in map(one.graph.at, range(one.graph.size())) if isinstance(f, gtsam.GalileanImuFactor)]
+    bias = one.nodes.bias[one.nodes.footfall]
+    assert keys == [[X(j), V(j), X(j + 1), V(j + 1), B(int(bias[j]))] for j in range(len(one.nodes) - 1)]
+
+
 def functions_that_mention(name: str) -> Iterator[str]:
     """Names of the functions in the smoother that mention an attribute or call of this name."""
     for path in sorted(Path(fg_nav.smoother.__file__).parent.glob("*.py")):
