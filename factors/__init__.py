@@ -12,6 +12,6 @@ linearise with `graph.linearize(values)` from Python instead, which makes no cop
 """
 
 from factors.guarded import guarded_factor
-from factors.zero_velocity import rolling_stance_factor
+from factors.zero_velocity import rolling_stance_factor, rolling_stance_jacobian, rolling_stance_residual
 
-__all__ = ["guarded_factor", "rolling_stance_factor"]
+__all__ = ["guarded_factor", "rolling_stance_factor", "rolling_stance_jacobian", "rolling_stance_residual"]

@@ -22,6 +22,17 @@ import numpy as np
 from factors.guarded import Array, guarded_factor
 
 
+def rolling_stance_residual(nav_R_body: Array, nav_v: Array, body_velocity: Array, nav_settling: Array) -> Array:
+    """Residual (..., 3) of one or many stances: attitudes (..., 3, 3), velocities (..., 3) m/s."""
+    return np.asarray(nav_v - np.einsum("...ab,...b->...a", nav_R_body, body_velocity) - nav_settling)
+
+
+def rolling_stance_jacobian(nav_R_body: Array, body_velocity: Array) -> Array:
+    """Derivative (..., 3, 3) of the residual by the rotation of the pose: nav_R_body [u]x."""
+    columns = [np.cross(body_velocity, axis) for axis in np.eye(3)]
+    return nav_R_body @ np.stack(columns, axis=-1)
+
+
 def rolling_stance_factor(
     pose_key: int,
     velocity_key: int,
@@ -44,16 +55,15 @@ def rolling_stance_factor(
     """
     u = np.array(body_velocity, dtype=np.float64)
     settling = np.array(nav_settling, dtype=np.float64)
-    cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
     by_velocity = np.eye(3)
 
     def residual(values: gtsam.Values, with_jacobians: bool) -> tuple[Array, list[Array]]:
         nav_R_body = values.atPose3(pose_key).rotation().matrix()
-        e = values.atVector(velocity_key) - nav_R_body @ u - settling
+        e = rolling_stance_residual(nav_R_body, values.atVector(velocity_key), u, settling)
         if not with_jacobians:
             return e, []
         by_pose = np.zeros((3, 6))
-        by_pose[:, :3] = nav_R_body @ cross
+        by_pose[:, :3] = rolling_stance_jacobian(nav_R_body, u)
         return e, [by_pose, by_velocity]
 
     return guarded_factor("rolling stance", [pose_key, velocity_key], [6, 3], noise, residual)

@@ -39,7 +39,7 @@ from fg_nav.wording import counted
 MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
 
-MAX_GAP_S = 0.5
+MAX_GAP_S = 0.1
 """A hole longer than this cannot be bridged: nearly half a stride of motion is unknown."""
 
 MAX_MISSING_S = 0.02
@@ -184,9 +184,13 @@ class Recording:
 
 
 def usable_samples(raw: RawRecording) -> Bools:
-    """(N,) True where stamp, acc and gyr are finite and within what any sensor can read."""
+    """(N,) True where stamp, acc and gyr are finite and within what any sensor can read.
+
+    A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
+    """
     return (
-        (np.abs(raw.t) < _END_OF_TIME)
+        raw.acc.any(axis=1)
+        & (np.abs(raw.t) < _END_OF_TIME)
         & (np.abs(raw.acc) < plausibility.LIMIT_M_S2).all(axis=1)
         & (np.abs(raw.gyr) < plausibility.LIMIT_RAD_S).all(axis=1)
     )

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fg_nav.detection import detect_stances
-from fg_nav.errors import EvaluationError
+from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.estimators import Progress, estimator
 from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
@@ -43,12 +43,13 @@ class Options:
 
 @dataclass(frozen=True)
 class Session:
-    """What all methods share."""
+    """What all methods share; `detection` is how the stances were found, None where they were given."""
 
     recording: Recording
     stances: Stances
     truth: Truth | None
     options: Options
+    detection: StanceParameters | None = None
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ def prepare(recording: Recording, options: Options | None = None) -> Session:
     """Find the stances of a recording; raises `DetectionError` where there are none."""
     options = options or Options()
     seen = recording if options.use_magnetometer else replace(recording, mag=None)
-    return Session(seen, detect_stances(seen), recording.truth, options)
+    detection = StanceParameters()
+    return Session(seen, detect_stances(seen, detection), recording.truth, options, detection)
 
 
 def solve(session: Session, method: str, progress: Progress | None = None) -> Outcome:
@@ -93,6 +95,8 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         recording is then left out, with a note.
     """
     heading = float(np.deg2rad(session.options.heading_deg))
+    if not np.isfinite(heading):
+        raise EstimationError(f"a heading of {session.options.heading_deg} deg is no direction: give a number.")
     solution = estimator(method)(session.recording, session.stances, heading, progress)
     if session.truth is None:
         return Outcome(solution, evaluate(solution), None)

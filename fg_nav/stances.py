@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import DetectionError
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,17 @@ class Stances:
     detector: str = "given"
     threshold: float = float("nan")
     statistic: Floats | None = None
+
+    def __post_init__(self) -> None:
+        ends = np.stack([self.start, self.stop], axis=1).ravel()
+        inside = len(ends) == 0 or (ends[0] >= 0 and ends[-1] <= self.n_samples)
+        if not inside or (np.diff(ends)[::2] <= 0).any() or (np.diff(ends)[1::2] < 0).any():
+            raise DetectionError(
+                f"stance intervals must be in order, apart, and within the {self.n_samples} samples: check start and stop."
+            )
+        steps = np.diff(self.footfall, prepend=0)
+        if len(self.footfall) != len(self.start) or (steps < 0).any() or (steps > 1).any():
+            raise DetectionError("footfalls must be numbered from 0, one an interval, in order and without a hole.")
 
     def __len__(self) -> int:
         return len(self.start)

@@ -84,9 +84,7 @@ def files(part: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def in_a_process(
-    *arguments: object, cwd: Path | None = None, python: tuple[str, ...] = (), **environment: str
-) -> Ran:
+def in_a_process(*arguments: object, cwd: Path | None = None, python: tuple[str, ...] = (), **environment: str) -> Ran:
     """Run the command line as a program of its own, both outputs in pipes."""
     words = [sys.executable, *python, "-m", "fg_nav.cli", *map(str, arguments)]
     variables = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])} | environment
@@ -106,9 +104,7 @@ def names(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("method", ["smoother", "iez"])
 def test_run_writes_the_contract(fg_nav: FgNav, files: Path, part: Recording, method: str) -> None:
-    ran = fg_nav(
-        "run", files / "walk.csv", "--method", method, "--truth", files / "truth.tum", "--out", "deep/out"
-    )
+    ran = fg_nav("run", files / "walk.csv", "--method", method, "--truth", files / "truth.tum", "--out", "deep/out")
     assert ran.code == 0, ran.err
     assert ran.err == ""
     out = Path("deep/out")
@@ -179,9 +175,7 @@ def test_compare_lays_methods_side_by_side_on_the_same_stances(fg_nav: FgNav, fi
     table = pd.read_csv("out/comparison.csv")
     assert list(table["method"]) == ["smoother", "iez"]
     assert table["rmse_2d_m"][1] == pytest.approx(summary(Path("out/iez"))["rmse_2d_m"])
-    detectors = [
-        json.loads(Path(f"out/{m}/config.json").read_text())["detector"] for m in ("smoother", "iez")
-    ]
+    detectors = [json.loads(Path(f"out/{m}/config.json").read_text())["detector"] for m in ("smoother", "iez")]
     assert detectors[0] == detectors[1]
     assert all(word in ran.out for word in ("smoother", "iez", "max error (m)"))
     assert fg_nav("compare", files / "walk.csv", "--out", "out").refused("--force")
@@ -194,9 +188,7 @@ def test_demo_can_be_run_again_from_its_files(fg_nav: FgNav) -> None:
     first = summary(Path("demo/iez"))
     assert 60 < first["distance_m"] < 85
     assert summary(Path("demo/smoother"))["rmse_2d_m"] < 0.5
-    again = fg_nav(
-        "run", "demo/recording.csv", "--method", "iez", "--truth", "demo/truth.tum", "--out", "again"
-    )
+    again = fg_nav("run", "demo/recording.csv", "--method", "iez", "--truth", "demo/truth.tum", "--out", "again")
     assert again.code == 0, again.err
     assert summary(Path("again"))["rmse_2d_m"] == pytest.approx(first["rmse_2d_m"], abs=1e-6)
     assert fg_nav("run", "demo/recording.csv", "--out", "demo", "--force").refused("recording.csv")
@@ -237,9 +229,7 @@ def test_bad_choices_are_refused_in_one_line(fg_nav: FgNav, files: Path) -> None
     assert names(Path()) == {"taken"}
 
 
-def test_truth_of_another_time_is_refused_and_nothing_written(
-    fg_nav: FgNav, files: Path, part: Recording
-) -> None:
+def test_truth_of_another_time_is_refused_and_nothing_written(fg_nav: FgNav, files: Path, part: Recording) -> None:
     truth = part.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
@@ -259,9 +249,7 @@ def test_truth_of_another_time_in_the_recording_is_left_out(part: Recording) -> 
     assert any("share no time" in note for note in outcome.metrics.notes)
 
 
-@pytest.mark.parametrize(
-    "arguments", [["run"], ["run", "x", "--alignment", "best"], ["dance"], ["run", "x", "-q"]]
-)
+@pytest.mark.parametrize("arguments", [["run"], ["run", "x", "--alignment", "best"], ["dance"], ["run", "x", "-q"]])
 def test_commands_not_understood_exit_with_2(fg_nav: FgNav, arguments: list[str]) -> None:
     ran = fg_nav(*arguments)
     assert ran.code == 2
@@ -276,9 +264,7 @@ def failing(error: BaseException) -> Callable[..., None]:
     return fail
 
 
-def test_bug_exits_with_70_and_its_traceback(
-    fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bug_exits_with_70_and_its_traceback(fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "solve", failing(ZeroDivisionError("a slip")))
     ran = fg_nav("run", files / "walk.csv")
     assert ran.code == 70
@@ -299,9 +285,7 @@ def test_interrupt_exits_with_130_and_leaves_nothing(
     assert names(Path()) == set()
 
 
-@pytest.mark.parametrize(
-    "arguments", [["run", "--out", "out"], ["run"], ["compare", "--out", "out"]], ids=" ".join
-)
+@pytest.mark.parametrize("arguments", [["run", "--out", "out"], ["run"], ["compare", "--out", "out"]], ids=" ".join)
 def test_full_disk_is_one_line_and_leaves_no_result(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
 ) -> None:

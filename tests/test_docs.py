@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import typer
 
+from fg_nav import recording
 from fg_nav.cli import app
 from fg_nav.io import FORMATS, write_canonical
 from fg_nav.report.folder import RESULT_FILES
@@ -55,6 +56,15 @@ def test_parameters_have_the_values_that_the_page_tells() -> None:
     assert told == {name: known[name] for name in told}
     untold = {name for name, value in known.items() if isinstance(value, float) and name not in told}
     assert untold <= {"gravity", "convergence"}
+
+
+def test_what_is_mended_has_the_limits_of_the_code() -> None:
+    text = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
+    assert f"up to {recording.MAX_GAP_S:g} s kept" in text
+    assert f"up to {1e3 * recording.MAX_MISSING_S:g} ms, left out" in text
+    assert f"above {100 * recording.MAX_MISSING_SHARE:g} % in all" in text
+    assert f"refused above {100 * recording.MAX_REPEATED_SHARE:g} %" in text
+    assert f"fewer than {recording.MIN_SAMPLES} samples" in text
 
 
 def test_every_file_of_a_result_is_explained() -> None:

@@ -185,9 +185,7 @@ def test_stance_share(share: float, part: str, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_offset_of_the_accelerometer() -> None:
-    assert _says(
-        inspect(replace(RAW, acc=RAW.acc * 1.05)), "|acc| at rest is 10.30 m/s^2, gravity 9.81: the acc"
-    )
+    assert _says(inspect(replace(RAW, acc=RAW.acc * 1.05)), "|acc| at rest is 10.30 m/s^2, gravity 9.81: the acc")
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 5, 30])

@@ -40,7 +40,8 @@ class RollingLeverParameters:
     """On either side of the stillest instant: longer, and the nuisance ramp no longer covers the tilt."""
     largest_rate_rad_s: float = 1.0
     """Above this the foot no longer rolls on the ground but leaves it."""
-    fewest_samples: int = 10
+    shortest_s: float = 0.05
+    """Less of a stance than this shows no lever."""
     gyr_noise_deg_s: float = 0.2
     """White noise of the angular rate, per sample and axis; data sheets and recordings at rest have 0.1 to 0.4."""
     prior_sigma_m: float = 0.1
@@ -71,7 +72,7 @@ def rolling_lever(
         stances.stop,
         p.longest_s,
         p.largest_rate_rad_s,
-        p.fewest_samples,
+        max(4, round(p.shortest_s / recording.period_s)),
     )
     used = samples > 0
     noise = 2 * int(samples.sum()) * float(np.radians(p.gyr_noise_deg_s)) ** 2

@@ -281,6 +281,8 @@ def _grow(level: Floats, samples: Ints, threshold: Floats) -> tuple[Floats, Floa
     start, stop, own = np.empty(len(samples)), np.empty(len(samples)), np.empty(len(samples))
     k = 0
     for i, limit in zip(samples, threshold):  # noqa: B905 - numba knows no strict
+        if k > 0 and i < stop[k - 1] and limit <= own[k - 1]:
+            continue
         a, b = i, i + 1
         while a > 0 and level[a - 1] < limit:
             a -= 1

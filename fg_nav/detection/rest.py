@@ -5,8 +5,8 @@ cut into blocks of a quarter of a second, shorter than body sway. A rest is a ru
 and agree with each other, in rate and in specific force.
 
 The bias is the slope of the integrated rate over the rest, not the mean rate: a standing foot sways by small angles,
-and sway is white in the angle. The slope over a time T is uncertain by s sqrt(12) / T for a sway of s rms: 0.07 deg/s
-after one second, 0.007 deg/s after ten.
+and sway is white in the angle. The slope over a time T is uncertain by s sqrt(12) / T for a sway of s rms, 0.07 deg/s
+after one second, by the sensor's noise, and by a floor for what a bias does within a walk.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ class RestParameters:
 
     block_s: float = 0.25
     """Shorter than body sway (about 0.5 Hz), long enough to average sensor noise."""
-    shortest_s: float = 0.5
-    """Shortest rest: no stance of a stride is as still for as long."""
+    shortest_s: float = 0.75
+    """Shortest rest: the stance of a stride is not as still for as long."""
+    shortest_at_end_s: float = 0.5
+    """The same within a second of the start or the end of the recording, where people stand."""
     gyr_std_deg_s: float = 0.5
     """Largest standard deviation of the rate within a block, per axis."""
     acc_std_m_s2: float = 0.2
@@ -40,6 +42,10 @@ class RestParameters:
     """A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s."""
     sway_deg: float = 0.02
     """Angle by which a resting foot sways, rms."""
+    least_sigma_deg_s: float = 0.015
+    """No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
+    most_apart_sigmas: float = 4.0
+    """A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ def find_rests(recording: Recording, parameters: RestParameters = RestParameters
     )
     first, last = runs(quiet[1:] & quiet[:-1] & agree)
     rests = [_measured(recording, a * block, (b + 1) * block, p) for a, b in zip(first, last, strict=True)]
-    return tuple(rest for rest in rests if _believable(recording, rest, p))
+    return _in_agreement([rest for rest in rests if _believable(recording, rest, p)], p)
 
 
 def _blocks(recording: Recording, block: int, p: RestParameters) -> tuple[Bools, Floats, Floats]:
@@ -85,10 +91,25 @@ def _measured(recording: Recording, start: int, stop: int, p: RestParameters) ->
     steps = 0.5 * (gyr[1:] + gyr[:-1]) * np.diff(t)[:, None]
     angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     slope = np.polynomial.polynomial.polyfit(t, angle, 1)[1]
-    sigma = float(np.radians(p.sway_deg) * np.sqrt(12.0) / t[-1])
+    sway = np.radians(p.sway_deg) * np.sqrt(12.0) / t[-1]
+    noise = np.sqrt(1.2 / len(t)) * gyr.std(axis=0).max()  # of a slope, 6/5 of that of a mean
+    sigma = float(np.sqrt(sway**2 + noise**2 + np.radians(p.least_sigma_deg_s) ** 2))
     return Rest(start, stop, slope, sigma, recording.acc[start:stop].mean(axis=0))
 
 
 def _believable(recording: Recording, rest: Rest, p: RestParameters) -> bool:
-    long_enough = (rest.stop - rest.start) * recording.period_s >= p.shortest_s * (1 - 1e-3)
+    t = recording.t
+    at_end = t[rest.start] - t[0] < 1.0 or t[-1] - t[rest.stop - 1] < 1.0
+    shortest = p.shortest_at_end_s if at_end else p.shortest_s
+    long_enough = (rest.stop - rest.start) * recording.period_s >= shortest * (1 - 1e-3)
     return long_enough and bool(np.abs(rest.rate).max() <= np.radians(p.largest_bias_deg_s))
+
+
+def _in_agreement(rests: list[Rest], p: RestParameters) -> tuple[Rest, ...]:
+    """Rests that show the same bias as the longest of them."""
+    if not rests:
+        return ()
+    longest = max(rests, key=lambda rest: rest.stop - rest.start)
+    limit = [p.most_apart_sigmas * np.hypot(rest.sigma, longest.sigma) for rest in rests]
+    apart = [np.abs(rest.rate - longest.rate).max() for rest in rests]
+    return tuple(rest for rest, far, most in zip(rests, apart, limit, strict=True) if far <= most)

@@ -30,6 +30,7 @@ from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest, RestParameters
+from fg_nav.doubt import doubt
 from fg_nav.ekf.covariance import (
     ACC_BIAS,
     ATTITUDE,
@@ -40,8 +41,7 @@ from fg_nav.ekf.covariance import (
     add_body_noise,
     propagate,
 )
-from fg_nav.ekf.noise import MotionNoise, densities_in_motion, doubt
-from fg_nav.ekf.start import Start, starting_point
+from fg_nav.ekf.noise import MotionNoise, densities_in_motion
 from fg_nav.ekf.update import take_off
 from fg_nav.ekf.zero_velocity import StanceNoise, correct_in_stance
 from fg_nav.errors import EstimationError
@@ -50,6 +50,8 @@ from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
+from fg_nav.start import Start, starting_point
+from fg_nav.tails import hold_tails
 
 GAUGE_SIGMA = 1e-4
 """Position (m) and heading (rad) at the start are known by definition; a trace keeps P invertible."""
@@ -157,6 +159,7 @@ def run_iez(
     start = starting_point(recording, stances, heading, parameters.rest)
     rows = stances.stillest(recording.gyr)
     track = filter_walk(recording, stances.mask, rows, start, parameters)
+    tails = hold_tails(recording.t, stances, track.position, track.velocity)
     _check_finite(recording.t, track)
     return Solution(
         method="iez",
@@ -167,7 +170,7 @@ def run_iez(
         stances=_stance_table(recording.t, rows, track),
         runtime_s=perf_counter() - began,
         parameters=asdict(parameters),
-        notes=(_start_note(recording, start, parameters),),
+        notes=(_start_note(recording, start, parameters), *tails),
     )
 
 

@@ -7,25 +7,17 @@ acceleration a in nav and the angular rate w,
 
     density of the specific force = floor + relative |a|        (squares added),        likewise with |w|.
 
-The floor is what is left while the foot stands. Two kinds of sample are doubted for themselves: one at the
-end of the sensor's range hides a part of its peak, and one before a gap stands for motion that nobody saw.
-Their doubt, a standard deviation in the units of the sample, is taken axis by axis: a foot clips its pitch
-rate, and its heading need not suffer.
+The floor is what is left while the foot stands. Single samples that are doubted for themselves: `fg_nav.doubt`.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.ekf.covariance import Densities
-from fg_nav.saturation import saturated
-
-GAP_PERIODS = 2.5
-"""A sample held for longer than this many periods stands before a gap."""
 
 
 class MotionNoise(NamedTuple):
@@ -50,21 +42,3 @@ def densities_in_motion(noise: MotionNoise, gyr: Floats, push: Floats, h: float,
         noise.gyro_bias,
         noise.acc_bias,
     )
-
-
-def doubt(samples: Floats, h: Floats, saturated_share: float) -> Floats:
-    """Find the standard deviation (N, 3) of single samples on top of the densities: zero for most.
-
-    Parameters
-    ----------
-    samples
-        (N, 3) of one sensor, any unit.
-    h
-        (N,) s, the periods for which they are held.
-    saturated_share
-        What a clipped peak may hide, as a share of the sample.
-    """
-    period = float(np.median(h))
-    clipped = saturated_share * np.abs(samples) * saturated(samples)
-    unseen = np.where(h > GAP_PERIODS * period, 1.0 - period / h, 0.0)
-    return np.asarray(np.hypot(clipped, unseen[:, None] * samples.std(axis=0)))

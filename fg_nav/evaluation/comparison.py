@@ -19,6 +19,9 @@ from fg_nav.evaluation.footprints import in_space, match_footprints
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.solution import Solution
 
+LEAST_SHARED = 3
+"""Samples that truth and solution must share: fewer fit anything."""
+
 HOLE_S = 0.1
 """A truth silent for longer than this, and than `HOLE_PERIODS` of its periods, is not interpolated."""
 
@@ -75,6 +78,8 @@ def _compare_footprints(solution: Solution, truth: FootprintTruth, mode: str) ->
 
 def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -> Comparison:
     row, true_position = interpolated(truth, solution.t)
+    if len(row) < LEAST_SHARED:
+        raise EvaluationError(f"truth and solution share only {len(row)} samples: that is too little to compare.")
     alignment = align(solution.position[row], true_position, mode)
     return Comparison(
         alignment,

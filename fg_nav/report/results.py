@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +46,9 @@ def write_result(folder: Path, session: Session, outcome: Outcome) -> None:
     """Write the four files of a run into an existing folder."""
     solution = outcome.solution
     write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
-    stride_frame(solution.stances).to_csv(folder / "strides.csv", index=False, float_format="%.9g")
+    strides = stride_frame(solution.stances)
+    strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
+    strides.to_csv(folder / "strides.csv", index=False, float_format="%.9g")
     write_json(folder / "config.json", config(session, solution))
     write_json(folder / "summary.json", summary(session, outcome))
 
@@ -106,6 +109,7 @@ def config(session: Session, solution: Solution) -> dict[str, object]:
             "threshold": stances.threshold,
             "stances": len(stances),
             "footfalls": stances.n_footfalls,
+            **({} if session.detection is None else {"parameters": asdict(session.detection)}),
         },
         "parameters": solution.parameters,
     }

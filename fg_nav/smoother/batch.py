@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cache
 from time import perf_counter
 
 import gtsam
@@ -21,8 +22,7 @@ from gtsam.symbol_shorthand import B, V, X
 from fg_nav.arrays import Floats
 from fg_nav.calibration import RollingLever, rolling_lever
 from fg_nav.detection import Rest, find_rests
-from fg_nav.errors import EstimationError
-from fg_nav.frames import levelled
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.covariances import marginal_covariances
 from fg_nav.smoother.dense import dense_trajectory
@@ -34,6 +34,9 @@ from fg_nav.smoother.solver import Solved, solve, time_order
 from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, strides_of
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
+from fg_nav.start import starting_point
+from fg_nav.tails import hold_tails
+from fg_nav.wording import counted
 
 
 @dataclass(frozen=True)
@@ -72,16 +75,26 @@ def smooth(
     EstimationError
         With stances of another recording, or where the solution cannot be found.
     """
+    _compile()
+    return _smooth(recording, stances, parameters, heading, progress)
+
+
+def _smooth(
+    recording: Recording,
+    stances: Stances,
+    p: SmootherParameters,
+    heading: float,
+    progress: Callable[[float], None] | None,
+) -> Solution:
     began = perf_counter()
-    p = parameters
-    _check(recording, stances)
+    start = starting_point(recording, stances, heading, p.rest).nav_R_body
     known = _known(recording, stances, p)
     nodes = place_nodes(recording, stances, p)
-    start = levelled(_first_force(recording, stances, known.rests), heading)
     graph, ties = _graph(recording, stances, nodes, known, start, p, progress)
     initial = initial_values(recording, stances, nodes, start, known.gyro_bias, p.gravity)
     solved = solve(graph, ties, initial, time_order(nodes), p.convergence, p.largest_steps)
     position, velocity, nav_R_body = _dense(recording, nodes, solved.values, p)
+    tails = hold_tails(recording.t, stances, position, velocity)
     table = _table(recording.t, nodes, solved)
     if progress is not None:
         progress(1.0)
@@ -94,18 +107,17 @@ def smooth(
         stances=table,
         runtime_s=perf_counter() - began,
         parameters=asdict(p),
-        notes=_notes(known, solved.steps),
+        notes=(*_notes(known, solved.steps), *tails),
     )
 
 
-def _check(recording: Recording, stances: Stances) -> None:
-    if stances.n_samples != len(recording):
-        raise EstimationError(
-            f"the stances belong to {stances.n_samples} samples and the recording has {len(recording)}: detect the "
-            "stances on this recording."
-        )
-    if len(stances) == 0:
-        raise EstimationError("there is no stance to hold on to: check the stance detection.")
+@cache
+def _compile() -> None:
+    """Smooth two seconds of rest, so that no walk is charged for the compiler."""
+    t = np.arange(200) / 100.0
+    rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
+    stances = Stances.from_mask(np.ones(200, dtype=np.bool_))
+    _smooth(rest, stances, SmootherParameters(), 0.0, None)
 
 
 def _known(recording: Recording, stances: Stances, p: SmootherParameters) -> Known:
@@ -129,21 +141,6 @@ def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Float
     mean = weight @ np.array([rest.rate for rest in rests]) / weight.sum()
     sigma = float(np.hypot(prior_sigma, np.abs(mean).max()))
     return mean * sigma**2 / (sigma**2 + 1 / weight.sum()), sigma
-
-
-def _first_force(recording: Recording, stances: Stances, rests: tuple[Rest, ...]) -> Floats:
-    """Mean specific force (3,) by which the first node is levelled: of the rest that it stands in, if any."""
-    first = int(stances.start[0])
-    for rest in rests:
-        if rest.start <= first < rest.stop:
-            return rest.force
-    force = recording.acc[first : int(stances.stop[0])].mean(axis=0)
-    if np.linalg.norm(force) < 1.0:
-        raise EstimationError(
-            f"the specific force in the first stance, at {recording.t[first]:.3f} s, is "
-            f"{np.linalg.norm(force):.2f} m/s^2, so there is no up: accelerations must include gravity."
-        )
-    return np.asarray(force)
 
 
 def _graph(
@@ -214,12 +211,18 @@ def _in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
 
 
 def _notes(known: Known, steps: int) -> tuple[str, ...]:
-    x, y, z = known.lever.lever * 1000
-    rest = sum(rest.stop - rest.start for rest in known.rests)
-    bias = (
-        "gyro bias from the walk alone, there is no rest in it"
-        if rest == 0
-        else f"gyro bias at rest ({len(known.rests)} rests) {np.round(np.degrees(known.gyro_bias), 3).tolist()} deg/s"
-    )
-    lever = f"sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm from the point about which the foot rolls, body axes"
-    return (bias, lever, f"solved in {steps} Gauss-Newton steps")
+    return (_bias_note(known), _lever_note(known.lever), f"solved in {counted(steps, 'Gauss-Newton step')}")
+
+
+def _bias_note(known: Known) -> str:
+    if not known.rests:
+        return "gyro bias from the walk alone, there is no rest in it"
+    bias = np.round(np.degrees(known.gyro_bias), 3).tolist()
+    return f"gyro bias {bias} deg/s from {counted(len(known.rests), 'rest')}"
+
+
+def _lever_note(lever: RollingLever) -> str:
+    if not lever.lever.any():
+        return "too little rolling to know the sensor's height above the ground: plain zero velocity"
+    x, y, z = lever.lever * 1000
+    return f"sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm from the point about which the foot rolls, body axes"

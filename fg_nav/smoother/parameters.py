@@ -26,10 +26,8 @@ class SmootherParameters:
     """White error of the angular rate in stance, deg/s/sqrt(Hz); data sheets have 0.005 to 0.015."""
     gyr_relative_density: float = 0.001
     """The same per rad/s of rate, 1/sqrt(Hz): scale, misalignment, jitter."""
-    saturated_acc_m_s2: float = 20.0
-    """What a clipped specific force may hide, per sample, one sigma."""
-    saturated_gyr_deg_s: float = 50.0
-    """What a clipped angular rate may hide, per sample, one sigma."""
+    saturated_share: float = 0.1
+    """What a peak cut at the end of the range may hide, one sigma, as a share of the range."""
     position_density: float = 1e-3
     """White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
 

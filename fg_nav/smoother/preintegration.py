@@ -6,8 +6,8 @@ looks like a yaw bias. The noise of an interval is the mean over its samples of
 
     s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
 
-and more on an axis that is at the end of its range. The interval gets the same total as from a noise set sample by
-sample.
+and more on an axis at the end of its range, and before a gap (`fg_nav.doubt`). The interval gets the same total as from
+a noise set sample by sample.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.doubt import doubt
 from fg_nav.recording import Recording
-from fg_nav.saturation import saturated
 from fg_nav.smoother.parameters import SmootherParameters
 
 
@@ -54,10 +54,12 @@ def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameter
     rate_squared = (recording.gyr**2).sum(axis=1)
     acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2
     gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * rate_squared
-    period = recording.period_s
-    clipped_acc = saturated(recording.acc) * (p.saturated_acc_m_s2**2 * period)
-    clipped_gyr = saturated(recording.gyr) * (np.radians(p.saturated_gyr_deg_s) ** 2 * period)
-    return _means(acc[:, None] + clipped_acc, sample), _means(gyr[:, None] + clipped_gyr, sample)
+    h = np.append(np.diff(recording.t), recording.period_s)
+    acc_doubt, gyr_doubt = (doubt(samples, h, p.saturated_share) for samples in (recording.acc, recording.gyr))
+    return (
+        _means(acc[:, None] + acc_doubt**2 * h[:, None], h, sample),
+        _means(gyr[:, None] + gyr_doubt**2 * h[:, None], h, sample),
+    )
 
 
 def _diagonal(variance: Floats) -> Floats:
@@ -65,7 +67,8 @@ def _diagonal(variance: Floats) -> Floats:
     return np.asarray(variance[:, :, None] * np.eye(3))
 
 
-def _means(values: Floats, sample: Ints) -> Floats:
-    """Mean (M-1, 3) of the values (N, 3) from each node up to the next."""
-    total = np.vstack([np.zeros(3), np.cumsum(values, axis=0)])
-    return np.asarray(np.diff(total[sample], axis=0) / np.diff(sample)[:, None])
+def _means(values: Floats, h: Floats, sample: Ints) -> Floats:
+    """Mean (M-1, 3) over the time from each node to the next of values (N, 3), each held for `h` (N,) seconds."""
+    total = np.vstack([np.zeros(3), np.cumsum(values * h[:, None], axis=0)])
+    elapsed = np.concatenate([[0.0], np.cumsum(h)])
+    return np.asarray(np.diff(total[sample], axis=0) / np.diff(elapsed[sample])[:, None])

@@ -1,8 +1,7 @@
 """One function turns a stride into factors; a walk is its strides, added one after the other.
 
-Variables: pose X and velocity V at each node, one bias B for the footfalls of ten
-seconds. A stride is a footfall and the swing that led
-to it. It adds
+Variables: pose X and velocity V at each node, one bias B for the footfalls of ten seconds. A stride is a footfall and
+the swing that led to it. It adds
 
 * inertial factors from the last node of the footfall before, through all nodes of this one;
 * at each node a tie of the velocity, V = R (w x l) + settling, with a sigma that grows with how fast the foot turns
@@ -26,6 +25,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
+from factors import rolling_stance_jacobian, rolling_stance_residual
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
 from fg_nav.recording import Recording
@@ -121,9 +121,7 @@ class VelocityTies:
         residual, attitude = self._residuals(values)
         weight = 1.0 / np.array(self._sigma)
         by_pose = np.zeros((len(weight), 3, 6))
-        for axis in range(3):
-            column = np.cross(self._body_velocity, np.eye(3)[axis])
-            by_pose[:, :, axis] = weight * np.einsum("jab,jb->ja", attitude, column)
+        by_pose[:, :, :3] = weight[:, :, None] * rolling_stance_jacobian(attitude, np.array(self._body_velocity))
         by_velocity = weight[:, :, None] * np.eye(3)
         unit = gtsam.noiseModel.Unit.Create(3)
         for j, A, B_, b in zip(self._node, by_pose, by_velocity, -residual, strict=True):
@@ -133,8 +131,9 @@ class VelocityTies:
         """Residuals over sigma (J, 3), and attitudes (J, 3, 3)."""
         attitude = np.array([values.atPose3(X(j)).rotation().matrix() for j in self._node])
         velocity = np.array([values.atVector(V(j)) for j in self._node])
-        rolling = np.einsum("jab,jb->ja", attitude, self._body_velocity)
-        return (velocity - rolling - self._settling) / self._sigma, attitude
+        body_velocity, settling = np.array(self._body_velocity), np.array(self._settling)
+        residual = rolling_stance_residual(attitude, velocity, body_velocity, settling)
+        return residual / np.array(self._sigma), attitude
 
 
 def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: Stride, p: SmootherParameters) -> None:

@@ -111,12 +111,12 @@ def test_every_stop_of_the_foot_is_found(captured):
 
 
 def test_rests_agree_on_the_bias():
-    """All rests of a second and more of a walk show the bias of the longest, as far as feet stand still."""
+    """All rests of a walk show the bias of the longest, as far as feet stand still."""
     off_deg_s = []
     for path in (*(DATA / "openshoe").glob("*.txt"), *(DATA / "xio").glob("*.csv"), *(DATA / "vicon").glob("*.mat")):
-        rests = [rest for rest in find_rests(read(path)) if rest.sigma < np.radians(0.071)]
+        rests = find_rests(read(path))
         longest = min(rests, key=lambda rest: rest.sigma, default=None)
         off_deg_s += [np.degrees(np.abs(rest.rate - longest.rate).max()) for rest in rests if rest is not longest]
     assert len(off_deg_s) >= 10
-    assert max(off_deg_s) < 0.4
+    assert max(off_deg_s) < 0.5
     assert np.median(off_deg_s) < 0.15

@@ -114,9 +114,7 @@ class Walk:
         if self.height == 0.0:
             return pulled
         step = 1e-4  # the acceleration of the arm by a central difference of its exact velocity
-        arm = (self.velocity(t + step) - self.pivot(t + step, 1)) - (
-            self.velocity(t - step) - self.pivot(t - step, 1)
-        )
+        arm = (self.velocity(t + step) - self.pivot(t + step, 1)) - (self.velocity(t - step) - self.pivot(t - step, 1))
         return pulled + np.einsum("...ji,...j", self.attitude(t), arm / (2 * step))
 
     def samples(self, t: Floats, h: float) -> tuple[Floats, Floats]:
@@ -127,6 +125,4 @@ class Walk:
     def recording(self, rate_hz: float = 200.0) -> tuple[Recording, Stances]:
         t = np.arange(round(self.duration_s * rate_hz)) / rate_hz
         acc, gyr = self.samples(t, 1 / rate_hz)
-        return Recording(t=t, acc=acc, gyr=gyr), Stances.from_mask(
-            self.stands(t) & self.stands(t + 1 / rate_hz)
-        )
+        return Recording(t=t, acc=acc, gyr=gyr), Stances.from_mask(self.stands(t) & self.stands(t + 1 / rate_hz))

@@ -35,9 +35,7 @@ def navigate(truth, estimate, P, acc, gyr, stands, h, noise, density, variance):
             nis[i] = 0.0
             for k in range(3):
                 measured = truth.velocity[k] + np.sqrt(variance) * noise[i, k]
-                nis[i] += (
-                    correct_component(P, x, VELOCITY + k, estimate.velocity[k] - measured, variance) ** 2
-                )
+                nis[i] += correct_component(P, x, VELOCITY + k, estimate.velocity[k] - measured, variance) ** 2
             take_off(estimate, x)
         # the sensor reads what moves the truth, its biases, and white noise
         force = acc[i] + truth.acc_bias + np.sqrt(density.acc / h) * noise[i, 3:6]

@@ -93,9 +93,7 @@ def test_white_noise_grows_with_time_whatever_the_rate():
             turn, push = step(state, np.zeros(3), np.array([1.0, 2.0, 3.0]), 1 / rate)
             propagate(P, turn, push, 1 / rate, Densities(0.04, 0.01, 0.0, 0.0))
         np.testing.assert_allclose(np.diag(P)[3:9], np.repeat([0.08, 0.02], 3), rtol=1e-9)
-        np.testing.assert_allclose(
-            np.diag(P)[:3], 0.04 * 2**3 / 3, rtol=3 / rate
-        )  # integral of a random walk
+        np.testing.assert_allclose(np.diag(P)[:3], 0.04 * 2**3 / 3, rtol=3 / rate)  # integral of a random walk
 
 
 def test_covariance_stays_positive_over_a_long_run():

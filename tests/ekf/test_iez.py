@@ -7,12 +7,12 @@ import pytest
 
 from fg_nav.ekf import OPENSHOE, IezParameters, run_iez
 from fg_nav.ekf.iez import filter_walk
-from fg_nav.ekf.start import starting_point
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import align, evaluate, similarity_scale
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
+from fg_nav.start import starting_point
 from tests.ekf.motion import Walk
 
 WALK = Walk(strides=20, turn=0.1)
@@ -23,9 +23,7 @@ NORTH = yaw_rotation(np.pi / 2)
 def shaken(recording, seed=0, gyr_sigma=0.002, acc_sigma=0.02, gyro_bias=(0.0, 0.0, 0.0)):
     rng = np.random.default_rng(seed)
     gyr = recording.gyr + gyr_sigma * rng.standard_normal(recording.gyr.shape) + gyro_bias
-    return replace(
-        recording, gyr=gyr, acc=recording.acc + acc_sigma * rng.standard_normal(recording.acc.shape)
-    )
+    return replace(recording, gyr=gyr, acc=recording.acc + acc_sigma * rng.standard_normal(recording.acc.shape))
 
 
 def test_a_clean_walk_is_found_again():
@@ -48,9 +46,7 @@ def test_the_initial_heading_turns_the_whole_walk(heading):
     assert heading_of(turned.nav_R_body[0]) == pytest.approx(heading)
     np.testing.assert_allclose(turned.position, straight.position @ turn.T, atol=1e-6)
     np.testing.assert_allclose(turned.nav_R_body, turn @ straight.nav_R_body, atol=1e-6)
-    np.testing.assert_allclose(
-        turned.stances.position_cov, turn @ straight.stances.position_cov @ turn.T, atol=1e-6
-    )
+    np.testing.assert_allclose(turned.stances.position_cov, turn @ straight.stances.position_cov @ turn.T, atol=1e-6)
 
 
 def test_a_sensor_mounted_any_way_gives_the_same_walk():

@@ -87,9 +87,7 @@ def test_only_what_is_known_goes_to_json():
         "distance_m", "closure_m", "closure_percent", "strides_detected", "notes",
     }  # fmt: skip
     text = json.dumps(evaluate(solution(T, PATH), TrajectoryTruth(T, PATH)).as_dict(), allow_nan=False)
-    assert {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "scale", "alignment"} <= set(
-        json.loads(text)
-    )
+    assert {"rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "scale", "alignment"} <= set(json.loads(text))
     one_stance = solution(T, PATH, np.array([0]))
     assert "closure_percent" not in evaluate(one_stance).as_dict()
 
@@ -127,9 +125,7 @@ def test_footprint_error_is_measured():
 
 @pytest.mark.parametrize("missed", [0, 1, 13, 28, 29])
 def test_a_missed_stance_costs_its_footprint_and_a_note(missed):
-    metrics = evaluate(
-        walk_with_stances(np.delete(STEPS, missed, 0)), FootprintTruth(np.arange(30), STEPS, 29)
-    )
+    metrics = evaluate(walk_with_stances(np.delete(STEPS, missed, 0)), FootprintTruth(np.arange(30), STEPS, 29))
     assert metrics.rmse_2d_m < 1e-9
     assert (metrics.points, metrics.footprints_surveyed) == (29, 30)
     assert (metrics.strides_detected, metrics.strides_true) == (28, 29)
@@ -139,9 +135,7 @@ def test_a_missed_stance_costs_its_footprint_and_a_note(missed):
 
 def test_missed_stances_between_surveyed_corners_cost_no_footprint():
     corners = np.array([0, 7, 15, 22, 29])
-    metrics = evaluate(
-        walk_with_stances(np.delete(STEPS, [4, 18], 0)), FootprintTruth(corners, STEPS[corners], 29)
-    )
+    metrics = evaluate(walk_with_stances(np.delete(STEPS, [4, 18], 0)), FootprintTruth(corners, STEPS[corners], 29))
     assert metrics.rmse_2d_m < 1e-9
     assert metrics.points == 5
 

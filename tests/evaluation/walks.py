@@ -6,9 +6,7 @@ from fg_nav.arrays import Floats
 from fg_nav.solution import Solution, StanceTable
 
 
-def stance_table(
-    position: Floats, t: Floats | None = None, position_cov: Floats | None = None
-) -> StanceTable:
+def stance_table(position: Floats, t: Floats | None = None, position_cov: Floats | None = None) -> StanceTable:
     count = len(position)
     return StanceTable(
         sample=np.arange(count),
@@ -16,9 +14,7 @@ def stance_table(
         position=position,
         nav_R_body=np.broadcast_to(np.eye(3), (count, 3, 3)),
         gyro_bias=np.zeros((count, 3)),
-        position_cov=np.broadcast_to(1e-4 * np.eye(3), (count, 3, 3))
-        if position_cov is None
-        else position_cov,
+        position_cov=np.broadcast_to(1e-4 * np.eye(3), (count, 3, 3)) if position_cov is None else position_cov,
         heading_sigma=np.full(count, 0.01),
         gyro_bias_sigma=np.zeros((count, 3)),
         field=("none",) * count,

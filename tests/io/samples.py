@@ -38,9 +38,7 @@ def tilting(
 
 def write_sensorconnect(raw: RawRecording, path: Path) -> None:
     assert raw.mag is not None
-    names = [
-        f"inertial-1.2:{name}{axis}" for name in ("scaledAccel", "scaledGyro", "scaledMag") for axis in AXES
-    ]
+    names = [f"inertial-1.2:{name}{axis}" for name in ("scaledAccel", "scaledGyro", "scaledMag") for axis in AXES]
     table = np.column_stack([raw.t, raw.acc / GRAVITY_M_S2, raw.gyr, raw.mag / 100.0])
     _write_csv(path, ["Time", *names], table)
 

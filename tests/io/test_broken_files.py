@@ -22,9 +22,7 @@ RELAXED = settings(
 )
 
 CELLS = st.one_of(
-    st.sampled_from(
-        ["", "nan", "inf", "-inf", "1e308", "-1e200", "1e400", "0x1", "1,2", '"', "\0", "NaN", "١", "-"]
-    ),
+    st.sampled_from(["", "nan", "inf", "-inf", "1e308", "-1e200", "1e400", "0x1", "1,2", '"', "\0", "NaN", "١", "-"]),
     st.text(max_size=8),
     st.floats().map(repr),
 )
@@ -123,9 +121,7 @@ def test_damaged_bytes(kind: str, data: st.DataObject, whole: dict[str, bytes], 
     _swallow(data.draw(damage(whole[kind])), tmp_path / "walk.csv")
 
 
-@pytest.mark.parametrize(
-    "kind", ["canonical", "sensorconnect", "estimated", "xio", "openshoe", "tum", "footprints"]
-)
+@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio", "openshoe", "tum", "footprints"])
 @RELAXED
 @given(data=st.data())
 def test_scrambled_tables(kind: str, data: st.DataObject, whole: dict[str, bytes], tmp_path: Path) -> None:

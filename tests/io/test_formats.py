@@ -134,9 +134,7 @@ def test_text_in_a_number_is_named_by_line_and_column(kind: str, tmp_path: Path)
     fields[3] = "oops"
     lines[30] = ",".join(fields)
     path.write_text("\n".join(lines))
-    with pytest.raises(
-        FormatError, match=r"walk\.csv, line 31, column '.+': 'oops' is not a number"
-    ) as caught:
+    with pytest.raises(FormatError, match=r"walk\.csv, line 31, column '.+': 'oops' is not a number") as caught:
         read(path)
     assert lines[0].split(",")[3] in str(caught.value)
 

@@ -54,9 +54,7 @@ def test_every_file_is_read_and_obeys_physics(path: Path) -> None:
         ("broad/01_undisturbed_slow_rotation_A.mat", "broad", 56940, 285.714, 0.708, TrajectoryTruth),
     ],
 )
-def test_sizes(
-    name: str, format: str, samples: int, rate_hz: float, mag_share: float | None, truth: type
-) -> None:
+def test_sizes(name: str, format: str, samples: int, rate_hz: float, mag_share: float | None, truth: type) -> None:
     recording = read(_data() / name)
     assert recording.provenance.format == format
     assert len(recording) == samples

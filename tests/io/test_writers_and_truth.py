@@ -25,9 +25,7 @@ DOUBLES = st.floats(allow_nan=False, width=64)
 def test_canonical_goes_round_to_the_last_bit(rows: list[tuple[float, ...]]) -> None:
     table = np.array(rows)
     path = Path(SCRATCH.name) / "walk.csv"
-    write_canonical(
-        RawRecording(table[:, 0], table[:, 1:4], table[:, 4:7], np.arange(len(table)), table[:, 7:]), path
-    )
+    write_canonical(RawRecording(table[:, 0], table[:, 1:4], table[:, 4:7], np.arange(len(table)), table[:, 7:]), path)
     raw = read_raw(path)
     assert raw.mag is not None
     np.testing.assert_array_equal(np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag]), table)
@@ -51,9 +49,7 @@ def test_canonical_columns_in_any_order_with_others_between(tmp_path: Path) -> N
     path = tmp_path / "walk.csv"
     write_canonical(RAW, path)
     lines = [line.split(",") for line in path.read_text().splitlines()]
-    path.write_text(
-        "\n".join(",".join([*line[::-1], "note" if k == 0 else "x"]) for k, line in enumerate(lines))
-    )
+    path.write_text("\n".join(",".join([*line[::-1], "note" if k == 0 else "x"]) for k, line in enumerate(lines)))
     raw = read_raw(path)
     np.testing.assert_array_equal(raw.acc, RAW.acc)
     np.testing.assert_array_equal(raw.mag, RAW.mag)
@@ -108,9 +104,7 @@ def test_truth_from_matlab_files(tmp_path: Path) -> None:
     write_pyshoe(RAW, tmp_path / "a.mat")
     write_broad(RAW, tmp_path / "b.mat")
     xy = np.zeros((2, 2))
-    scipy.io.savemat(
-        tmp_path / "c.mat", {"GCP_meters": xy, "GCP_stride_numbers": np.arange(2, dtype=np.uint8)}
-    )
+    scipy.io.savemat(tmp_path / "c.mat", {"GCP_meters": xy, "GCP_stride_numbers": np.arange(2, dtype=np.uint8)})
     assert isinstance(read_truth(tmp_path / "a.mat"), TrajectoryTruth)
     assert isinstance(read_truth(tmp_path / "b.mat"), TrajectoryTruth)
     assert isinstance(read_truth(tmp_path / "c.mat"), FootprintTruth)

@@ -76,9 +76,7 @@ def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Session) -> No
     truth = replace(session.truth, position=session.truth.position @ turn.T, nav_R_body=None)
     straight = plot_trajectory(View(solution))
     turned = plot_trajectory(view(replace(session, truth=truth), drift_deg=0.0))
-    ellipses = [
-        next(c for c in f.axes[0].collections if isinstance(c, EllipseCollection)) for f in (straight, turned)
-    ]
+    ellipses = [next(c for c in f.axes[0].collections if isinstance(c, EllipseCollection)) for f in (straight, turned)]
     angle = [np.asarray(e.get_angles()) for e in ellipses]
     np.testing.assert_allclose((angle[1] - angle[0] + 90) % 180, 0.0, atol=1e-6)
     long = np.asarray(ellipses[0].get_widths())[-1] / 2

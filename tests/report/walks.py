@@ -22,9 +22,7 @@ def true_stances(recording: Recording) -> Stances:
     return replace(found, threshold=0.02, statistic=(speed / 0.02) ** 2 + 1e-4)
 
 
-def drifting(
-    recording: Recording, stances: Stances, method: str = "smoother", drift_deg: float = 2.0
-) -> Solution:
+def drifting(recording: Recording, stances: Stances, method: str = "smoother", drift_deg: float = 2.0) -> Solution:
     """Return the truth bent by a heading that is `drift_deg` wrong at the end."""
     truth, t = recording.truth, recording.t
     assert isinstance(truth, TrajectoryTruth)

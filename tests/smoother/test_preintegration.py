@@ -118,11 +118,12 @@ def test_a_saturated_axis_is_doubted_and_no_other(axis: int) -> None:
     flags = saturated(recording.gyr)
     assert 20 < flags[:, axis].sum() < 80
     assert flags.sum() == flags[:, axis].sum()
-    believing = replace(QUIET, saturated_gyr_deg_s=0.0)
+    believing = replace(QUIET, saturated_share=0.0)
     # body axes at the end are those at the start but for a turn about `axis`: it is an eigenvector of the turn
     doubt, without = (measurements(recording, [0, 400], p)[0].preintMeasCov()[:3, :3] for p in (QUIET, believing))
     added = doubt - without
-    hidden = np.radians(QUIET.saturated_gyr_deg_s) ** 2 * (1 / 200) ** 2 * flags[:400, axis].sum()
+    cut = recording.gyr[flags[:, axis], axis]
+    hidden = np.sum((QUIET.saturated_share * cut) ** 2) / 200**2
     assert added[axis, axis] == pytest.approx(hidden, rel=1e-6)
     others = [k for k in range(3) if k != axis]
     np.testing.assert_allclose(added[np.ix_(others, others)], 0.0, atol=1e-9 * hidden)
@@ -133,6 +134,17 @@ def test_a_saturated_peak_does_not_spoil_the_stride_after() -> None:
     first, second = measurements(clipped(1), [0, 250, 400], p)
     assert variances(first)[0, 1] > 100 * variances(second)[0, 1]
     np.testing.assert_allclose(variances(second)[0], np.radians(p.gyr_density_deg_s) ** 2 * 0.75, rtol=1e-2)
+
+
+def test_an_interval_with_a_gap_is_doubted_and_no_other() -> None:
+    base = clipped(1)
+    gap = np.arange(401) > 300
+    holed = replace(base, t=base.t + 0.05 * gap)
+    before, with_gap, after = measurements(holed, [0, 290, 310, 400], replace(QUIET, saturated_share=0.0))
+    usual = measurements(base, [0, 290, 310, 400], replace(QUIET, saturated_share=0.0))
+    assert variances(with_gap)[0, 1] > 100 * variances(usual[1])[0, 1]
+    for found, expected in ((before, usual[0]), (after, usual[2])):
+        np.testing.assert_allclose(variances(found)[0], variances(expected)[0], rtol=1e-6)
 
 
 def test_progress_is_told(recording: Recording) -> None:

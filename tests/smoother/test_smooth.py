@@ -17,7 +17,7 @@ from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from tests.smoother.walks import DEFAULT, RIGID, Walk, demo, noise_free, part
+from tests.smoother.walks import DEFAULT, RIGID, Walk, degrees_between, demo, noise_free, part
 
 SEEDS = range(8)
 
@@ -168,6 +168,8 @@ def test_a_bias_beyond_the_prior_is_found_at_rest() -> None:
     found = smooth(biased, walk.stances)
     np.testing.assert_allclose(np.degrees(found.stances.gyro_bias - true_gyro_bias(0) - bias), 0.0, atol=0.02)
     assert np.linalg.norm(found.position - smoothed().position, axis=1).max() < 0.1
+    assert degrees_between(found.nav_R_body, smoothed().nav_R_body).max() < 0.1  # in the swings as well
+    assert np.linalg.norm(found.velocity - smoothed().velocity, axis=1).max() < 0.01
 
 
 def test_without_a_rest_the_bias_comes_from_the_walk() -> None:
@@ -224,7 +226,7 @@ def test_solution_says_how_it_was_made() -> None:
     assert found.method == "smoother"
     assert found.runtime_s > 0
     assert found.parameters == asdict(p)
-    assert len(found.notes) == 3
+    assert len(found.notes) >= 3
     assert len(found.stances) == demo().stances.n_footfalls
     assert set(found.stances.field) == {"none"}
 
@@ -253,7 +255,7 @@ def test_known_lever_is_used_and_told() -> None:
 def test_plain_preset_is_the_plain_zero_velocity_update() -> None:
     found = smoothed(0, PLAIN)
     walk = demo()
-    assert any("(0, 0, 0) mm" in note for note in found.notes)
+    assert any("plain zero velocity" in note for note in found.notes)
     speed = np.linalg.norm(found.velocity[found.stances.sample], axis=1)
     rolling = np.linalg.norm(smoothed().velocity[found.stances.sample], axis=1)
     assert np.median(speed) < np.median(rolling)
@@ -282,19 +284,11 @@ def test_stances_of_another_recording_are_refused() -> None:
 
 
 def test_no_stance_is_refused() -> None:
-    with pytest.raises(EstimationError, match="no stance to hold on to: check the stance detection"):
+    with pytest.raises(EstimationError, match=r"no stance to .*: check the stance detection"):
         smooth(still(), Stances.from_mask(np.zeros(400, dtype=np.bool_)))
 
 
-@pytest.mark.parametrize(
-    "shaken",
-    [
-        True,
-        pytest.param(
-            False, marks=pytest.mark.xfail(strict=True, reason="a first stance that is a rest is not checked")
-        ),
-    ],
-)
+@pytest.mark.parametrize("shaken", [True, False])
 def test_a_recording_without_gravity_is_refused(shaken: bool) -> None:
     noise = 0.5 * shaken * np.random.default_rng(0).standard_normal((400, 3))
     floating = replace(still(), acc=noise)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.ekf.start import starting_point
 from fg_nav.frames import GRAVITY_M_S2, heading_of
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
+from fg_nav.start import starting_point
 
 RATE = 200.0
 BIAS = np.radians([0.3, -0.2, 0.4])
@@ -43,8 +43,8 @@ def test_a_rest_tells_the_bias_as_well_as_it_claims(seconds):
 
 def test_the_claim_falls_with_the_length_of_the_rest():
     short, long = (starting_point(*resting(s)).rest.sigma for s in (1.0, 10.0))
-    assert short / long == pytest.approx(10.0, rel=0.05)
-    assert np.degrees(long) == pytest.approx(0.007, rel=0.05)
+    assert short > 4.0 * long
+    assert 0.007 < np.degrees(long) < 0.02  # what sway leaves, and the floor
 
 
 def test_a_rolling_foot_is_no_rest():
