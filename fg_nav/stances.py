@@ -41,7 +41,7 @@ class Stances:
         inside = len(ends) == 0 or (ends[0] >= 0 and ends[-1] <= self.n_samples)
         if not inside or (np.diff(ends)[::2] <= 0).any() or (np.diff(ends)[1::2] < 0).any():
             raise DetectionError(
-                f"stance intervals must be in order, apart, and within the {self.n_samples} samples: check start and stop."
+                f"stance intervals must be in order, apart and within the {self.n_samples} samples: check their ends."
             )
         steps = np.diff(self.footfall, prepend=0)
         if len(self.footfall) != len(self.start) or (steps < 0).any() or (steps > 1).any():

@@ -139,7 +139,7 @@ def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Float
         return np.zeros(3), prior_sigma
     weight = np.array([rest.sigma**-2 for rest in rests])
     mean = weight @ np.array([rest.rate for rest in rests]) / weight.sum()
-    sigma = float(np.hypot(prior_sigma, np.abs(mean).max()))
+    sigma = float(np.hypot(prior_sigma, np.linalg.norm(mean)))
     return mean * sigma**2 / (sigma**2 + 1 / weight.sum()), sigma
 
 
@@ -223,6 +223,6 @@ def _bias_note(known: Known) -> str:
 
 def _lever_note(lever: RollingLever) -> str:
     if not lever.lever.any():
-        return "too little rolling to know the sensor's height above the ground: plain zero velocity"
+        return "sensor taken to stand where the foot rolls: plain zero velocity"
     x, y, z = lever.lever * 1000
     return f"sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm from the point about which the foot rolls, body axes"
