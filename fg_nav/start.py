@@ -23,12 +23,16 @@ LEAST_FORCE_M_S2 = 1.0
 
 @dataclass(frozen=True)
 class Start:
-    """Where navigation begins: at sample `row` with this attitude; `rest` shows the gyro bias, if there is one."""
+    """Where navigation begins: at sample `row` with this attitude.
+
+    `rest` is the rest of the first footfall, if there is one, and `rests` are those of the whole recording.
+    """
 
     row: int
     nav_R_body: Floats
     levelled_at_rest: bool
     rest: Rest | None
+    rests: tuple[Rest, ...]
 
 
 def starting_point(
@@ -62,7 +66,7 @@ def starting_point(
             f"the mean specific force in the first stance, at {recording.t[first.start]:.3f} s, is "
             f"{np.linalg.norm(force):.2f} m/s^2, so there is no up: accelerations must include gravity."
         )
-    return Start(first.start, levelled(force, heading), level is not None, rest)
+    return Start(first.start, levelled(force, heading), level is not None, rest, rests)
 
 
 def first_stance(recording: Recording, stances: Stances) -> slice:

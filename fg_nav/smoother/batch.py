@@ -21,7 +21,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration import RollingLever, rolling_lever
-from fg_nav.detection import Rest, find_rests
+from fg_nav.detection import Rest
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.covariances import marginal_covariances
@@ -87,11 +87,11 @@ def _smooth(
     progress: Callable[[float], None] | None,
 ) -> Solution:
     began = perf_counter()
-    start = starting_point(recording, stances, heading, p.rest).nav_R_body
-    known = _known(recording, stances, p)
+    start = starting_point(recording, stances, heading, p.rest)
+    known = _known(recording, stances, start.rests, p)
     nodes = place_nodes(recording, stances, p)
-    graph, ties = _graph(recording, stances, nodes, known, start, p, progress)
-    initial = initial_values(recording, stances, nodes, start, known.gyro_bias, p.gravity)
+    graph, ties = _graph(recording, stances, nodes, known, start.nav_R_body, p, progress)
+    initial = initial_values(recording, stances, nodes, start.nav_R_body, known.gyro_bias, p.gravity)
     solved = solve(graph, ties, initial, time_order(nodes), p.convergence, p.largest_steps)
     position, velocity, nav_R_body = _dense(recording, nodes, solved.values, p)
     tails = hold_tails(recording.t, stances, position, velocity)
@@ -120,8 +120,7 @@ def _compile() -> None:
     _smooth(rest, stances, SmootherParameters(), 0.0, None)
 
 
-def _known(recording: Recording, stances: Stances, p: SmootherParameters) -> Known:
-    rests = find_rests(recording, p.rest)
+def _known(recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters) -> Known:
     bias, sigma = _bias_from_rests(rests, np.radians(p.gyro_bias_sigma_deg_s))
     if p.known_lever is not None:
         lever = RollingLever(np.array(p.known_lever), np.zeros((3, 3)), 0)
