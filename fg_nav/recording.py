@@ -40,7 +40,7 @@ MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
 
 MAX_GAP_S = 0.1
-"""A hole longer than this cannot be bridged: nearly half a stride of motion is unknown."""
+"""A hole longer than this cannot be bridged: in mid-swing a foot speeds up by metres a second within it."""
 
 MAX_MISSING_S = 0.02
 """Samples missing for up to this long (or a single one) are left out: a foot hardly turns within it."""
