@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.footfalls import FootfallParameters
 from fg_nav.stances import Stances
 
-LONGEST_FREE_S = 1.2
+LONGEST_FREE_S = FootfallParameters.longest_swing_s
 """No foot of a walking or running person is in the air for longer."""
 
 

@@ -34,7 +34,7 @@ from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2, levelled
-from fg_nav.mechanisation import NavState, nudge_tilt, strapdown
+from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 
 
 @dataclass(frozen=True)
@@ -88,9 +88,6 @@ FREE_FALL_M_S2 = 1.0
 
 BROKEN = 24.0
 """Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
-
-TILT_TIME_S = 0.25
-"""Time constant with which still samples take off the tilt error."""
 
 
 def find_footfalls(

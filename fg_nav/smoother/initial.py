@@ -13,13 +13,10 @@ from gtsam.symbol_shorthand import B, V, X
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.mechanisation import NavState, nudge_tilt, strapdown
+from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.stances import Stances
-
-TILT_TIME_S = 0.25
-"""Time constant with which a stance takes off the tilt error."""
 
 
 def initial_values(
