@@ -29,5 +29,9 @@ class EvaluationError(FgNavError):
     """A solution and a truth cannot be compared (`fg_nav.evaluation`)."""
 
 
+class SimulationError(FgNavError):
+    """A walk, sensor or field was asked for that cannot be (`fg_nav.simulation`)."""
+
+
 class OutputError(FgNavError):
     """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""

@@ -1,0 +1,48 @@
+"""All magnetometer chips of a sensor: read at once, in the iron they share, and averaged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats
+from fg_nav.simulation.sensors.average import mean_of
+from fg_nav.simulation.sensors.iron import Iron
+from fg_nav.simulation.sensors.magnetometer import Delay, Magnetometer, MagnetometerPrior, Ticks
+
+
+class Compass:
+    """The magnetometers of all units during one walk: they are read at once."""
+
+    def __init__(
+        self,
+        prior: MagnetometerPrior | None,
+        chips: list[Magnetometer | None],
+        iron: Iron,
+        board_R_body: Floats,
+        rng: np.random.Generator,
+    ) -> None:
+        self._prior = prior
+        self._chips = [chip for chip in chips if chip is not None]
+        self._iron, self._turn = iron, board_R_body.T
+        ticks_rng, *self._rngs = rng.spawn(1 + len(self._chips))
+        timing = prior or MagnetometerPrior()
+        self._ticks, self._delay = Ticks(timing.rate_hz, ticks_rng), Delay(timing.lag_s)
+        self._last = np.full((1, 3), np.nan)
+
+    def measure(self, t: Floats, body_field: Floats | None) -> tuple[Floats | None, Bools | None]:
+        """Readings (N, 3) uT of the next N rows and which (N,) are fresh."""
+        if self._prior is None or body_field is None:
+            return None, None
+        fresh = self._ticks.fresh(t)
+        field_then = self._iron.bent(self._delay.delayed(t, body_field, fresh) @ self._turn)
+        reading = mean_of([chip.read(field_then, rng) for chip, rng in zip(self._chips, self._rngs, strict=True)])
+        if self._prior.held:
+            return self._repeated(reading, fresh), fresh
+        mag = np.full((len(t), 3), np.nan)
+        mag[fresh] = reading
+        return mag, fresh
+
+    def _repeated(self, reading: Floats, fresh: Bools) -> Floats:
+        known = np.vstack([self._last, reading])
+        self._last = known[-1:]
+        return np.asarray(known[np.cumsum(fresh)])
