@@ -20,7 +20,9 @@ import typer
 from fg_nav.errors import FgNavError, OutputError
 
 if TYPE_CHECKING:
+    from fg_nav.recording import Recording
     from fg_nav.session import Outcome, Session
+    from fg_nav.simulation import Choices, SimulatedWalk
 
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
 
@@ -58,6 +60,7 @@ AlignmentMode = Annotated[
     typer.Option("--alignment", help="How the solution is laid on the truth before errors are counted."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace an older result in the folder.")]
+Seed = Annotated[int, typer.Option(min=0, help="Draws person, sensor, walk, field and noise.")]
 OutDir = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: a fresh one under results/]"),
@@ -157,7 +160,7 @@ def compare(
 
 @app.command()
 def demo(
-    seed: Annotated[int, typer.Option(min=0, help="Draws the walk, the biases and the noise.")] = 1,
+    seed: Seed = 1,
     out: OutDir = None,
     force: Force = False,
 ) -> None:
@@ -165,19 +168,58 @@ def demo(
     from fg_nav.report.folder import DEMO_FILES
 
     _check_free(out, force, DEMO_FILES)
-    import numpy as np
-
     from fg_nav.session import prepare
-    from fg_nav.simulation import demo_walk
 
-    walk = demo_walk(np.random.default_rng(seed))
+    walk = _simulated("demo", seed)
     with _folder(out, force, "demo", DEMO_FILES) as (place, folder):
-        path = place / "recording.csv"
-        session = prepare(replace(walk, provenance=replace(walk.provenance, path=path, format="canonical")))
+        session = prepare(_as_if_read(walk.recording, place / "recording.csv"))
         outcomes = _solved(session, DEMO_METHODS)
-        _write_walk(folder, session)
+        _write_simulation(folder, walk)
         _write_comparison(folder, session, outcomes)
     _show(session, outcomes, place)
+
+
+def _list_scenarios(wanted: bool) -> None:
+    if wanted:
+        from fg_nav.report.simulated import print_scenarios
+
+        print_scenarios()
+        raise typer.Exit
+
+
+@app.command()
+def simulate(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", show_default=False, help="Its name, or a .toml file with one.")
+    ],
+    seed: Seed = 1,
+    list_all: Annotated[
+        bool, typer.Option("--list", help="Say what there is to choose from.", is_eager=True, callback=_list_scenarios)
+    ] = False,
+    sensor: Annotated[str | None, typer.Option(metavar="NAME", help="Another sensor.")] = None,
+    field: Annotated[str | None, typer.Option(metavar="NAME", help="Another field.")] = None,
+    site: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Another site, or latitude,longitude,YYYY-MM-DD.")
+    ] = None,
+    worn: Annotated[Literal["heel", "instep", "pocket"] | None, typer.Option(help="Another place to wear it.")] = None,
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Another rate of the recording.")] = None,
+    turn: Annotated[float, typer.Option(metavar="DEG", help="Turn the whole course clockwise.")] = 0.0,
+    calibrated: Annotated[
+        bool, typer.Option("--calibrated", help="A magnetometer without hard and soft iron.")
+    ] = False,
+    out: OutDir = None,
+    force: Force = False,
+) -> None:
+    """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
+    from fg_nav.report.folder import SIMULATION_FILES
+    from fg_nav.report.simulated import print_simulation
+    from fg_nav.simulation import Choices
+
+    _check_free(out, force, SIMULATION_FILES)
+    walk = _simulated(scenario, seed, Choices(sensor, site, field, worn, rate, turn, calibrated))
+    with _folder(out, force, walk.scenario.name, SIMULATION_FILES) as (place, folder):
+        _write_simulation(folder, walk)
+    print_simulation(walk, place)
 
 
 def _methods_exist(names: Sequence[str]) -> None:
@@ -238,13 +280,28 @@ def _write_comparison(folder: Path, session: Session, outcomes: Mapping[str, Out
     draw_stances(folder, session)
 
 
-def _write_walk(folder: Path, session: Session) -> None:
-    from fg_nav.io import write_canonical, write_tum
-    from fg_nav.recording import TrajectoryTruth
+def _simulated(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:
+    from fg_nav.report.terminal import progress
+    from fg_nav.simulation import Choices, scenario, simulate
+    from fg_nav.simulation.scenario_file import SUFFIX, read_scenario
 
-    write_canonical(session.recording, folder / "recording.csv")
-    if isinstance(session.truth, TrajectoryTruth) and session.truth.nav_R_body is not None:
-        write_tum(folder / "truth.tum", session.truth.t, session.truth.position, session.truth.nav_R_body)
+    chosen = read_scenario(Path(name)) if name.endswith(SUFFIX) else scenario(name)
+    with progress(chosen.name) as report:
+        return simulate(chosen, seed, choices or Choices(), progress=report)
+
+
+def _as_if_read(recording: Recording, path: Path) -> Recording:
+    """Return a recording with the file named that it will be found in."""
+    return replace(recording, provenance=replace(recording.provenance, path=path, format="canonical"))
+
+
+def _write_simulation(folder: Path, walk: SimulatedWalk) -> None:
+    from fg_nav.report.simulated import write_simulation
+    from fg_nav.report.style import save
+    from fg_nav.report.surroundings import plot_surroundings
+
+    write_simulation(folder, walk)
+    save(plot_surroundings(walk), folder / "map.png")
 
 
 def _show(session: Session, outcomes: Mapping[str, Outcome], place: Path) -> None:

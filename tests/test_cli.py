@@ -194,6 +194,94 @@ def test_demo_can_be_run_again_from_its_files(fg_nav: FgNav) -> None:
     assert fg_nav("run", "demo/recording.csv", "--out", "demo", "--force").refused("recording.csv")
 
 
+OWN_WALK = """
+like = "office"
+field = "smooth"
+[course]
+points_m = [[0, 0], [0, 12], [9, 12], [9, 0], [0, 0]]
+rest_s = 3.0
+[sensor]
+rate_hz = 100.0
+[sensor.gyr]
+noise_density = 2e-4
+"""
+
+
+def test_simulate_writes_the_contract(fg_nav: FgNav) -> None:
+    ran = fg_nav("simulate", "demo", "--seed", "2", "--out", "walk")
+    assert ran.code == 0, ran.err
+    assert ran.err == ""
+    assert names(Path("walk")) == {"recording.csv", "truth.tum", "truth.json", "map.png"}
+    header = Path("walk/recording.csv").read_text().splitlines()[0]
+    assert header.startswith("time_s,acc_x_m_s2") and header.endswith("mag_z_uT")  # noqa: PT018
+    truth = json.loads(Path("walk/truth.json").read_text())
+    seconds = np.diff(truth["biases"]["time_s"])
+    np.testing.assert_allclose(seconds, 1.0, atol=1e-3)
+    assert np.array(truth["biases"]["gyr_rad_s"]).shape == (len(seconds) + 1, 3)
+    assert truth["field_model"]["kind"] == "Sum"
+    again = fg_nav("compare", "walk/recording.csv", "--truth", "walk/truth.tum", "--out", "compared")
+    assert again.code == 0, again.err
+    assert summary(Path("compared/smoother"))["rmse_2d_m"] < 1.0
+    assert fg_nav("simulate", "demo", "--out", "walk").refused("--force")
+
+
+def test_simulate_reads_a_scenario_of_ones_own(fg_nav: FgNav) -> None:
+    Path("yard.toml").write_text(OWN_WALK)
+    ran = fg_nav("simulate", "yard.toml")
+    assert ran.code == 0, ran.err
+    truth = json.loads(Path("results/yard-1/truth.json").read_text())
+    assert truth["drawn"]["sensor"]["prior"]["gyr"]["noise_density"] == 2e-4
+    assert np.linalg.norm(truth["strides"]["footprint_m"][-1]) < 0.3
+    assert "smooth" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[0, 12], [9, 12]", "[0, 12], [0, 12]", ["yard.toml"]),
+        ("[0, 12], [9, 12]", "[0, 0.5], [0.5, 0.5]", ["yard.toml"]),
+        ("[[0, 0], [0, 12], [9, 12], [9, 0], [0, 0]]", "[[0, 0]]", ["point"]),
+        ("2e-4", "-2e-4", ["noise_density"]),
+        ("noise_density", "noisiness", ["no parameter 'noisiness'"]),
+        ('"smooth"', '"swampy"', ["no field 'swampy'"]),
+        ('"office"', '"offfice"', ["no scenario 'offfice'"]),
+        ("rate_hz = 100.0", 'rate_hz = "fast"', ["sensor.rate_hz", "fast"]),
+        ("[course]", "[curse]", ["course"]),
+        ("like =", "like", ["no TOML"]),
+        ("rest_s = 3.0", "rest_s = -3.0", ["-3"]),
+    ],
+)
+def test_a_scenario_that_cannot_be_is_refused(fg_nav: FgNav, old: str, new: str, words: list[str]) -> None:
+    assert old in OWN_WALK
+    Path("yard.toml").write_text(OWN_WALK.replace(old, new))
+    assert fg_nav("simulate", "yard.toml", "--out", "yard").refused("yard.toml", *words)
+    assert not Path("yard").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], ["no scenario 'nowhere'", "office", "mall"]),
+        (["nowhere.toml"], ["nowhere.toml"]),
+        (["demo", "--sensor", "sextant"], ["no sensor 'sextant'", "mpu-9250"]),
+        (["demo", "--field", "swampy"], ["no field 'swampy'", "indoor"]),
+        (["demo", "--site", "atlantis"], ["no site", "munich"]),
+        (["demo", "--rate", "-5"], ["rate_hz"]),
+        (["demo", "--rate", "nan"], ["rate_hz"]),
+        (["demo", "--turn", "inf"], ["turned"]),
+    ],
+)
+def test_simulate_refuses_what_cannot_be(fg_nav: FgNav, arguments: list[str], words: list[str]) -> None:
+    assert fg_nav("simulate", *arguments, "--out", "out").refused(*words)
+    assert not Path("out").exists()
+
+
+def test_simulate_lists_what_there_is(fg_nav: FgNav) -> None:
+    ran = fg_nav("simulate", "--list")
+    assert ran.code == 0
+    assert all(word in ran.out for word in ("office", "pocket-street", "mpu-9250x8", "indoor", "equator"))
+
+
 @pytest.mark.parametrize("command", [["inspect"], ["run"], ["compare"]], ids=" ".join)
 @pytest.mark.parametrize(
     ("name", "content"),

@@ -28,8 +28,11 @@ RESULT_FILES = frozenset(
 )  # fmt: skip
 """Every file name that a run or a comparison writes."""
 
-DEMO_FILES = RESULT_FILES | {"recording.csv", "truth.tum"}
-"""And the demonstration."""
+SIMULATION_FILES = frozenset({"recording.csv", "truth.tum", "truth.json", "landmarks.csv", "map.png"})
+"""Every file name that a simulation writes."""
+
+DEMO_FILES = RESULT_FILES | SIMULATION_FILES
+"""And the demonstration, which does both."""
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def plot_trajectory(view: View) -> Figure:
         _draw_ellipses(axes, stance, view.horizontal_cov(), float(np.max(np.ptp(stance[:, :2], axis=0))))
         if len(stance) <= MAX_DOTS:
             axes.plot(*stance[:, :2].T, ".", color=style.BLUE, markersize=3.2, zorder=4)
-        _draw_ends(axes, stance)
+        draw_ends(axes, stance)
         style.head(axes, f"Trajectory{view.alignment_words}")
     return figure
 
@@ -49,15 +49,22 @@ def plot_trajectories(views: Mapping[str, View]) -> Figure:
         _draw_truth(axes, first.truth)
         for colour, (name, view) in zip(style.colours(len(views)), views.items(), strict=True):
             _draw_path(axes, view, colour, name)
-        _draw_ends(axes, first.placed(first.solution.stances.position))
+        draw_ends(axes, first.placed(first.solution.stances.position))
         style.head(axes, f"Trajectories{first.alignment_words}")
     return figure
 
 
 def _map(views: list[View]) -> tuple[Figure, Axes]:
-    """Figure shaped like the walk, with equal scales east and north."""
-    points = [_path(view) for view in views]
-    width, height = np.ptp(np.vstack(points), axis=0) + 1e-9
+    """Map for the walks of all views."""
+    figure, axes = new_map(np.vstack([_path(view) for view in views]))
+    if isinstance(views[0].truth, FootprintTruth):  # of unknown azimuth
+        axes.set(xlabel="x (m)", ylabel="y (m)")
+    return figure, axes
+
+
+def new_map(points: Floats) -> tuple[Figure, Axes]:
+    """Figure shaped like the points (N, 2) m, with equal scales east and north."""
+    width, height = np.ptp(points, axis=0) + 1e-9
     figure = style.new_figure(float(np.clip(style.WIDTH_IN * height / width, 3.5, 8.0)) + 0.7)
     axes = figure.subplots()
     axes.set_aspect("equal", adjustable="datalim")
@@ -65,8 +72,7 @@ def _map(views: list[View]) -> tuple[Figure, Axes]:
     step_m = _tick_step(max(float(width), float(height), 0.1))
     axes.xaxis.set_major_locator(MultipleLocator(step_m))
     axes.yaxis.set_major_locator(MultipleLocator(step_m))
-    surveyed = isinstance(views[0].truth, FootprintTruth)  # of unknown azimuth
-    axes.set(xlabel="x (m)" if surveyed else "east (m)", ylabel="y (m)" if surveyed else "north (m)")
+    axes.set(xlabel="east (m)", ylabel="north (m)")
     return figure, axes
 
 
@@ -134,7 +140,8 @@ def _zoom(semi_m: float, extent_m: float) -> int:
     return int(steps[np.searchsorted(steps, min(wanted, 1000.0))]) if wanted > 2.0 else 1
 
 
-def _draw_ends(axes: Axes, stance: Floats) -> None:
+def draw_ends(axes: Axes, stance: Floats) -> None:
+    """Mark where a walk (N, 3) begins and ends."""
     apart = np.linalg.norm(stance[-1, :2] - stance[0, :2]) > 0.05 * np.max(np.ptp(stance[:, :2], axis=0))
     marks: list[tuple[str, Floats, dict[str, Any]]] = [("start" if apart else "start, end", stance[0], {"marker": "o"})]
     if apart:

@@ -1,0 +1,108 @@
+"""The folder of a simulated walk: the recording, and what is true about it.
+
+==================== ================================================================================================
+recording.csv        canonical; magnetometer columns empty where it has no new sample
+truth.tum            t x y z qx qy qz qw of the sensor at every sample; the origin is where it first is
+truth.json           biases once a second, when the foot stands flat, footprints, field model, all that was drawn
+landmarks.csv        landmark,time_s,x_m,y_m,z_m: where the sensor is as it passes; only where there are landmarks
+map.png              the walk from above over the strength of the field
+==================== ================================================================================================
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from fg_nav.io import write_canonical, write_tum
+from fg_nav.recording import TrajectoryTruth
+from fg_nav.report.results import write_json
+from fg_nav.report.terminal import console, listing
+from fg_nav.simulation import SCENARIOS, SimulatedWalk
+from fg_nav.simulation.fields import SITES
+from fg_nav.simulation.scenarios import FIELDS
+from fg_nav.simulation.sensors import PRESETS
+from fg_nav.simulation.sensors.plain import plain
+from fg_nav.version import version
+from fg_nav.wording import counted
+
+LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
+
+
+def write_simulation(folder: Path, walk: SimulatedWalk) -> None:
+    """Write recording and truth into an existing folder."""
+    write_canonical(walk.recording, folder / "recording.csv")
+    truth = walk.recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    write_tum(folder / "truth.tum", truth.t, truth.position, truth.nav_R_body)
+    write_json(folder / "truth.json", truth_of(walk))
+    if walk.landmarks:
+        rows = [(mark.landmark, mark.time_s, *mark.position) for mark in walk.landmarks]
+        pd.DataFrame(rows, columns=LANDMARK_COLUMNS).to_csv(folder / "landmarks.csv", index=False, float_format="%.9f")
+
+
+def truth_of(walk: SimulatedWalk) -> dict[str, Any]:
+    """All truth but the path, for JSON: SI units, rad, uT; vectors in nav from the origin unless the name says body."""
+    strides = walk.strides
+    return {
+        "version": version(),
+        "scenario": walk.scenario.name,
+        "seed": walk.seed,
+        "sensor": walk.scenario.prior.name,
+        "worn": walk.scenario.worn,
+        "site": walk.scenario.site,
+        "field": walk.scenario.field,
+        "choices": plain(walk.choices),
+        "biases": {
+            "time_s": plain(walk.biases.t),
+            "gyr_rad_s": plain(walk.biases.gyr),
+            "acc_m_s2": plain(walk.biases.acc),
+        },
+        "flat_s": plain(walk.flat),
+        "strides": {
+            "start_s": plain(strides.start),
+            "duration_s": plain(strides.duration),
+            "footprint_m": plain(strides.footprint - walk.origin),
+            "heading_rad": plain(strides.heading),
+            "style": [int(style) for style in strides.style],
+        },
+        "field_model": {"origin_m": plain(walk.origin), "earth_uT": plain(walk.earth.vector), **_described(walk.field)},
+        "drawn": walk.drawn,
+        "person": plain(walk.person),
+    }
+
+
+def print_scenarios() -> None:
+    """Print what can be simulated: scenarios, sensors, fields, sites."""
+    out = console()
+    out.print(listing([(name, one.summary) for name, one in SCENARIOS.items()]), soft_wrap=True)
+    words = {"sensors": ", ".join(PRESETS), "fields": ", ".join(FIELDS), "sites": ", ".join(SITES)}
+    out.print(listing(list(words.items())), soft_wrap=True)
+
+
+def print_simulation(walk: SimulatedWalk, place: Path) -> None:
+    """Print what was simulated, and where the files are."""
+    step = np.diff(walk.strides.footprint, axis=0)
+    rows = {
+        "scenario": f"{walk.scenario.name}: {walk.scenario.summary}",
+        "seed": str(walk.seed),
+        "worn": f"{walk.scenario.worn}, {walk.scenario.prior.name}",
+        "field": f"{walk.scenario.field}, {walk.scenario.site}",
+        "samples": f"{len(walk.recording)} in {walk.recording.duration_s:.1f} s",
+        "strides": f"{len(walk.strides)} over {np.linalg.norm(step, axis=1).sum():.1f} m",
+        "landmarks": counted(len(walk.landmarks), "crossing") if walk.landmarks else "none",
+        "files": str(place),
+    }
+    console().print(listing(list(rows.items())), soft_wrap=True)
+
+
+def _described(part: object) -> dict[str, Any]:
+    """A source of field by its kind, with its parameters in the frame of the course (`origin_m`)."""
+    parts = getattr(part, "parts", None)
+    if parts is not None:
+        return {"kind": type(part).__name__, "parts": [_described(inner) for inner in parts]}
+    return {"kind": type(part).__name__, **plain(part)}

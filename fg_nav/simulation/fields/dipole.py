@@ -1,0 +1,179 @@
+"""Point dipoles: magnets, and steel seen from further away than it is large.
+
+A dipole of moment m (A m^2), seen from it at r (m), is
+
+    B = mu_0 / (4 pi) (3 (m . u) u - m) / |r|^3,    u = r / |r|,    mu_0 / (4 pi) = 0.1 uT m / A.
+
+Soft iron in a homogeneous field B_0 takes on the moment of its shape. A spheroid of volume V with demagnetising
+factor N_i along axis i and susceptibility chi = mu_r - 1 has
+
+    m_i = V / mu_0  chi / (1 + N_i chi)  B_0i,
+
+where the N_i add up to 1: a third each for a sphere, and less along what is long (Osborn 1945). A long object is a
+row of such dipoles, as a thin magnetised rod is: what is felt near its ends are its poles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import SimulationError
+
+SCALE_UT = 0.1
+"""mu_0 / (4 pi) in uT m / A."""
+
+CLOSEST_M = 0.01
+"""Nearer to a point dipole than this nothing can be."""
+
+IRON_MU_R = 200.0
+"""Relative permeability of structural steel in weak fields; that of Munoz Diaz et al. (2017)."""
+
+
+UP: Floats = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Dipoles:
+    """K dipoles.
+
+    Attributes
+    ----------
+    position : (K, 3) m in nav.
+    moment : (K, 3) A m^2 in nav.
+    """
+
+    position: Floats
+    moment: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("position", "moment"):
+            value = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            if value.ndim != 2 or value.shape[1] != 3 or not np.isfinite(value).all():
+                raise SimulationError(f"{name} of shape {value.shape} is not finite rows of three: give one a dipole.")
+            object.__setattr__(self, name, value)
+        if len(self.position) != len(self.moment):
+            raise SimulationError(
+                f"{len(self.position)} positions but {len(self.moment)} moments: give each dipole one of both."
+            )
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def at(self, position: Floats) -> Floats:
+        """Flux density (N, 3) uT at `position` (N, 3) m.
+
+        Raises
+        ------
+        SimulationError
+            Within a centimetre of a dipole.
+        """
+        sensed = np.ascontiguousarray(position, dtype=np.float64)
+        total, hit = _dipoles_at(sensed, _by_axis(self.position), _by_axis(self.moment))
+        if hit >= 0:
+            raise SimulationError(
+                f"the sensor comes within {100 * CLOSEST_M:.0f} cm of a dipole at {_place(sensed[hit])}: "
+                f"move the dipole or the path."
+            )
+        return total
+
+
+def magnet(position: Floats, moment: Floats) -> Dipoles:
+    """One permanent magnet: `position` (3,) m, `moment` (3,) A m^2.
+
+    A neodymium block holds about 1 A m^2 per cubic centimetre; a loudspeaker in a floor box 1 to 5 A m^2.
+    """
+    return Dipoles(np.asarray(position, dtype=np.float64)[None], np.asarray(moment, dtype=np.float64)[None])
+
+
+def sphere_moment(nav_field: Floats, radius_m: float, mu_r: float = IRON_MU_R) -> Floats:
+    """Moment (3,) A m^2 that a soft-iron sphere takes on in a homogeneous field (3,) uT."""
+    return spheroid_moment(nav_field, UP, radius_m, radius_m, mu_r)
+
+
+def spheroid_moment(
+    nav_field: Floats, axis: Floats, half_length_m: float, radius_m: float, mu_r: float = IRON_MU_R
+) -> Floats:
+    """Moment (3,) A m^2 of a soft-iron spheroid in a homogeneous field.
+
+    Parameters
+    ----------
+    nav_field : (3,) uT in nav.
+    axis : (3,) direction of its axis of revolution, of length 1.
+    half_length_m : semi-axis along `axis`; larger than the radius for a pillar, smaller for a plate.
+    radius_m : the two others.
+    mu_r : relative permeability.
+
+    Raises
+    ------
+    SimulationError
+        Where there is no such body.
+    """
+    if not (radius_m > 0 and half_length_m > 0 and mu_r >= 1):
+        raise SimulationError(
+            f"a spheroid of {half_length_m} m by {radius_m} m and permeability {mu_r} cannot be: "
+            f"give lengths above 0 and a permeability of 1 or more."
+        )
+    along = demagnetising_factor(half_length_m / radius_m)
+    volume = 4 / 3 * np.pi * radius_m**2 * half_length_m
+    lengthwise = float(nav_field @ axis) * axis
+    across = nav_field - lengthwise
+    chi = mu_r - 1
+    magnetised = chi / (1 + along * chi) * lengthwise + chi / (1 + (1 - along) / 2 * chi) * across
+    return np.asarray(volume / (4 * np.pi * SCALE_UT) * magnetised, dtype=np.float64)
+
+
+def demagnetising_factor(aspect: float) -> float:
+    """Factor N along the axis of revolution of a spheroid, `aspect` = that semi-axis over the others (Osborn 1945)."""
+    if abs(aspect - 1) < 1e-4:
+        return 1 / 3 - 4 / 15 * (aspect - 1)
+    if aspect > 1:
+        e = np.sqrt(1 - aspect**-2)
+        return float((np.arctanh(e) / e - 1) * (1 - e**2) / e**2)
+    e = np.sqrt(1 - aspect**2)
+    return float((1 - np.sqrt(1 - e**2) * np.arcsin(e) / e) / e**2)
+
+
+def rod(start: Floats, end: Floats, moment: Floats, count: int = 8) -> Dipoles:
+    """Return a long body from `start` (3,) m to `end` (3,) m as a row of dipoles; `moment` (3,) A m^2 in all."""
+    share = (np.arange(count) + 0.5) / count
+    position = start + share[:, None] * (np.asarray(end) - start)
+    return Dipoles(position, np.tile(np.asarray(moment, dtype=np.float64) / count, (count, 1)))
+
+
+def _by_axis(rows: Floats) -> Floats:
+    return np.ascontiguousarray(rows.T)
+
+
+def _place(position: Floats) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in position) + ") m"
+
+
+@njit(cache=True, error_model="numpy")
+def _dipoles_at(position: Floats, source: Floats, moment: Floats) -> tuple[Floats, int]:
+    """Field (N, 3) uT of sources (3, K), and the last position that lies on one of them (-1 if none does)."""
+    source_x, source_y, source_z = source
+    moment_x, moment_y, moment_z = moment
+    total = np.empty((len(position), 3))
+    hit = -1
+    for i in range(len(position)):
+        px, py, pz = position[i]
+        bx = by = bz = 0.0
+        nearest = np.inf
+        for k in range(len(source_x)):
+            x, y, z = px - source_x[k], py - source_y[k], pz - source_z[k]
+            square = x * x + y * y + z * z
+            nearest = min(nearest, square)
+            inverse = 1.0 / square
+            cube = SCALE_UT * inverse * np.sqrt(inverse)
+            along = 3.0 * inverse * (moment_x[k] * x + moment_y[k] * y + moment_z[k] * z)
+            bx += cube * (along * x - moment_x[k])
+            by += cube * (along * y - moment_y[k])
+            bz += cube * (along * z - moment_z[k])
+        total[i, 0], total[i, 1], total[i, 2] = bx, by, bz
+        if nearest < CLOSEST_M * CLOSEST_M:
+            hit = i
+    return total, hit

@@ -1,0 +1,260 @@
+"""The motion of a foot and of the sensor on it, from strides.
+
+Model
+-----
+The foot turns about a *pivot* on the floor, and the sensor sits on it at a lever r (foot frame, m), softly:
+
+    p = pivot + nav_R_foot (r + d),    nav_R_foot = Rz(yaw) Ry(pitch) Rx(roll),    nav_R_body = nav_R_foot foot_R_body,
+
+with x forward, y left, z up; d is how far shocks move the sensor from its place. With w the rate of the foot in its own
+frame and s = r + d, the derivatives by time are exact:
+
+    v = pivot' + nav_R_foot (w x s + d'),
+    f = nav_R_foot^T (pivot'' + g up) + w' x s + w x (w x s) + 2 w x d' + d''.
+
+Pivot and angles are sums of ramps, their shocks bursts (`fg_nav.simulation.ramps`): a table of phases for each
+(`fg_nav.simulation.phases`), as large as the person's gait (`fg_nav.simulation.person`) makes them. In stance
+
+* the foot rolls slowly forward about the pivot, so that the sensor moves by w x r and does not stand still;
+* the sole gives way under the load and springs back in the next push-off; a foot that stands on stays pressed;
+* the foot slips a little, mostly forward, in one stride much as in the last; the next swing makes up for it.
+
+Between strides the foot stands and sways. Every stride differs in vigour; short strides are gentler, fast ones hit harder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.simulation import phases
+from fg_nav.simulation.footsteps import Strides
+from fg_nav.simulation.motion import Kinematics
+from fg_nav.simulation.person import Mount, Person
+from fg_nav.simulation.ramps import Bursts, Ramps
+from fg_nav.simulation.shocks import shocks
+from fg_nav.simulation.steps import Moves, Steps, draw_steps, joined, on_level
+
+NODE_S = 3e-3
+"""A node of quadrature for each of these in a sample period, and one more: errors stay below 1e-4 of an 80 Hz burst."""
+
+Track: TypeAlias = tuple[float, Sequence[Moves]]
+"""Where a coordinate begins, and its moves."""
+
+
+@dataclass(frozen=True)
+class FootMotion:
+    """A sensor on a foot.
+
+    Attributes
+    ----------
+    east, north, up : of the pivot, m.
+    roll, pitch, yaw : of the foot, rad.
+    bursts : of d (3, m, foot frame) and of roll, pitch and yaw (3, rad).
+    lever_m : (3,) from the pivot to the sensor, foot frame.
+    foot_R_body : (3, 3).
+    flat : (K + 1, 2) s, from when to when the foot stands flat: the truth of stance.
+    """
+
+    east: Ramps
+    north: Ramps
+    up: Ramps
+    roll: Ramps
+    pitch: Ramps
+    yaw: Ramps
+    bursts: Bursts
+    lever_m: Floats
+    foot_R_body: Floats
+    flat: Floats
+
+    def at(self, t: Floats) -> Kinematics:
+        """Exact state at rising instants `t` (N,) s."""
+        moved = (self.east, self.north, self.up, self.roll, self.pitch, self.yaw)
+        coordinates = np.stack([ramps.at(t) for ramps in moved], axis=2)
+        return Kinematics(*_kinematics(coordinates, self.bursts.at(t), self.lever_m, self.foot_R_body))
+
+    def sampled(self, t: Floats, period_s: float) -> tuple[Floats, Floats]:
+        """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
+
+        By Gauss-Legendre quadrature, with as many nodes as the shocks ask for.
+        """
+        node, weight = np.polynomial.legendre.leggauss(int(np.ceil(1 + period_s / NODE_S)))
+        rate, force = np.zeros((len(t), 3)), np.zeros((len(t), 3))
+        for x, w in zip(node, weight, strict=True):
+            state = self.at(t + period_s * (1 + x) / 2)
+            rate += w / 2 * state.rate
+            force += w / 2 * state.force
+        return rate, force
+
+
+def foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.random.Generator) -> FootMotion:
+    """Motion of a sensor on the foot that makes these strides.
+
+    Parameters
+    ----------
+    strides : when and where to.
+    person : how.
+    mount : where the sensor sits; drawn here where it still has scatter.
+    rng : draws what varies from stride to stride.
+
+    Raises
+    ------
+    SimulationError
+        If strides overlap, last no time, or are not finite.
+    """
+    drawn = mount.drawn(rng)
+    steps = draw_steps(strides, person, rng)
+    tracks = (*_level(steps), _up(steps), _roll(steps, rng), _pitch(steps, rng), _yaw(steps, rng))
+    return FootMotion(
+        *(Ramps.of(*joined(moves), begun_at=begun) for begun, moves in tracks),
+        bursts=shocks(steps, drawn, rng),
+        lever_m=np.array(drawn.lever_m),
+        foot_R_body=drawn.foot_R_body,
+        flat=steps.flat,
+    )
+
+
+def _level(steps: Steps) -> tuple[Track, Track]:
+    """East and north. A slip is made up for in the swing before it: the foot ends where its footprint is."""
+    heading, footprint = steps.strides.heading[1:], steps.strides.footprint
+    step = np.diff(footprint[:, :2], axis=0) - steps.slip
+    aside = on_level(heading, np.zeros(len(steps)), -steps.gait("circumduction_m") * steps.vigour)
+    east, north = (
+        [
+            steps.swing(phases.FORWARD, step[:, axis]),
+            steps.swing(phases.ASIDE, aside[:, axis]),
+            steps.stance(phases.SLIP, steps.slip[:, axis]),
+        ]
+        for axis in (0, 1)
+    )
+    return (float(footprint[0, 0]), east), (float(footprint[0, 1]), north)
+
+
+def _up(steps: Steps) -> Track:
+    floor = steps.strides.footprint[:, 2]
+    heights = (steps.gait(name) * steps.vigour for name in ("clearance_m", "midswing_m", "heel_m"))
+    lift, again, set_down, drop = phases.lift_rises(*heights)
+    climb = steps.gait("climb")
+    return float(floor[0]), [
+        steps.swing(phases.LIFT, lift),
+        steps.swing(phases.DROP, drop),
+        steps.swing(phases.RAISE, again),
+        steps.swing(phases.SET_DOWN, set_down),
+        steps.between(climb[:, 0], climb[:, 1], np.diff(floor)),
+        steps.swing(phases.SPRING, np.roll(steps.pressed, 1)),  # the foot begins as pressed as it ends
+        steps.swing(phases.PRESS, -steps.pressed),
+    ]
+
+
+def _pitch(steps: Steps, rng: np.random.Generator) -> Track:
+    toe_down, toe_up = steps.gait("toe_down_rad") * steps.vigour, steps.gait("toe_up_rad") * steps.vigour
+    push, land, fall = phases.pitch_rises(toe_down, toe_up)
+    begun = np.concatenate([[0.0], steps.rolled])[: len(steps)]  # by the stance before
+    return 0.0, [
+        steps.swing(phases.PUSH, push - begun),
+        steps.swing(phases.FALL, fall),
+        steps.swing(phases.LAND, land),
+        steps.stance(phases.ROLL_OVER, steps.rolled),
+        _sway(steps, rng),
+    ]
+
+
+def _roll(steps: Steps, rng: np.random.Generator) -> Track:
+    inversion = steps.gait("inversion_rad") * _wobble(steps, rng)
+    return 0.0, [
+        steps.swing(phases.INVERT_OFF, inversion[0]),
+        steps.swing(phases.INVERT_ON, inversion[1]),
+        _sway(steps, rng),
+    ]
+
+
+def _yaw(steps: Steps, rng: np.random.Generator) -> Track:
+    heading = steps.strides.heading
+    wobble = steps.gait("yaw_wobble_rad") * _wobble(steps, rng)
+    return np.pi / 2 - float(heading[0]), [
+        steps.swing(phases.TOE_OUT, wobble[0]),
+        steps.swing(phases.TOE_IN, wobble[1]),
+        steps.swing(phases.TURN, -np.diff(heading)),
+    ]
+
+
+def _wobble(steps: Steps, rng: np.random.Generator) -> Floats:
+    """Size (2, K) of what turns out anew in every stride."""
+    return steps.vigour * (1 + steps.gait("wobble_scatter") * rng.standard_normal((2, len(steps))))
+
+
+def _sway(steps: Steps, rng: np.random.Generator) -> Moves:
+    """An angle that wanders in every pause, and is back at its end."""
+    person = steps.person
+    long = [(begin, end) for begin, end in steps.pauses if end - begin > 2 * person.sway_s]
+    return joined([_swayed(person, begin, end, rng) for begin, end in long])
+
+
+def _swayed(person: Person, begin: float, end: float, rng: np.random.Generator) -> Moves:
+    count = int((end - begin) / person.sway_s)
+    angle = person.sway_rad * np.concatenate([[0.0], rng.standard_normal(count - 1), [0.0]])
+    edge = np.linspace(begin, end, count + 1)
+    return Moves(edge[:-1], np.diff(edge), np.diff(angle))
+
+
+@njit(cache=True)
+def _kinematics(
+    moved: Floats, burst: Floats, lever: Floats, foot_R_body: Floats
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Position, velocity, attitude, rate and force from coordinates and bursts (3, N, 6), each with two derivatives."""
+    count = moved.shape[1]
+    position, velocity = np.empty((count, 3)), np.empty((count, 3))
+    rate, force = np.empty((count, 3)), np.empty((count, 3))
+    nav_R_body = np.empty((count, 3, 3))
+    w, dw, R = np.empty(3), np.empty(3), np.empty((3, 3))
+    for n in range(count):
+        angle = moved[:, n, 3:] + burst[:, n, 3:]
+        _turned(angle[0], angle[1], angle[2], R, w, dw)
+        s, ds, dds = lever + burst[0, n, :3], burst[1, n, :3], burst[2, n, :3]
+        ws, lift = _cross(w, s), moved[2, n, :3].copy()
+        lift[2] += GRAVITY_M_S2
+        felt = _to(R, lift) + _cross(dw, s) + _cross(w, ws) + 2.0 * _cross(w, ds) + dds
+        position[n] = moved[0, n, :3] + _from(R, s)
+        velocity[n] = moved[1, n, :3] + _from(R, ws + ds)
+        rate[n], force[n] = _to(foot_R_body, w), _to(foot_R_body, felt)
+        for i in range(3):
+            nav_R_body[n, i] = _to(foot_R_body, R[i])
+    return position, velocity, nav_R_body, rate, force
+
+
+@njit(cache=True)
+def _turned(angle: Floats, first: Floats, second: Floats, R: Floats, w: Floats, dw: Floats) -> None:
+    """Attitude R, rate w and its derivative dw in the foot frame from roll, pitch, yaw and their derivatives."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angle), np.cos(angle)
+    r, p, y = first
+    rr, pp, yy = second
+    R[0, 0], R[0, 1], R[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    R[1, 0], R[1, 1], R[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    R[2, 0], R[2, 1], R[2, 2] = -sp, cp * sr, cp * cr
+    w[0], w[1], w[2] = r - y * sp, p * cr + y * cp * sr, -p * sr + y * cp * cr
+    dw[0] = rr - yy * sp - y * p * cp
+    dw[1] = pp * cr - p * r * sr + yy * cp * sr - y * p * sp * sr + y * r * cp * cr
+    dw[2] = -pp * sr - p * r * cr + yy * cp * cr - y * p * sp * cr - y * r * cp * sr
+
+
+@njit(cache=True)
+def _cross(a: Floats, b: Floats) -> Floats:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@njit(cache=True)
+def _from(R: Floats, v: Floats) -> Floats:
+    """R v: from the frame on the right to the one on the left."""
+    return v[0] * R[:, 0] + v[1] * R[:, 1] + v[2] * R[:, 2]
+
+
+@njit(cache=True)
+def _to(R: Floats, v: Floats) -> Floats:
+    """R^T v: from the frame on the left to the one on the right."""
+    return v[0] * R[0] + v[1] * R[1] + v[2] * R[2]

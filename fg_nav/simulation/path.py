@@ -1,0 +1,412 @@
+"""A path over the ground by arc length: where a walk goes, before anybody walks it.
+
+Symbols: arc length s (m, as on a map: height does not count), position (x, y, z) in nav, heading h (rad, clockwise
+from north, unwrapped), curvature dh/ds (1/m, positive to the right). A path is a row of knots (s, position, heading).
+Between two of them heading and height are linear in s and the position is the cubic with the knots' tangents, so that
+dx/ds = sin h and dy/ds = cos h. A piece of constant curvature dh/ds has the chord
+
+    ds sinc(dh / 2) in the direction of its mean heading,    sinc(a) = sin(a) / a,
+
+by which straight lines and arcs close exactly; on an arc with knots every 0.05 rad the cubic is within 1e-8 of the
+radius. Winding paths are periodic cubic splines through their points, their length by Gauss-Legendre quadrature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import SimulationError
+from fg_nav.frames import wrap
+
+KNOT_RAD = 0.05
+"""Between the knots of an arc."""
+
+KNOT_M = 0.05
+"""Between the knots of a winding path."""
+
+GAP_M = 1e-3
+KINK_RAD = 1e-3
+"""Paths join when they fit to within these: far above rounding, far below a foot."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A place on the ground and a direction: `position` (3,) m in nav, `heading` rad clockwise from north."""
+
+    position: Floats
+    heading: float
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """A marked place of a path: its `name` and its arc length `arc` in m."""
+
+    name: str
+    arc: float
+
+
+@dataclass(frozen=True)
+class Path:
+    """A curve over the ground.
+
+    Attributes
+    ----------
+    arc : (M,) m, rising from 0.
+    position : (M, 3) m.
+    heading : (M,) rad clockwise from north, unwrapped: the direction of the tangent.
+    landmarks : marked places.
+
+    Raises
+    ------
+    SimulationError
+        Knots that are not finite, fewer than two, not rising, or a landmark off the path.
+    """
+
+    arc: Floats
+    position: Floats
+    heading: Floats
+    landmarks: tuple[Landmark, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not all(np.isfinite(values).all() for values in (self.arc, self.position, self.heading)):
+            raise SimulationError("A path has a point that is not a number: give finite coordinates in metres.")
+        if len(self.arc) < 2 or not (np.diff(self.arc) > 0).all():
+            raise SimulationError("A path has no length: give it at least two different points.")
+        for landmark in self.landmarks:
+            if not 0 <= landmark.arc <= self.length_m:
+                raise SimulationError(
+                    f"Landmark {landmark.name} lies at {landmark.arc:g} m of a path of {self.length_m:g} m: "
+                    "give arc lengths between its ends."
+                )
+
+    @property
+    def length_m(self) -> float:
+        """Length in m, as on a map."""
+        return float(self.arc[-1])
+
+    @property
+    def start(self) -> Pose:
+        """Where the path begins."""
+        return Pose(self.position[0], float(self.heading[0]))
+
+    @property
+    def end(self) -> Pose:
+        """Where the path ends."""
+        return Pose(self.position[-1], float(self.heading[-1]))
+
+    def at(self, arc: ArrayLike) -> tuple[Floats, Floats]:
+        """Position (N, 3) m and heading (N,) rad at arc lengths (N,) m; beyond the ends, those of the ends."""
+        s = np.clip(np.asarray(arc, dtype=np.float64), 0.0, self.length_m)
+        k = np.clip(np.searchsorted(self.arc, s, side="right") - 1, 0, len(self.arc) - 2)
+        step = np.diff(self.arc)[k]
+        u = (s - self.arc[k]) / step
+        position = self.position[k] + u[:, None] * (self.position[k + 1] - self.position[k])
+        position[:, :2] += _bulge(
+            u, step, self.position[k + 1] - self.position[k], self.heading[k], self.heading[k + 1]
+        )
+        return position, self.heading[k] + u * (self.heading[k + 1] - self.heading[k])
+
+    def curvature(self, arc: ArrayLike) -> Floats:
+        """Curvature (N,) 1/m at `arc` (N,) m: constant between knots, positive to the right."""
+        k = np.searchsorted(self.arc, np.asarray(arc, dtype=np.float64), side="right") - 1
+        curvature: Floats = np.diff(self.heading) / np.diff(self.arc)
+        return curvature[np.clip(k, 0, len(curvature) - 1)]
+
+    def moved(self, by: Sequence[float] | Floats) -> Path:
+        """The path moved by a vector (2,) or (3,) m."""
+        shift = _as_points(np.asarray(by, dtype=np.float64)[None])[0]
+        return replace(self, position=self.position + shift)
+
+    def turned(self, angle: float) -> Path:
+        """The path turned clockwise by `angle` rad about the origin of nav, so that whole courses turn alike."""
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        return replace(self, position=self.position @ turn.T, heading=self.heading + angle)
+
+    def placed(self, pose: Pose) -> Path:
+        """The path turned and moved so that it begins at `pose`."""
+        turned = self.turned(pose.heading - self.start.heading)
+        return turned.moved(pose.position - turned.position[0])
+
+    def reversed(self) -> Path:
+        """The path walked the other way."""
+        marks = tuple(replace(mark, arc=self.length_m - mark.arc) for mark in self.landmarks[::-1])
+        return Path(self.length_m - self.arc[::-1], self.position[::-1], self.heading[::-1] + np.pi, marks)
+
+    def then(self, other: Path) -> Path:
+        """The path and then `other`, which begins where this one ends, in the same direction.
+
+        Raises
+        ------
+        SimulationError
+            A gap of more than 1 mm, or a kink of more than 1 mrad, where they meet.
+        """
+        gap = float(np.linalg.norm(other.start.position - self.end.position))
+        if gap > GAP_M:
+            raise SimulationError(f"Joined paths leave a gap of {gap:.3g} m: move the second to the end of the first.")
+        kink = float(wrap(np.array(other.start.heading - self.end.heading)))
+        if abs(kink) > KINK_RAD:
+            raise SimulationError(
+                f"Joined paths meet at an angle of {np.degrees(kink):.3g} deg: round the corner or turn on the spot."
+            )
+        rounds = self.end.heading + kink - other.start.heading
+        return Path(
+            np.concatenate([self.arc, self.length_m + other.arc[1:]]),
+            np.vstack([self.position, other.position[1:]]),
+            np.concatenate([self.heading, other.heading[1:] + rounds]),
+            self.landmarks + tuple(replace(mark, arc=self.length_m + mark.arc) for mark in other.landmarks),
+        )
+
+    def repeated(self, n: int) -> Path:
+        """`n` laps of a path that ends where, and as, it begins; each crosses the landmarks anew.
+
+        Raises
+        ------
+        SimulationError
+            Less than one lap, or ends that do not meet.
+        """
+        if n < 1:
+            raise SimulationError(f"A path cannot be walked {n} times: ask for one lap or more.")
+        laps = self
+        for _ in range(n - 1):
+            laps = laps.then(self)
+        return laps
+
+    def part(self, begin: float, end: float) -> Path:
+        """The stretch between two arc lengths in m, with the landmarks on it.
+
+        Raises
+        ------
+        SimulationError
+            A stretch that is not on the path, or has no length.
+        """
+        if not 0 <= begin < end <= self.length_m * (1 + 1e-12):
+            raise SimulationError(f"A path of {self.length_m:g} m has no stretch from {begin:g} m to {end:g} m.")
+        inside = (self.arc > begin) & (self.arc < end)
+        arc = np.concatenate([[begin], self.arc[inside], [min(end, self.length_m)]])
+        marks = tuple(replace(m, arc=m.arc - begin) for m in self.landmarks if begin <= m.arc <= arc[-1])
+        return Path(arc - begin, *self.at(arc), marks)
+
+    def scaled_to(self, length_m: float) -> Path:
+        """The path drawn larger or smaller about its start, corners and heights too, until it has this length.
+
+        Raises
+        ------
+        SimulationError
+            A length that is not positive.
+        """
+        if not (np.isfinite(length_m) and length_m > 0):
+            raise SimulationError(f"A path cannot be scaled to {length_m} m: give a positive length.")
+        factor = length_m / self.length_m
+        position = self.position[0] + factor * (self.position - self.position[0])
+        marks = tuple(replace(mark, arc=min(factor * mark.arc, length_m)) for mark in self.landmarks)
+        arc = factor * self.arc
+        arc[-1] = length_m
+        return Path(arc, position, self.heading, marks)
+
+    def with_landmarks(self, arcs: Sequence[float] | Floats, names: Sequence[str] | None = None) -> Path:
+        """The path with these landmarks only: arc lengths in m, and names (1, 2, ... without).
+
+        Raises
+        ------
+        SimulationError
+            A landmark off the path, or not one name for each.
+        """
+        names = [str(i + 1) for i in range(len(arcs))] if names is None else names
+        if len(names) != len(arcs):
+            raise SimulationError(f"{len(arcs)} landmarks have {len(names)} names: give one for each.")
+        marks = tuple(Landmark(name, float(arc)) for name, arc in zip(names, arcs, strict=True))
+        return replace(self, landmarks=marks)
+
+
+def straight(length_m: float) -> Path:
+    """A line from the origin to the north.
+
+    Raises
+    ------
+    SimulationError
+        A length that is not positive.
+    """
+    return _bent(np.array([length_m]), np.array([0.0]))
+
+
+def arc(radius_m: float, angle: float) -> Path:
+    """An arc from the origin that sets out to the north and turns by `angle` rad, clockwise if positive.
+
+    Raises
+    ------
+    SimulationError
+        A radius that is not positive, or no angle.
+    """
+    if not radius_m > 0 or not np.isfinite(radius_m):
+        raise SimulationError(f"An arc cannot have a radius of {radius_m} m: give a positive one.")
+    return _bent(np.array([radius_m * abs(angle)]), np.array([angle]))
+
+
+def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
+    """Straight legs from point to point, the corners between them rounded.
+
+    Parameters
+    ----------
+    points : (K, 2) or (K, 3) m in nav; height is linear along each leg.
+    corner_radius_m : radius of the corners.
+
+    Raises
+    ------
+    SimulationError
+        Fewer than two points, repeated ones, one that is not finite, a corner that does not fit between its
+        neighbours, or a leg that goes straight back.
+    """
+    vertex = _as_points(points)
+    _check_distinct(vertex)
+    leg = np.diff(vertex[:, :2], axis=0)
+    leg_m = np.linalg.norm(leg, axis=1)
+    course = np.unwrap(np.arctan2(leg[:, 0], leg[:, 1]))
+    turn = np.diff(course)
+    cut = _corner_cuts(turn, leg_m, corner_radius_m)
+    straights = leg_m - cut[:-1] - cut[1:]
+    corners = corner_radius_m * np.abs(turn)
+    bent = _bent(_interleaved(straights, corners), _interleaved(np.zeros(len(leg_m)), turn))
+    placed = bent.turned(float(course[0])).moved(vertex[0])
+    return _with_heights(placed, _interleaved(straights, corners), vertex[:, 2])
+
+
+def closed_curve(points: ArrayLike) -> Path:
+    """A smooth closed curve through points: begins and ends at the first, in the same direction.
+
+    Parameters
+    ----------
+    points : (K, 2) or (K, 3) m in nav, K >= 3; the first is not repeated at the end.
+
+    Raises
+    ------
+    SimulationError
+        Fewer than three points, repeated ones, or one that is not finite.
+    """
+    vertex = _as_points(points)
+    if len(vertex) < 3:
+        raise SimulationError(f"A closed curve needs three points, this one has {len(vertex)}: add the points to pass.")
+    return _curve(np.vstack([vertex, vertex[:1]]), "periodic")
+
+
+def open_curve(points: ArrayLike) -> Path:
+    """A smooth curve through points, from the first to the last.
+
+    Parameters
+    ----------
+    points : (K, 2) or (K, 3) m in nav.
+
+    Raises
+    ------
+    SimulationError
+        Fewer than two points, repeated ones, or one that is not finite.
+    """
+    return _curve(_as_points(points), "natural")
+
+
+def _curve(vertex: Floats, ends: Literal["periodic", "natural"]) -> Path:
+    """The cubic spline through points, by the length of their chords."""
+    _check_distinct(vertex)
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(vertex[:, :2], axis=0), axis=1))])
+    spline = CubicSpline(chord, vertex, bc_type=ends)
+    knots = np.linspace(0.0, chord[-1], max(2, round(chord[-1] / KNOT_M)) + 1)
+    tangent = spline(knots, 1)
+    heading = np.unwrap(np.arctan2(tangent[:, 0], tangent[:, 1]))
+    position = spline(knots)
+    if ends == "periodic":
+        position[-1] = position[0]
+    return Path(_arc_length(spline, knots), position, heading)
+
+
+def _arc_length(spline: CubicSpline, knots: Floats) -> Floats:
+    """Arc length (M,) m at the knots of a curve, by three-point Gauss-Legendre quadrature of its speed."""
+    node, weight = np.polynomial.legendre.leggauss(3)
+    half = np.diff(knots) / 2
+    speed = [np.linalg.norm(spline(knots[:-1] + half * (1 + x), 1)[:, :2], axis=1) for x in node]
+    return np.concatenate([[0.0], np.cumsum(half * (weight @ np.array(speed)))])
+
+
+def _bent(length: Floats, turn: Floats) -> Path:
+    """Pieces of constant curvature one after the other, from the origin to the north; (P,) m and rad, one each."""
+    if not (np.isfinite(length).all() and np.isfinite(turn).all() and length.sum() > 0 and (length >= 0).all()):
+        raise SimulationError(
+            "A path has a length or an angle that is not positive and finite: give metres and radians."
+        )
+    length, turn = length[length > 0], turn[length > 0]
+    count = np.maximum(1, np.ceil(np.abs(turn) / KNOT_RAD).astype(int))
+    ds, dh = np.repeat(length / count, count), np.repeat(turn / count, count)
+    heading = np.concatenate([[0.0], np.cumsum(dh)])
+    mean = (heading[1:] + heading[:-1]) / 2
+    chord = ds * np.sinc(dh / 2 / np.pi)
+    step = np.stack([chord * np.sin(mean), chord * np.cos(mean), np.zeros(len(ds))], axis=1)
+    return Path(np.concatenate([[0.0], np.cumsum(ds)]), np.vstack([np.zeros(3), np.cumsum(step, axis=0)]), heading)
+
+
+def _with_heights(path: Path, pieces: Floats, height: Floats) -> Path:
+    """Heights (K,) m of the vertices laid along legs (even pieces) and corners (odd ones)."""
+    middle = np.concatenate([[0.0], np.cumsum(pieces)])
+    at_vertex = np.concatenate([[0.0], (middle[1:-1:2] + middle[2:-1:2]) / 2, [middle[-1]]])
+    position = path.position.copy()
+    position[:, 2] = np.interp(path.arc, at_vertex, height)
+    return replace(path, position=position)
+
+
+def _corner_cuts(turn: Floats, leg_m: Floats, radius_m: float) -> Floats:
+    """What each corner takes from its legs (K,) m, nothing at the ends of the path: r tan(turn / 2)."""
+    if not (np.isfinite(radius_m) and radius_m > 0):
+        raise SimulationError(f"A corner cannot have a radius of {radius_m} m: give a positive one.")
+    back = np.abs(np.abs(turn) - np.pi) < 1e-6
+    if back.any():
+        raise SimulationError(
+            f"The path goes straight back at point {int(np.argmax(back)) + 1}: end it there and turn on the spot."
+        )
+    cut = np.concatenate([[0.0], radius_m * np.tan(np.abs(turn) / 2), [0.0]])
+    short = leg_m - cut[:-1] - cut[1:]
+    worst = int(np.argmin(short))
+    if short[worst] < -1e-9:
+        raise SimulationError(
+            f"Corners of radius {radius_m:g} m do not fit on the leg of {leg_m[worst]:.3g} m "
+            f"from point {worst} to point {worst + 1}: make the radius smaller or the leg longer."
+        )
+    return cut
+
+
+def _interleaved(even: Floats, odd: Floats) -> Floats:
+    """even[0], odd[0], even[1], ..., even[-1]; round-off below nothing becomes nothing."""
+    both = np.zeros(len(even) + len(odd))
+    both[::2], both[1::2] = np.where(np.abs(even) < 1e-9, 0.0, even), odd
+    return both
+
+
+def _bulge(u: Floats, step: Floats, chord: Floats, begin: Floats, end: Floats) -> Floats:
+    """What the cubic with tangents at `begin` and `end` (N,) rad adds to its chord (N, 3) m, at the share u; (N, 2)."""
+    early, late = (step[:, None] * np.stack([np.sin(h), np.cos(h)], axis=1) - chord[:, :2] for h in (begin, end))
+    bulge: Floats = (u * (1 - u))[:, None] * ((1 - u)[:, None] * early - u[:, None] * late)
+    return bulge
+
+
+def _as_points(points: ArrayLike) -> Floats:
+    """Points as (K, 3), height nought where there is none."""
+    rows = np.asarray(points, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] not in (2, 3):
+        raise SimulationError(f"Points of a path have the shape {rows.shape}: give rows of x, y or of x, y, z.")
+    if not np.isfinite(rows).all():
+        row = int(np.argmax(~np.isfinite(rows).all(axis=1)))
+        raise SimulationError(f"Point {row} of the path is not a number: give finite coordinates in metres.")
+    return np.hstack([rows, np.zeros((len(rows), 3 - rows.shape[1]))])
+
+
+def _check_distinct(vertex: Floats) -> None:
+    if len(vertex) < 2:
+        raise SimulationError(f"A path needs two points, this one has {len(vertex)}: add the points to pass.")
+    same = np.linalg.norm(np.diff(vertex[:, :2], axis=0), axis=1) < GAP_M
+    if same.any():
+        k = int(np.argmax(same))
+        raise SimulationError(f"Points {k} and {k + 1} of the path are the same place: leave one of them out.")

@@ -1,0 +1,303 @@
+"""A person: how each manner of stride goes, and where on the foot the sensor sits.
+
+Angles are of the foot: x forward, y left, z up from a pivot under the instep, on the floor; positive pitch points the
+toe down, positive roll lifts the inner edge of a right foot, positive yaw turns left. Times are in shares of the swing,
+from heel-off to foot-flat (`fg_nav.simulation.phases` has the curves).
+
+Where a field says "gdin" it is a round figure inside what ten real walks with an instep sensor show (stride, angles and
+heights by strapdown with zero velocity in stance; `scripts/realism.py` prints them side by side); "Vicon" is the same
+from motion-captured trials. No figure is fitted to a single walk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import SimulationError
+from fg_nav.simulation.footsteps import Style
+from fg_nav.simulation.sensors import checks
+
+
+def _rad(degrees: float) -> float:
+    return float(np.deg2rad(degrees))
+
+
+def _within(owner: object, name: str, low: float, high: float) -> None:
+    value = getattr(owner, name)
+    if not low <= value <= high:
+        raise SimulationError(f"{name} of a {type(owner).__name__} is {value:g}: give {low:.3g} to {high:.3g}.")
+
+
+@dataclass(frozen=True)
+class Shock:
+    """A short oscillation of the sensor about where the rigid foot would have it; medians over strides.
+
+    Attributes
+    ----------
+    force_m_s2 : peak of the specific force it adds.
+    rate_rad_s : peak of the angular rate it adds.
+    frequency_hz : of the oscillation.
+    length_s : from its first movement to its end; it is strongest after a third.
+    scatter : standard deviation of the logarithm of its strength, from stride to stride.
+    """
+
+    force_m_s2: float
+    rate_rad_s: float
+    frequency_hz: float
+    length_s: float
+    scatter: float = 0.3
+
+    def __post_init__(self) -> None:
+        checks.not_negative(self, "force_m_s2", "rate_rad_s", "scatter")
+        checks.positive_finite(self, "frequency_hz", "length_s")
+
+
+@dataclass(frozen=True)
+class Gait:
+    """One manner of stride; the defaults are an adult's walk.
+
+    Attributes
+    ----------
+    stride_m, stride_s : length and duration of a stride, m and s (Ma et al. 2018: 1018 m in 786 strides, 5 km/h).
+    variation : coefficient of variation of length and duration, stride to stride (healthy adults: 0.02-0.03).
+    vigour : coefficient of variation of angles and heights (gdin: 0.03-0.06).
+    swing_share : part of a stride in which the foot is not flat, from heel-off to foot-flat (gdin).
+    toe_down_rad, toe_up_rad : pitch after push-off and at heel strike, the latter upward; below zero the toe lands
+        first (gdin: 53-71 and 26-35 deg).
+    inversion_rad : roll at push-off, two thirds of it again at heel strike (gdin: 5-13 deg).
+    yaw_wobble_rad : turn of the toe outward and back at push-off and before heel strike (gdin: 3-15 deg).
+    wobble_scatter : coefficient of variation of both (gdin: 0.2-0.5).
+    circumduction_m : sideways excursion in mid-swing (gdin: 1-3 cm).
+    clearance_m, midswing_m, heel_m : height of the pivot after push-off, in mid-swing, and when the heel comes down
+        (gdin: 10-15, 4-6, 8-11 cm).
+    climb : shares of the swing between which the foot rises to another height of the floor.
+    rollover_rad, rollover_scatter : forward pitch while the foot is flat, and its coefficient of variation (gdin: 5 to
+        15 deg/s in mid-stance, Vicon: 1 to 5, both more at the ends).
+    sole_m, sole_sd_m : by how much the sole gives way under a stance, mean and scatter (Vicon: 2 to 9 mm/s).
+    slip_m, slip_sd_m, slip_sideways_m : forward slip of the foot in a stance, its scatter, and the scatter sideways
+        (tenths of mm to mm: the sole creeps under braking, the shoe on the foot).
+    slip_correlation : of slip from one stride to the next (the same foot and floor).
+    strike, crack, slap, toe_off : shocks at heel strike (a soft one and a hard one), when the forefoot comes down, and
+        when the toe leaves the ground (gdin: peaks of 3 to 9 g, most of the power below 24 Hz).
+    tremor : of muscles and shoe in stance, at 8 to 13 Hz as physiological tremor is (gdin: 0.3-1.2 deg/s).
+    """
+
+    stride_m: float = 1.29
+    stride_s: float = 0.93
+    variation: float = 0.025
+    vigour: float = 0.04
+    swing_share: float = 0.62
+    toe_down_rad: float = _rad(60.0)
+    toe_up_rad: float = _rad(27.0)
+    inversion_rad: float = _rad(8.0)
+    yaw_wobble_rad: float = _rad(5.0)
+    wobble_scatter: float = 0.25
+    circumduction_m: float = 0.02
+    clearance_m: float = 0.115
+    midswing_m: float = 0.042
+    heel_m: float = 0.095
+    climb: tuple[float, float] = (0.15, 0.90)
+    rollover_rad: float = _rad(3.0)
+    rollover_scatter: float = 0.3
+    sole_m: float = 0.0017
+    sole_sd_m: float = 0.0005
+    slip_m: float = 0.0008
+    slip_sd_m: float = 0.0008
+    slip_sideways_m: float = 0.0004
+    slip_correlation: float = 0.7
+    strike: Shock = Shock(18.0, _rad(70.0), 16.0, 0.16)
+    crack: Shock = Shock(20.0, _rad(25.0), 42.0, 0.06, scatter=0.5)
+    slap: Shock = Shock(10.0, _rad(40.0), 22.0, 0.12)
+    toe_off: Shock = Shock(8.0, _rad(40.0), 30.0, 0.08)
+    tremor: Shock = Shock(0.25, _rad(1.0), 10.0, 0.25, scatter=0.5)
+
+    def __post_init__(self) -> None:
+        checks.positive_finite(self, "stride_s")
+        checks.not_negative(self, *_LENGTHS)
+        for name in _SCATTERS:
+            checks.share(self, name, 0.5)
+        for name in _ANGLES:
+            _within(self, name, -np.pi / 2, np.pi / 2)
+        _within(self, "swing_share", 0.3, 0.85)
+        _within(self, "slip_correlation", -0.99, 0.99)
+        if not 0 <= self.climb[0] < self.climb[1] <= 1:
+            raise SimulationError(f"climb of a Gait is {self.climb}: give two rising shares from 0 to 1.")
+
+
+_LENGTHS = (
+    "stride_m",
+    "clearance_m",
+    "midswing_m",
+    "heel_m",
+    "sole_m",
+    "sole_sd_m",
+    "slip_sd_m",
+    "slip_sideways_m",
+)
+_SCATTERS = ("variation", "vigour", "rollover_scatter", "wobble_scatter")
+_ANGLES = ("toe_down_rad", "toe_up_rad", "inversion_rad", "yaw_wobble_rad", "rollover_rad")
+
+
+@dataclass(frozen=True)
+class Person:
+    """Gaits of a person, one a style, and how it stands.
+
+    Attributes
+    ----------
+    walk, run, stairs_up, stairs_down, turn : by `Style`. Running at 3.2 m/s, stairs of 17 cm and 29 cm two at a stride
+        of the foot, as people take them; a stair is met with the forefoot, going down with the toe first.
+    sway_rad, sway_s : while standing the shin sways: standard deviation and duration of one sway, as it reaches the
+        foot (a loaded foot turns by hundredths of a degree; posturography: sway of 0.3 to 1 Hz).
+    """
+
+    walk: Gait = Gait()
+    run: Gait = Gait(
+        stride_m=2.3,
+        stride_s=0.72,
+        variation=0.03,
+        swing_share=0.68,
+        toe_down_rad=_rad(80.0),
+        toe_up_rad=_rad(15.0),
+        clearance_m=0.22,
+        midswing_m=0.14,
+        heel_m=0.08,
+        rollover_rad=_rad(4.0),
+        slip_m=0.0015,
+        slip_sd_m=0.0015,
+        strike=Shock(40.0, _rad(100.0), 18.0, 0.12),
+        crack=Shock(40.0, _rad(50.0), 42.0, 0.05, scatter=0.5),
+        slap=Shock(15.0, _rad(60.0), 22.0, 0.10),
+        toe_off=Shock(12.0, _rad(60.0), 30.0, 0.08),
+        tremor=Shock(0.6, _rad(3.0), 12.0, 0.15, scatter=0.5),
+    )
+    stairs_up: Gait = Gait(
+        stride_m=0.58,
+        stride_s=1.15,
+        variation=0.03,
+        swing_share=0.60,
+        toe_down_rad=_rad(45.0),
+        toe_up_rad=_rad(-3.0),
+        clearance_m=0.12,
+        midswing_m=0.09,
+        heel_m=0.05,
+        climb=(0.05, 0.65),
+        strike=Shock(8.0, _rad(40.0), 16.0, 0.14),
+        crack=Shock(8.0, _rad(15.0), 42.0, 0.06, scatter=0.5),
+    )
+    stairs_down: Gait = Gait(
+        stride_m=0.58,
+        stride_s=1.05,
+        variation=0.03,
+        swing_share=0.60,
+        toe_down_rad=_rad(35.0),
+        toe_up_rad=_rad(-18.0),
+        clearance_m=0.07,
+        midswing_m=0.05,
+        heel_m=0.06,
+        climb=(0.40, 0.95),
+        strike=Shock(15.0, _rad(60.0), 16.0, 0.14),
+        crack=Shock(15.0, _rad(20.0), 42.0, 0.06, scatter=0.5),
+    )
+    turn: Gait = Gait(
+        stride_m=0.0,
+        stride_s=1.0,
+        variation=0.05,
+        swing_share=0.55,
+        toe_down_rad=_rad(22.0),
+        toe_up_rad=_rad(4.0),
+        inversion_rad=_rad(4.0),
+        yaw_wobble_rad=_rad(2.0),
+        clearance_m=0.06,
+        midswing_m=0.04,
+        heel_m=0.03,
+        rollover_rad=_rad(1.0),
+        slip_m=0.0,
+        strike=Shock(6.0, _rad(30.0), 16.0, 0.14),
+        crack=Shock(5.0, _rad(10.0), 42.0, 0.06, scatter=0.5),
+        slap=Shock(4.0, _rad(20.0), 22.0, 0.12),
+        toe_off=Shock(3.0, _rad(15.0), 30.0, 0.08),
+    )
+    sway_rad: float = _rad(0.04)
+    sway_s: float = 1.5
+
+    def __post_init__(self) -> None:
+        checks.not_negative(self, "sway_rad")
+        checks.positive_finite(self, "sway_s")
+
+    def gait(self, style: Style) -> Gait:
+        """Gait of a style."""
+        return self.gaits[style]
+
+    @property
+    def gaits(self) -> Sequence[Gait]:
+        """All gaits, in the order of `Style`."""
+        return (self.walk, self.run, self.stairs_up, self.stairs_down, self.turn)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How a sensor sits on the foot.
+
+    Attributes
+    ----------
+    lever_m : from the pivot to the sensor, foot frame.
+    tilt_rad, tilt_sd_rad : roll, pitch and yaw of the sensor's axes in the foot frame, mean and scatter over mountings.
+    shock : strength of the gait's shocks at this place, the instep being 1.
+    ringing : of the sensor on its mounting, after each heel strike.
+    """
+
+    lever_m: tuple[float, float, float]
+    tilt_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tilt_sd_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shock: float = 1.0
+    ringing: Shock = Shock(0.0, 0.0, 40.0, 0.1)
+
+    def __post_init__(self) -> None:
+        checks.not_negative(self, "shock")
+        for name in ("lever_m", "tilt_rad", "tilt_sd_rad"):
+            checks.vector(self, name)
+        if min(self.tilt_sd_rad) < 0:
+            raise SimulationError(f"tilt_sd_rad of a Mount is {self.tilt_sd_rad}: give numbers of 0 or more.")
+
+    def drawn(self, rng: np.random.Generator) -> Mount:
+        """One mounting: the tilt as it happened to be, and no scatter left."""
+        tilt = np.array(self.tilt_rad) + np.array(self.tilt_sd_rad) * rng.standard_normal(3)
+        roll, pitch, yaw = (float(angle) for angle in tilt)
+        return replace(self, tilt_rad=(roll, pitch, yaw), tilt_sd_rad=(0.0, 0.0, 0.0))
+
+    @property
+    def foot_R_body(self) -> Floats:
+        """How the sensor's axes lie in the foot frame at the mean tilt, (3, 3)."""
+        return np.asarray(Rotation.from_euler("ZYX", self.tilt_rad[::-1]).as_matrix(), dtype=np.float64)
+
+
+INSTEP = Mount(
+    lever_m=(-0.02, -0.02, 0.107),
+    tilt_rad=(0.0, _rad(-25.0), 0.0),
+    tilt_sd_rad=(_rad(8.0), _rad(6.0), _rad(8.0)),
+    ringing=Shock(6.0, _rad(25.0), 33.0, 0.14),
+)
+"""On the laces, its x axis up along the instep (gdin: 10-35 deg); lever as measured on the Vicon trials."""
+
+HEEL = Mount(
+    lever_m=(-0.13, 0.0, 0.025),
+    tilt_rad=(0.0, _rad(3.0), 0.0),
+    tilt_sd_rad=(_rad(2.0), _rad(2.0), _rad(3.0)),
+    shock=1.6,
+    ringing=Shock(5.0, _rad(10.0), 55.0, 0.08),
+)
+"""A module in the heel of the shoe (Ma et al. 2018): low, firmly held, and where the heel hits the ground."""
+
+MOUNTS = {"instep": INSTEP, "heel": HEEL}
+
+
+def mount_named(name: str) -> Mount:
+    """Mount by name; raises `SimulationError` if there is none of that name."""
+    if name not in MOUNTS:
+        raise SimulationError(f"there is no mount '{name}': choose one of {', '.join(MOUNTS)}.")
+    return MOUNTS[name]

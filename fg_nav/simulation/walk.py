@@ -1,0 +1,242 @@
+"""From a scenario and a seed to a recording with all its truth: the simulator, put together.
+
+    course -> strides -> motion of foot or thigh -> rate, force
+                      -> field of the surroundings -> body field  -> sensor -> recording
+
+The motion is known at any instant; the sensor samples it in blocks, so that memory grows with the recording alone.
+The origin of the recording's truth is where the sensor first is; the field was drawn about the course before that,
+and `origin` says where the one lies in the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from datetime import date
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats
+from fg_nav.errors import SimulationError
+from fg_nav.recording import Provenance, Recording, TrajectoryTruth
+from fg_nav.simulation.fields import SITES, Field, Homogeneous, site, world_magnetic_model
+from fg_nav.simulation.foot import foot_motion
+from fg_nav.simulation.footsteps import Strides
+from fg_nav.simulation.motion import Kinematics, Motion
+from fg_nav.simulation.person import Person, mount_named
+from fg_nav.simulation.plan import Crossing, plan_with_landmarks
+from fg_nav.simulation.scenarios import Choices, Scenario, scenario, surroundings
+from fg_nav.simulation.sensors import SensorRun
+from fg_nav.simulation.streams import Streams
+from fg_nav.simulation.thigh import Pocket, thigh_motion
+
+BLOCK = 50_000
+"""Samples worked on at a time."""
+
+Progress: TypeAlias = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class BiasTruth:
+    """True biases: `t` (M,) s, `gyr` (M, 3) rad/s, `acc` (M, 3) m/s^2."""
+
+    t: Floats
+    gyr: Floats
+    acc: Floats
+
+
+@dataclass(frozen=True)
+class Passing:
+    """A landmark that is passed: at `time_s`, the foot being flat, the sensor is at `position` (3,) m."""
+
+    landmark: str
+    time_s: float
+    position: Floats
+
+
+@dataclass(frozen=True)
+class SimulatedWalk:
+    """A recording, and everything that is true about it.
+
+    Attributes
+    ----------
+    scenario, choices, seed : what was asked for, and as it was in effect.
+    recording : with `TrajectoryTruth`.
+    fresh : (N,) True where the magnetometer has a new sample; None without one.
+    biases : once a second.
+    strides : of the foot; for a pocket, of the foot below.
+    flat : (K + 1, 2) s, from when to when the foot stands flat; None for a pocket.
+    landmarks : in the order in which they are passed.
+    field, earth : of the surroundings and without them, by places in the course's frame.
+    origin : (3,) m, the origin of the recording's truth in the course's frame.
+    drawn : the sensor as drawn and as switched on, for JSON.
+    person : who walked.
+
+    All times are on the recording's clock.
+    """
+
+    scenario: Scenario
+    choices: Choices
+    seed: int
+    recording: Recording
+    fresh: Bools | None
+    biases: BiasTruth
+    strides: Strides
+    flat: Floats | None
+    landmarks: tuple[Passing, ...]
+    field: Field
+    earth: Homogeneous
+    origin: Floats
+    drawn: dict[str, Any]
+    person: Person
+
+
+def _say_nothing(_: float) -> None:
+    """Report no progress."""
+
+
+def simulate(
+    name: str | Scenario,
+    seed: int,
+    choices: Choices = Choices(),
+    person: Person = Person(),
+    progress: Progress = _say_nothing,
+) -> SimulatedWalk:
+    """Simulate a scenario.
+
+    Parameters
+    ----------
+    name : of the scenario, or one of your own.
+    seed : draws everything; sensor, mount and leg are the same in all scenarios of a seed.
+    choices : what of the scenario is to be otherwise.
+    person : who walks.
+    progress : is told the fraction done.
+
+    Raises
+    ------
+    SimulationError
+        For names that do not exist and walks, sensors or fields that cannot be.
+    """
+    chosen = choices.applied_to(scenario(name) if isinstance(name, str) else name)
+    streams = Streams(seed, chosen.name)
+    sensor = chosen.prior.draw(streams.lasting("sensor"))
+    earth = _earth(chosen.site)
+    strides, crossings = _strides(chosen, person, streams)
+    motion, flat = _motion(chosen, strides, person, streams)
+    field = surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
+    run = sensor.switched_on(streams.of_this_walk("switched on"))
+    rows = _Rows.joined(list(_measured(run, motion, field, strides.end_s, progress)))
+    origin = rows.position[0].copy()
+    return SimulatedWalk(
+        scenario=chosen,
+        choices=choices,
+        seed=seed,
+        recording=rows.recording(origin, f"{chosen.name}, seed {seed}"),
+        fresh=rows.fresh,
+        biases=_biases(run, strides.end_s),
+        strides=strides,
+        flat=None if flat is None else flat * _clock_rate(run),
+        landmarks=_landmarks(crossings, motion, origin, _clock_rate(run)),
+        field=field,
+        earth=earth,
+        origin=origin,
+        drawn={"sensor": run.sensor.as_dict(), "switched_on": run.as_dict()},
+        person=person,
+    )
+
+
+def _earth(name: str) -> Homogeneous:
+    """Field of a site by its name, or of `latitude,longitude[,date]` by the World Magnetic Model."""
+    if "," not in name:
+        return site(name)
+    latitude, longitude, *when = name.split(",")
+    try:
+        day = date.fromisoformat(when[0].strip()) if when else date.today()
+        place = float(latitude), float(longitude)
+    except ValueError:
+        raise SimulationError(
+            f"'{name}' is no place: choose one of {', '.join(SITES)}, or give latitude,longitude,YYYY-MM-DD."
+        ) from None
+    return world_magnetic_model(*place, height_m=0.0, when=day)
+
+
+def _strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
+    sections = chosen.course(streams.of_this_walk("course"))
+    return plan_with_landmarks(sections, person, streams.of_this_walk("strides"))
+
+
+def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
+    """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
+    if chosen.worn == "pocket":
+        return thigh_motion(strides, Pocket(), streams.lasting("leg")), None
+    mount = mount_named(chosen.worn).drawn(streams.lasting("mount"))
+    foot = foot_motion(strides, person, mount, streams.of_this_walk("foot"))
+    return foot, foot.flat
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Samples that arrived, M, with the true pose at each."""
+
+    t: Floats
+    acc: Floats
+    gyr: Floats
+    mag: Floats | None
+    fresh: Bools | None
+    position: Floats
+    nav_R_body: Floats
+
+    @classmethod
+    def joined(cls, blocks: Sequence[_Rows]) -> _Rows:
+        """One after the other."""
+        columns = [[getattr(block, item.name) for block in blocks] for item in fields(cls)]
+        return cls(*(None if column[0] is None else np.concatenate(column) for column in columns))
+
+    def recording(self, origin: Floats, name: str) -> Recording:
+        """The recording, its truth on the same clock."""
+        truth = TrajectoryTruth(self.t, self.position - origin, self.nav_R_body)
+        provenance = Provenance(format="simulated", notes=(f"simulated: {name}",))
+        return Recording(self.t, self.acc, self.gyr, self.mag, truth, provenance)
+
+
+def _measured(run: SensorRun, motion: Motion, field: Field, end_s: float, progress: Progress) -> Iterator[_Rows]:
+    """What the sensor records of a motion, block after block."""
+    period_s = run.sensor.prior.period_s
+    count = int(end_s / period_s)
+    for begin in range(0, count, BLOCK):
+        t = np.arange(begin, min(begin + BLOCK, count)) * period_s
+        state = motion.at(t)
+        rate, force = motion.sampled(t, period_s)
+        samples = run.measure(t, rate, force, _body_field(state, field, run))
+        progress((begin + len(t)) / count)
+        yield _Rows(
+            samples.t, samples.acc, samples.gyr, samples.mag, samples.fresh,
+            state.position[samples.row], state.nav_R_body[samples.row],
+        )  # fmt: skip
+
+
+def _body_field(state: Kinematics, field: Field, run: SensorRun) -> Floats | None:
+    if run.sensor.prior.mag is None:
+        return None
+    turned: Floats = np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position))
+    return turned
+
+
+def _clock_rate(run: SensorRun) -> float:
+    """Seconds of the recording's clock in a true second."""
+    return 1.0 + run.sensor.clock.scale_error
+
+
+def _biases(run: SensorRun, end_s: float) -> BiasTruth:
+    t = np.arange(0.0, end_s)
+    biases = run.biases_at(t)
+    return BiasTruth(t * _clock_rate(run), biases.gyr, biases.acc)
+
+
+def _landmarks(crossings: Sequence[Crossing], motion: Motion, origin: Floats, clock_rate: float) -> tuple[Passing, ...]:
+    if not crossings:
+        return ()
+    t = np.array([crossing.time_s for crossing in crossings])
+    place = motion.at(t).position - origin
+    return tuple(Passing(c.landmark, float(s), p) for c, s, p in zip(crossings, t * clock_rate, place, strict=True))
