@@ -35,7 +35,7 @@ TIGHTEST_M = 1.5
 
 
 def office(rng: np.random.Generator) -> list[Section]:
-    """Three equal loops to the right round a rectangle of corridors, with alcoves: 1018 m in 786 strides."""
+    """Three equal loops to the right through the corridors of a floor: 1018 m in 786 strides."""
     return _rested(Walk(_office_loop(rng).scaled_to(1018 / 3).repeated(3), strides=786), LONG_REST_S)
 
 
@@ -145,23 +145,20 @@ _CONCOURSES = np.array(
 
 
 def _office_loop(rng: np.random.Generator) -> Path:
-    """One loop: 99 m by 56 m, with two alcoves in the northern wall and one in the southern."""
-    corner = np.array([[0.0, 0.0], [0.0, 28.0], [99.0, 28.0], [99.0, -28.0], [0.0, -28.0], [0.0, 0.0]])
-    northern = _wall(corner[1], np.array([1.0, 0.0]), (30.0, 66.0), rng)
-    southern = _wall(corner[3], np.array([-1.0, 0.0]), (48.0,), rng)
-    return polyline(np.vstack([corner[:1], northern, corner[2:3], southern, corner[4:]]), CORNER_M)
+    """One loop through all corridors of a floor, some 80 m by 50 m, from its middle; where walls stand is drawn.
+
+    The paper ends 2 m from its start with its heading 14 degrees off. An error that grows steadily turns a loop about
+    the mean of its places, so the start was some 8 m from there (2 m / 14 degrees): a way that folds back on itself.
+    """
+    east = np.array([0.0, 18.0, 28.0, 37.0, 59.0, 81.0]) + rng.uniform(-2.0, 2.0, 6)
+    north = np.array([0.0, 15.0, 22.0, 27.0, 31.0, 52.0]) + rng.uniform(-1.5, 1.5, 6)
+    corner = np.stack([east[_OFFICE_EAST], north[_OFFICE_NORTH]], axis=1)
+    return polyline(corner - corner[0], CORNER_M)
 
 
-def _wall(begin: Floats, along: Floats, alcoves: Sequence[float], rng: np.random.Generator) -> Floats:
-    """Corners (K, 2) m from the beginning of a wall, with alcoves to the left about so many metres along it."""
-    left = np.array([-along[1], along[0]])
-    points = [begin]
-    for middle in alcoves:
-        width, depth = rng.uniform(4.0, 8.0), rng.uniform(3.0, 5.0)
-        near = middle + rng.uniform(-3.0, 3.0) - width / 2
-        far = near + width
-        points += [begin + a * along + b * left for a, b in ((near, 0), (near, depth), (far, depth), (far, 0))]
-    return np.array(points)
+_OFFICE_EAST = [3, 3, 5, 5, 4, 4, 0, 0, 1, 1, 2, 2, 3, 3]
+_OFFICE_NORTH = [4, 5, 5, 3, 3, 0, 0, 2, 2, 5, 5, 1, 1, 4]
+"""Which wall each corner of the office stands at."""
 
 
 def _winding(way: Path, length_m: float, rng: np.random.Generator, every_m: float = 8.0, sway_m: float = 1.7) -> Path:

@@ -3,7 +3,7 @@
 ===================== ======= ==============================================================================
 `ideal`               200 Hz  no errors at all, for tests of physics
 `demo`                200 Hz  an industrial MEMS unit in the small: white noise and constant biases
-`mpu-9250`            400 Hz  one MPU-9250 as its owner would use it: calibrated as far as a table will do
+`mpu-9250`            400 Hz  one MPU-9250 as its owner would use it: calibrated as far as one can without a turntable
 `mpu-9250-raw`        400 Hz  the same as it comes out of the bag
 `mpu-9250x8`          400 Hz  eight of them averaged: the module of Ma et al. 2018
 `xsens-mtw`           100 Hz  the MTw of Munoz Diaz et al. 2017 and of Zhang et al. 2017
@@ -17,14 +17,16 @@ sheets of consumer parts print such limits as typical. Noise densities of sheets
 sqrt(2). "sheet" is a data sheet we could read, "memory" one that we could not look up again, "assumed" our own
 choice, with its reason.
 
-What is calibrated. An MPU-9250 reads up to 5 deg/s at rest and weighs gravity 3 per cent wrong: nobody navigates
-with that. `mpu-9250` had its gyroscopes' offset taken off at rest once, on a bench, and its accelerometers
-calibrated in six positions, which needs a table and no more. What would need a turntable is as the sheet has it:
-scale and cross-axis errors of the gyroscopes, and their g-sensitivity. What is left of the biases is their
-change with temperature since, and removing it by a rest before the walk is the estimator's business.
+What is calibrated. As it comes out of the bag (`mpu-9250-raw`) an MPU-9250 reads up to 5 deg/s at rest, weighs
+gravity 3 per cent wrong and takes 100 degrees for 103: nobody navigates with that. `mpu-9250` was calibrated as one can
+without a turntable. Six positions on a table show the accelerometers' errors, the gyroscopes' offset and, by its change
+with gravity, their g-sensitivity; ten full turns by hand about each axis, against a straight edge, show their scale
+and cross-axis errors. What is left is what changes with temperature since, and how squarely a box can be held;
+removing the rest of the bias is the estimator's business.
 
-The scale error of the gyroscopes, 1.5 % a unit, is 0.53 % in the average of eight: 5.7 degrees over the 1080 of
-three loops to the same side. Ma's Figure 10a ends 14 degrees off, to which g-sensitivity and drift add theirs.
+How Ma's module was calibrated is not printed, and it decides the drift of a filter without a magnetometer. Eight raw
+units averaged end three loops some 45 degrees off, calibrated ones about 10 (`scripts/simulated_drift.py` prints
+both); Figure 10a of the paper ends 14 degrees off. So we take it that the module was calibrated.
 """
 
 from __future__ import annotations
@@ -90,10 +92,9 @@ def _mpu_9250() -> SensorPrior:
         # The sheet says nothing. Instability: 6.4 to 7.6 deg/h of a consumer part on a table (libsurvive wiki, "IMU
         # variance measurements"); walk: there 0.0003 to 0.0005, on a walk 0.0011 deg/s/sqrt(s) (see `xsens-mtw`)
         drift=Drift.of_instability(10 * _DEG_H, time_s=100.0, walk=0.001 * _DEG),
-        scale_sd=0.015,  # sheet: +-3 % at 25 degrees C (and +-4 % over temperature)
-        cross_axis_sd=0.01,  # sheet: +-2 %
-        # sheet of the MPU-6050, the same family (PS-MPU-6000A-00 rev. 3.4): 0.1 deg/s/g static; this one's is silent
-        g_sensitivity_sd=0.1 * _DEG / GRAVITY_M_S2,
+        scale_sd=0.003,  # sheet: +-4 % over 125 K, so 0.03 %/K; assumed: 10 K since the turns
+        cross_axis_sd=0.003,  # assumed: a box is turned on an edge to 0.2 degrees
+        g_sensitivity_sd=0.02 * _DEG / GRAVITY_M_S2,  # assumed: six positions leave a fifth of the raw unit's
         limit=32767 / 16.4 * _DEG,  # sheet: FS_SEL 3; assumed: a foot needs the largest range
         resolution=1 / 16.4 * _DEG,  # sheet: 16.4 LSB/(deg/s)
     )
@@ -133,7 +134,14 @@ def _mpu_9250_raw() -> SensorPrior:
     return replace(
         calibrated,
         name="mpu-9250-raw",
-        gyr=replace(calibrated.gyr, bias_sd=2.5 * _DEG),  # sheet: +-5 deg/s
+        gyr=replace(
+            calibrated.gyr,
+            bias_sd=2.5 * _DEG,  # sheet: +-5 deg/s
+            scale_sd=0.015,  # sheet: +-3 % at 25 degrees C
+            cross_axis_sd=0.01,  # sheet: +-2 %
+            # sheet of the MPU-6050, the same family (PS-MPU-6000A-00 rev. 3.4): 0.1 deg/s/g static; this one's is silent
+            g_sensitivity_sd=0.1 * _DEG / GRAVITY_M_S2,
+        ),
         acc=replace(
             calibrated.acc,
             bias_sd=35 * _MG,  # sheet: +-60 mg in x and y, +-80 mg in z
@@ -206,6 +214,7 @@ def _lord_gx5() -> SensorPrior:
     )
     mag = MagnetometerPrior(
         noise_sd_uT=0.05,  # measured: 0.04 to 0.09 uT within half a second of standing in gdin 35
+        lag_s=0.022,  # measured: 20 to 25 ms on ten gdin walks, where the field in nav is smoothest over the samples
         scale_sd=0.005,  # assumed: factory-calibrated
         cross_axis_sd=0.0009,  # memory: alignment to 0.05 degrees
         limit_uT=800.0,  # memory: +-8 G
