@@ -4,8 +4,14 @@
 
 A sample is the mean of rate and specific force over its period. Strapdown integration that is exact for constant rate
 and force (`fg_nav.mechanisation`) starts from the true state at the beginning of each stride and is compared with the
-true state at its end. What is left is the motion within a sample, coning and sculling: second order in the period, so
-that twice the rate leaves a quarter. Each style's strides are on a straight line, after a second of standing.
+true state at its end.
+
+"plain" takes the samples as they are. What is left is the motion within a sample: with w, f and their rates of change,
+a sample of period h misses the angle h^3/12 w x w' (coning) and the velocity h^3/12 (w x f' - w' x f) (sculling). That
+is second order in the period: twice the rate leaves a quarter. It is physics of a foot, not an error of the simulator:
+the same integral over the real gdin walks, at 400 Hz, is 0.2 to 0.8 mm/s a stride.
+"corrected" has these two terms added, from differences of neighbouring samples (Savage 1998): what is still left is of
+fourth order, and shows that samples and truth agree.
 """
 
 from __future__ import annotations
@@ -41,20 +47,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     if chosen.strides < 1:
         raise SimulationError(f"{chosen.strides} strides show nothing: ask for one or more.")
-    for style in Style:
-        fig.print_heading(f"{style.name.lower().replace('_', ' ')}: left over at the end of a stride, median (most)")
-        fig.print_table(("per stride", *(f"{rate:.0f} Hz" for rate in RATES_HZ), "ratios of medians"), rows(chosen, style))
+    fig.print_heading("Left over at the end of a stride: median (most)")
+    table = [row for style in Style for row in rows(chosen, style)]
+    fig.print_table(
+        ("stride", "samples", "error", *(f"{rate:.0f} Hz" for rate in RATES_HZ), "ratios of medians"), table
+    )
 
 
 def rows(chosen: argparse.Namespace, style: Style) -> list[list[str]]:
-    """One row a quantity."""
+    """One row a quantity and way of integration."""
     rng = np.random.default_rng(chosen.seed)
     person = Person()
     strides = plan([Stand(1.0), section(style, chosen.strides, person)], person, rng)
     motion = foot_motion(strides, person, mount_named(chosen.mount), rng)
-    sizes = [np.linalg.norm(left_over(motion, strides, rate), axis=2) for rate in RATES_HZ]
+    name = style.name.lower().replace("_", " ")
+    return [
+        [name, "corrected" if corrected else "plain", *row]
+        for corrected in (False, True)
+        for row in _rows([np.linalg.norm(left_over(motion, strides, rate, corrected), axis=2) for rate in RATES_HZ])
+    ]
+
+
+def _rows(sizes: Sequence[Floats]) -> list[list[str]]:
     medians, most = (np.array([pick(size, axis=0) for size in sizes]) for pick in (np.median, np.max))
-    ratios = [[f"{a / b:.2f}" for a, b in pairwise(column)] for column in medians.T]
+    ratios = [[f"{a / b:.1f}" for a, b in pairwise(column)] for column in medians.T]
     return [
         [name, *(f"{m:.3f} ({x:.3f})" for m, x in zip(medians[:, i], most[:, i], strict=True)), " ".join(ratios[i])]
         for i, name in enumerate(QUANTITIES)
@@ -70,24 +86,32 @@ def section(style: Style, count: int, person: Person) -> Section:
     return Stairs(2 * count, up=style is Style.STAIRS_UP)
 
 
-def left_over(motion: FootMotion, strides: Strides, rate_hz: float) -> Floats:
+def left_over(motion: FootMotion, strides: Strides, rate_hz: float, corrected: bool = False) -> Floats:
     """Error (K, 3, 3) at the end of each stride: of attitude, mdeg; of velocity, mm/s; of position, mm."""
     first = np.ceil(strides.start * rate_hz)
     last = np.floor((strides.start + strides.duration) * rate_hz)
-    return np.array([_left_over(motion, np.arange(i, j + 1) / rate_hz) for i, j in zip(first, last, strict=True)])
+    spans = (np.arange(i, j + 1) / rate_hz for i, j in zip(first, last, strict=True))
+    return np.array([_left_over(motion, t, 1 / rate_hz, corrected) for t in spans])
 
 
-def _left_over(motion: FootMotion, t: Floats) -> Floats:
-    period_s = float(t[1] - t[0])
+def _left_over(motion: FootMotion, t: Floats, period_s: float, corrected: bool) -> Floats:
     rate, force = motion.sampled(t[:-1], period_s)
+    if corrected:
+        rate, force = compensated(rate, force, period_s)
     ends = motion.at(t[[0, -1]])
     state = NavState(ends.position[0], ends.velocity[0], ends.nav_R_body[0], np.zeros(3), np.zeros(3))
     integrate(state, force, rate, period_s)
     turned = state.nav_R_body.T @ ends.nav_R_body[1]
     turn = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
-    return np.stack(
-        [np.rad2deg(turn) * 1e3, (state.velocity - ends.velocity[1]) * 1e3, (state.position - ends.position[1]) * 1e3]
-    )
+    return 1e3 * np.stack([np.rad2deg(turn), state.velocity - ends.velocity[1], state.position - ends.position[1]])
+
+
+def compensated(rate: Floats, force: Floats, period_s: float) -> tuple[Floats, Floats]:
+    """Samples (N, 3) with coning and sculling added."""
+    d_rate, d_force = np.gradient(rate, axis=0) * period_s, np.gradient(force, axis=0) * period_s
+    coning = np.cross(rate, d_rate) / 12
+    sculling = (np.cross(rate, d_force) - np.cross(d_rate, force)) / 12
+    return rate + coning, force + sculling
 
 
 @njit

@@ -19,7 +19,8 @@ Pivot and angles are sums of ramps, their shocks bursts (`fg_nav.simulation.ramp
 * the sole gives way under the load and springs back in the next push-off; a foot that stands on stays pressed;
 * the foot slips a little, mostly forward, in one stride much as in the last; the next swing makes up for it.
 
-Between strides the foot stands and sways. Every stride differs in vigour; short strides are gentler, fast ones hit harder.
+Between strides the foot stands and sways. Every stride differs in vigour; short strides are gentler, fast ones hit
+harder.
 """
 
 from __future__ import annotations
@@ -109,15 +110,26 @@ def foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.random.G
         If strides overlap, last no time, or are not finite.
     """
     drawn = mount.drawn(rng)
-    steps = draw_steps(strides, person, rng)
-    tracks = (*_level(steps), _up(steps), _roll(steps, rng), _pitch(steps, rng), _yaw(steps, rng))
+    steps = draw_steps(strides, person, drawn.unrest, rng)
+    leans = drawn.unrest * (1 + rng.standard_normal((2, len(steps))))
+    east, north = _level(steps)
     return FootMotion(
-        *(Ramps.of(*joined(moves), begun_at=begun) for begun, moves in tracks),
+        east=_ramps(east),
+        north=_ramps(north),
+        up=_ramps(_up(steps)),
+        roll=_ramps(_roll(steps, leans[0], rng)),
+        pitch=_ramps(_pitch(steps, rng)),
+        yaw=_ramps(_yaw(steps, leans[1], rng)),
         bursts=shocks(steps, drawn, rng),
         lever_m=np.array(drawn.lever_m),
         foot_R_body=drawn.foot_R_body,
         flat=steps.flat,
     )
+
+
+def _ramps(track: Track) -> Ramps:
+    begun, moves = track
+    return Ramps.of(*joined(moves), begun_at=begun)
 
 
 def _level(steps: Steps) -> tuple[Track, Track]:
@@ -155,31 +167,35 @@ def _up(steps: Steps) -> Track:
 def _pitch(steps: Steps, rng: np.random.Generator) -> Track:
     toe_down, toe_up = steps.gait("toe_down_rad") * steps.vigour, steps.gait("toe_up_rad") * steps.vigour
     push, land, fall = phases.pitch_rises(toe_down, toe_up)
-    begun = np.concatenate([[0.0], steps.rolled])[: len(steps)]  # by the stance before
+    begun = np.concatenate([[0.0], steps.settled + steps.rolled])[: len(steps)]  # by the stance before
     return 0.0, [
-        steps.swing(phases.PUSH, push - begun),
+        steps.swing(phases.STIR, steps.stirred),
+        steps.swing(phases.PUSH, push - steps.stirred - begun),
         steps.swing(phases.FALL, fall),
         steps.swing(phases.LAND, land),
+        steps.swing(phases.SETTLE, steps.settled),
         steps.stance(phases.ROLL_OVER, steps.rolled),
         _sway(steps, rng),
     ]
 
 
-def _roll(steps: Steps, rng: np.random.Generator) -> Track:
+def _roll(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
     inversion = steps.gait("inversion_rad") * _wobble(steps, rng)
     return 0.0, [
         steps.swing(phases.INVERT_OFF, inversion[0]),
         steps.swing(phases.INVERT_ON, inversion[1]),
+        steps.stance(phases.LEAN, steps.gait("pronation_rad") * lean),
         _sway(steps, rng),
     ]
 
 
-def _yaw(steps: Steps, rng: np.random.Generator) -> Track:
+def _yaw(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
     heading = steps.strides.heading
     wobble = steps.gait("yaw_wobble_rad") * _wobble(steps, rng)
     return np.pi / 2 - float(heading[0]), [
         steps.swing(phases.TOE_OUT, wobble[0]),
         steps.swing(phases.TOE_IN, wobble[1]),
+        steps.stance(phases.LEAN, steps.gait("twist_rad") * lean),
         steps.swing(phases.TURN, -np.diff(heading)),
     ]
 
@@ -203,6 +219,10 @@ def _swayed(person: Person, begin: float, end: float, rng: np.random.Generator) 
     return Moves(edge[:-1], np.diff(edge), np.diff(angle))
 
 
+Vector: TypeAlias = tuple[float, float, float]
+"""A vector in compiled code: no array to make for each."""
+
+
 @njit(cache=True)
 def _kinematics(
     moved: Floats, burst: Floats, lever: Floats, foot_R_body: Floats
@@ -211,50 +231,75 @@ def _kinematics(
     count = moved.shape[1]
     position, velocity = np.empty((count, 3)), np.empty((count, 3))
     rate, force = np.empty((count, 3)), np.empty((count, 3))
-    nav_R_body = np.empty((count, 3, 3))
-    w, dw, R = np.empty(3), np.empty(3), np.empty((3, 3))
+    nav_R_body, R = np.empty((count, 3, 3)), np.empty((3, 3))
+    up = (0.0, 0.0, GRAVITY_M_S2)
     for n in range(count):
-        angle = moved[:, n, 3:] + burst[:, n, 3:]
-        _turned(angle[0], angle[1], angle[2], R, w, dw)
-        s, ds, dds = lever + burst[0, n, :3], burst[1, n, :3], burst[2, n, :3]
-        ws, lift = _cross(w, s), moved[2, n, :3].copy()
-        lift[2] += GRAVITY_M_S2
-        felt = _to(R, lift) + _cross(dw, s) + _cross(w, ws) + 2.0 * _cross(w, ds) + dds
-        position[n] = moved[0, n, :3] + _from(R, s)
-        velocity[n] = moved[1, n, :3] + _from(R, ws + ds)
-        rate[n], force[n] = _to(foot_R_body, w), _to(foot_R_body, felt)
+        angles = [_sum(_vector(moved[d, n, 3:]), _vector(burst[d, n, 3:])) for d in range(3)]
+        w, dw = _turned(angles[0], angles[1], angles[2], R)
+        s, ds = _sum(_vector(lever), _vector(burst[0, n])), _vector(burst[1, n])
+        ws = _cross(w, s)
+        _put(position[n], _sum(_vector(moved[0, n]), _from(R, s)))
+        _put(velocity[n], _sum(_vector(moved[1, n]), _from(R, _sum(ws, ds))))
+        felt = _sum(_to(R, _sum(_vector(moved[2, n]), up)), _vector(burst[2, n]))
+        felt = _sum(felt, _sum(_cross(dw, s), _cross(w, _sum(ws, _sum(ds, ds)))))
+        _put(force[n], _to(foot_R_body, felt))
+        _put(rate[n], _to(foot_R_body, w))
         for i in range(3):
-            nav_R_body[n, i] = _to(foot_R_body, R[i])
+            _put(nav_R_body[n, i], _to(foot_R_body, _vector(R[i])))
     return position, velocity, nav_R_body, rate, force
 
 
 @njit(cache=True)
-def _turned(angle: Floats, first: Floats, second: Floats, R: Floats, w: Floats, dw: Floats) -> None:
-    """Attitude R, rate w and its derivative dw in the foot frame from roll, pitch, yaw and their derivatives."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angle), np.cos(angle)
+def _turned(angle: Vector, first: Vector, second: Vector, R: Floats) -> tuple[Vector, Vector]:
+    """Rate and its derivative in the foot frame from roll, pitch, yaw and their derivatives; writes the attitude R."""
+    sr, sp, sy = np.sin(angle[0]), np.sin(angle[1]), np.sin(angle[2])
+    cr, cp, cy = np.cos(angle[0]), np.cos(angle[1]), np.cos(angle[2])
     r, p, y = first
     rr, pp, yy = second
-    R[0, 0], R[0, 1], R[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
-    R[1, 0], R[1, 1], R[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
-    R[2, 0], R[2, 1], R[2, 2] = -sp, cp * sr, cp * cr
-    w[0], w[1], w[2] = r - y * sp, p * cr + y * cp * sr, -p * sr + y * cp * cr
-    dw[0] = rr - yy * sp - y * p * cp
-    dw[1] = pp * cr - p * r * sr + yy * cp * sr - y * p * sp * sr + y * r * cp * cr
-    dw[2] = -pp * sr - p * r * cr + yy * cp * cr - y * p * sp * cr - y * r * cp * sr
+    _put(R[0], (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr))
+    _put(R[1], (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr))
+    _put(R[2], (-sp, cp * sr, cp * cr))
+    rate = (r - y * sp, p * cr + y * cp * sr, -p * sr + y * cp * cr)
+    change = (
+        rr - yy * sp - y * p * cp,
+        pp * cr - p * r * sr + yy * cp * sr - y * p * sp * sr + y * r * cp * cr,
+        -pp * sr - p * r * cr + yy * cp * cr - y * p * sp * cr - y * r * cp * sr,
+    )
+    return rate, change
 
 
 @njit(cache=True)
-def _cross(a: Floats, b: Floats) -> Floats:
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def _vector(a: Floats) -> Vector:
+    return a[0], a[1], a[2]
 
 
 @njit(cache=True)
-def _from(R: Floats, v: Floats) -> Floats:
-    """R v: from the frame on the right to the one on the left."""
-    return v[0] * R[:, 0] + v[1] * R[:, 1] + v[2] * R[:, 2]
+def _put(into: Floats, a: Vector) -> None:
+    into[0], into[1], into[2] = a
 
 
 @njit(cache=True)
-def _to(R: Floats, v: Floats) -> Floats:
-    """R^T v: from the frame on the left to the one on the right."""
-    return v[0] * R[0] + v[1] * R[1] + v[2] * R[2]
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@njit(cache=True)
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def _dot(a: Floats, b: Vector) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@njit(cache=True)
+def _from(R: Floats, v: Vector) -> Vector:
+    """R v: from the frame on its right to the one on its left."""
+    return _dot(R[0], v), _dot(R[1], v), _dot(R[2], v)
+
+
+@njit(cache=True)
+def _to(R: Floats, v: Vector) -> Vector:
+    """R^T v: from the frame on its left to the one on its right."""
+    return _dot(R[:, 0], v), _dot(R[:, 1], v), _dot(R[:, 2], v)

@@ -1,9 +1,9 @@
 """How the foot's coordinates move through a stride: the curves that all strides of a manner share.
 
-Each coordinate is a sum of ramps. A *phase* is a set of ramps (begin, end, weight) in shares of the swing, 0 at heel-off
-and 1 at foot-flat; its weights sum to 1 (to 0 where it comes back). A share below 0 or above 1 reaches into the stance
-before or after. The tables are round figures for the median curve of ten real walks with a sensor on the instep; scaled
-by duration, length and angles, those walks lie on one curve within a few per cent.
+Each coordinate is a sum of ramps. A *phase* is a set of ramps (begin, end, weight) in shares of the swing, 0 at
+heel-off and 1 at foot-flat; its weights sum to 1 (to 0 where it comes back). A share below 0 or above 1 reaches into
+the stance before or after. The tables are round figures for the median curve of ten real walks with a sensor on the
+instep; scaled by duration, length and angles, those walks lie on one curve within a few per cent.
 
 =========== ======== ==================================================================================================
 PUSH        pitch    heel-off: slowly at first, then the toe points down
@@ -22,7 +22,10 @@ TOE_IN      yaw      the toe turns to and fro at heel strike
 TURN        yaw      into the next direction
 PRESS       height   the load of the body presses the sole together
 SPRING      height   the sole springs back as the foot unloads
+SETTLE      pitch    what is left of landing, slowly
 ROLL_OVER   pitch    the foot rolls forward in stance (in shares of the stance)
+STIR        pitch    slowly up to heel-off
+LEAN        roll,yaw the loaded foot leans over and back (in shares of the stance)
 SLIP        place    the foot slips in stance, mostly early (in shares of the stance)
 =========== ======== ==================================================================================================
 """
@@ -39,16 +42,22 @@ from fg_nav.arrays import Floats
 Phase: TypeAlias = tuple[tuple[float, float, float], ...]
 """Ramps as (begin, end, weight)."""
 
-PUSH: Phase = ((-0.12, 0.29, 0.14), (0.00, 0.39, 0.36), (0.09, 0.39, 0.50))
+PUSH: Phase = ((-0.08, 0.29, 0.12), (0.00, 0.39, 0.36), (0.09, 0.38, 0.52))
 FALL: Phase = ((0.26, 0.55, 0.11), (0.36, 0.73, 0.38), (0.52, 0.89, 0.34), (0.56, 0.99, 0.17))
-LAND: Phase = ((0.80, 1.04, 0.54), (0.84, 0.94, 0.06), (0.84, 1.13, 0.40))
+LAND: Phase = ((0.80, 1.04, 0.60), (0.84, 1.13, 0.40))
 
 LIFT: Phase = ((0.03, 0.53, 0.61), (0.17, 0.41, 0.39))
 DROP: Phase = ((0.31, 0.75, 1.00),)
 RAISE: Phase = ((0.60, 0.91, 0.67), (0.70, 0.85, 0.33))
 SET_DOWN: Phase = ((0.74, 1.14, 0.66), (0.83, 1.01, 0.34))
 
-FORWARD: Phase = ((-0.01, 0.29, -0.01), (0.19, 0.49, 0.115), (0.27, 0.73, 0.38), (0.44, 0.95, 0.48), (0.57, 1.09, 0.035))
+FORWARD: Phase = (
+    (-0.01, 0.29, -0.01),
+    (0.19, 0.49, 0.115),
+    (0.27, 0.73, 0.38),
+    (0.44, 0.95, 0.48),
+    (0.57, 1.09, 0.035),
+)
 ASIDE: Phase = ((0.00, 0.35, -0.22), (0.41, 0.77, 1.00), (0.66, 1.07, -0.78))
 
 INVERT_OFF: Phase = ((-0.04, 0.23, 0.40), (0.07, 0.30, 0.60), (0.24, 0.42, -1.00))
@@ -60,7 +69,10 @@ TURN: Phase = ((0.15, 0.90, 1.00),)
 PRESS: Phase = ((0.80, 1.71, 1.00),)
 SPRING: Phase = ((0.10, 0.35, 1.00),)
 
+SETTLE: Phase = ((0.90, 1.44, 1.00),)
+STIR: Phase = ((-0.36, 0.24, 1.00),)
 ROLL_OVER: Phase = ((-0.40, 0.80, 0.50), (0.20, 1.40, 0.50))
+LEAN: Phase = ((-0.30, 0.50, 1.00), (0.30, 1.30, -1.00))
 SLIP: Phase = ((-0.10, 0.70, 1.00),)
 
 TOE_DOWN_AT, HEEL_STRIKE_AT = 0.33, 0.86

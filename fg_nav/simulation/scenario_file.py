@@ -4,7 +4,7 @@
     field = "smooth"
 
     [course]
-    points_m = [[0, 0], [0, 25], [40, 25]]   # east and north of the corners; the last like the first closes it
+    points_m = [[0, 0], [0, 25], [40, 25]]   # east and north of the corners
     corner_radius_m = 1.2
     laps = 1
     rest_s = 5.0
@@ -17,7 +17,8 @@
     [sensor.gyr]
     noise_density = 1e-4
 
-Whatever is left out is as above, or as in the scenario it is like.
+Whatever is left out is as above, or as in the scenario it is like. A way whose last point is its first is closed: it
+begins in the middle of its first leg, and all its corners are rounded.
 """
 
 from __future__ import annotations
@@ -38,9 +39,6 @@ SUFFIX = ".toml"
 
 T = TypeVar("T")
 
-_LIKE: Mapping[type, Any] = {float: (float, int)}
-"""What may stand for a value of a type."""
-
 
 @dataclass(frozen=True)
 class OwnCourse:
@@ -54,9 +52,15 @@ class OwnCourse:
     run: bool = False
     strides: int | None = None
 
+    def __post_init__(self) -> None:
+        if not all(_is_point(point) for point in self.points_m):
+            raise SimulationError("course.points_m cannot be read: give pairs of numbers, [[0, 0], [0, 25]].")
+        if self.strides is not None and (not _is_number(self.strides) or self.strides != int(self.strides)):
+            raise SimulationError(f"course.strides cannot be {self.strides!r}: give a whole number.")
+
     def sections(self) -> list[Section]:
         """Rest, walk, rest."""
-        path = polyline(self.points_m, self.corner_radius_m).repeated(self.laps)
+        path = polyline(_begun_midway(self.points_m), self.corner_radius_m).repeated(self.laps)
         rest = Stand(self.rest_s)
         return [rest, Walk(path, Style.RUN if self.run else Style.WALK, self.strides, self.pace), rest]
 
@@ -89,6 +93,14 @@ def _scenario(name: str, content: Mapping[str, Any]) -> Scenario:
     return replace(changed, name=name, summary=f"{name}{SUFFIX}", course=lambda _: sections, sensor=prior, magnets=())
 
 
+def _begun_midway(points: Sequence[Sequence[float]]) -> Sequence[Sequence[float]]:
+    """Let a closed way begin in the middle of its first leg; an open one begins where it does."""
+    if len(points) < 3 or list(points[0]) != list(points[-1]):
+        return points
+    middle = [(a + b) / 2 for a, b in zip(points[0], points[1], strict=True)]
+    return [middle, *points[1:], middle]
+
+
 def _changed(value: T, table: Any, where: str) -> T:
     """Return a dataclass with the fields that a table names replaced, those of dataclasses in it too."""
     _check_table(type(value), table, where)
@@ -101,9 +113,22 @@ def _converted(before: object, item: Any, where: str) -> Any:
         return _changed(before, item, where)
     if isinstance(item, list):
         return tuple(item)
-    if before is not None and not isinstance(item, _LIKE.get(type(before), type(before))):
-        raise SimulationError(f"{where} cannot be {item!r}: give something like {before!r}.")
+    if before is not None and not (_is_number(item) if type(before) is float else type(item) is type(before)):
+        raise SimulationError(f"{where} cannot be {item!r}: give something like {_shown(before)}.")
     return item
+
+
+def _shown(value: object) -> str:
+    """How a value is written in TOML."""
+    return str(value).lower() if isinstance(value, bool) else "a list" if isinstance(value, tuple) else repr(value)
+
+
+def _is_point(item: object) -> bool:
+    return isinstance(item, list | tuple) and len(item) == 2 and all(_is_number(x) for x in item)
+
+
+def _is_number(item: object) -> bool:
+    return isinstance(item, int | float) and not isinstance(item, bool)
 
 
 def _check_table(kind: type, table: Any, where: str) -> None:

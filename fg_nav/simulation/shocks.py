@@ -1,8 +1,8 @@
 """Shocks of a foot: bursts that heel strike, slap and toe-off send through foot and sensor, and the tremor of stance.
 
-Each is a shift of the sensor (foot frame) and a turn of the foot, a quarter of a period apart: a foot that rocks about a
-point feels its largest force when it turns fastest. Direction and phase are much the same in all strides of one foot,
-strength scatters; it grows with the vigour of a stride and with the square of its pace.
+Each is a shift of the sensor (foot frame) and a turn of the foot, a quarter of a period apart, so that force and rate
+peak together. Direction and phase are much the same in all strides of one foot, strength scatters; it grows with the
+vigour of a stride and with the square of its pace.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from fg_nav.simulation.steps import Steps
 JITTER = 0.1
 """Scatter of frequency, phase (in turns) and direction from stride to stride: shocks of a foot resemble each other."""
 
+RAREST = 2.5
+"""Strengths scatter by no more standard deviations than this."""
+
 HARDEST = 2.0
 """At most this many times the strength of the usual pace."""
 
@@ -34,9 +37,9 @@ class Blow(NamedTuple):
 
 
 BLOWS = (
-    Blow("strike", 0.80, (1.0, 0.4, 0.7), (1.0, 0.6, 0.8)),
-    Blow("crack", 0.85, (0.8, 0.5, 1.0), (0.6, 1.0, 0.6)),
-    Blow("slap", 0.92, (0.6, 0.4, 1.0), (0.6, 0.8, 0.8)),
+    Blow("strike", 0.82, (1.0, 0.3, 0.7), (1.0, 0.6, 0.8)),
+    Blow("crack", 0.85, (0.8, 0.4, 1.0), (0.6, 1.0, 0.6)),
+    Blow("slap", 0.95, (0.6, 0.3, 1.0), (0.6, 0.8, 0.8)),
     Blow("toe_off", 0.26, (0.8, 0.3, 1.0), (1.0, 0.5, 0.8)),
 )
 """Of the gait. At heel strike the foot is braked, at toe-off pushed, and both rock it sideways most easily."""
@@ -50,12 +53,15 @@ TREMORS = tuple(Blow("tremor", begin, (0.6, 1.0, 0.4), (1.0, 0.6, 0.6)) for begi
 
 def shocks(steps: Steps, mount: Mount, rng: np.random.Generator) -> Bursts:
     """Draw the bursts of all strides: of the sensor's place (3, m, foot frame) and of roll, pitch and yaw (3, rad)."""
-    gaits, still = steps.person.gaits, np.ones(len(steps))
-    hit = mount.shock * _hardness(steps)
+    gaits, hard = steps.person.gaits, _hardness(steps)
+    unrest = np.full(len(steps), mount.unrest)
     series = [
-        *(_series(steps, [getattr(gait, blow.name) for gait in gaits], blow, hit, rng) for blow in BLOWS),
-        _series(steps, [mount.ringing] * len(gaits), RINGING, hit / max(mount.shock, 1e-9), rng),
-        *(_series(steps, [gait.tremor for gait in gaits], blow, still, rng) for blow in TREMORS),
+        *(
+            _series(steps, [getattr(gait, blow.name) for gait in gaits], blow, mount.shock * hard, rng)
+            for blow in BLOWS
+        ),
+        _series(steps, [mount.ringing] * len(gaits), RINGING, hard, rng),
+        *(_series(steps, [gait.tremor for gait in gaits], blow, unrest, rng) for blow in TREMORS),
     ]
     return Bursts.of(*(np.concatenate(column) for column in zip(*series, strict=True)))
 
@@ -75,14 +81,14 @@ def _series(steps: Steps, shock: Sequence[Shock], blow: Blow, hardness: Floats, 
     force, rate, frequency, width, scatter = table[steps.strides.style].T
     vary = JITTER * rng.standard_normal((3, len(steps)))
     omega = 2 * np.pi * frequency * (1 + vary[0])
-    strength = hardness * np.exp(scatter * rng.standard_normal(len(steps)))
+    strength = hardness * np.exp(scatter * np.clip(rng.standard_normal(len(steps)), -RAREST, RAREST))
     phase = 2 * np.pi * (rng.random() + vary[1])
     begin = steps.strides.start + (blow.begin + 0.1 * vary[2]) * steps.swing_s
     amplitude = np.zeros((2, len(steps), 6))
     amplitude[0, :, :3] = (force * strength / omega**2)[:, None] * _directions(blow.force, len(steps), rng)
     amplitude[1, :, 3:] = (rate * strength / omega)[:, None] * _directions(blow.rate, len(steps), rng)
-    twice = (np.tile(x, 2) for x in (begin, width, omega))
-    return *twice, np.concatenate([phase, phase + np.pi / 2]), amplitude.reshape(-1, 6)
+    phases = np.concatenate([phase, phase + np.pi / 2])
+    return np.tile(begin, 2), np.tile(width, 2), np.tile(omega, 2), phases, amplitude.reshape(-1, 6)
 
 
 def _directions(weight: tuple[float, float, float], count: int, rng: np.random.Generator) -> Floats:

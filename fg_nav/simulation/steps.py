@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,9 @@ LEAST_EFFORT = 0.4
 
 LONGEST = 1.3
 """Longer strides than this many usual ones take no more effort."""
+
+RAREST = 3.0
+"""No rhythm is further off than this many standard deviations: a swing that outlasts its stride is none."""
 
 PAUSE_S = 0.02
 """A foot that stays for longer than this after a stride stands."""
@@ -50,14 +52,19 @@ class Steps:
     Attributes
     ----------
     strides, person : whose.
+    swing_s : (K,) s from heel-off to foot-flat.
     vigour : (K,) of angles and heights, in those of the gait.
-    rolled, pressed, slip : in the stance after each stride: forward pitch (K,) rad, by how much the sole gives way
-        (K,) m, and slip (K, 2) m in nav.
+    stirred : (K,) rad, forward pitch up to heel-off.
+    settled, rolled, pressed, slip : in the stance after each stride: forward pitch as the foot settles, and as it rolls
+        over, (K,) rad; by how much the sole gives way, (K,) m; and slip, (K, 2) m in nav.
     """
 
     strides: Strides
     person: Person
+    swing_s: Floats
     vigour: Floats
+    stirred: Floats
+    settled: Floats
     rolled: Floats
     pressed: Floats
     slip: Floats
@@ -68,11 +75,6 @@ class Steps:
     def gait(self, name: str) -> Floats:
         """Value of a gait's field for each stride, (K,) or (K, n)."""
         return np.array([getattr(gait, name) for gait in self.person.gaits], dtype=np.float64)[self.strides.style]
-
-    @cached_property
-    def swing_s(self) -> Floats:
-        """(K,) s from heel-off to foot-flat."""
-        return self.gait("swing_share") * self.strides.duration
 
     def swing(self, phase: Phase, rise: Floats) -> Moves:
         """Move by `rise` (K,) as the phase says, in shares of the swing."""
@@ -100,8 +102,8 @@ class Steps:
         return np.stack([begin, np.append(self.strides.start, self.strides.end_s)], axis=1)
 
 
-def draw_steps(strides: Strides, person: Person, rng: np.random.Generator) -> Steps:
-    """Draw what varies from stride to stride.
+def draw_steps(strides: Strides, person: Person, unrest: float, rng: np.random.Generator) -> Steps:
+    """Draw what varies from stride to stride, with so much of a foot's turning in stance (`Mount.unrest`).
 
     Raises
     ------
@@ -110,15 +112,18 @@ def draw_steps(strides: Strides, person: Person, rng: np.random.Generator) -> St
     """
     _check(strides)
     nothing = np.zeros(len(strides))
-    steps = Steps(strides, person, nothing, nothing, nothing, np.zeros((len(strides), 2)))
-    white = rng.standard_normal((5, len(strides)))
-    rolled = steps.gait("rollover_rad") * (1 + steps.gait("rollover_scatter") * white[1])
+    steps = Steps(strides, person, *(nothing,) * 6, np.zeros((len(strides), 2)))
+    white = rng.standard_normal((6, len(strides)))
+    turning = unrest * (1 + steps.gait("rollover_scatter") * white[1])
     return replace(
         steps,
         vigour=_effort(steps) * (1 + steps.gait("vigour") * white[0]),
-        rolled=np.where(_walks_on(strides), rolled, 0.0),  # a foot that stands does not roll on
+        stirred=steps.gait("stir_rad") * turning,
+        settled=steps.gait("settle_rad") * turning,
+        rolled=np.where(_walks_on(strides), steps.gait("rollover_rad") * turning, 0.0),  # or it stands
         pressed=np.maximum(steps.gait("sole_m") + steps.gait("sole_sd_m") * white[2], 0.0),
-        slip=_slip(steps, white[3:]),
+        swing_s=_swing_share(steps, white[3]) * strides.duration,
+        slip=_slip(steps, white[4:]),
     )
 
 
@@ -128,10 +133,14 @@ def on_level(heading: Floats, forward: Floats, left: Floats) -> Floats:
     return np.stack([sine * forward - cosine * left, cosine * forward + sine * left], axis=1)
 
 
+def _swing_share(steps: Steps, white: Floats) -> Floats:
+    return steps.gait("swing_share") * (1 + steps.gait("rhythm") * np.clip(white, -RAREST, RAREST))
+
+
 def _effort(steps: Steps) -> Floats:
     usual = steps.gait("stride_m")
     length = np.linalg.norm(np.diff(steps.strides.footprint[:, :2], axis=0), axis=1)
-    share = np.divide(length, usual, out=np.ones_like(usual), where=usual > 0)
+    share: Floats = np.divide(length, usual, out=np.ones_like(usual), where=usual > 0)
     return LEAST_EFFORT + (1 - LEAST_EFFORT) * np.minimum(share, LONGEST)
 
 

@@ -1,0 +1,144 @@
+"""Simulated walks for tests: whose foot, what sensor on it, and all that is true about it.
+
+`PERSON` is the library's default person, whose foot is hit, trembles and slips. Tests of what an estimator can know
+take the `QUIET` one, whose foot rolls about its pivot on a soft sole and does nothing else; `RIGID` has a hard sole too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fg_nav.arrays import Floats
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.simulation import courses
+from fg_nav.simulation.foot import FootMotion, foot_motion
+from fg_nav.simulation.footsteps import Strides, Style
+from fg_nav.simulation.path import straight
+from fg_nav.simulation.person import INSTEP, Gait, Mount, Person, Shock
+from fg_nav.simulation.plan import Section, Stand, Walk, plan
+from fg_nav.simulation.sensors import SensorPrior, preset
+
+NO_SHOCK = Shock(0.0, 0.0, 20.0, 0.1)
+
+
+def every_gait(person: Person, **changes: object) -> Person:
+    """The person with these changes to all of its gaits."""
+    gaits = {f.name: gait for f in fields(person) if isinstance(gait := getattr(person, f.name), Gait)}
+    return replace(person, **{name: replace(gait, **changes) for name, gait in gaits.items()})
+
+
+PERSON = Person()
+QUIET = every_gait(
+    PERSON,
+    **dict.fromkeys(("strike", "crack", "slap", "toe_off", "tremor"), NO_SHOCK),
+    **dict.fromkeys(("slip_m", "slip_sd_m", "slip_sideways_m"), 0.0),
+)
+RIGID = every_gait(QUIET, sole_m=0.0, sole_sd_m=0.0)
+
+FIRM = replace(INSTEP, tilt_sd_rad=(0.0, 0.0, 0.0), ringing=NO_SHOCK)
+"""On the instep as the library has it, the same in all walks, and tied so that it does not ring."""
+
+LEVER = tuple(float(x) for x in FIRM.foot_R_body.T @ FIRM.lever_m)
+"""From the pivot to a `FIRM` sensor, in the sensor's axes."""
+
+INDUSTRIAL = replace(preset("demo"), mag=None)
+"""White noise and constant biases."""
+
+BIASED_NOT = replace(
+    INDUSTRIAL, gyr=replace(INDUSTRIAL.gyr, bias_sd=0.0), acc=replace(INDUSTRIAL.acc, bias_sd=0.0)
+)
+IDEAL = replace(preset("ideal"), mag=None)
+
+
+@dataclass(frozen=True)
+class SimulatedFoot:
+    """A recording, how the foot moved, and its true gyro bias (3,) rad/s."""
+
+    recording: Recording
+    strides: Strides
+    motion: FootMotion
+    gyro_bias: Floats
+
+    @property
+    def speed(self) -> Floats:
+        """True speed (N,) m/s of the sensor at each sample."""
+        return np.linalg.norm(self.motion.at(self.recording.t).velocity, axis=1)
+
+    @cached_property
+    def swing(self) -> Floats:
+        """Between which times (K, 2) s the foot swings, those swings that lie in the recording as a whole."""
+        swing = np.stack([self.motion.flat[:-1, 1], self.motion.flat[1:, 0]], axis=1)
+        t = self.recording.t
+        return swing[(swing[:, 0] >= t[0]) & (swing[:, 1] <= t[-1])]
+
+    def part(self, start: int, stop: int) -> SimulatedFoot:
+        """The samples `start <= i < stop`."""
+        return replace(self, recording=self.recording.slice(start, stop))
+
+
+def simulated(
+    sections: Sequence[Section],
+    person: Person = QUIET,
+    mount: Mount = FIRM,
+    sensor: SensorPrior = INDUSTRIAL,
+    seed: int = 0,
+) -> SimulatedFoot:
+    """What a sensor on the foot of this person records, and the truth about it."""
+    rng = np.random.default_rng(seed)
+    strides = plan(sections, person, rng)
+    motion = foot_motion(strides, person, mount, rng)
+    t = np.arange(int(strides.end_s * sensor.rate_hz)) / sensor.rate_hz
+    run = sensor.draw(rng).switched_on(rng)
+    samples = run.measure(t, *motion.sampled(t, sensor.period_s))
+    state = motion.at(t)
+    truth = TrajectoryTruth(t, state.position, state.nav_R_body)
+    recording = Recording(samples.t, samples.acc, samples.gyr, truth=truth)
+    return SimulatedFoot(recording, strides, motion, run.biases_at(t[:1]).gyr[0])
+
+
+def corridor(
+    person: Person = QUIET,
+    mount: Mount = FIRM,
+    sensor: SensorPrior = INDUSTRIAL,
+    seed: int = 0,
+    rate_hz: float = 200.0,
+) -> SimulatedFoot:
+    """A minute round the corridor of the demonstration."""
+    return simulated(courses.demo(), person, mount, sensor.at_rate(rate_hz), seed)
+
+
+def straight_walk(
+    person: Person = QUIET,
+    style: Style = Style.WALK,
+    strides: int = 12,
+    standing_s: float = 2.0,
+    rate_hz: float = 200.0,
+    noise: float = 1.0,
+    seed: int = 0,
+    mount: Mount = FIRM,
+    pace: float = 1.0,
+) -> SimulatedFoot:
+    """Straight ahead, standing before and after; `noise` scales that of a sensor without bias."""
+    length_m = person.gait(style).stride_m * np.sqrt(pace) * (strides - 1)  # a step out of standing and one into it
+    course = [Stand(standing_s), Walk(straight(length_m), style, strides, pace), Stand(standing_s)]
+    return simulated(course if standing_s else course[1:2], person, mount, loud(noise).at_rate(rate_hz), seed)
+
+
+def loud(noise: float) -> SensorPrior:
+    """A sensor without bias and with so many times the noise of an industrial one."""
+    gyr, acc = (
+        replace(triad, bias_sd=0.0, noise_density=noise * triad.noise_density)
+        for triad in (INDUSTRIAL.gyr, INDUSTRIAL.acc)
+    )
+    return replace(INDUSTRIAL, gyr=gyr, acc=acc)
+
+
+def mounted(recording: Recording, body_R_sensor: Rotation) -> Recording:
+    """What the same sensor reads when it is mounted turned."""
+    acc, gyr = (body_R_sensor.inv().apply(samples) for samples in (recording.acc, recording.gyr))
+    return Recording(t=recording.t, acc=acc, gyr=gyr)
