@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from fg_nav.arrays import Floats
 from fg_nav.simulation.footsteps import Style
 from fg_nav.simulation.path import Path, Pose, arc, closed_curve, open_curve, polyline, straight
 from fg_nav.simulation.person import Person

@@ -174,10 +174,10 @@ class Path:
         """
         if n < 1:
             raise SimulationError(f"A path cannot be walked {n} times: ask for one lap or more.")
-        laps = self
-        for _ in range(n - 1):
-            laps = laps.then(self)
-        return laps
+        if n == 1:
+            return self
+        half = self.repeated(n // 2)
+        return half.then(half) if n % 2 == 0 else half.then(half).then(self)
 
     def part(self, begin: float, end: float) -> Path:
         """The stretch between two arc lengths in m, with the landmarks on it.

@@ -37,6 +37,9 @@ LONGEST_STRIDE = 2.0
 FASTEST_PACE = 3.0
 """No one makes strides longer than this many times the usual one, or goes this many times as fast."""
 
+MOST_STRIDES = 200_000
+"""Two days of walking, and more than a computer's memory likes."""
+
 FLAT_SHARE = 0.85
 """By this share of a stride the foot is down and flat in every manner of going."""
 
@@ -301,6 +304,8 @@ def _stride_count(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
     """How many strides a path takes: as asked for, else the number nearest to the gait's."""
     usual_m = gait.stride_m * np.sqrt(section.pace)
     count = section.strides or max(1, round(section.path.length_m / usual_m + sum(halves) / 2))
+    if count > MOST_STRIDES:
+        raise SimulationError(f"{section.path.length_m:g} m take {count} strides: ask for at most {MOST_STRIDES}.")
     mean_m = section.path.length_m / _half_steps(count, halves).sum()
     if mean_m > LONGEST_STRIDE * usual_m:
         raise SimulationError(

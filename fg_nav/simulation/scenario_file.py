@@ -37,6 +37,9 @@ from fg_nav.simulation.scenarios import Scenario, scenario
 
 SUFFIX = ".toml"
 
+LONGEST_M = 100_000.0
+"""A day of walking."""
+
 T = TypeVar("T")
 
 
@@ -60,7 +63,10 @@ class OwnCourse:
 
     def sections(self) -> list[Section]:
         """Rest, walk, rest."""
-        path = polyline(_begun_midway(self.points_m), self.corner_radius_m).repeated(self.laps)
+        lap = polyline(_begun_midway(self.points_m), self.corner_radius_m)
+        if lap.length_m * self.laps > LONGEST_M:
+            raise SimulationError(f"{self.laps} laps of {lap.length_m:.3g} m are too long: at most {LONGEST_M:.0f} m.")
+        path = lap.repeated(self.laps)
         rest = Stand(self.rest_s)
         return [rest, Walk(path, Style.RUN if self.run else Style.WALK, self.strides, self.pace), rest]
 

@@ -139,7 +139,7 @@ def _mpu_9250_raw() -> SensorPrior:
             bias_sd=2.5 * _DEG,  # sheet: +-5 deg/s
             scale_sd=0.015,  # sheet: +-3 % at 25 degrees C
             cross_axis_sd=0.01,  # sheet: +-2 %
-            # sheet of the MPU-6050, the same family (PS-MPU-6000A-00 rev. 3.4): 0.1 deg/s/g static; this one's is silent
+            # sheet of the MPU-6050, the same family (PS-MPU-6000A-00 rev. 3.4): 0.1 deg/s/g; this one's is silent
             g_sensitivity_sd=0.1 * _DEG / GRAVITY_M_S2,
         ),
         acc=replace(
