@@ -11,6 +11,9 @@ Axes are the foot's, found in the recording itself: up as the force in stance, l
 A stride reaches from the stillest instant of one footfall to that of the next. A fact of a walk is the median over its
 strides where nothing else is said. Motion capture knows the true velocity in stance: that of a day of walking, in the
 Vicon trials, is compared too.
+
+The field is compared by `realism_field.py`'s facts, on the same simulated walks in the field `indoor`; the column
+"smooth" shows how kind the level `smooth` is.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from pathlib import Path
 
 import figures as fig
 import numpy as np
+import realism_field
 import walks
 from kinematic_consistency import integrate
 
@@ -33,10 +37,9 @@ from fg_nav.detection.statistics import shoe
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation.foot import foot_motion
+from fg_nav.simulation import Person, Scenario, simulate
 from fg_nav.simulation.path import polyline
-from fg_nav.simulation.person import INSTEP, Person
-from fg_nav.simulation.plan import Stand, Walk, plan
+from fg_nav.simulation.plan import Stand, Walk
 from fg_nav.simulation.sensors import preset
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
@@ -153,8 +156,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     data = walks.data_folder(chosen.data)
     real = [foot(walk.name, walk.recording) for walk in walks.gdin(data)]
-    hurried = [simulated(Person(), seed) for seed in range(chosen.seeds)]
-    unhurried = [simulated(unhurried_person(), seed) for seed in range(chosen.seeds)]
+    seeds = range(chosen.seeds)
+    people = {"simulated": Person(), "unhurried": unhurried_person()}
+    recorded = {name: [simulated(person, seed) for seed in seeds] for name, person in people.items()}
+    hurried, unhurried = ([foot(name, one) for one in recordings] for name, recordings in recorded.items())
     fig.print_heading("The moving foot: median [least, most] over walks")
     columns = {"real": real, "simulated": hurried, "unhurried": unhurried}
     print_facts(FACTS, {name: [inertial_facts(walk) for walk in of] for name, of in columns.items()})
@@ -167,6 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     fig.print_heading("The standing foot, with true velocities")
     columns = {"real": captured, "simulated": hurried, "unhurried": unhurried}
     print_facts(TRUE_FACTS, {name: [true_facts(walk) for walk in of] for name, of in columns.items()})
+    print_field(data, recorded, chosen.seeds)
     if chosen.figure:
         draw(real, unhurried, chosen.figure)
 
@@ -199,20 +205,24 @@ def unhurried_person() -> Person:
     return replace(Person(), walk=replace(Person().walk, stride_m=UNHURRIED_M, stride_s=UNHURRIED_S))
 
 
-def simulated(person: Person, seed: int) -> Foot:
+def simulated(person: Person, seed: int, field: str = "indoor") -> Recording:
     """A walk of the kind of the real ones, on the sensor with which they were recorded."""
-    rng = np.random.default_rng(seed)
-    way = Walk(polyline(np.array(COURSE_M), CORNER_M))
-    strides = plan([Stand(1.5), way, Stand(1.5)], person, rng)
-    motion = foot_motion(strides, person, INSTEP, rng)
+    rest = Stand(1.5)
+    course = [rest, Walk(polyline(np.array(COURSE_M), CORNER_M)), rest]
     prior = preset("lord-gx5")
-    prior = replace(prior, mag=None, gyr=replace(prior.gyr, limit=np.inf))  # at the default pace it saturates
-    run = prior.draw(rng).switched_on(rng)
-    t = np.arange(int(strides.end_s / prior.period_s)) * prior.period_s
-    samples = run.measure(t, *motion.sampled(t, prior.period_s))
-    state = motion.at(t)
-    truth = TrajectoryTruth(samples.t, state.position[samples.row], state.nav_R_body[samples.row])
-    return foot(f"seed {seed}", Recording(samples.t, samples.acc, samples.gyr, truth=truth))
+    prior = replace(prior, gyr=replace(prior.gyr, limit=np.inf))  # at the default pace it saturates
+    scenario = Scenario("realism", "", lambda _: course, "instep", prior, field=field)
+    return simulate(scenario, seed, person=person).recording
+
+
+def print_field(data: Path, people: Mapping[str, Sequence[Recording]], seeds: int) -> None:
+    """The same table for the magnetic field, and the kinder level `smooth` beside it."""
+    columns = {"real": [walk.facts() for walk in realism_field.real_walks(data)]}
+    columns |= {name: [realism_field.sensed(walk).facts() for walk in of] for name, of in people.items()}
+    kinder = [simulated(Person(), seed, "smooth") for seed in range(seeds)]
+    columns["in the field smooth"] = [realism_field.sensed(walk).facts() for walk in kinder]
+    fig.print_heading("The field at the foot")
+    print_facts(realism_field.FACTS, columns)
 
 
 def foot(name: str, recording: Recording) -> Foot:

@@ -34,6 +34,7 @@ import numpy as np
 import walks
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
@@ -257,6 +258,12 @@ def _steadiness(stances: Stances, nav_field: Floats, fewest: int = 5) -> float:
 def real_walks(data: Path, numbers: Sequence[int] = walks.GDIN) -> list[Sensed]:
     """Load the gdin walks with their magnetometer."""
     return [_with_magnetometer(walk) for walk in walks.gdin(data, numbers)]
+
+
+def sensed(recording: Recording) -> Sensed:
+    """Find stances and attitude of a recording as of a real walk."""
+    stances = detect_stances(recording)
+    return Sensed(recording.provenance.format, recording, stances, run_iez(recording, stances))
 
 
 def _with_magnetometer(walk: walks.Walk) -> Sensed:

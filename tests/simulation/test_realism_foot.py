@@ -19,7 +19,7 @@ SEEDS = (11, 12, 13)  # not those on which the gait was chosen
 @pytest.fixture(scope="module")
 def facts() -> tuple[list[dict[str, float]], list[dict[str, float]]]:
     real = [realism.inertial_facts(realism.foot(walk.name, walk.recording)) for walk in walks.gdin(DATA)]
-    ours = [realism.inertial_facts(realism.simulated(Person(), seed)) for seed in SEEDS]
+    ours = [realism.inertial_facts(realism.foot(f"seed {seed}", realism.simulated(Person(), seed))) for seed in SEEDS]
     return real, ours
 
 
