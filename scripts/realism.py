@@ -121,9 +121,10 @@ TRUE_FACTS: Mapping[str, tuple[str, str]] = {
 
 REASONS: Mapping[str, str] = {
     "stride_s": "the default is that of Ma et al., 5 km/h",
+    "stance_share": "who walks faster stands for less of a stride, here as little as the fastest of the real walkers",
     "stride_cv": "real walkers slow down at corners and doors; the plan's pace varies less",
 }
-"""Why a fact of the default person lies outside."""
+"""Why a fact of the default person lies outside, or may with some seeds."""
 
 
 @dataclass(frozen=True)
