@@ -165,15 +165,15 @@ SCENARIOS: Mapping[str, Scenario] = {
         ),
         Scenario(
             "stairs", "two flights up, a corridor, and down again",
-            _fixed(courses.stairs), "instep", "lord-gx5",
+            _fixed(courses.stairs), "instep", "lord-gx5-900",
         ),
         Scenario(
             "mixed-gait", "slow, usual and fast walking, running, standing and turning on the spot",
-            _fixed(courses.mixed_gait), "instep", "lord-gx5",
+            _fixed(courses.mixed_gait), "instep", "lord-gx5-900",
         ),
         Scenario(
             "demo", "one minute round an L-shaped corridor",
-            _fixed(courses.demo), "instep", "lord-gx5",
+            _fixed(courses.demo), "instep", "lord-gx5-900",
         ),
     )
 }  # fmt: skip

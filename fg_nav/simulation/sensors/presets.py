@@ -8,6 +8,7 @@
 `mpu-9250x8`          400 Hz  eight of them averaged: the module of Ma et al. 2018
 `xsens-mtw`           100 Hz  the MTw of Munoz Diaz et al. 2017 and of Zhang et al. 2017
 `lord-gx5`            200 Hz  the 3DM-GX5-25 of the gdin walks and of PyShoe
+`lord-gx5-900`        200 Hz  the same with the range of 900 deg/s, which a brisk foot needs
 `kvh-1750`            100 Hz  fibre-optic gyroscopes, MEMS accelerometers, no magnetometer
 `munoz-diaz-table-2`  100 Hz  Munoz Diaz's emulated MEMS sensor: 1750 with added errors, emulated magnetometer
 ===================== ======= ==============================================================================
@@ -223,6 +224,12 @@ def _lord_gx5() -> SensorPrior:
     return SensorPrior("lord-gx5", 200.0, gyr, acc, mag, iron, _CRYSTAL)  # measured: stamps even to 3 us, none lost
 
 
+def _lord_gx5_900() -> SensorPrior:
+    """Memory: the data sheet offers ranges up to 900 deg/s. The simulated foot peaks at 540 and, running, at 900."""
+    slow = _lord_gx5()
+    return replace(slow, name="lord-gx5-900", gyr=replace(slow.gyr, limit=900 * _DEG))
+
+
 def _kvh_1750() -> SensorPrior:
     """Memory: KVH's 1750 IMU data sheet; Munoz Diaz et al. 2017, section 2.2, on its Allan deviation."""
     gyr = TriadPrior(
@@ -265,6 +272,7 @@ PRESETS: dict[str, Callable[[], SensorPrior]] = {
     "mpu-9250x8": _mpu_9250x8,
     "xsens-mtw": _xsens_mtw,
     "lord-gx5": _lord_gx5,
+    "lord-gx5-900": _lord_gx5_900,
     "kvh-1750": _kvh_1750,
     "munoz-diaz-table-2": _munoz_diaz_table_2,
 }
