@@ -28,7 +28,7 @@ def plot_surroundings(walk: SimulatedWalk) -> Figure:
         figure, axes = new_map(path[:, :2])
         low, high = np.percentile(strength, WIDEST_SCALE)
         lines = LineCollection(
-            _pieces(path[:, :2]), array=(strength[1:] + strength[:-1]) / 2, cmap="viridis", linewidth=1.6,
+            list(_pieces(path[:, :2])), array=(strength[1:] + strength[:-1]) / 2, cmap="viridis", linewidth=1.6,
             capstyle="round", clim=(low - 0.5, high + 0.5), zorder=3,
         )  # fmt: skip
         axes.add_collection(lines)

@@ -393,7 +393,9 @@ def _feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: 
     wander = fade * _SlowChange(scatter.wander_m, scatter.wander_strides, rng).draw(count)
     right = np.stack([np.cos(heading), -np.sin(heading), np.zeros(count)], axis=1)
     footprint = position + (scatter.step_width_m / 2 + wander)[:, None] * right
-    footprint[:, :2] += scatter.footprint_m * inside[:, None] * rng.standard_normal((count, 2))
+    ahead = np.stack([np.sin(heading), np.cos(heading), np.zeros(count)], axis=1)
+    off = scatter.footprint_m * inside[:, None] * rng.standard_normal((count, 2))
+    footprint += off[:, :1] * right + off[:, 1:] * ahead
     toe = heading + scatter.heading_rad * inside * rng.standard_normal(count)
     return _closed(footprint, toe)
 

@@ -102,8 +102,13 @@ class Choices:
         SimulationError
             For a sensor that does not exist, or a rate or turn that cannot be.
         """
-        named = {"sensor": self.sensor, "site": self.site, "field": self.field, "worn": self.worn}
-        changed = replace(scenario, **{name: value for name, value in named.items() if value is not None})
+        changed = replace(
+            scenario,
+            sensor=self.sensor or scenario.sensor,
+            site=self.site or scenario.site,
+            field=self.field or scenario.field,
+            worn=self.worn or scenario.worn,
+        )
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
         changed = replace(changed, sensor=prior.with_iron(IronPrior()) if self.calibrated else prior)
         return _turned_by(changed, self.turned_deg) if self.turned_deg else changed

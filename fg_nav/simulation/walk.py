@@ -34,6 +34,9 @@ from fg_nav.simulation.thigh import Pocket, thigh_motion
 BLOCK = 50_000
 """Samples worked on at a time."""
 
+MOST_SAMPLES = 20_000_000
+"""Three of Munoz Diaz' walks in a row at 2 kHz; some 4 GB."""
+
 Progress: TypeAlias = Callable[[float], None]
 
 
@@ -123,6 +126,7 @@ def simulate(
     sensor = chosen.prior.draw(streams.lasting("sensor"))
     earth = _earth(chosen.site)
     strides, crossings = _strides(chosen, person, streams)
+    _check_size(strides.end_s, chosen.prior.rate_hz)
     motion, flat = _motion(chosen, strides, person, streams)
     field = surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
     run = sensor.switched_on(streams.of_this_walk("switched on"))
@@ -144,6 +148,14 @@ def simulate(
         drawn={"sensor": run.sensor.as_dict(), "switched_on": run.as_dict()},
         person=person,
     )
+
+
+def _check_size(end_s: float, rate_hz: float) -> None:
+    if end_s * rate_hz > MOST_SAMPLES:
+        raise SimulationError(
+            f"{end_s / 60:.0f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples: "
+            f"make the walk shorter or the rate lower, for at most {MOST_SAMPLES}."
+        )
 
 
 def _earth(name: str) -> Homogeneous:
@@ -191,7 +203,8 @@ class _Rows:
     def joined(cls, blocks: Sequence[_Rows]) -> _Rows:
         """One after the other."""
         columns = [[getattr(block, item.name) for block in blocks] for item in fields(cls)]
-        return cls(*(None if column[0] is None else np.concatenate(column) for column in columns))
+        whole: list[Any] = [None if column[0] is None else np.concatenate(column) for column in columns]
+        return cls(*whole)
 
     def recording(self, origin: Floats, name: str) -> Recording:
         """The recording, its truth on the same clock."""
@@ -205,10 +218,10 @@ def _measured(run: SensorRun, motion: Motion, field: Field, end_s: float, progre
     period_s = run.sensor.prior.period_s
     count = int(end_s / period_s)
     for begin in range(0, count, BLOCK):
-        t = np.arange(begin, min(begin + BLOCK, count)) * period_s
+        t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
         state = motion.at(t)
         rate, force = motion.sampled(t, period_s)
-        samples = run.measure(t, rate, force, _body_field(state, field, run))
+        samples = run.measure(t, rate, force, lambda instants: _body_field(motion.at(instants), field))
         progress((begin + len(t)) / count)
         yield _Rows(
             samples.t, samples.acc, samples.gyr, samples.mag, samples.fresh,
@@ -216,9 +229,7 @@ def _measured(run: SensorRun, motion: Motion, field: Field, end_s: float, progre
         )  # fmt: skip
 
 
-def _body_field(state: Kinematics, field: Field, run: SensorRun) -> Floats | None:
-    if run.sensor.prior.mag is None:
-        return None
+def _body_field(state: Kinematics, field: Field) -> Floats:
     turned: Floats = np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position))
     return turned
 

@@ -32,11 +32,22 @@ UNFORGIVING = replace(
 ).with_held_field()
 
 
-def motion(count: int, rate_hz: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Instants (N,), and a rate, a specific force and a field that change."""
+def waves(t: Floats) -> Floats:
+    return np.stack([np.sin(5 * t), np.cos(3 * t), np.sin(2 * t + 1)], axis=1)
+
+
+def motion(count: int, rate_hz: float) -> tuple[Floats, Floats, Floats]:
+    """Instants (N,), and a rate and a specific force that change."""
     t = np.arange(count) / rate_hz
-    wave = np.stack([np.sin(5 * t), np.cos(3 * t), np.sin(2 * t + 1)], axis=1)
-    return t, 8 * wave, 20 * wave + [0.0, 0.0, GRAVITY_M_S2], 45 * wave
+    return t, 8 * waves(t), 20 * waves(t) + [0.0, 0.0, GRAVITY_M_S2]
+
+
+def changing_field(t: Floats) -> Floats:
+    return 45 * waves(t)
+
+
+def no_field(t: Floats) -> Floats:
+    return np.zeros((len(t), 3))
 
 
 def switched_on(prior: SensorPrior, seed: int = 0) -> SensorRun:
@@ -44,9 +55,9 @@ def switched_on(prior: SensorPrior, seed: int = 0) -> SensorRun:
 
 
 def recorded(prior: SensorPrior, count: int, block: int) -> Samples:
-    run, inputs = switched_on(prior), motion(count, prior.rate_hz)
+    run, (t, rate, force) = switched_on(prior), motion(count, prior.rate_hz)
     cuts = [slice(i, i + block) for i in range(0, count, block)]
-    parts = [(cut.start, run.measure(*(value[cut] for value in inputs))) for cut in cuts]
+    parts = [(cut.start, run.measure(t[cut], rate[cut], force[cut], changing_field)) for cut in cuts]
     joined = {name: np.concatenate([getattr(part, name) for _, part in parts]) for name in ("t", "acc", "gyr", "mag")}
     fresh = np.concatenate([part.fresh for _, part in parts if part.fresh is not None])
     return Samples(**joined, fresh=fresh, row=np.concatenate([start + part.row for start, part in parts]))
@@ -70,9 +81,10 @@ def test_what_arrives_makes_a_recording() -> None:
 
 
 def test_an_ideal_sensor_tells_the_truth() -> None:
-    t, rate, force, field = motion(500, 200.0)
-    samples = switched_on(preset("ideal")).measure(t, rate, force, field)
+    t, rate, force = motion(500, 200.0)
+    samples = switched_on(preset("ideal")).measure(t, rate, force, changing_field)
     assert samples.mag is not None
+    field = changing_field(t)
     for got, true in ((samples.t, t), (samples.gyr, rate), (samples.acc, force), (samples.mag, field)):
         assert np.array_equal(got, true)
 
@@ -97,9 +109,9 @@ def test_switching_an_error_off_leaves_the_others_as_they_were() -> None:
     assert np.array_equal(part.gyr_matrix, np.eye(3))
     assert np.array_equal(full.acc_matrix, part.acc_matrix)
     assert np.array_equal(full.soft_iron, part.soft_iron)
-    t, rate, force, field = motion(100, 400.0)
+    t, rate, force = motion(100, 400.0)
     runs = (sensor.switched_on(np.random.default_rng(2)) for sensor in (full, part))
-    with_it, without_it = (run.measure(t, rate, force, field) for run in runs)
+    with_it, without_it = (run.measure(t, rate, force, changing_field) for run in runs)
     assert np.array_equal(with_it.acc, without_it.acc)
     assert np.array_equal(with_it.mag, without_it.mag, equal_nan=True)
 
@@ -109,8 +121,8 @@ def test_readings_are_truth_distorted_by_what_is_told() -> None:
     prior = replace(UNFORGIVING, clock=ClockPrior())
     gyr, acc = (replace(p, noise_density=0.0, resolution=0.0, limit=np.inf) for p in (prior.gyr, prior.acc))
     run = switched_on(replace(prior, gyr=gyr, acc=acc))
-    t, rate, force, field = motion(3000, 400.0)
-    samples, true = run.measure(t, rate, force, field), run.biases_at(t)
+    t, rate, force = motion(3000, 400.0)
+    samples, true = run.measure(t, rate, force, changing_field), run.biases_at(t)
     sensor = run.sensor
     explained = rate @ sensor.gyr_matrix.T + force @ sensor.g_sensitivity.T + true.gyr
     assert samples.gyr == pytest.approx(explained, abs=1e-12)
@@ -125,7 +137,7 @@ def noise_of(prior: SensorPrior) -> tuple[float, float, float]:
     run = switched_on(prior)
     t = np.arange(40_000) * prior.period_s
     rest = np.zeros((len(t), 3))
-    samples = run.measure(t, rest, rest, rest)
+    samples = run.measure(t, rest, rest, no_field)
     assert samples.mag is not None
     mag = samples.mag[samples.fresh]
     gyr, acc, field = (float(np.diff(x, axis=0).std() / np.sqrt(2)) for x in (samples.gyr, samples.acc, mag))
@@ -176,7 +188,7 @@ def test_every_preset_measures_and_is_told_in_json(name: str) -> None:
     prior = preset(name)
     assert prior.name == name
     run = switched_on(prior)
-    samples = run.measure(*motion(1000, prior.rate_hz))
+    samples = run.measure(*motion(1000, prior.rate_hz), changing_field)
     assert (samples.mag is None) == (prior.mag is None)
     assert np.isfinite(samples.gyr).all()
     assert np.isfinite(samples.acc).all()
@@ -197,7 +209,7 @@ def test_table_2_of_munoz_diaz_is_exact() -> None:
     prior = preset("munoz-diaz-table-2")
     run = switched_on(prior)
     t, rest = np.arange(100_000) / 100.0, np.zeros((100_000, 3))
-    samples = run.measure(t, rest, rest, rest)
+    samples = run.measure(t, rest, rest, no_field)
     assert np.rad2deg(samples.gyr.mean(axis=0)) == pytest.approx([-0.1, 0.1, -0.1], abs=0.002)
     assert np.rad2deg(samples.gyr.std(axis=0)) == pytest.approx([0.1, 0.1, 0.1], rel=0.02)
     assert samples.mag is not None
@@ -218,10 +230,10 @@ def test_a_fibre_optic_gyroscope_stays_within_a_degree_an_hour() -> None:
 
 def test_an_hour_at_400_hz_takes_seconds() -> None:
     run = switched_on(preset("mpu-9250x8"))
-    t, rate, force, field = motion(50_000, 400.0)
-    run.measure(t[:10], rate[:10], force[:10], field[:10])
+    t, rate, force = motion(50_000, 400.0)
+    run.measure(t[:10], rate[:10], force[:10], changing_field)
     begin = time.perf_counter()
-    run.measure(t + 1.0, rate, force, field)
+    run.measure(t + 1.0, rate, force, changing_field)
     assert time.perf_counter() - begin < 8.0 / 28.8 * 3, "1.44 million samples would take more than 24 s"
 
 
@@ -263,12 +275,12 @@ def test_an_unknown_sensor_names_the_known_ones() -> None:
 
 
 def test_blocks_that_do_not_follow_on_are_refused() -> None:
-    run, (t, rate, force, field) = switched_on(preset("demo")), motion(100, 200.0)
-    run.measure(t[:50], rate[:50], force[:50], field[:50])
+    run, (t, rate, force) = switched_on(preset("demo")), motion(100, 200.0)
+    run.measure(t[:50], rate[:50], force[:50], changing_field)
     with pytest.raises(SimulationError, match="do not rise"):
-        run.measure(t[40:], rate[40:], force[40:], field[40:])
+        run.measure(t[40:], rate[40:], force[40:], changing_field)
     with pytest.raises(SimulationError, match=r"force to measure has shape \(49, 3\), not \(50, 3\)"):
-        run.measure(t[50:], rate[50:], force[51:], field[50:])
+        run.measure(t[50:], rate[50:], force[51:], changing_field)
     force[70, 1] = np.nan
     with pytest.raises(SimulationError, match=r"force to measure is not finite at 0\.350 s"):
-        run.measure(t[50:], rate[50:], force[50:], field[50:])
+        run.measure(t[50:], rate[50:], force[50:], changing_field)

@@ -1,10 +1,13 @@
-"""The magnetometer: fresh samples and held ones, iron, and the paper's own iron."""
+"""The magnetometer: fresh samples, late and held ones, iron, and the paper's own iron."""
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
+from fg_nav.errors import SimulationError
 from fg_nav.simulation.sensors import (
     IronPrior,
     MagnetometerPrior,
@@ -18,12 +21,12 @@ from fg_nav.simulation.sensors import (
 NAV_FIELD = np.array([0.0, 20.0, -44.0])
 
 
-def recorded(prior: SensorPrior, body_field: Floats, seed: int = 0, block: int = 10**6) -> Samples:
+def recorded(prior: SensorPrior, body_field: Callable[[Floats], Floats], count: int, block: int = 10**6) -> Samples:
     """Samples of a sensor at rest in a changing field, put together from blocks."""
-    run = prior.draw(np.random.default_rng(seed)).switched_on(np.random.default_rng(seed + 1))
-    t, still = np.arange(len(body_field)) * prior.period_s, np.zeros_like(body_field)
+    run = prior.draw(np.random.default_rng(0)).switched_on(np.random.default_rng(1))
+    t, still = np.arange(count) * prior.period_s, np.zeros((count, 3))
     cuts = [slice(i, i + block) for i in range(0, len(t), block)]
-    parts = [run.measure(t[cut], still[cut], still[cut], body_field[cut]) for cut in cuts]
+    parts = [run.measure(t[cut], still[cut], still[cut], body_field) for cut in cuts]
     mag = np.vstack([part.mag for part in parts if part.mag is not None])
     fresh = np.concatenate([part.fresh for part in parts if part.fresh is not None])
     return Samples(t, mag, mag, mag, fresh, np.arange(len(t)))
@@ -33,25 +36,24 @@ def with_mag(mag: MagnetometerPrior) -> SensorPrior:
     return SensorPrior("test", 400.0, mag=mag)
 
 
-def spinning(count: int, rate_hz: float) -> Floats:
-    """A field that turns once a second."""
-    angle = 2 * np.pi * np.arange(count) / rate_hz
+def spinning(t: Floats, turns_a_second: float = 1.0) -> Floats:
+    """A field that turns about the vertical."""
+    angle = 2 * np.pi * turns_a_second * t
     return 40.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle + 1], axis=1)
 
 
 def test_every_fourth_row_is_fresh_and_the_others_are_empty() -> None:
-    field = spinning(4000, 400.0)
-    got = recorded(with_mag(MagnetometerPrior(rate_hz=100.0)), field)
+    got = recorded(with_mag(MagnetometerPrior(rate_hz=100.0)), spinning, 4000)
     assert got.mag is not None
     assert got.fresh is not None
     assert set(np.diff(np.flatnonzero(got.fresh))[1:]) == {4}
     assert got.fresh[0]
     assert np.isnan(got.mag[~got.fresh]).all()
-    assert got.mag[got.fresh] == pytest.approx(field[got.fresh])
+    assert got.mag[got.fresh] == pytest.approx(spinning(got.t[got.fresh]))
 
 
 def test_an_odd_rate_is_kept_on_average() -> None:
-    got = recorded(with_mag(MagnetometerPrior(rate_hz=61.7)), spinning(40_000, 400.0))
+    got = recorded(with_mag(MagnetometerPrior(rate_hz=61.7)), spinning, 40_000)
     assert got.fresh is not None
     assert got.fresh.sum() == pytest.approx(61.7 * 100.0, abs=2)
     assert set(np.diff(np.flatnonzero(got.fresh))[1:]) == {6, 7}
@@ -59,15 +61,15 @@ def test_an_odd_rate_is_kept_on_average() -> None:
 
 def test_a_faster_magnetometer_has_a_sample_in_every_row() -> None:
     for rate_hz in (400.0, 1000.0, np.inf):
-        got = recorded(with_mag(MagnetometerPrior(rate_hz=rate_hz)), spinning(2000, 400.0))
+        got = recorded(with_mag(MagnetometerPrior(rate_hz=rate_hz)), spinning, 2000)
         assert got.fresh is not None
         assert got.fresh.all()
 
 
 def test_held_samples_repeat_the_last_fresh_one() -> None:
-    field = spinning(4000, 400.0)
-    empty = recorded(with_mag(MagnetometerPrior(rate_hz=100.0, noise_sd_uT=0.5)), field)
-    held = recorded(with_mag(MagnetometerPrior(rate_hz=100.0, noise_sd_uT=0.5)).with_held_field(), field, block=37)
+    prior = with_mag(MagnetometerPrior(rate_hz=100.0, noise_sd_uT=0.5))
+    empty = recorded(prior, spinning, 4000)
+    held = recorded(prior.with_held_field(), spinning, 4000, block=37)
     assert held.mag is not None
     assert empty.mag is not None
     assert held.fresh is not None
@@ -77,22 +79,79 @@ def test_held_samples_repeat_the_last_fresh_one() -> None:
     assert np.array_equal(steps > 0, held.fresh[1:])
 
 
-def test_a_lagging_sample_shows_the_field_of_then() -> None:
-    field = spinning(4000, 400.0)
-    got = recorded(with_mag(MagnetometerPrior(lag_s=0.011)), field, block=13)
+@pytest.mark.parametrize("block", [13, 10**6])
+@pytest.mark.parametrize("turns_a_second", [1.0, 170.0])
+def test_a_lagging_sample_shows_the_field_of_then(turns_a_second: float, block: int) -> None:
+    """To rounding, from the first row on, and however far the field turns from row to row: nothing is interpolated."""
+    prior = with_mag(MagnetometerPrior(rate_hz=100.0, lag_s=0.011))
+    got = recorded(prior, lambda t: spinning(t, turns_a_second), 4000, block)
     assert got.mag is not None
-    angle = np.unwrap(np.arctan2(got.mag[:, 1], got.mag[:, 0]))
-    t = np.arange(4000) / 400.0
-    assert angle[10:] == pytest.approx(2 * np.pi * (t[10:] - 0.011), abs=2e-4)
-    assert got.mag[0] == pytest.approx(field[0])
+    assert got.fresh is not None
+    assert got.fresh[0]
+    x, y, z = got.mag[got.fresh].T
+    late = np.angle((x + 1j * y) * np.exp(-2j * np.pi * turns_a_second * got.t[got.fresh]))
+    lag_turns = -0.011 * turns_a_second
+    assert late == pytest.approx(2 * np.pi * (lag_turns - np.rint(lag_turns)), abs=1e-9)
+    assert np.hypot(x, y) == pytest.approx(z)
+
+
+@pytest.mark.parametrize(("block", "most_asked"), [(3, 1), (37, 10), (4000, 1001)])
+def test_the_field_is_asked_for_only_where_it_is_measured(block: int, most_asked: int) -> None:
+    asked: list[Floats] = []
+
+    def listening(t: Floats) -> Floats:
+        asked.append(t.copy())
+        return spinning(t)
+
+    got = recorded(with_mag(MagnetometerPrior(rate_hz=100.0, lag_s=0.011)), listening, 4000, block)
+    assert got.fresh is not None
+    assert np.concatenate(asked) == pytest.approx(got.t[got.fresh] - 0.011, abs=1e-12)
+    assert (np.diff(np.concatenate(asked)) > 0).all()
+    assert len(asked) == len(set(np.flatnonzero(got.fresh) // block))
+    assert all(1 <= len(instants) <= most_asked for instants in asked)
+
+
+def test_a_sensor_without_a_magnetometer_does_not_ask_for_the_field() -> None:
+    def never(t: Floats) -> Floats:
+        raise AssertionError(f"asked for {len(t)} instants")
+
+    run = SensorPrior("blind", 400.0, mag=None).draw(np.random.default_rng(0)).switched_on(np.random.default_rng(1))
+    samples = run.measure(np.arange(100) / 400.0, np.zeros((100, 3)), np.zeros((100, 3)), never)
+    assert samples.mag is None
+    assert samples.fresh is None
+
+
+@pytest.mark.parametrize(
+    ("body_field", "words"),
+    [
+        (lambda t: NAV_FIELD, r"field to measure has shape \(3,\), not \(100, 3\): give each instant a row"),
+        (lambda t: spinning(t[1:]), r"field to measure has shape \(99, 3\), not \(100, 3\)"),
+        (lambda t: spinning(t).T, r"field to measure has shape \(3, 100\), not \(100, 3\)"),
+        (lambda t: np.where(t[:, None] < 0.5, spinning(t), np.nan), r"field to measure is not finite at 0\.500 s"),
+        (lambda t: spinning(t) / (np.abs(t[:, None] - 0.25) > 0.001), r"field to measure is not finite at 0\.250 s"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:divide by zero")
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_a_field_that_cannot_be_is_refused(body_field: Callable[[Floats], Floats], words: str) -> None:
+    run = SensorPrior("any", 100.0).draw(np.random.default_rng(0)).switched_on(np.random.default_rng(1))
+    still = np.zeros((100, 3))
+    with pytest.raises(SimulationError, match=words):
+        run.measure(np.arange(100) / 100.0, still, still, body_field)
 
 
 def turned_level(level_R_body: Floats, prior: SensorPrior) -> Floats:
     """Levelled readings (N, 3) of a foot that stands in every direction, its sensor tilted as it is mounted."""
-    heading = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
-    nav_R_level = Rotation.from_rotvec(heading[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-    body_field = np.einsum("nji,j->ni", nav_R_level, NAV_FIELD) @ level_R_body
-    got = recorded(prior, body_field)
+    count = 720
+    turn_s = count * prior.period_s
+
+    def body_field(t: Floats) -> Floats:
+        angle = 2 * np.pi * t / turn_s
+        nav_R_level = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+        turned: Floats = np.einsum("nji,j->ni", nav_R_level, NAV_FIELD) @ level_R_body
+        return turned
+
+    got = recorded(prior, body_field, count)
     assert got.mag is not None
     return got.mag @ level_R_body.T
 
@@ -118,9 +177,9 @@ def test_effective_iron_is_what_the_readings_have() -> None:
     prior = preset("mpu-9250x8")
     sensor = prior.draw(np.random.default_rng(4))
     run = sensor.switched_on(np.random.default_rng(5))
-    fields = np.repeat(30.0 * np.vstack([np.zeros(3), np.eye(3)]), 4000, axis=0)
-    t, still = np.arange(len(fields)) / 400.0, np.zeros_like(fields)
-    mag = run.measure(t, still, still, fields).mag
+    fields = 30.0 * np.vstack([np.zeros(3), np.eye(3)])  # for ten seconds each
+    t, still = np.arange(16_000) / 400.0, np.zeros((16_000, 3))
+    mag = run.measure(t, still, still, lambda t: fields[np.floor(t / 10.0).astype(int).clip(0)]).mag
     assert mag is not None
     none, *axes = (np.nanmean(part[20:], axis=0) for part in np.split(mag, 4))
     assert none == pytest.approx(sensor.hard_iron_uT, abs=0.03)

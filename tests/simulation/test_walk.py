@@ -68,7 +68,7 @@ def test_the_foot_is_slow_where_it_is_said_to_be_flat_and_fast_elsewhere(ideal):
     speed = np.linalg.norm(np.gradient(truth.position, truth.t, axis=0), axis=1)
     flat = np.zeros(len(truth.t), dtype=bool)
     for start, stop in ideal.flat:
-        flat |= (truth.t > start) & (truth.t < stop)
+        flat |= (truth.t > start + 0.05) & (truth.t < stop - 0.05)  # it rolls faster where it comes down and leaves
     assert np.percentile(speed[flat], 99) < 0.3
     assert speed[~flat].mean() > 1.0
     assert len(ideal.flat) == len(ideal.strides) + 1
@@ -133,7 +133,9 @@ def test_a_slow_magnetometer_leaves_rows_without_a_sample():
 
 
 def test_landmarks_are_passed_on_every_lap_at_the_same_place():
-    lap = polyline([(0, 0), (0, 10), (8, 10), (8, 0), (0, 0)], 1.2).with_landmarks([5.0, 20.0], ["door", "desk"])
+    lap = polyline([(0, 5), (0, 10), (8, 10), (8, 0), (0, 0), (0, 5)], 1.2).with_landmarks(
+        [4.0, 20.0], ["door", "desk"]
+    )
     course = [Stand(2.0), Walk(lap.repeated(3)), Stand(2.0)]
     walk = simulate(replace(SHORT, course=lambda rng: course), 2, IDEAL)
     assert [mark.landmark for mark in walk.landmarks] == ["door", "desk"] * 3

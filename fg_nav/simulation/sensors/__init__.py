@@ -1,8 +1,8 @@
 """Sensors that misread: from true rate, specific force and field to what a logger stores.
 
-Symbols: w rate (rad/s), f specific force (m/s^2), each the mean over a sample's period; B field (uT); all in the
-body frame. A bar is the mean over the units of a module, u counts them; every equation is explained in the file
-named beside it.
+Symbols: w rate (rad/s), f specific force (m/s^2), each the mean over a sample's period; B field (uT), asked for
+at the instants of the magnetometer's own samples; all in the body frame. A bar is the mean over the units of a
+module, u counts them; every equation is explained in the file named beside it.
 
     gyr = mean_u digits((I + E_u) w + G_u f + b_u + d_u(t) + n)     `triad`, `drift`
     acc = mean_u digits((I + E_u) f + b_u + d_u(t) + n)             `triad`, `drift`
@@ -19,7 +19,7 @@ Three stages, three sources of chance, so that a sensor calibrated in one scenar
 
 >>> sensor = preset("mpu-9250x8").draw(np.random.default_rng(1))
 >>> run = sensor.switched_on(np.random.default_rng(2))
->>> samples = run.measure(t, rate, force, body_field)  # block after block
+>>> samples = run.measure(t, rate, force, body_field)  # block after block; body_field(instants) is (M, 3) uT
 >>> run.biases_at(np.arange(0.0, t[-1]))  # the truth
 
 Drawn values and parameters are put into JSON by `as_dict`.

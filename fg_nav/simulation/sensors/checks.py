@@ -1,4 +1,4 @@
-"""Checks of a sensor's parameters: what cannot be is named by its field, before anything is simulated.
+"""Checks of a sensor's parameters and inputs: what cannot be is named, parameters before anything is simulated.
 
 A parameter may be a number or nested tuples of numbers, as `Triple` and `Matrix`.
 """
@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 
 Triple: TypeAlias = tuple[float, float, float]
@@ -62,6 +63,22 @@ def vector(owner: object, name: str, shape: tuple[int, ...] = (3,)) -> None:
     if not _is_numeric(getattr(owner, name), shape):
         form = " x ".join(str(length) for length in shape)
         raise SimulationError(_complaint(owner, name, f"{form} finite numbers"))
+
+
+def rows(name: str, value: Floats, t: Floats) -> None:
+    """Demand a finite vector (N, 3) for each of the instants `t` (N,) s.
+
+    Raises
+    ------
+    SimulationError
+        Naming the input, and the first instant that is not finite.
+    """
+    if value.shape != (len(t), 3):
+        raise SimulationError(f"{name} to measure has shape {value.shape}, not ({len(t)}, 3): give each instant a row.")
+    finite = np.isfinite(value).all(axis=1)
+    if not finite.all():
+        when = t[np.argmin(finite)]
+        raise SimulationError(f"{name} to measure is not finite at {when:.3f} s: look at what moves there.")
 
 
 def _is_numeric(value: object, shape: tuple[int, ...]) -> bool:

@@ -8,7 +8,7 @@ B' (uT) is the field at the chip, bent by the iron that is carried along (`fg_na
 A chip has its own rate. A row of the recording is fresh if a new sample was ready since the row before; in all
 others there is none (NaN), or, as many loggers have it, the last one again (`held`). The phase between the two
 rates is chance. A sample is the field `lag` before the row in which it shows: the middle of the time the chip
-took to measure.
+took to measure. The field is asked for at those instants, so that the lag is exact.
 """
 
 from __future__ import annotations
@@ -95,28 +95,3 @@ class Ticks:
         fresh = np.diff(tick, prepend=self._last) > 0
         self._last = float(tick[-1])
         return fresh
-
-
-class Delay:
-    """A vector over time as it was a moment ago, across blocks; before its beginning it is as at its beginning."""
-
-    def __init__(self, lag_s: float) -> None:
-        self._lag_s = lag_s
-        self._t = np.zeros(0)
-        self._value = np.zeros((0, 3))
-
-    def delayed(self, t: Floats, value: Floats, wanted: Bools) -> Floats:
-        """Values (M, 3) a lag before the M `wanted` ones of the next N rows; `t` (N,) s, `value` (N, 3)."""
-        if self._lag_s == 0:
-            return np.asarray(value[wanted])
-        self._t, self._value = np.concatenate([self._t, t]), np.vstack([self._value, value])
-        then = t[wanted] - self._lag_s
-        old = np.stack([np.interp(then, self._t, self._value[:, axis]) for axis in range(3)], axis=1)
-        self._forget()
-        return old
-
-    def _forget(self) -> None:
-        """Keep what the next rows may ask for: from the last instant before a lag ago."""
-        if len(self._t):
-            keep = max(0, int(np.searchsorted(self._t, self._t[-1] - self._lag_s, side="right")) - 1)
-            self._t, self._value = self._t[keep:], self._value[keep:]

@@ -26,7 +26,7 @@ from fg_nav.errors import SimulationError
 from fg_nav.simulation.sensors import checks
 from fg_nav.simulation.sensors.average import mean_of
 from fg_nav.simulation.sensors.clock import Clock, ClockPrior
-from fg_nav.simulation.sensors.compass import Compass
+from fg_nav.simulation.sensors.compass import BodyField, Compass
 from fg_nav.simulation.sensors.iron import Iron, IronPrior
 from fg_nav.simulation.sensors.magnetometer import Magnetometer, MagnetometerPrior
 from fg_nav.simulation.sensors.plain import plain
@@ -229,14 +229,16 @@ class SensorRun:
         )
         self._end = -np.inf
 
-    def measure(self, t: Floats, rate: Floats, force: Floats, body_field: Floats | None = None) -> Samples:
+    def measure(self, t: Floats, rate: Floats, force: Floats, body_field: BodyField | None = None) -> Samples:
         """Take the next N samples.
 
         Parameters
         ----------
         t : (N,) s from 0 on, rising, one every period: when each sample begins.
         rate, force : (N, 3) rad/s and m/s^2 in the body frame, each the mean over [t, t + period].
-        body_field : (N, 3) uT at t in the body frame, without iron; None for a recording without magnetometer.
+        body_field : asked once, if the block has samples of the magnetometer, for the field (M, 3) uT in the body
+            frame, without iron, when they were taken: at M rising instants (M,) s, a lag before their rows and so
+            maybe a little before t[0] or 0. None for a recording without magnetometer.
 
         Returns
         -------
@@ -248,7 +250,7 @@ class SensorRun:
         SimulationError
             If shapes disagree, something is not finite, or the block does not follow on the one before.
         """
-        self._admit(t, rate, force, body_field)
+        self._admit(t, rate, force)
         turn = self.sensor.board_R_body.T
         rate, force = rate @ turn, force @ turn
         gyr = mean_of([unit.measure(t, rate, force) for unit in self._gyr])
@@ -275,16 +277,9 @@ class SensorRun:
             "units": [{"gyr": plain(g), "acc": plain(a)} for g, a in zip(gyr, acc, strict=True)],
         }
 
-    def _admit(self, t: Floats, rate: Floats, force: Floats, body_field: Floats | None) -> None:
-        inputs = {"rate": rate, "force": force, "field": body_field}
-        for name, value in inputs.items():
-            if value is not None and value.shape != (len(t), 3):
-                raise SimulationError(
-                    f"{name} to measure has shape {value.shape}, not ({len(t)}, 3): give a row a stamp."
-                )
-            if value is not None and not np.isfinite(value).all():
-                first = int(np.argmin(np.isfinite(value).all(axis=1)))
-                raise SimulationError(f"{name} to measure is not finite at {t[first]:.3f} s: look at what moves there.")
+    def _admit(self, t: Floats, rate: Floats, force: Floats) -> None:
+        checks.rows("rate", rate, t)
+        checks.rows("force", force, t)
         if not (np.diff(t, prepend=self._end) > 0).all():
             raise SimulationError("the instants to measure at do not rise: give blocks one after the other, each once.")
         self._end = float(t[-1]) if len(t) else self._end
