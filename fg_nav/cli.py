@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from fg_nav.errors import FgNavError, OutputError
+from fg_nav.errors import FgNavError, OutputError, SimulationError
 
 if TYPE_CHECKING:
     from fg_nav.recording import Recording
@@ -285,9 +285,13 @@ def _simulated(name: str, seed: int, choices: Choices | None = None) -> Simulate
     from fg_nav.simulation import Choices, scenario, simulate
     from fg_nav.simulation.scenario_file import SUFFIX, read_scenario
 
-    chosen = read_scenario(Path(name)) if name.endswith(SUFFIX) else scenario(name)
-    with progress(chosen.name) as report:
-        return simulate(chosen, seed, choices or Choices(), progress=report)
+    own = name.endswith(SUFFIX)
+    chosen = read_scenario(Path(name)) if own else scenario(name)
+    try:
+        with progress(chosen.name) as report:
+            return simulate(chosen, seed, choices or Choices(), progress=report)
+    except SimulationError as error:
+        raise SimulationError(f"{Path(name).name}: {error}" if own else str(error)) from None
 
 
 def _as_if_read(recording: Recording, path: Path) -> Recording:

@@ -113,14 +113,14 @@ def recordings(long: bool = False, real: Path | None = None) -> dict[str, Record
     if real is not None:
         return {real.name: read(real)}
     minutes = LONG_MINUTES if long else MINUTES
-    whole = long_walk(minutes[-1], np.random.default_rng(SEED))
+    whole = long_walk(minutes[-1], SEED)
     share = [round(len(whole) * part / minutes[-1]) for part in minutes]
     return {f"{part:g} min": whole.slice(0, stop) for part, stop in zip(minutes, share, strict=True)}
 
 
 def warm_up() -> None:
     """Compile and load everything once."""
-    recording = long_walk(0.5, np.random.default_rng(SEED))
+    recording = long_walk(0.5, SEED)
     stances = detect_stances(recording)
     bare_loop(recording)
     smooth(recording, stances)

@@ -1,51 +1,48 @@
-"""A simulated walk of any length: the built-in demonstration walked again and again, each round drawn anew.
+"""A simulated walk of any length: rounds of the demonstration's corridor, a rest after each.
 
-Every round begins and ends with the foot flat, at rest, on the same spot and pointing north, so one joins the other
-without a jump of position, attitude, rate or specific force. Gait, footprints and noise differ from round to round;
-the biases are those of one sensor. It stands still for six seconds a minute: easy to solve, and that is no matter
-here, for what it measures is time.
+Foot, sensor and way are those of the demonstration, without the magnetometer. It stands still for ten seconds a
+minute: easy to solve, and that is no matter here, for what it measures is time.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from fg_nav.arrays import Floats
-from fg_nav.recording import Provenance, Recording, TrajectoryTruth
-from fg_nav.simulation.demo import DemoSensor, demo_motion
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.simulation import SCENARIOS, Choices, courses, simulate
+from fg_nav.simulation.plan import Section, Stand
+
+PAUSE_S = 10.0
+SHORTEST_ROUND_S = 55.0
+"""A round of 61 strides takes some 57 s, and there is a pause after it."""
 
 
-def long_walk(minutes: float, rng: np.random.Generator, rate_hz: float = 200.0) -> Recording:
+def long_walk(minutes: float, seed: int, rate_hz: float = 200.0) -> Recording:
     """Walk round the corridor for this long; the truth is the true path.
 
     Parameters
     ----------
     minutes : duration; the last round is cut off where the time is over, be it in a swing.
-    rng : source of gait, biases and noise.
+    seed : draws gait, biases and noise.
     rate_hz : sample rate.
     """
-    needed, sensor = round(60 * minutes * rate_hz), DemoSensor()
-    rate, force, position = (part[:needed] for part in _rounds(needed, rng, rate_hz))
-    return Recording(
-        t=np.arange(needed) / rate_hz,
-        acc=_measured(force, sensor.acc_bias_m_s2, sensor.acc_noise_m_s2, rng),
-        gyr=_measured(rate, sensor.gyr_bias_rad_s, sensor.gyr_noise_rad_s, rng),
-        truth=TrajectoryTruth(t=np.arange(needed) / rate_hz, position=position),
-        provenance=Provenance(format="demo", notes=("simulated",)),
+    rounds = int(np.ceil(60 * minutes / SHORTEST_ROUND_S))
+    demo = SCENARIOS["demo"]
+    scenario = replace(
+        demo,
+        name=f"{rounds} rounds",
+        course=lambda _: _course(rounds),
+        sensor=replace(demo.prior, mag=None),
+        field="homogeneous",
     )
+    whole = simulate(scenario, seed, Choices(rate_hz=rate_hz)).recording
+    truth, stop = whole.truth, round(60 * minutes * rate_hz)
+    assert isinstance(truth, TrajectoryTruth)
+    return replace(whole.slice(0, stop), truth=TrajectoryTruth(truth.t[:stop], truth.position[:stop]))
 
 
-def _rounds(needed: int, rng: np.random.Generator, rate_hz: float) -> list[Floats]:
-    """At least `needed` samples of rate, specific force and position, (N, 3) each."""
-    rounds: list[tuple[Floats, Floats, Floats]] = []
-    while sum(len(position) for *_, position in rounds) < needed:
-        motion, duration_s = demo_motion(rng)
-        t = np.arange(int(duration_s * rate_hz) + 1) / rate_hz
-        rate, force = motion.sampled(t, 1 / rate_hz)
-        position = motion.at(t).position
-        rounds.append((rate, force, position - position[0]))
-    return [np.concatenate(parts) for parts in zip(*rounds, strict=True)]
-
-
-def _measured(true: Floats, bias_sd: float, noise_sd: float, rng: np.random.Generator) -> Floats:
-    return true + bias_sd * rng.standard_normal(3) + noise_sd * rng.standard_normal(true.shape)
+def _course(rounds: int) -> list[Section]:
+    rest, around, _ = courses.demo()
+    return [rest, *[around, Stand(PAUSE_S)] * rounds]

@@ -2,9 +2,9 @@
 
     python scripts/preintegration.py
 
-A noise-free simulated minute of walking is cut at the middle of each stance. Each stride is preintegrated from the
-true state at its start, by GTSAM's default class and by the Galilean one, and the velocity it predicts at the end is
-compared with the true one. Nothing but the integration can be wrong.
+The noise-free samples of the simulated demonstration, a minute of walking, are cut at the middle of each stance. Each
+stride is preintegrated from the true state at its start, by GTSAM's default class and by the Galilean one, and the
+velocity it predicts at the end is compared with the true one. Nothing but the integration can be wrong.
 """
 
 from __future__ import annotations
@@ -19,8 +19,11 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.simulation.demo import demo_motion
-from fg_nav.simulation.gait import FootMotion, Kinematics
+from fg_nav.simulation import Person, courses
+from fg_nav.simulation.foot import FootMotion, foot_motion
+from fg_nav.simulation.motion import Kinematics
+from fg_nav.simulation.person import INSTEP
+from fg_nav.simulation.plan import plan
 
 CLASSES: Mapping[str, Any] = {
     "default (tangent space)": gtsam.PreintegratedImuMeasurements,
@@ -29,37 +32,33 @@ CLASSES: Mapping[str, Any] = {
 
 RATES_HZ = (100.0, 200.0, 400.0)
 
-STILL_RAD_S = 0.3
-"""Below this rate the foot is in stance; the middle of each such stretch is where strides are cut."""
-
 
 def main() -> None:
     """Print the velocity error at the end of a stride, root mean square over the strides."""
-    motion, duration_s = demo_motion(np.random.default_rng(1))
-    errors = [stride_errors(motion, duration_s, rate_hz) for rate_hz in RATES_HZ]
+    motion = demo_motion(np.random.default_rng(1))
+    errors = [stride_errors(motion, rate_hz) for rate_hz in RATES_HZ]
     rows = [[name, *(f"{1e3 * _rms(error[name]):.2f}" for error in errors)] for name in CLASSES]
     fig.print_heading("Velocity error at the end of a stride, rms (mm/s)")
     fig.print_table(("preintegration", *(f"{rate_hz:g} Hz" for rate_hz in RATES_HZ)), rows)
     print(f"{len(errors[0]['Galilean'])} strides")
 
 
-def stride_errors(motion: FootMotion, duration_s: float, rate_hz: float) -> dict[str, Floats]:
+def demo_motion(rng: np.random.Generator) -> FootMotion:
+    """A sensor on the default person's instep, once round the corridor."""
+    person = Person()
+    return foot_motion(plan(courses.demo(), person, rng), person, INSTEP, rng)
+
+
+def stride_errors(motion: FootMotion, rate_hz: float) -> dict[str, Floats]:
     """Predicted less true velocity (S, 3) m/s at the end of each stride, by class."""
-    t = np.arange(int(duration_s * rate_hz)) / rate_hz
+    cuts: Ints = (motion.flat.mean(axis=1) * rate_hz).astype(np.int64)
+    t = np.arange(cuts[-1] + 1) / rate_hz
     samples, truth = motion.sampled(t, 1 / rate_hz), motion.at(t)
-    strides = list(pairwise(_cuts(truth)))
+    strides = list(pairwise(cuts))
     return {
         name: np.array([_predicted(kind, samples, truth, i, j, rate_hz) - truth.velocity[j] for i, j in strides])
         for name, kind in CLASSES.items()
     }
-
-
-def _cuts(truth: Kinematics) -> Ints:
-    still = np.linalg.norm(truth.rate, axis=1) < STILL_RAD_S
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(np.int8)))
-    start, stop = edges[::2], edges[1::2]
-    standing = np.linalg.norm(truth.velocity[(start + stop) // 2], axis=1) < 0.05
-    return np.asarray((start + stop)[standing] // 2)
 
 
 def _predicted(kind: Any, samples: tuple[Floats, Floats], truth: Kinematics, i: int, j: int, rate_hz: float) -> Floats:

@@ -1,7 +1,7 @@
 """Simulated walks for tests: whose foot, what sensor on it, and all that is true about it.
 
 `PERSON` is the library's default person, whose foot is hit, trembles and slips. Tests of what an estimator can know
-take the `QUIET` one, whose foot rolls about its pivot on a soft sole and does nothing else; `RIGID` has a hard sole too.
+take the `QUIET` one, whose foot rolls about its pivot on a soft sole and does nothing else. `RIGID` has a hard sole.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
@@ -21,6 +22,7 @@ from fg_nav.simulation.footsteps import Strides, Style
 from fg_nav.simulation.path import straight
 from fg_nav.simulation.person import INSTEP, Gait, Mount, Person, Shock
 from fg_nav.simulation.plan import Section, Stand, Walk, plan
+from fg_nav.simulation.ramps import Bursts, Ramps
 from fg_nav.simulation.sensors import SensorPrior, preset
 
 NO_SHOCK = Shock(0.0, 0.0, 20.0, 0.1)
@@ -46,12 +48,12 @@ FIRM = replace(INSTEP, tilt_sd_rad=(0.0, 0.0, 0.0), ringing=NO_SHOCK)
 LEVER = tuple(float(x) for x in FIRM.foot_R_body.T @ FIRM.lever_m)
 """From the pivot to a `FIRM` sensor, in the sensor's axes."""
 
+WALKERS = pytest.mark.parametrize(("person", "mount"), [(QUIET, FIRM), (PERSON, INSTEP)], ids=["quiet", "real"])
+"""One whose foot rolls and does nothing else, and one whose foot is hit, trembles and slips."""
+
 INDUSTRIAL = replace(preset("demo"), mag=None)
 """White noise and constant biases."""
 
-BIASED_NOT = replace(
-    INDUSTRIAL, gyr=replace(INDUSTRIAL.gyr, bias_sd=0.0), acc=replace(INDUSTRIAL.acc, bias_sd=0.0)
-)
 IDEAL = replace(preset("ideal"), mag=None)
 
 
@@ -125,8 +127,9 @@ def straight_walk(
 ) -> SimulatedFoot:
     """Straight ahead, standing before and after; `noise` scales that of a sensor without bias."""
     length_m = person.gait(style).stride_m * np.sqrt(pace) * (strides - 1)  # a step out of standing and one into it
-    course = [Stand(standing_s), Walk(straight(length_m), style, strides, pace), Stand(standing_s)]
-    return simulated(course if standing_s else course[1:2], person, mount, loud(noise).at_rate(rate_hz), seed)
+    rest = [Stand(standing_s)] if standing_s else []
+    course = [*rest, Walk(straight(length_m), style, strides, pace), *rest]
+    return simulated(course, person, mount, loud(noise).at_rate(rate_hz), seed)
 
 
 def loud(noise: float) -> SensorPrior:
@@ -142,3 +145,12 @@ def mounted(recording: Recording, body_R_sensor: Rotation) -> Recording:
     """What the same sensor reads when it is mounted turned."""
     acc, gyr = (body_R_sensor.inv().apply(samples) for samples in (recording.acc, recording.gyr))
     return Recording(t=recording.t, acc=acc, gyr=gyr)
+
+
+def turning_foot(lever_m: Sequence[float] | Floats, turns: Sequence[Ramps], up: Ramps | None = None) -> FootMotion:
+    """A foot that turns by these ramps of roll, pitch and yaw about a pivot that only rises and sinks."""
+    nothing = np.zeros(0)
+    still = Ramps(nothing, nothing, nothing)
+    bursts = Bursts(nothing, nothing, nothing, nothing, np.zeros((0, 6)))
+    up = still if up is None else up
+    return FootMotion(still, still, up, *turns, bursts, np.array(lever_m), np.eye(3), np.zeros((0, 2)))

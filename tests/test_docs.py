@@ -5,15 +5,15 @@ import tomllib
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 import typer
 
 from fg_nav import recording
 from fg_nav.cli import app
 from fg_nav.io import FORMATS, write_canonical
-from fg_nav.report.folder import RESULT_FILES
-from fg_nav.simulation import demo_walk
+from fg_nav.report.folder import RESULT_FILES, SIMULATION_FILES
+from fg_nav.simulation import SCENARIOS, simulate
+from fg_nav.simulation.scenarios import FIELDS
 from fg_nav.smoother import SmootherParameters
 
 ROOT = Path(__file__).parents[1]
@@ -75,7 +75,7 @@ def test_every_file_of_a_result_is_explained() -> None:
 def test_commands_and_options_exist() -> None:
     blocks = re.findall(r"```sh\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
     lines = re.findall(r"(?:^|/)fg-nav (\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
-    assert {name for name, _ in lines} == {"demo", "inspect", "run", "compare"}
+    assert {name for name, _ in lines} == {"demo", "inspect", "run", "compare", "simulate"}
     commands = typer.main.get_command(app).commands
     for name, rest in lines:
         options = {option for parameter in commands[name].params for option in parameter.opts}
@@ -86,7 +86,7 @@ def test_python_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    write_canonical(demo_walk(np.random.default_rng(2)).slice(0, 3000), tmp_path / "walk.csv")
+    write_canonical(simulate("demo", 2).recording, tmp_path / "walk.csv")
     monkeypatch.chdir(tmp_path)
     exec(code, {})
     assert "strides_detected" in capsys.readouterr().out
@@ -95,3 +95,21 @@ def test_python_example_runs(
 def test_changelog_knows_the_version() -> None:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert f"## {version}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_every_scenario_has_its_row() -> None:
+    rows = rows_of(ROOT / "docs/simulation.md")
+    told = {row[0].strip("`"): row[2:] for row in rows if row[0].strip("`") in SCENARIOS}
+    known = {name: [f"{one.worn}, `{one.prior.name}`", f"`{one.field}`"] for name, one in SCENARIOS.items()}
+    assert told == known
+
+
+def test_every_file_of_a_simulation_is_explained() -> None:
+    for page in (README, ROOT / "docs/simulation.md"):
+        text = page.read_text(encoding="utf-8")
+        assert not [name for name in SIMULATION_FILES if f"`{name}`" not in text]
+
+
+def test_every_field_and_level_is_explained() -> None:
+    text = (ROOT / "docs/simulation.md").read_text(encoding="utf-8")
+    assert not [name for name in FIELDS if f"`{name}`" not in text]

@@ -13,7 +13,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, FormatError
 from fg_nav.evaluation import Metrics
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.simulation import demo_walk
+from fg_nav.simulation import simulate
 from fg_nav.smoother import SmootherParameters, batch
 from tests.real_data import DATA, needs_data
 
@@ -28,7 +28,7 @@ long_walk = importlib.import_module("long_walk").long_walk
 
 @pytest.fixture(scope="module")
 def demo():
-    recording = demo_walk(np.random.default_rng(3))
+    recording = simulate("demo", 3).recording
     return walks.Walk("demo", recording, detect_stances(recording))
 
 
@@ -121,10 +121,10 @@ def test_each_part_left_out_is_a_smoother_of_its_own(demo):
     rows = {name: real_walks._variant(name, p, {"vicon": [demo]}) for name, p in variants.items()}
     assert all(row["failed"] == 0 for row in rows.values())
     default = next(row for name, row in rows.items() if name.startswith("default"))
-    # 10 cm above the ground, a foot that rolls by 0.9 deg a stance goes 1.6 mm: 0.12 % of the stride that plain
-    # zero velocity takes away
+    # 9 cm above the ground, on a foot that rolls by some 20 deg/s, the sensor goes 3 cm/s in stance. Taken for zero
+    # velocity, that is missing all the stride long: 2 % of it
     for without in ("plain zero velocity", "foot does not roll (no lever)"):
-        assert 0.0008 < rows[without]["scale"] - default["scale"] < 0.01
+        assert 0.01 < rows[without]["scale"] - default["scale"] < 0.04
 
 
 def test_one_node_a_stance_is_what_it_says(demo):
@@ -188,17 +188,18 @@ def test_the_magnetometer_is_taken_off():
 
 @pytest.fixture(scope="module")
 def three_rounds():
-    return long_walk(2.5, np.random.default_rng(5))
+    return long_walk(2.5, 5)
 
 
 def test_rounds_of_a_long_walk_join_at_rest(three_rounds):
     """Where one round ends and the next begins the sensor stands: no jump, and the same bias on either side."""
     assert len(three_rounds) == 30000
     position = three_rounds.truth.position
-    assert np.linalg.norm(np.diff(position, axis=0), axis=1).max() < 0.05  # a foot at 10 m/s
-    home = np.flatnonzero(np.linalg.norm(position, axis=1) < 1e-3)
-    later = [part for part in np.split(home, np.flatnonzero(np.diff(home) > 200) + 1) if part[0] > 200]
-    assert [len(part) for part in later] == pytest.approx([1200, 1200], abs=120)  # 3 s, twice
+    step = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    assert step.max() < 0.05  # a foot at 10 m/s
+    home = np.flatnonzero((np.linalg.norm(position[1:], axis=1) < 0.3) & (step < 1e-5))
+    later = [part for part in np.split(home, np.flatnonzero(np.diff(home) > 200) + 1) if part[0] > 2000]
+    assert [len(part) for part in later] == pytest.approx([2000, 2000], abs=120)  # 10 s, twice
     bias = three_rounds.gyr[:500].mean(axis=0)
     for part in later:
         middle = part[100:-100]
@@ -211,13 +212,13 @@ def test_rounds_of_a_long_walk_join_at_rest(three_rounds):
 def test_a_long_walk_is_one_walk(three_rounds):
     walk = walks.Walk("long", three_rounds, detect_stances(three_rounds))
     [row] = real_walks.run("s", [walk], {"smoother": real_walks.smooth})
-    assert row.value("strides_detected") == pytest.approx(2.4 * 61, abs=8)
+    assert row.value("strides_detected") == pytest.approx(2.2 * 61, abs=3)
     assert row.value("rmse_2d_m") < 0.5
     assert row.value("scale") == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_long_walk_comes_from_its_seed():
-    first, second, other = (long_walk(0.2, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    first, second, other = (long_walk(0.2, seed) for seed in (1, 1, 2))
     assert np.array_equal(first.acc, second.acc)
     assert not np.array_equal(first.acc, other.acc)
 

@@ -10,9 +10,12 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection import RestParameters, find_rests
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.simulation import demo_walk
-from fg_nav.simulation.demo import STANDING_S
-from tests.detection.walks import RUNNING, WALKING, mounted, simulate
+from fg_nav.simulation import simulate
+from fg_nav.simulation.footsteps import Style
+from fg_nav.simulation.path import straight
+from fg_nav.simulation.person import Mount, Person
+from fg_nav.simulation.plan import Stand, Walk
+from tests.simulated import WALKERS, mounted, simulated, straight_walk
 
 BIAS_DEG_S = np.array([0.3, -0.2, 0.1])
 SWAY_HZ = 0.5
@@ -95,27 +98,34 @@ def test_sample_rate_does_not_matter(rate_hz):
     np.testing.assert_allclose(rest.rate, np.radians(BIAS_DEG_S), atol=3 * rest.sigma)
 
 
-def test_rests_at_the_start_in_the_middle_and_at_the_end():
-    first, second = simulate(strides=4, standing_s=2.0, seed=1), simulate(strides=4, standing_s=2.0, seed=2)
-    recording = joined(first.recording, second.recording)
+SETTLE_S, STIR_S = 0.3, 0.2
+"""For so long a foot still settles after it has come down, and stirs before it lifts."""
+
+
+@WALKERS
+def test_rests_at_the_start_in_the_middle_and_at_the_end(person: Person, mount: Mount):
+    there = straight(4.0)
+    course = [Stand(2.0), Walk(there, strides=4), Stand(4.0), Walk(there.moved(there.end.position), strides=4)]
+    walk = simulated([*course, Stand(2.0)], person, mount)
+    recording = walk.recording
     rests = find_rests(recording)
-    length = first.recording.duration_s
-    begin = [0.0, first.swing[-1, 1], length + second.swing[-1, 1]]
-    end = [first.swing[0, 0], length + second.swing[0, 0], recording.t[-1]]
+    flat = walk.motion.flat[[0, 4, -1]]
+    still = flat + np.array([[0.0, -STIR_S], [SETTLE_S, -STIR_S], [SETTLE_S, 0.0]])
     assert len(rests) == 3
-    for rest, a, b in zip(rests, begin, end, strict=True):
+    for rest, (a, b), (begin, end) in zip(rests, flat, still, strict=True):
         assert recording.t[rest.start] >= a - 0.02
         assert recording.t[rest.stop - 1] <= b + 0.02
-        assert (rest.stop - rest.start) / 200 > b - a - 0.55  # a block of a quarter of a second lost on either side
+        assert (rest.stop - rest.start) / 200 > end - begin - 0.55  # a block of a quarter of a second lost on each side
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_on_a_walk_only_standing_is_rest(seed):
-    recording = demo_walk(np.random.default_rng(seed))
+    walk = simulate("demo", seed)
+    recording, flat = walk.recording, walk.flat
     rests = find_rests(recording)
     assert len(rests) == 2
-    assert recording.t[rests[0].stop - 1] < STANDING_S + 0.05
-    assert recording.t[rests[1].start] > recording.t[-1] - STANDING_S - 0.5  # the last stance before is flat too
+    assert recording.t[rests[0].stop - 1] < flat[0, 1] + 0.05
+    assert recording.t[rests[1].start] > flat[-1, 0]
     np.testing.assert_allclose(rests[0].rate, rests[1].rate, atol=np.radians(0.05))
 
 
@@ -128,22 +138,31 @@ def test_what_contradicts_the_longest_rest_is_none():
     assert len(find_rests(recording, RestParameters(most_apart_sigmas=100.0))) == 3
 
 
-@pytest.mark.parametrize("stride_s", [2.4, 3.0])
-def test_the_slow_stances_of_a_stroll_are_no_rests_beside_real_ones(stride_s):
-    walk = simulate(replace(WALKING, stride_s=stride_s), strides=8, standing_s=3.0)
+def in_strides_of(person, stride_s):
+    """The same person, whose stance takes longer; the swing hardly does."""
+    share = min(person.walk.swing_share, 0.87 / stride_s)
+    return replace(person, walk=replace(person.walk, stride_s=stride_s, swing_share=share))
+
+
+@WALKERS
+@pytest.mark.parametrize("stride_s", [1.8, 2.4])
+def test_the_slow_stances_of_a_stroll_are_no_rests_beside_real_ones(person, mount, stride_s):
+    walk = straight_walk(in_strides_of(person, stride_s), strides=8, standing_s=3.0, mount=mount)
     rests = find_rests(walk.recording)
     assert len(rests) == 2
     np.testing.assert_allclose([rest.rate for rest in rests], 0.0, atol=np.radians(0.05))
 
 
+@WALKERS
 @pytest.mark.parametrize("stride_s", [0.7, 1.3, 2.0])
-def test_the_stances_of_walking_are_no_rests(stride_s):
-    walk = simulate(replace(WALKING, stride_s=stride_s), strides=10, standing_s=0.0)
+def test_the_stances_of_walking_are_no_rests(person, mount, stride_s):
+    walk = straight_walk(in_strides_of(person, stride_s), strides=10, standing_s=0.0, mount=mount)
     assert find_rests(walk.part(0, np.searchsorted(walk.recording.t, walk.swing[-1, 1])).recording) == ()
 
 
-def test_running_has_no_rests():
-    assert find_rests(simulate(RUNNING, standing_s=0.0).recording) == ()
+@WALKERS
+def test_running_has_no_rests(person, mount):
+    assert find_rests(straight_walk(person, Style.RUN, standing_s=0.0, mount=mount).recording) == ()
 
 
 @pytest.mark.parametrize("period_s", [0.5, 0.7, 1.0])

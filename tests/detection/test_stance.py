@@ -10,8 +10,10 @@ from fg_nav.detection.statistics import STATISTICS, StillnessNoise
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
+from fg_nav.simulation.footsteps import Style
+from fg_nav.simulation.person import Mount, Person
 from fg_nav.stances import runs
-from tests.detection.walks import RUNNING, WALKING, simulate
+from tests.simulated import WALKERS, straight_walk
 
 NOISE = StillnessNoise()
 
@@ -37,7 +39,7 @@ def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
 
 @pytest.mark.parametrize("detector", STATISTICS)
 def test_one_threshold_cuts_the_statistic_at_that_level(detector):
-    recording = simulate(strides=3).recording
+    recording = straight_walk(strides=3).recording
     statistic = STATISTICS[detector](recording.acc, recording.gyr, 10, NOISE)
     threshold = float(np.quantile(statistic, 0.4))
     stances = detect_stances(recording, StanceParameters(detector, threshold=threshold, shortest_s=0.0))
@@ -55,7 +57,7 @@ def test_a_false_alarm_rate_is_the_share_of_rest_called_motion(detector):
 
 def test_the_window_is_a_time():
     for rate_hz in (100.0, 800.0):
-        recording = simulate(strides=3, rate_hz=rate_hz).recording
+        recording = straight_walk(strides=3, rate_hz=rate_hz).recording
         window = round(0.05 * rate_hz)
         expected = STATISTICS["shoe"](recording.acc, recording.gyr, window, NOISE)
         stances = detect_stances(recording, StanceParameters(threshold=1e4, window_s=0.05, shortest_s=0.0))
@@ -97,16 +99,18 @@ def test_what_turns_as_fast_as_a_swing_divides_footfalls():
     assert stances.footfall.tolist() == [0, 1]
 
 
-def test_fidgets_and_swings_are_told_apart_in_one_recording():
-    walk = simulate(strides=4, standing_s=3.0)
+@WALKERS
+def test_fidgets_and_swings_are_told_apart_in_one_recording(person: Person, mount: Mount):
+    walk = straight_walk(person, strides=4, standing_s=3.0, mount=mount)
     recording = with_turns(walk.recording, 1.5, [0.8, 1.6])
     stances = detect_stances(recording)
     assert stances.n_footfalls == 5
     assert np.count_nonzero(stances.footfall == 0) == 3
 
 
-def test_the_number_of_footfalls_follows_swings_at_one_threshold_too():
-    walk = simulate(strides=5)
+@WALKERS
+def test_the_number_of_footfalls_follows_swings_at_one_threshold_too(person: Person, mount: Mount):
+    walk = straight_walk(person, strides=5, mount=mount)
     stances = detect_stances(walk.recording, StanceParameters(threshold=3e4))
     assert stances.n_footfalls == 6
 
@@ -114,9 +118,10 @@ def test_the_number_of_footfalls_follows_swings_at_one_threshold_too():
 # the statistic over the threshold
 
 
-@pytest.mark.parametrize("gait", [WALKING, RUNNING], ids=["walk", "run"])
-def test_the_statistic_is_relative_to_the_threshold_of_the_nearest_stance(gait):
-    walk = simulate(gait, strides=6)
+@WALKERS
+@pytest.mark.parametrize("style", [Style.WALK, Style.RUN], ids=["walk", "run"])
+def test_the_statistic_is_relative_to_the_threshold_of_the_nearest_stance(person: Person, mount: Mount, style: Style):
+    walk = straight_walk(person, style, strides=6, mount=mount)
     stances = detect_stances(walk.recording)
     assert stances.statistic is not None
     assert stances.statistic[stances.mask].max() < 1.0
@@ -170,10 +175,11 @@ def test_a_sensor_that_turns_all_the_time():
     assert "turns at 286 deg/s with a specific force of 9.8 m/s^2" in message
 
 
-@pytest.mark.parametrize("gait", [replace(WALKING, stride_s=0.6), RUNNING], ids=["brisk", "run"])
-def test_a_swing_alone(gait):
+@WALKERS
+@pytest.mark.parametrize(("style", "pace"), [(Style.WALK, 2.5), (Style.RUN, 1.0)], ids=["brisk", "run"])
+def test_a_swing_alone(person: Person, mount: Mount, style: Style, pace: float):
     """Of a slower one the middle may pass for a stance: nothing else is there to compare it with."""
-    walk = simulate(gait, strides=4)
+    walk = straight_walk(person, style, strides=4, pace=pace, mount=mount)
     begin, end = walk.swing[2]
     a, b = np.searchsorted(walk.recording.t, [begin + 0.15 * (end - begin), end - 0.15 * (end - begin)])
     assert "no stance was found" in refused(walk.recording.slice(a, b))
@@ -195,7 +201,7 @@ def test_the_shortest_recording():
 
 
 def test_runs_of_the_mask_are_the_stances():
-    stances = detect_stances(simulate().recording)
+    stances = detect_stances(straight_walk().recording)
     start, stop = runs(stances.mask)
     np.testing.assert_array_equal(start, stances.start)
     np.testing.assert_array_equal(stop, stances.stop)

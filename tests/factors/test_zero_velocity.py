@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from factors import rolling_stance_factor
-from fg_nav.simulation.gait import FootMotion, Ramps
+from fg_nav.simulation.ramps import Ramps
+from tests.simulated import turning_foot
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
 vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)
@@ -59,8 +60,8 @@ def test_the_error_is_half_the_square_of_the_whitened_residual():
 def rolling_foot(lever, sinking=0.0):
     """A foot that turns about a pivot, which sinks by so many metres meanwhile."""
     begin, width = np.array([0.0]), np.array([0.4])
-    turn = Ramps(begin, width, np.array([[0.1, 0.5, -0.2]]))
-    return FootMotion((Ramps(begin, width, np.array([[0.0, 0.0, -sinking]])),), (turn,), np.asarray(lever))
+    turns = [Ramps(begin, width, np.array([rise])) for rise in (0.1, 0.5, -0.2)]
+    return turning_foot(lever, turns, up=Ramps(begin, width, np.array([-sinking])))
 
 
 LEVER = np.array([-0.03, 0.02, 0.11])

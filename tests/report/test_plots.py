@@ -140,7 +140,7 @@ def lengthened(session: Session, times: int) -> tuple[Session, Outcome]:
     long = Solution("smoother", t=t, **path, stances=StanceTable(**table), runtime_s=1.0)
     start, stop, statistic = (tiled(rows, times) for rows in (found.start, found.stop, found.statistic))
     footfall = np.arange(times * len(found))
-    stances = Stances(start + lap, stop + lap, footfall, len(t), "TRUE SPEED", 0.02, statistic)
+    stances = Stances(start + lap, stop + lap, footfall, len(t), "TRUE SPEED", walks.STILL_M_S, statistic)
     recording = Recording(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)))
     return Session(recording, stances, None, Options()), Outcome(long, evaluate(long), None)
 

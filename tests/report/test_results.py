@@ -104,13 +104,13 @@ def test_magnetometer_is_used_when_a_stance_says_so(tmp_path: Path, session: Ses
 def test_config_names_input_version_and_parameters(tmp_path: Path, session: Session) -> None:
     write_result(tmp_path, session, walks.outcome(session))
     config = loaded(tmp_path / "config.json")
-    assert config["format"] == "demo"
+    assert config["format"] == "simulated"
     assert config["recording"] is None
     assert config["truth"] == "in the recording"
     assert config["fg_nav_version"]
     assert config["parameters"] == {"noise": {"acc_m_s2": 0.3}, "unknown": None}
     count = len(session.stances)
-    detector = {"name": "TRUE SPEED", "threshold": 0.02, "stances": count, "footfalls": count}
+    detector = {"name": "TRUE SPEED", "threshold": walks.STILL_M_S, "stances": count, "footfalls": count}
     assert config["detector"] == detector
 
 

@@ -9,17 +9,23 @@ from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.comparison import compare
 from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
 from fg_nav.session import Options, Outcome, Session
-from fg_nav.simulation import demo_walk
+from fg_nav.simulation import SimulatedWalk, simulate
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 
+STILL_M_S = 0.1
 
-def true_stances(recording: Recording) -> Stances:
-    """Stances where the true foot is slower than 2 cm/s; the statistic is the speed over that, squared."""
+
+def true_stances(walk: SimulatedWalk) -> Stances:
+    """Stances where the foot is truly flat and has landed; the statistic is its speed over 10 cm/s, squared."""
+    recording, flat = walk.recording, walk.flat
     assert isinstance(recording.truth, TrajectoryTruth)
+    assert flat is not None
+    landed = flat[:, 0] + 0.3 * np.diff(flat)[:, 0]
+    standing = np.searchsorted(landed, recording.t) > np.searchsorted(flat[:, 1], recording.t)
     speed = np.linalg.norm(np.gradient(recording.truth.position, recording.t, axis=0), axis=1)
-    found = Stances.from_mask(speed < 0.02, "TRUE SPEED")
-    return replace(found, threshold=0.02, statistic=(speed / 0.02) ** 2 + 1e-4)
+    found = Stances.from_mask(standing, "TRUE SPEED")
+    return replace(found, threshold=STILL_M_S, statistic=(speed / STILL_M_S) ** 2 + 1e-4)
 
 
 def drifting(recording: Recording, stances: Stances, method: str = "smoother", drift_deg: float = 2.0) -> Solution:
@@ -53,8 +59,8 @@ def _stance_table(t: np.ndarray, position: np.ndarray, attitude: np.ndarray, sta
 
 def walk(seed: int = 1) -> Session:
     """Return the demonstration walk with its true stances."""
-    recording = demo_walk(np.random.default_rng(seed))
-    return Session(recording, true_stances(recording), recording.truth, Options())
+    simulated = simulate("demo", seed)
+    return Session(simulated.recording, true_stances(simulated), simulated.recording.truth, Options())
 
 
 def outcome(session: Session, method: str = "smoother", drift_deg: float = 2.0) -> Outcome:

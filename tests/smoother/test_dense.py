@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense import dense_trajectory
-from tests.smoother.walks import RIGID, degrees_between, noise_free
+from tests.simulated import RIGID
+from tests.smoother.walks import degrees_between, noise_free
 
 RATE = 200.0
 

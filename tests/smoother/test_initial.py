@@ -2,33 +2,37 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from fg_nav.frames import GRAVITY_M_S2, levelled
+from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import place_nodes
-from tests.smoother.walks import DEFAULT, RIGID, Walk, degrees_between, demo, node_arrays, noise_free
+from tests.simulated import RIGID
+from tests.smoother.walks import DEFAULT, Walk, degrees_between, demo, node_arrays, noise_free
 
 
 def started(walk: Walk, tilt_deg: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Errors of position (M,) m and attitude (M,) deg at the nodes, the first attitude tilted."""
     nodes = place_nodes(walk.recording, walk.stances, DEFAULT)
-    tilt = np.radians(tilt_deg)
-    up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-    values = initial_values(walk.recording, walk.stances, nodes, levelled(up), np.zeros(3), GRAVITY_M_S2)
+    truth = walk.recording.truth
+    first = truth.nav_R_body[nodes.sample[0]]
+    tilt = Rotation.from_euler("y", tilt_deg, degrees=True).as_matrix()
+    start = levelled(tilt @ first[2], heading_of(first))
+    values = initial_values(walk.recording, walk.stances, nodes, start, np.zeros(3), GRAVITY_M_S2)
     position, velocity, attitude, gyro_bias, acc_bias = node_arrays(nodes, values)
     assert not velocity.any()
     assert not gyro_bias.any()
     assert not acc_bias.any()
-    truth = walk.recording.truth
     true_position = truth.position[nodes.sample] - truth.position[nodes.sample[0]]
     return np.linalg.norm(position - true_position, axis=1), degrees_between(attitude, truth.nav_R_body[nodes.sample])
 
 
-@pytest.mark.parametrize("rate_hz", [50.0, 200.0, 400.0])
-def test_it_starts_within_degrees_and_per_cents(rate_hz: float) -> None:
+@pytest.mark.parametrize(("rate_hz", "off_deg"), [(50.0, 8.0), (200.0, 5.0), (400.0, 5.0)])
+def test_it_starts_within_degrees_and_per_cents(rate_hz: float, off_deg: float) -> None:
+    """At 50 Hz a swinging foot turns by 10 degrees in a sample, and the coning within it adds up to degrees."""
     metres, degrees = started(noise_free(RIGID, rate_hz=rate_hz))
     assert metres.max() < 3.0
-    assert degrees.max() < 5.0
+    assert degrees.max() < off_deg
 
 
 def test_a_biased_sensor_still_starts_near() -> None:

@@ -1,43 +1,54 @@
 """The smoother as a whole: what must not change the result does not, and what it claims is true."""
 
+import importlib
+import sys
 from dataclasses import asdict, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import Consistency, evaluate, stance_nees
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap, yaw_rotation
 from fg_nav.recording import Recording
-from fg_nav.simulation.demo import DemoSensor, demo_motion
+from fg_nav.simulation import simulate
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from tests.smoother.walks import DEFAULT, RIGID, Walk, degrees_between, demo, noise_free, part
+from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor
+from tests.smoother.walks import DEFAULT, Walk, degrees_between, demo, noise_free, part
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
+compensated = importlib.import_module("kinematic_consistency").compensated
 
 SEEDS = range(8)
 
-SENSOR = DemoSensor()
 MATCHED = replace(
     DEFAULT,
-    acc_density=SENSOR.acc_noise_m_s2 / np.sqrt(200.0),
+    acc_density=INDUSTRIAL.acc.noise_density,
     acc_relative_density=0.0,
-    gyr_density_deg_s=float(np.degrees(SENSOR.gyr_noise_rad_s)) / np.sqrt(200.0),
+    gyr_density_deg_s=float(np.degrees(INDUSTRIAL.gyr.noise_density)),
     gyr_relative_density=0.0,
     roll_sigma_m=0.01,
-    known_lever=RIGID.lever_m,
-    gyro_bias_sigma_deg_s=float(np.degrees(SENSOR.gyr_bias_rad_s)),
+    known_lever=LEVER,
+    gyro_bias_sigma_deg_s=float(np.degrees(INDUSTRIAL.gyr.bias_sd)),
 )
 """The simulated sensor's own noise, and a foot that rolls about one point."""
 
+FAST_HZ = 400.0
+"""What a sample hides of the motion within its period, coning and sculling, is here no more than the noise leaves; at
+200 Hz it makes a pitch bias of four of its sigmas."""
+
 
 @cache
-def smoothed(seed: int = 0, p: SmootherParameters = DEFAULT) -> Solution:
-    walk = demo(seed)
+def smoothed(seed: int = 0, p: SmootherParameters = DEFAULT, rate_hz: float = 200.0) -> Solution:
+    walk = demo(seed, rate_hz)
     return smooth(walk.recording, walk.stances, p)
 
 
@@ -94,7 +105,8 @@ def test_mounting_does_not_matter(seed: int) -> None:
     np.testing.assert_allclose(attitude, turn @ expected.nav_R_body, atol=1e-4)
     np.testing.assert_allclose(found.stances.gyro_bias @ mounted_R_body, expected.stances.gyro_bias, atol=1e-6)
     sigma = np.linalg.norm(expected.stances.gyro_bias_sigma, axis=1)
-    np.testing.assert_allclose(np.linalg.norm(found.stances.gyro_bias_sigma, axis=1), sigma, rtol=1e-3)
+    # a rest counts with the noise of its noisiest axis
+    np.testing.assert_allclose(np.linalg.norm(found.stances.gyro_bias_sigma, axis=1), sigma, rtol=3e-3)
 
 
 def errors(walk: Walk, solution: Solution) -> np.ndarray:
@@ -105,30 +117,43 @@ def errors(walk: Walk, solution: Solution) -> np.ndarray:
 
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 400.0])
 def test_a_walk_without_noise_is_reproduced(rate_hz: float) -> None:
-    """To centimetres after 77 m: at 100 Hz what is left is that a sample is the mean over 10 ms of a swinging foot."""
+    """To centimetres after 77 m: what is left is that a sample is the mean over 5 ms of a swinging foot."""
     walk = noise_free(RIGID, rate_hz=rate_hz)
-    p = replace(DEFAULT, settling_m=0.0)
-    found = smooth(walk.recording, walk.stances, p)
+    found = smooth(walk.recording, walk.stances, replace(DEFAULT, settling_m=0.0))
     metrics = evaluate(found, walk.recording.truth)
     coarse = (200.0 / rate_hz) ** 2
-    assert metrics.rmse_2d_m < 0.02 * max(coarse, 0.5)
-    assert np.abs(errors(walk, found)[:, 2]).max() < 0.03 * max(coarse, 0.5)
-    assert metrics.heading_rmse_deg < 0.1 * max(coarse, 0.5)
+    assert metrics.rmse_2d_m < 0.03 * max(coarse, 0.5)
+    assert np.abs(errors(walk, found)[:, 2]).max() < 0.03 * max(coarse, 1.0)
+    assert metrics.heading_rmse_deg < 0.18 * max(coarse, 0.5)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 200.0])
+def test_nothing_but_the_motion_within_a_sample_is_left(rate_hz: float) -> None:
+    """With coning and sculling added to the samples the same walk is reproduced to millimetres, at any rate."""
+    walk = noise_free(RIGID, rate_hz=rate_hz)
+    gyr, acc = compensated(walk.recording.gyr, walk.recording.acc, 1 / rate_hz)
+    found = smooth(replace(walk.recording, acc=acc, gyr=gyr), walk.stances, replace(DEFAULT, settling_m=0.0))
+    metrics = evaluate(found, walk.recording.truth)
+    assert metrics.rmse_2d_m < 0.01
+    assert np.abs(errors(walk, found)[:, 2]).max() < 0.03
+    assert metrics.heading_rmse_deg < 0.04
 
 
 def test_a_sole_that_gives_way_is_allowed_for() -> None:
-    """The height stays within a decimetre with the sole allowed for, and climbs without."""
-    walk = noise_free()
-    p = replace(DEFAULT, known_lever=RIGID.lever_m)
-    settling, stiff = (
-        errors(walk, smooth(walk.recording, walk.stances, q))[-1, 2] for q in (p, replace(p, settling_m=0.0))
+    """With the sole known the height stays; with it taken for a harder one it climbs, for a rigid one twice that."""
+    walk, sole_m = noise_free(), QUIET.walk.sole_m
+    known, default, stiff = (
+        errors(walk, smooth(walk.recording, walk.stances, replace(DEFAULT, known_lever=LEVER, settling_m=m)))[-1, 2]
+        for m in (sole_m, DEFAULT.settling_m, 0.0)
     )
-    assert abs(settling) < 0.1
+    assert DEFAULT.settling_m < sole_m
+    assert abs(known) < 0.05
+    assert known < default < 0.5 * stiff
     assert stiff > 0.1
 
 
 def consistency(seed: int, p: SmootherParameters) -> Consistency:
-    return stance_nees(smoothed(seed, p).stances, demo(seed).recording.truth)
+    return stance_nees(smoothed(seed, p, FAST_HZ).stances, demo(seed, FAST_HZ).recording.truth)
 
 
 def test_sigmas_are_true_where_the_smoother_knows_the_noise() -> None:
@@ -144,22 +169,29 @@ def test_sigmas_of_real_feet_are_wide_on_the_demonstration_but_not_absurd() -> N
 
 
 def true_gyro_bias(seed: int) -> np.ndarray:
-    recording = demo(seed).recording
-    motion, _ = demo_motion(np.random.default_rng(seed))
-    rate, _ = motion.sampled(recording.t, recording.period_s)
-    return (recording.gyr - rate).mean(axis=0)
+    return corridor(seed=seed).gyro_bias  # the same at every rate
 
 
 def test_gyro_bias_is_found_to_within_its_sigma() -> None:
-    z = np.concatenate(
-        [
-            (smoothed(seed, p).stances.gyro_bias - true_gyro_bias(seed)) / smoothed(seed, p).stances.gyro_bias_sigma
-            for seed in SEEDS
-            for p in (DEFAULT, MATCHED)
-        ]
-    )
+    found = [(seed, smoothed(seed, p, FAST_HZ).stances) for seed in SEEDS for p in (DEFAULT, MATCHED)]
+    z = np.concatenate([(s.gyro_bias - true_gyro_bias(seed)) / s.gyro_bias_sigma for seed, s in found])
     assert np.abs(z).max() < 3.0
     assert np.sqrt(np.mean(z**2)) > 0.1  # and the sigma is not ten times too wide
+
+
+@pytest.mark.parametrize("seed", [0, 3, 7])
+def test_a_real_foot_is_followed_and_the_sigmas_hold(seed: int) -> None:
+    """The demonstration with shocks, slip and all errors of its sensor; what gravity adds to a rate is bias too."""
+    walk = simulate("demo", seed)
+    recording = replace(walk.recording, mag=None)
+    found = smooth(recording, detect_stances(recording))
+    metrics = evaluate(found, recording.truth)
+    assert metrics.rmse_2d_m < 0.15
+    assert metrics.scale == pytest.approx(1.0, abs=0.01)
+    assert stance_nees(found.stances, recording.truth).coverage(0.95) > 0.9
+    by_gravity = np.array(walk.drawn["sensor"]["g_sensitivity"]) @ recording.acc[:800].mean(axis=0)
+    z = (found.stances.gyro_bias - walk.biases.gyr[0] - by_gravity) / found.stances.gyro_bias_sigma
+    assert np.abs(z).max() < 3.0
 
 
 def test_a_bias_beyond_the_prior_is_found_at_rest() -> None:
@@ -214,10 +246,12 @@ def test_the_path_passes_through_its_stances() -> None:
 
 
 def test_there_is_no_jump_anywhere() -> None:
-    found, period = smoothed(), demo().recording.period_s
+    found, recording = smoothed(), demo().recording
+    period = recording.period_s
     missing = np.diff(found.position, axis=0) / period - 0.5 * (found.velocity[1:] + found.velocity[:-1])
     assert np.linalg.norm(missing, axis=1).max() < 0.02
-    assert np.linalg.norm(np.diff(found.velocity, axis=0), axis=1).max() / period < 80.0
+    felt = np.linalg.norm(recording.acc, axis=1).max() + GRAVITY_M_S2
+    assert np.linalg.norm(np.diff(found.velocity, axis=0), axis=1).max() / period < felt + 1.0
 
 
 def test_solution_says_how_it_was_made() -> None:
@@ -239,13 +273,13 @@ def test_progress_ends_with_all() -> None:
 
 def test_known_lever_is_used_and_told() -> None:
     """A foot rolls forward while it stands: held still it falls short, and with the lever upside down shorter yet."""
-    walk = noise_free(RIGID)
+    walk = noise_free(RIGID, rate_hz=FAST_HZ)
 
     def scale(lever: tuple[float, float, float]) -> float:
         found = smooth(walk.recording, walk.stances, replace(DEFAULT, known_lever=lever, settling_m=0.0))
         return evaluate(found, walk.recording.truth).scale
 
-    right, none, upside_down = scale(RIGID.lever_m), scale((0.0, 0.0, 0.0)), scale((0.0, 0.0, -0.1))
+    right, none, upside_down = scale(LEVER), scale((0.0, 0.0, 0.0)), scale((0.0, 0.0, -0.1))
     assert right == pytest.approx(1.0, abs=1e-3)
     assert right + 5e-4 < none < upside_down - 5e-4
     notes = smooth(walk.recording, walk.stances, replace(DEFAULT, known_lever=(0.01, 0.02, 0.05))).notes
@@ -259,7 +293,9 @@ def test_plain_preset_is_the_plain_zero_velocity_update() -> None:
     speed = np.linalg.norm(found.velocity[found.stances.sample], axis=1)
     rolling = np.linalg.norm(smoothed().velocity[found.stances.sample], axis=1)
     assert np.median(speed) < np.median(rolling)
-    assert evaluate(found, walk.recording.truth).rmse_2d_m < 0.1
+    held, rolls = (evaluate(solution, walk.recording.truth).scale for solution in (found, smoothed()))
+    assert 1.01 < held < 1.04  # the foot rolls on by 3 cm in a stride of 1.29 m
+    assert rolls == pytest.approx(1.0, abs=0.003)
 
 
 def still(seconds: float = 4.0) -> Recording:

@@ -18,9 +18,9 @@ from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.stances import Stances
 from tests.real_data import needs_data
+from tests.simulated import LEVER, RIGID
 from tests.smoother.walks import (
     DEFAULT,
-    RIGID,
     Problem,
     Walk,
     degrees_between,
@@ -34,7 +34,7 @@ from tests.smoother.walks import (
     with_exact_factors,
 )
 
-KNOWN = replace(DEFAULT, known_lever=RIGID.lever_m)
+KNOWN = replace(DEFAULT, known_lever=LEVER)
 
 
 def converged(one: Problem, steps: int = 12) -> gtsam.Values:
@@ -98,14 +98,16 @@ def inner_nodes(one: Problem) -> np.ndarray:
 
 def test_lever_says_how_a_rolling_foot_moves() -> None:
     walk = noise_free(RIGID)
-    one = problem(walk, KNOWN)
+    one = problem(walk, replace(KNOWN, node_spacing_s=0.05))
     velocity, attitude = stance_truth(walk)
     inner = inner_nodes(one)
     sample = one.nodes.sample[inner]
     said = np.einsum("nij,nj->ni", attitude[sample], at_nodes(one, "body_velocity")[inner])
     assert inner.sum() > 50
-    assert np.linalg.norm(said, axis=1).max() > 0.003
-    np.testing.assert_allclose(said, velocity[sample], atol=4e-4)
+    assert np.linalg.norm(said, axis=1).max() > 0.03
+    # a node's rate is the mean about it, and changes in a landing and a lifting foot
+    np.testing.assert_allclose(said, velocity[sample], atol=1.5e-3)
+    assert np.sqrt(np.mean((said - velocity[sample]) ** 2)) < 4e-4
 
 
 def test_sole_sinks_in_a_stance_of_the_walk_and_not_in_a_rest() -> None:

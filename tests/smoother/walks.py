@@ -15,10 +15,8 @@ from fg_nav.calibration import rolling_lever
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.frames import levelled
 from fg_nav.io import read, read_pyshoe_labels
-from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation import demo_walk
-from fg_nav.simulation.demo import demo_motion
-from fg_nav.simulation.strides import Gait
+from fg_nav.recording import Recording
+from fg_nav.simulation.person import Person
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
@@ -27,9 +25,9 @@ from fg_nav.smoother.solver import Solved, solve, time_order
 from fg_nav.smoother.strides import Stride, VelocityTies, add_start, add_stride, strides_of
 from fg_nav.stances import Stances
 from tests.real_data import DATA
+from tests.simulated import IDEAL, QUIET, corridor
 
 DEFAULT = SmootherParameters()
-RIGID = Gait(sole_m=0.0, sole_sd_m=0.0)
 
 
 @dataclass(frozen=True)
@@ -39,20 +37,15 @@ class Walk:
 
 
 @cache
-def demo(seed: int = 0) -> Walk:
-    """The demonstration: biased, noisy samples of a foot with a soft sole."""
-    return _detected(demo_walk(np.random.default_rng(seed)))
+def demo(seed: int = 0, rate_hz: float = 200.0) -> Walk:
+    """A minute round a corridor: biased, noisy samples of a foot with a soft sole."""
+    return _detected(corridor(seed=seed, rate_hz=rate_hz).recording)
 
 
 @cache
-def noise_free(gait: Gait = Gait(), seed: int = 0, rate_hz: float = 200.0) -> Walk:
+def noise_free(person: Person = QUIET, seed: int = 0, rate_hz: float = 200.0) -> Walk:
     """The same walk as a perfect sensor has it."""
-    motion, duration_s = demo_motion(np.random.default_rng(seed), gait)
-    t = np.arange(int(duration_s * rate_hz)) / rate_hz
-    rate, force = motion.sampled(t, 1 / rate_hz)
-    state = motion.at(t)
-    truth = TrajectoryTruth(t, state.position, state.nav_R_body)
-    return _detected(Recording(t=t, acc=force, gyr=rate, truth=truth))
+    return _detected(corridor(person, sensor=IDEAL, seed=seed, rate_hz=rate_hz).recording)
 
 
 @cache
