@@ -40,6 +40,7 @@ _ACC_UNIT_RANGE = (0.85, 1.15)
 _NO_GRAVITY_M_S2 = 3.0  # what is left of gravity where an attitude filter has removed it, at its worst
 _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple of rest
 
+_TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest tells nothing, for however long
 _TOO_FAST_RAD_S = 40.0
 _TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
 
@@ -56,8 +57,8 @@ _FIELD_UNITS = {
 class GravityTransport:
     """How well gravity turns in the body as the gyroscope says.
 
-    `gain` is k in da/dt = -k w x a, `correlation` that of both sides, `n_windows` how many stretches it
-    rests on.
+    `gain` is k in da/dt = -k w x a, `correlation` that of both sides, `n_windows` how many stretches in which
+    gravity turns it rests on.
     """
 
     gain: float
@@ -223,11 +224,12 @@ def gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> GravityTrans
     first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
     change = (second - first) / (half * period_s)
     expected = -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
+    turning = np.maximum(np.abs(change), np.abs(expected)).max(axis=1) > _TURNING_M_S3
     product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
     scale = np.sqrt(power * float(np.sum(change**2)))
     if not scale > 0:
         return GravityTransport(np.nan, np.nan, 0)
-    return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(quiet)))
+    return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(turning)))
 
 
 def _usable(*vectors: Floats, limit: float = 1e5) -> tuple[Floats, ...]:

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read
 from fg_nav.plausibility import field_strength, gravity_transport, rest_acc, unit_problems
+from fg_nav.simulation import Choices, simulate
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 
@@ -94,3 +95,12 @@ def test_removed_gravity_of_a_real_walk() -> None:
         problems = unit_problems(recording.t, linear, recording.gyr, None)
         assert len(problems) == 1
         assert "gravity removed" in problems[0]
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+@pytest.mark.parametrize("seconds", [8.0, 15.0, 25.0])
+def test_the_beginning_of_a_right_handed_walk_is_not_called_mirrored(seed, seconds):
+    """Most of it is rest, and the few windows that turn are those of heel-off: too few to tell."""
+    walk = simulate("demo", seed, Choices(field="homogeneous")).recording
+    rows = walk.t < seconds
+    assert not list(unit_problems(walk.t[rows], walk.acc[rows], walk.gyr[rows], None))
