@@ -205,7 +205,7 @@ def simulate(
     rate: Annotated[float | None, typer.Option(metavar="HZ", help="Another rate of the recording.")] = None,
     turn: Annotated[float, typer.Option(metavar="DEG", help="Turn the whole course clockwise.")] = 0.0,
     calibrated: Annotated[
-        bool, typer.Option("--calibrated", help="A magnetometer without hard and soft iron.")
+        bool, typer.Option("--calibrated", help="A perfectly calibrated magnetometer: only noise is left.")
     ] = False,
     out: OutDir = None,
     force: Force = False,

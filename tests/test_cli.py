@@ -241,6 +241,12 @@ def test_simulate_reads_a_scenario_of_ones_own(fg_nav: FgNav) -> None:
         ("[course]", "[curse]", ["course"]),
         ("like =", "like", ["no TOML"]),
         ("rest_s = 3.0", "rest_s = -3.0", ["-3"]),
+        ("rest_s = 3.0", "strides = 9.0", ["strides", "9.0"]),
+        ("rest_s = 3.0", "strides = nan", ["strides", "nan"]),
+        ("[9, 0], [0, 0]]", "[9, 0]]\nlaps = 2", ["laps", "closed"]),
+        ('"office"', "[1]", ["like", "[1]"]),
+        ('field = "smooth"', "magnets = [[1, 2]]", ["magnets"]),
+        ('field = "smooth"', 'name = "house"', ["no parameter 'name'"]),
     ],
 )
 def test_a_scenario_that_cannot_be_is_refused(fg_nav: FgNav, old: str, new: str, words: list[str]) -> None:

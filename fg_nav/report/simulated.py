@@ -93,7 +93,7 @@ def print_simulation(walk: SimulatedWalk, place: Path) -> None:
         "worn": f"{walk.scenario.worn}, {walk.scenario.prior.name}",
         "field": f"{walk.scenario.field}, {walk.scenario.site}",
         "samples": f"{len(walk.recording)} in {walk.recording.duration_s:.1f} s",
-        "strides": f"{len(walk.strides)} over {np.linalg.norm(step, axis=1).sum():.1f} m",
+        "strides": f"{len(walk.strides)} over {np.linalg.norm(step, axis=1).sum():.1f} m of the foot",
         "landmarks": counted(len(walk.landmarks), "crossing") if walk.landmarks else "none",
         "files": str(place),
     }
