@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -33,6 +33,8 @@ from fg_nav.simulation.plan import Section
 from fg_nav.simulation.sensors import IronPrior, SensorPrior, preset
 
 Worn: TypeAlias = Literal["heel", "instep", "pocket"]
+WORN: tuple[Worn, ...] = get_args(Worn)
+
 Course: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
 
 STREET_FIELDS: Mapping[str, float] = {"street": PHYSICAL, "street-as-printed": AS_PRINTED}
@@ -54,7 +56,7 @@ class Scenario:
     course : draws the sections of the walk.
     worn : where the sensor is.
     sensor : its preset (`fg_nav.simulation.sensors`), or a prior of your own.
-    site : where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude[,date]`.
+    site : where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
     field : one of `FIELDS`.
     magnets : positions (3,) m of permanent magnets on the floor, with `FLOOR_MAGNET_MOMENT`.
     """
@@ -100,18 +102,28 @@ class Choices:
         Raises
         ------
         SimulationError
-            For a sensor that does not exist, or a rate or turn that cannot be.
+            For a sensor or a place to wear it that does not exist, a rate or turn that cannot be, or the calibration of
+            a magnetometer that the sensor has not.
         """
-        changed = replace(
-            scenario,
-            sensor=self.sensor or scenario.sensor,
-            site=self.site or scenario.site,
-            field=self.field or scenario.field,
-            worn=self.worn or scenario.worn,
-        )
+        chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn")}
+        changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
+        _check_worn(changed.worn)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
-        changed = replace(changed, sensor=prior.with_iron(IronPrior()) if self.calibrated else prior)
+        changed = replace(changed, sensor=_calibrated(prior) if self.calibrated else prior)
         return _turned_by(changed, self.turned_deg) if self.turned_deg else changed
+
+
+def _check_worn(worn: str) -> None:
+    if worn not in WORN:
+        raise SimulationError(f"a sensor cannot be worn at '{worn}': choose one of {', '.join(WORN)}.")
+
+
+def _calibrated(prior: SensorPrior) -> SensorPrior:
+    if prior.mag is None:
+        raise SimulationError(
+            f"{prior.name} has no magnetometer to be calibrated: choose another sensor, or leave the calibration out."
+        )
+    return prior.with_iron(IronPrior())
 
 
 def _turned_by(scenario: Scenario, degrees: float) -> Scenario:

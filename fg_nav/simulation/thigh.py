@@ -189,14 +189,17 @@ class ThighMotion:
         return rate, force
 
 
-def thigh_motion(strides: Strides, pocket: Pocket, rng: np.random.Generator) -> ThighMotion:
+def thigh_motion(
+    strides: Strides, pocket: Pocket, rng: np.random.Generator, mounting: np.random.Generator | None = None
+) -> ThighMotion:
     """Motion of a sensor in the pocket on the side of the foot that makes these strides.
 
     Parameters
     ----------
     strides : of the foot below.
     pocket : leg and pocket.
-    rng : source of the sensor's tilt and of the ringing.
+    rng : source of what is new on every walk: ringing and sway.
+    mounting : source of what stays, the sensor's tilt; `rng` if left out.
 
     Returns
     -------
@@ -205,7 +208,7 @@ def thigh_motion(strides: Strides, pocket: Pocket, rng: np.random.Generator) -> 
     """
     t = np.arange(-_MARGIN_S, strides.end_s + _MARGIN_S, CONTROL_S)
     cycle = _Cycle(strides, pocket, t)
-    tilt = Rotation.from_rotvec(pocket.tilt_rad * rng.standard_normal(3)).as_matrix()
+    tilt = Rotation.from_rotvec(pocket.tilt_rad * (mounting or rng).standard_normal(3)).as_matrix()
     kick = 1 + 0.3 * rng.standard_normal((2, len(strides), 1))
     tremble = np.array(pocket.ringing.angle_rad) * rng.standard_normal((2, len(strides), 3))
     ground, heading = _course(strides, t)

@@ -4,14 +4,16 @@
                       -> field of the surroundings -> body field  -> sensor -> recording
 
 The motion is known at any instant; the sensor samples it in blocks, so that memory grows with the recording alone.
+Truth is told on the recording's clock, scale error and all, but not late by the delays that jitter its stamps.
 The origin of the recording's truth is where the sensor first is; the field was drawn about the course before that,
 and `origin` says where the one lies in the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from datetime import date
 from typing import Any, TypeAlias
 
@@ -19,7 +21,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import SimulationError
-from fg_nav.recording import Provenance, Recording, TrajectoryTruth
+from fg_nav.recording import MIN_SAMPLES, Provenance, Recording, TrajectoryTruth
 from fg_nav.simulation.fields import SITES, Field, Homogeneous, site, world_magnetic_model
 from fg_nav.simulation.foot import foot_motion
 from fg_nav.simulation.footsteps import Strides
@@ -35,7 +37,7 @@ BLOCK = 50_000
 """Samples worked on at a time."""
 
 MOST_SAMPLES = 20_000_000
-"""Three of Munoz Diaz' walks in a row at 2 kHz; some 4 GB."""
+"""Three of Munoz Diaz' walks in a row at 2 kHz; 4 GB, for measured at its peak a sample takes 190 bytes."""
 
 Progress: TypeAlias = Callable[[float], None]
 
@@ -130,7 +132,8 @@ def simulate(
     motion, flat = _motion(chosen, strides, person, streams)
     field = surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
     run = sensor.switched_on(streams.of_this_walk("switched on"))
-    rows = _Rows.joined(list(_measured(run, motion, field, strides.end_s, progress)))
+    count = _sample_count(strides.end_s, chosen.prior.rate_hz)
+    rows = _Rows.joined(_measured(run, motion, field, count, progress), count)
     origin = rows.position[0].copy()
     return SimulatedWalk(
         scenario=chosen,
@@ -139,7 +142,7 @@ def simulate(
         recording=rows.recording(origin, f"{chosen.name}, seed {seed}"),
         fresh=rows.fresh,
         biases=_biases(run, strides.end_s),
-        strides=strides,
+        strides=_on_clock(strides, _clock_rate(run)),
         flat=None if flat is None else flat * _clock_rate(run),
         landmarks=_landmarks(crossings, motion, origin, _clock_rate(run)),
         field=field,
@@ -150,27 +153,37 @@ def simulate(
     )
 
 
+def _sample_count(end_s: float, rate_hz: float) -> int:
+    return int(end_s * rate_hz)
+
+
 def _check_size(end_s: float, rate_hz: float) -> None:
-    if end_s * rate_hz > MOST_SAMPLES:
-        raise SimulationError(
-            f"{end_s / 60:.0f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples: "
-            f"make the walk shorter or the rate lower, for at most {MOST_SAMPLES}."
-        )
+    told = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
+    if not end_s * rate_hz <= MOST_SAMPLES:
+        raise SimulationError(f"{told}: make the walk shorter or the rate lower, for at most {MOST_SAMPLES}.")
+    if _sample_count(end_s, rate_hz) < MIN_SAMPLES:
+        raise SimulationError(f"{told}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
 
 def _earth(name: str) -> Homogeneous:
-    """Field of a site by its name, or of `latitude,longitude[,date]` by the World Magnetic Model."""
+    """Field of a site by its name, or of `latitude,longitude,YYYY-MM-DD` by the World Magnetic Model."""
     if "," not in name:
         return site(name)
-    latitude, longitude, *when = name.split(",")
     try:
-        day = date.fromisoformat(when[0].strip()) if when else date.today()
-        place = float(latitude), float(longitude)
+        latitude, longitude, when = (part.strip() for part in name.split(","))
+        place, day = (float(latitude), float(longitude)), _day(when)
     except ValueError:
         raise SimulationError(
             f"'{name}' is no place: choose one of {', '.join(SITES)}, or give latitude,longitude,YYYY-MM-DD."
         ) from None
     return world_magnetic_model(*place, height_m=0.0, when=day)
+
+
+def _day(written: str) -> date:
+    """Read `YYYY-MM-DD` and nothing else that Python takes for a date; raises ValueError."""
+    if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", written):
+        raise ValueError
+    return date.fromisoformat(written)
 
 
 def _strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
@@ -181,7 +194,7 @@ def _strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Stride
 def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
     """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
     if chosen.worn == "pocket":
-        return thigh_motion(strides, Pocket(), streams.lasting("leg")), None
+        return thigh_motion(strides, Pocket(), streams.of_this_walk("leg"), streams.lasting("leg")), None
     mount = mount_named(chosen.worn).drawn(streams.lasting("mount"))
     foot = foot_motion(strides, person, mount, streams.of_this_walk("foot"))
     return foot, foot.flat
@@ -189,9 +202,10 @@ def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams
 
 @dataclass(frozen=True)
 class _Rows:
-    """Samples that arrived, M, with the true pose at each."""
+    """Samples that arrived, M, with the true pose at each; `taken` is when they were, without delay."""
 
     t: Floats
+    taken: Floats
     acc: Floats
     gyr: Floats
     mag: Floats | None
@@ -200,23 +214,36 @@ class _Rows:
     nav_R_body: Floats
 
     @classmethod
-    def joined(cls, blocks: Sequence[_Rows]) -> _Rows:
-        """One after the other."""
-        columns = [[getattr(block, item.name) for block in blocks] for item in fields(cls)]
-        whole: list[Any] = [None if column[0] is None else np.concatenate(column) for column in columns]
-        return cls(*whole)
+    def joined(cls, blocks: Iterable[_Rows], most: int) -> _Rows:
+        """One block after the other, `most` rows at most: each is put in its place, so that none is held twice."""
+        columns: list[Any] = []
+        count = 0
+        for block in blocks:
+            parts = [getattr(block, item.name) for item in fields(cls)]
+            columns = columns or [_room_for(part, most) for part in parts]
+            for column, part in zip(columns, parts, strict=True):
+                if column is not None:
+                    column[count : count + len(part)] = part
+            count += len(block.t)
+        trimmed: list[Any] = [None if column is None else column[:count] for column in columns]
+        return cls(*trimmed)
 
     def recording(self, origin: Floats, name: str) -> Recording:
-        """The recording, its truth on the same clock."""
-        truth = TrajectoryTruth(self.t, self.position - origin, self.nav_R_body)
+        """The recording, its truth on the same clock but without the delay of the stamps; moves `position`."""
+        self.position[:] -= origin
+        truth = TrajectoryTruth(self.taken, self.position, self.nav_R_body)
         provenance = Provenance(format="simulated", notes=(f"simulated: {name}",))
         return Recording(self.t, self.acc, self.gyr, self.mag, truth, provenance)
 
 
-def _measured(run: SensorRun, motion: Motion, field: Field, end_s: float, progress: Progress) -> Iterator[_Rows]:
-    """What the sensor records of a motion, block after block."""
+def _room_for(part: Floats | Bools | None, count: int) -> Floats | Bools | None:
+    """An array for so many rows like those of `part`; the system gives memory for what is written only."""
+    return None if part is None else np.empty((count, *part.shape[1:]), dtype=part.dtype)
+
+
+def _measured(run: SensorRun, motion: Motion, field: Field, count: int, progress: Progress) -> Iterator[_Rows]:
+    """So many samples of what the sensor records of a motion, block after block."""
     period_s = run.sensor.prior.period_s
-    count = int(end_s / period_s)
     for begin in range(0, count, BLOCK):
         t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
         state = motion.at(t)
@@ -224,7 +251,7 @@ def _measured(run: SensorRun, motion: Motion, field: Field, end_s: float, progre
         samples = run.measure(t, rate, force, lambda instants: _body_field(motion.at(instants), field))
         progress((begin + len(t)) / count)
         yield _Rows(
-            samples.t, samples.acc, samples.gyr, samples.mag, samples.fresh,
+            samples.t, samples.taken, samples.acc, samples.gyr, samples.mag, samples.fresh,
             state.position[samples.row], state.nav_R_body[samples.row],
         )  # fmt: skip
 
@@ -237,6 +264,12 @@ def _body_field(state: Kinematics, field: Field) -> Floats:
 def _clock_rate(run: SensorRun) -> float:
     """Seconds of the recording's clock in a true second."""
     return 1.0 + run.sensor.clock.scale_error
+
+
+def _on_clock(strides: Strides, clock_rate: float) -> Strides:
+    """The same strides, by a clock of this rate."""
+    start, duration = strides.start * clock_rate, strides.duration * clock_rate
+    return replace(strides, start=start, duration=duration, end_s=strides.end_s * clock_rate)
 
 
 def _biases(run: SensorRun, end_s: float) -> BiasTruth:

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -58,7 +58,8 @@ def recorded(prior: SensorPrior, count: int, block: int) -> Samples:
     run, (t, rate, force) = switched_on(prior), motion(count, prior.rate_hz)
     cuts = [slice(i, i + block) for i in range(0, count, block)]
     parts = [(cut.start, run.measure(t[cut], rate[cut], force[cut], changing_field)) for cut in cuts]
-    joined = {name: np.concatenate([getattr(part, name) for _, part in parts]) for name in ("t", "acc", "gyr", "mag")}
+    names = ("t", "taken", "acc", "gyr", "mag")
+    joined = {name: np.concatenate([getattr(part, name) for _, part in parts]) for name in names}
     fresh = np.concatenate([part.fresh for _, part in parts if part.fresh is not None])
     return Samples(**joined, fresh=fresh, row=np.concatenate([start + part.row for start, part in parts]))
 
@@ -68,7 +69,7 @@ def test_nothing_depends_on_the_size_of_blocks(block: int) -> None:
     whole, cut = recorded(UNFORGIVING, 2000, 2000), recorded(UNFORGIVING, 2000, block)
     assert len(whole) < 2000
     assert np.array_equal(cut.row, whole.row)
-    for name in ("t", "acc", "gyr", "mag", "fresh"):
+    for name in ("t", "taken", "acc", "gyr", "mag", "fresh"):
         # the last digit of a product of matrices depends on how many rows it has
         assert getattr(cut, name) == pytest.approx(getattr(whole, name), rel=1e-12, abs=1e-12, nan_ok=True), name
 
@@ -183,6 +184,19 @@ def test_each_unit_is_cut_at_its_range_before_the_average() -> None:
     assert gyr[-1] == pytest.approx([limit] * 3)
 
 
+def leaves(value: object) -> list[object]:
+    """All numbers and texts in nested dataclasses and tuples."""
+    if is_dataclass(value):
+        return [leaf for item in fields(value) for leaf in leaves(getattr(value, item.name))]
+    return [leaf for part in value for leaf in leaves(part)] if isinstance(value, tuple) else [value]
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_parameters_of_presets_are_plain(name: str) -> None:
+    """A number of numpy is written otherwise in messages and files."""
+    assert {type(leaf) for leaf in leaves(preset(name))} <= {float, int, bool, str, type(None)}
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_measures_and_is_told_in_json(name: str) -> None:
     prior = preset(name)
@@ -262,11 +276,53 @@ def test_an_hour_at_400_hz_takes_seconds() -> None:
         (lambda: SensorPrior("none", rate_hz=float("nan")), "rate_hz"),
         (lambda: SensorPrior("none", 100.0, units=0), "units"),
         (lambda: preset("ideal").at_rate(-1.0), "rate_hz"),
+        (lambda: ClockPrior(scale_sd=0.011), "scale_sd"),
+        (lambda: ClockPrior(jitter_s=0.051), "jitter_s"),
+        (lambda: ClockPrior(burst=1e300), "burst"),
+        (lambda: ClockPrior(longest_gap_s=2.0), "longest_gap_s"),
+        (lambda: ClockPrior(longest_gap_s=0.0), "longest_gap_s"),
+        (lambda: TriadPrior(scale_sd=0.51), "scale_sd"),
+        (lambda: TriadPrior(cross_axis_sd=0.51), "cross_axis_sd"),
+        (lambda: MagnetometerPrior(scale_sd=0.51), "scale_sd"),
+        (lambda: MagnetometerPrior(cross_axis_sd=0.51), "cross_axis_sd"),
+        (lambda: MagnetometerPrior(lag_s=0.21), "lag_s"),
+        (lambda: MagnetometerPrior(noise_sd_uT=1.1e4), "noise_sd_uT"),
+        (lambda: MagnetometerPrior(offset_sd_uT=1.1e4), "offset_sd_uT"),
+        (lambda: MagnetometerPrior(resolution_uT=1.1e4), "resolution_uT"),
+        (lambda: IronPrior(hard_sd_uT=1.1e4), "hard_sd_uT"),
+        (lambda: IronPrior(hard_uT=(0.0, 0.0, -1.1e4)), "hard_uT"),
+        (lambda: IronPrior(soft_sd=0.51), "soft_sd"),
+        (lambda: IronPrior(soft=((11.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))), "soft"),
+        (lambda: SensorPrior("any", 100.0, mount_sd_rad=3.2), "mount_sd_rad"),
     ],
 )
 def test_what_cannot_be_is_named(make: Callable[[], object], field: str) -> None:
     with pytest.raises(SimulationError, match=rf"^{field} of a \w+ is .*: give .*\.$"):
         make()
+
+
+@pytest.mark.parametrize(
+    ("triad", "field"),
+    [
+        (lambda most: TriadPrior(noise_density=most), "noise_density"),
+        (lambda most: TriadPrior(bias_sd=most), "bias_sd"),
+        (lambda most: TriadPrior(bias=(0.0, -most, 0.0)), "bias"),
+        (lambda most: TriadPrior(g_sensitivity_sd=most), "g_sensitivity_sd"),
+        (lambda most: TriadPrior(resolution=most), "resolution"),
+        (lambda most: TriadPrior(drift=Drift(sd=most)), "sd"),
+        (lambda most: TriadPrior(drift=Drift(walk=most)), "walk"),
+    ],
+)
+@pytest.mark.parametrize(("where", "most"), [("gyr", 100.0), ("acc", 1000.0)])
+def test_errors_beyond_any_range_are_refused(
+    triad: Callable[[float], TriadPrior], field: str, where: str, most: float
+) -> None:
+    def make(size: float) -> SensorPrior:
+        return replace(SensorPrior("any", 100.0), **{where: triad(size)})
+
+    make(most)
+    with pytest.raises(SimulationError, match=rf"^{field} of a SensorPrior\.{where}[.a-z]* is .*{most:g}\.$"):
+        make(1.01 * most)
 
 
 def test_an_unknown_sensor_names_the_known_ones() -> None:

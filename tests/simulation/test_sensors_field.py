@@ -29,7 +29,7 @@ def recorded(prior: SensorPrior, body_field: Callable[[Floats], Floats], count: 
     parts = [run.measure(t[cut], still[cut], still[cut], body_field) for cut in cuts]
     mag = np.vstack([part.mag for part in parts if part.mag is not None])
     fresh = np.concatenate([part.fresh for part in parts if part.fresh is not None])
-    return Samples(t, mag, mag, mag, fresh, np.arange(len(t)))
+    return Samples(t, t, mag, mag, mag, fresh, np.arange(len(t)))
 
 
 def with_mag(mag: MagnetometerPrior) -> SensorPrior:

@@ -231,6 +231,24 @@ def test_the_sensor_is_tilted_once_for_all():
     np.testing.assert_allclose(np.mean(tilts, axis=0), 0.0, atol=0.1)
 
 
+def test_another_walk_keeps_the_tilt_and_rings_anew():
+    strides = plan([Stand(1.0), Walk(straight(9.0)), Stand(1.0)], Person(), np.random.default_rng(0))
+    one, other = (
+        thigh_motion(strides, Pocket(), np.random.default_rng(of_this_walk), np.random.default_rng(9))
+        for of_this_walk in (1, 2)
+    )
+    np.testing.assert_array_equal(one.thigh_R_body, other.thigh_R_body)
+    t = np.arange(0.0, strides.end_s, 0.01)
+    apart = np.degrees(np.abs(one.at(t).rate - other.at(t).rate))
+    standing = t < strides.start[0] - 0.2
+    assert apart[standing].max() > 0.01  # sway
+    assert apart[~standing].max() > 10.0  # ringing
+    remounted = thigh_motion(strides, Pocket(), np.random.default_rng(1), np.random.default_rng(10))
+    assert not np.allclose(remounted.thigh_R_body, one.thigh_R_body, atol=0.01)
+    np.testing.assert_array_equal(remounted.angles(t), one.angles(t))
+    np.testing.assert_array_equal(remounted.hip(t), one.hip(t))
+
+
 def test_a_tilt_turns_what_is_felt_and_nothing_else():
     quiet = walk(Stand(1.0), Walk(straight(9.0)), Stand(1.0), pocket=QUIET)[1]
     tilted = walk(Stand(1.0), Walk(straight(9.0)), Stand(1.0), pocket=replace(QUIET, tilt_rad=0.3))[1]

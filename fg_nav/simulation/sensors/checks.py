@@ -55,14 +55,25 @@ def at_least(owner: object, name: str, least: float) -> None:
 
 def share(owner: object, name: str, most: float) -> None:
     """Demand a number from 0 to `most`; raises SimulationError."""
-    _demand(owner, (name,), lambda value: 0 <= value <= most, f"a number from 0 to {most:g}")
+    up_to(most, owner, name)
 
 
-def vector(owner: object, name: str, shape: tuple[int, ...] = (3,)) -> None:
-    """Demand finite numbers in this shape; raises SimulationError."""
-    if not _is_numeric(getattr(owner, name), shape):
+def between(least: float, most: float, owner: object, *names: str, called: str = "") -> None:
+    """Demand numbers from `least` to `most`; `called` is the owner's name if not its type's; raises SimulationError."""
+    _demand(owner, names, lambda value: least <= value <= most, f"a number from {least:g} to {most:g}", called)
+
+
+def up_to(most: float, owner: object, *names: str, called: str = "") -> None:
+    """Demand numbers from 0 to `most`; raises SimulationError."""
+    between(0.0, most, owner, *names, called=called)
+
+
+def vector(owner: object, name: str, shape: tuple[int, ...] = (3,), most: float = math.inf, called: str = "") -> None:
+    """Demand finite numbers in this shape, none larger than `most` either way; raises SimulationError."""
+    if not _is_numeric(getattr(owner, name), shape, most):
         form = " x ".join(str(length) for length in shape)
-        raise SimulationError(_complaint(owner, name, f"{form} finite numbers"))
+        limits = f" from {-most:g} to {most:g}" if math.isfinite(most) else ""
+        raise SimulationError(_complaint(owner, name, f"{form} finite numbers{limits}", called))
 
 
 def rows(name: str, value: Floats, t: Floats) -> None:
@@ -81,20 +92,22 @@ def rows(name: str, value: Floats, t: Floats) -> None:
         raise SimulationError(f"{name} to measure is not finite at {when:.3f} s: look at what moves there.")
 
 
-def _is_numeric(value: object, shape: tuple[int, ...]) -> bool:
+def _is_numeric(value: object, shape: tuple[int, ...], most: float) -> bool:
     try:
         numbers = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         return False
-    return numbers.shape == shape and bool(np.isfinite(numbers).all())
+    return numbers.shape == shape and bool((np.isfinite(numbers) & (np.abs(numbers) <= most)).all())
 
 
-def _demand(owner: object, names: tuple[str, ...], holds: Callable[[float], bool], wanted: str) -> None:
+def _demand(
+    owner: object, names: tuple[str, ...], holds: Callable[[float], bool], wanted: str, called: str = ""
+) -> None:
     for name in names:
         value = getattr(owner, name)
         if not isinstance(value, numbers.Real) or not holds(float(value)):
-            raise SimulationError(_complaint(owner, name, wanted))
+            raise SimulationError(_complaint(owner, name, wanted, called))
 
 
-def _complaint(owner: object, name: str, wanted: str) -> str:
-    return f"{name} of a {type(owner).__name__} is {getattr(owner, name)!r}: give {wanted}."
+def _complaint(owner: object, name: str, wanted: str, called: str) -> str:
+    return f"{name} of a {called or type(owner).__name__} is {getattr(owner, name)!r}: give {wanted}."

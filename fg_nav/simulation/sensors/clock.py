@@ -26,6 +26,15 @@ SPACING = 0.02
 
 MOST_DROPPED = 0.5
 
+MOST_JITTER_S = 0.05
+
+MOST_SCALE_SD = 0.01
+"""A clock that is worse gains a quarter of an hour a day."""
+
+MOST_BURST = 1000.0
+
+MOST_GAP_S = 1.0
+
 
 @dataclass(frozen=True)
 class ClockPrior:
@@ -52,10 +61,12 @@ class ClockPrior:
     longest_gap_s: float = 0.05
 
     def __post_init__(self) -> None:
-        checks.not_negative(self, "jitter_s", "scale_sd")
+        checks.up_to(MOST_JITTER_S, self, "jitter_s")
+        checks.up_to(MOST_SCALE_SD, self, "scale_sd")
+        checks.up_to(MOST_DROPPED, self, "dropped_share")
+        checks.between(1.0, MOST_BURST, self, "burst")
         checks.positive_finite(self, "longest_gap_s")
-        checks.share(self, "dropped_share", MOST_DROPPED)
-        checks.at_least(self, "burst", 1.0)
+        checks.up_to(MOST_GAP_S, self, "longest_gap_s")
 
     def draw(self, rng: np.random.Generator) -> Clock:
         """Draw one clock."""
@@ -68,6 +79,10 @@ class Clock:
 
     prior: ClockPrior
     scale_error: float
+
+    def shown(self, t: Floats) -> Floats:
+        """What the clock shows (N,) s at true times `t` (N,) s."""
+        return np.asarray((1 + self.scale_error) * t)
 
     def switched_on(self, rng: np.random.Generator, rate_hz: float) -> ClockRun:
         """Start a recording at this rate; spawns its streams from `rng`.
@@ -91,21 +106,28 @@ class ClockRun:
         self._count, self._latest = 0, -np.inf
         self._lost = -1  # samples lost in the burst so far; the first sample of all has none before it
 
-    def stamped(self, t: Floats) -> tuple[Floats, Ints]:
-        """Stamps (M,) s and rows (M,) of those of the next N samples that arrive; `t` (N,) s, when they were taken."""
-        rows = np.flatnonzero(self._arrived(len(t)))
-        return self._stamps(t)[rows], rows
+    def stamped(self, t: Floats) -> tuple[Floats, Floats, Ints]:
+        """What the clock makes of the next N samples, taken at `t` (N,) s.
 
-    def _stamps(self, t: Floats) -> Floats:
-        right = (1 + self.clock.scale_error) * t
+        Returns
+        -------
+        tuple
+            Of the M that arrive: their stamps (M,) s, what the clock showed when they were taken (M,) s, (1 + e) s_i
+            above, and which rows they are (M,).
+        """
+        rows = np.flatnonzero(self._arrived(len(t)))
+        shown = self.clock.shown(t)
+        return self._stamps(shown)[rows], shown[rows], rows
+
+    def _stamps(self, right: Floats) -> Floats:
         jitter_s = self.clock.prior.jitter_s
-        if jitter_s == 0 or not len(t):
-            return np.asarray(right)
+        if jitter_s == 0 or not len(right):
+            return right
         # t_i - i spacing is the highest so far of s_i + d_i - i spacing
-        line = self._spacing_s * (self._count + np.arange(len(t)))
-        arrival = right + jitter_s * (self._delay_rng.standard_exponential(len(t)) - 1)
+        line = self._spacing_s * (self._count + np.arange(len(right)))
+        arrival = right + jitter_s * (self._delay_rng.standard_exponential(len(right)) - 1)
         highest = np.maximum(np.maximum.accumulate(arrival - line), self._latest)
-        self._count, self._latest = self._count + len(t), float(highest[-1])
+        self._count, self._latest = self._count + len(right), float(highest[-1])
         return np.asarray(highest + line)
 
     def _arrived(self, count: int) -> Bools:

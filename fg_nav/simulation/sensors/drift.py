@@ -61,7 +61,7 @@ class Drift:
     @classmethod
     def of_instability(cls, lowest_allan: float, time_s: float, walk: float = 0.0) -> Drift:
         """Gauss-Markov part after Munoz Diaz Eq. 24-25: from the Allan deviation's minimum (u) and where it is (s)."""
-        return cls(sd=lowest_allan / np.sqrt(2), time_s=time_s, walk=walk)
+        return cls(sd=float(lowest_allan / np.sqrt(2)), time_s=time_s, walk=walk)
 
     @property
     def step_s(self) -> float:

@@ -33,6 +33,12 @@ MA_TAU = 0.896
 """Ratio of the ellipse's short axis to its long one of Ma's Table 1."""
 
 
+MOST_UT = 1e4
+"""More than a magnet against the case; no chip of these reads that far."""
+
+MOST_SOFT, MOST_SOFT_SD = 10.0, 0.5
+
+
 @dataclass(frozen=True)
 class IronPrior:
     """What iron sensors of one kind carry; none by default, and exactly `hard_uT` and `soft` without spreads.
@@ -45,7 +51,7 @@ class IronPrior:
     Raises
     ------
     SimulationError
-        If a spread is negative or anything is not a number, naming the field.
+        If a spread is negative or anything is not a number or more than can be, naming the field.
     """
 
     hard_uT: Triple = ZERO
@@ -54,9 +60,10 @@ class IronPrior:
     soft_sd: float = 0.0
 
     def __post_init__(self) -> None:
-        checks.not_negative(self, "hard_sd_uT", "soft_sd")
-        checks.vector(self, "hard_uT")
-        checks.vector(self, "soft", (3, 3))
+        checks.up_to(MOST_UT, self, "hard_sd_uT")
+        checks.up_to(MOST_SOFT_SD, self, "soft_sd")
+        checks.vector(self, "hard_uT", most=MOST_UT)
+        checks.vector(self, "soft", (3, 3), most=MOST_SOFT)
 
     def draw(self, rng: np.random.Generator) -> Iron:
         """Draw the iron of one sensor."""

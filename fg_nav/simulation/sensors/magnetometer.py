@@ -21,6 +21,14 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.simulation.sensors import checks
 from fg_nav.simulation.sensors.triad import digitised, distortion
 
+MOST_UT = 1e4
+"""Twice the range of any of these chips."""
+
+MOST_SPREAD = 0.5
+"""Of a matrix' elements; beyond that the axes are anywhere."""
+
+MOST_LAG_S = 0.2
+
 
 @dataclass(frozen=True)
 class MagnetometerPrior:
@@ -40,7 +48,7 @@ class MagnetometerPrior:
     Raises
     ------
     SimulationError
-        If a standard deviation is negative or anything is not a number, naming the field.
+        If a standard deviation is negative or anything is not a number or more than can be, naming the field.
     """
 
     rate_hz: float = np.inf
@@ -55,8 +63,9 @@ class MagnetometerPrior:
 
     def __post_init__(self) -> None:
         checks.positive(self, "rate_hz", "limit_uT")
-        spreads = ("noise_sd_uT", "offset_sd_uT", "scale_sd", "cross_axis_sd", "lag_s", "resolution_uT")
-        checks.not_negative(self, *spreads)
+        checks.up_to(MOST_UT, self, "noise_sd_uT", "offset_sd_uT", "resolution_uT")
+        checks.up_to(MOST_SPREAD, self, "scale_sd", "cross_axis_sd")
+        checks.up_to(MOST_LAG_S, self, "lag_s")
 
     def draw(self, rng: np.random.Generator) -> Magnetometer:
         """Draw one chip; takes the same number of draws whatever the parameters."""

@@ -32,10 +32,9 @@ both); Figure 10a of the paper ends 14 degrees off. So we take it that the modul
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
-
-import numpy as np
 
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
@@ -46,10 +45,10 @@ from fg_nav.simulation.sensors.magnetometer import MagnetometerPrior
 from fg_nav.simulation.sensors.sensor import SensorPrior
 from fg_nav.simulation.sensors.triad import TriadPrior
 
-_DEG = float(np.radians(1.0))
+_DEG = math.radians(1.0)
 _DEG_H = _DEG / 3600
 _MG = 1e-3 * GRAVITY_M_S2
-_ONE_SIDED = float(np.sqrt(0.5))
+_ONE_SIDED = math.sqrt(0.5)
 
 _CRYSTAL = ClockPrior(scale_sd=30e-6)
 """Assumed: quartz crystals are sold as good to 20 to 50 ppm. Samples stored on the board have even stamps."""
@@ -78,9 +77,9 @@ def _demo() -> SensorPrior:
     return SensorPrior(
         "demo",
         rate_hz=rate_hz,
-        gyr=TriadPrior(noise_density=0.1 * _DEG / np.sqrt(rate_hz), bias_sd=0.1 * _DEG),
-        acc=TriadPrior(noise_density=0.03 / np.sqrt(rate_hz), bias_sd=0.02),
-        mag=MagnetometerPrior(noise_sd_uT=0.3),
+        gyr=TriadPrior(noise_density=0.1 * _DEG / math.sqrt(rate_hz), bias_sd=0.1 * _DEG),
+        acc=TriadPrior(noise_density=0.03 / math.sqrt(rate_hz), bias_sd=0.02),
+        mag=MagnetometerPrior(rate_hz=rate_hz, noise_sd_uT=0.3),
     )
 
 
@@ -163,7 +162,7 @@ def _mpu_9250x8() -> SensorPrior:
 def _xsens_mtw() -> SensorPrior:
     """Munoz Diaz et al. 2017, Tables 2 and 3; memory: Xsens' MTw leaflet. All of it factory-calibrated."""
     gyr = TriadPrior(
-        noise_density=0.1 * _DEG / np.sqrt(100.0),  # Table 2: 0.1 deg/s a sample, assumed at 100 Hz
+        noise_density=0.1 * _DEG / math.sqrt(100.0),  # Table 2: 0.1 deg/s a sample, assumed at 100 Hz
         bias_sd=0.1 * _DEG,  # Table 3: (-0.12, 0.06, -0.12) deg/s at the start of a walk
         # instability: memory, 20 deg/h; walk: Table 3, changes of (0.01, 0.01, 0.10) deg/s in 44 min
         drift=Drift.of_instability(20 * _DEG_H, time_s=100.0, walk=0.0011 * _DEG),
@@ -182,7 +181,7 @@ def _xsens_mtw() -> SensorPrior:
     )
     mag = MagnetometerPrior(
         rate_hz=100.0,
-        noise_sd_uT=0.015 * np.sqrt(50.0),  # memory: 0.15 mG/sqrt(Hz); Table 2 takes it for the noise of a sample
+        noise_sd_uT=0.015 * math.sqrt(50.0),  # memory: 0.15 mG/sqrt(Hz); Table 2 takes it for the noise of a sample
         scale_sd=0.005,  # assumed: factory-calibrated
         cross_axis_sd=0.0017,  # memory: alignment to 0.1 degrees
         limit_uT=150.0,  # memory
@@ -214,6 +213,7 @@ def _lord_gx5() -> SensorPrior:
         limit=20 * GRAVITY_M_S2,  # measured: gdin 35 reaches 136 m/s^2, so not the +-8 g version
     )
     mag = MagnetometerPrior(
+        rate_hz=200.0,  # measured: a new value in every row of the gdin walks; assumed: no more than that
         noise_sd_uT=0.05,  # measured: 0.04 to 0.09 uT within half a second of standing in gdin 35
         lag_s=0.022,  # measured: 20 to 25 ms on ten gdin walks, where the field in nav is smoothest over the samples
         scale_sd=0.005,  # assumed: factory-calibrated
@@ -256,11 +256,11 @@ _KVH_ACC = TriadPrior(
 def _munoz_diaz_table_2() -> SensorPrior:
     """Munoz Diaz et al. 2017, Table 2: added to rates of a 1750 that count as true, and to a computed field."""
     gyr = TriadPrior(
-        noise_density=0.1 * _DEG / np.sqrt(100.0),  # Table 2: 0.1 deg/s a sample; assumed at 100 Hz
+        noise_density=0.1 * _DEG / math.sqrt(100.0),  # Table 2: 0.1 deg/s a sample; assumed at 100 Hz
         bias=(-0.1 * _DEG, 0.1 * _DEG, -0.1 * _DEG),  # Table 2
         limit=490 * _DEG,  # that of the 1750
     )
-    mag = MagnetometerPrior(noise_sd_uT=0.015)  # Table 2
+    mag = MagnetometerPrior(rate_hz=100.0, noise_sd_uT=0.015)  # Table 2; assumed: a sample in every row at 100 Hz
     return SensorPrior("munoz-diaz-table-2", 100.0, gyr, _KVH_ACC, mag)
 
 

@@ -34,6 +34,9 @@ from fg_nav.simulation.sensors.triad import Triad, TriadPrior
 
 MOST_UNITS = 256
 
+MOST_RAD_S, MOST_M_S2 = 100.0, 1000.0
+"""No error of a gyroscope or an accelerometer is larger: a few times the range of any of them."""
+
 
 @dataclass(frozen=True)
 class SensorPrior:
@@ -53,7 +56,8 @@ class SensorPrior:
     Raises
     ------
     SimulationError
-        If the rate is not positive, a spread negative or the number of units none, naming the field.
+        If the rate is not positive, an error negative or more than can be, or the number of units none, naming the
+        field.
     """
 
     name: str
@@ -68,7 +72,9 @@ class SensorPrior:
 
     def __post_init__(self) -> None:
         checks.positive_finite(self, "rate_hz")
-        checks.not_negative(self, "mount_sd_rad")
+        checks.up_to(np.pi, self, "mount_sd_rad")
+        self.gyr.check_errors(MOST_RAD_S, "SensorPrior.gyr")
+        self.acc.check_errors(MOST_M_S2, "SensorPrior.acc")
         if not isinstance(self.units, int) or not 1 <= self.units <= MOST_UNITS:
             raise SimulationError(
                 f"units of a SensorPrior is {self.units!r}: give a whole number from 1 to {MOST_UNITS}."
@@ -188,6 +194,7 @@ class Samples:
     Attributes
     ----------
     t : (M,) s, stamps: strictly increasing, on from the block before.
+    taken : (M,) s, what the logger's clock showed when they were taken: stamps without delay, for the truth.
     acc, gyr : (M, 3) m/s^2, rad/s.
     mag : (M, 3) uT, NaN (or the last one, if held) where there is no new sample; None without a magnetometer.
     fresh : (M,) whether there is a new sample of the field; None without a magnetometer.
@@ -195,6 +202,7 @@ class Samples:
     """
 
     t: Floats
+    taken: Floats
     acc: Floats
     gyr: Floats
     mag: Floats | None
@@ -256,10 +264,10 @@ class SensorRun:
         gyr = mean_of([unit.measure(t, rate, force) for unit in self._gyr])
         acc = mean_of([unit.measure(t, force) for unit in self._acc])
         mag, fresh = self._compass.measure(t, body_field)
-        stamps, row = self._clock.stamped(t)
+        stamps, taken, row = self._clock.stamped(t)
         if mag is None or fresh is None:
-            return Samples(stamps, acc[row], gyr[row], None, None, row)
-        return Samples(stamps, acc[row], gyr[row], mag[row], fresh[row], row)
+            return Samples(stamps, taken, acc[row], gyr[row], None, None, row)
+        return Samples(stamps, taken, acc[row], gyr[row], mag[row], fresh[row], row)
 
     def biases_at(self, t: Floats) -> Biases:
         """True biases at any instants `t` (N,) s of the walk, turn-on and drift together."""

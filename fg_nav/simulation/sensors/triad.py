@@ -30,6 +30,9 @@ from fg_nav.simulation.sensors import checks
 from fg_nav.simulation.sensors.checks import ZERO, Triple
 from fg_nav.simulation.sensors.drift import Drift, DriftPath
 
+MOST_SPREAD = 0.5
+"""Of the elements of M; beyond that the axes are anywhere."""
+
 
 @dataclass(frozen=True)
 class TriadPrior:
@@ -48,7 +51,7 @@ class TriadPrior:
     Raises
     ------
     SimulationError
-        If a standard deviation is negative or anything is not a number, naming the field.
+        If a standard deviation is negative or anything is not a number or more than can be, naming the field.
     """
 
     noise_density: float = 0.0
@@ -62,10 +65,16 @@ class TriadPrior:
     resolution: float = 0.0
 
     def __post_init__(self) -> None:
-        spreads = ("noise_density", "bias_sd", "scale_sd", "cross_axis_sd", "g_sensitivity_sd", "resolution")
-        checks.not_negative(self, *spreads)
+        checks.not_negative(self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution")
+        checks.up_to(MOST_SPREAD, self, "scale_sd", "cross_axis_sd")
         checks.positive(self, "limit")
         checks.vector(self, "bias")
+
+    def check_errors(self, most: float, called: str) -> None:
+        """Demand errors that are no larger than `most` (u) for a triad `called` so; raises SimulationError."""
+        checks.up_to(most, self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution", called=called)
+        checks.vector(self, "bias", most=most, called=called)
+        checks.up_to(most, self.drift, "sd", "walk", called=f"{called}.drift")
 
     def draw(self, rng: np.random.Generator) -> Triad:
         """Draw one unit's triad; takes the same number of draws whatever the parameters."""
