@@ -42,7 +42,7 @@ QUIET = every_gait(
 )
 RIGID = every_gait(QUIET, sole_m=0.0, sole_sd_m=0.0)
 
-FIRM = replace(INSTEP, tilt_sd_rad=(0.0, 0.0, 0.0), ringing=NO_SHOCK)
+FIRM = replace(INSTEP, lever_sd_m=(0.0, 0.0, 0.0), tilt_sd_rad=(0.0, 0.0, 0.0), ringing=NO_SHOCK)
 """On the instep as the library has it, the same in all walks, and tied so that it does not ring."""
 
 LEVER = tuple(float(x) for x in FIRM.foot_R_body.T @ FIRM.lever_m)

@@ -60,7 +60,8 @@ class FootMotion:
     bursts : of d (3, m, foot frame) and of roll, pitch and yaw (3, rad).
     lever_m : (3,) from the pivot to the sensor, foot frame.
     foot_R_body : (3, 3).
-    flat : (K + 1, 2) s, from when to when the foot stands flat: the truth of stance.
+    flat : (K + 1, 2) s, the truth of stance: from when the last ramp of landing has ended to when the first of the next
+        push begins. In between the loaded foot rolls on by degrees a second, sinks and slips; slap and tremor die out.
     """
 
     east: Ramps

@@ -1,4 +1,4 @@
-"""A person: how each manner of stride goes, and where on the foot the sensor sits.
+"""A person: how each manner of stride goes, how persons differ, and where on the foot the sensor sits.
 
 Angles are of the foot: x forward, y left, z up from a pivot under the instep, on the floor; positive pitch points the
 toe down, positive roll lifts the inner edge of a right foot, positive yaw turns left. Times are in shares of the swing,
@@ -11,8 +11,9 @@ from motion-captured trials. No figure is fitted to a single walk.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -55,6 +56,72 @@ class Shock:
     def __post_init__(self) -> None:
         checks.not_negative(self, "force_m_s2", "rate_rad_s", "scatter")
         checks.positive_finite(self, "frequency_hz", "length_s")
+
+    def scaled(self, factor: float) -> Shock:
+        """So many times as strong."""
+        return replace(self, force_m_s2=factor * self.force_m_s2, rate_rad_s=factor * self.rate_rad_s)
+
+
+@dataclass(frozen=True)
+class Variety:
+    """How persons differ from each other: standard deviations over persons, each the same in all gaits of one.
+
+    Ten walks span some three standard deviations; of a range of theirs (`scripts/realism.py`, "gdin") about a third is
+    given here, less where a stride's own scatter or the pace has a part in it. All are relative but for `swing_share`.
+
+    Attributes
+    ----------
+    toe_down : pitch after push-off (gdin: 53-70 deg, of which the pace explains a part).
+    toe_up : pitch at heel strike (gdin: 27-34 deg).
+    inversion : roll (gdin: peak rates of 132-234 deg/s).
+    yaw_wobble : yaw (gdin: peak rates of 109-168 deg/s, in which angle and sharpness both have a part; 3-15 deg).
+    height : clearance and height of the heel, and again that in mid-swing (gdin: rise of the sensor of 7.6-12 cm, in
+        which the mount has a part).
+    swing_share : added to it (gdin: 0.22-0.30 of a stride detected as stance, in which the pace has a part).
+    turning : pitch, roll and yaw in stance (gdin: 7-18 deg/s at the stillest instant).
+    sole : by how much it gives way (Vicon: sinking at 1 to 14 mm/s).
+    slip : of its mean, which is anything from 1 - slip to 1 + slip of the gait's (assumed: shoes from none to twice).
+    shock : of the logarithm of the strength, of each shock by itself (gdin: peaks of 32-60 m/s^2, half of it by pace).
+    stride : length of a stride of walking and running (gdin: 1.20-1.54 m at paces of their own; people of one
+        pace differ by leg length, some 3 %).
+    """
+
+    toe_down: float = 0.07
+    toe_up: float = 0.06
+    inversion: float = 0.25
+    yaw_wobble: float = 0.30
+    height: float = 0.08
+    swing_share: float = 0.015
+    turning: float = 0.25
+    sole: float = 0.25
+    slip: float = 1.0
+    shock: float = 0.20
+    stride: float = 0.03
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            checks.share(self, item.name, 1.0)
+
+
+_SHARED: Mapping[str, tuple[tuple[str, ...], ...]] = {
+    "toe_down": (("toe_down_rad",),),
+    "toe_up": (("toe_up_rad",),),
+    "inversion": (("inversion_rad",),),
+    "yaw_wobble": (("yaw_wobble_rad",),),
+    "height": (("clearance_m", "heel_m"), ("midswing_m",)),
+    "turning": (("settle_rad", "rollover_rad", "stir_rad"), ("pronation_rad",), ("twist_rad",)),
+    "sole": (("sole_m", "sole_sd_m"),),
+    "shock": (("strike",), ("crack",), ("slap",), ("toe_off",), ("tremor",)),
+    "stride": (("stride_m",),),
+}
+"""Fields of a gait that a person's factors scale, those of one factor together; on stairs the treads fix the stride."""
+
+_RAREST = 2.5
+"""No person differs by more standard deviations than this, and no lever."""
+
+
+def _usual(rng: np.random.Generator) -> float:
+    return float(np.clip(rng.standard_normal(), -_RAREST, _RAREST))
 
 
 @dataclass(frozen=True)
@@ -131,12 +198,29 @@ class Gait:
         for name in _SCATTERS:
             checks.share(self, name, 0.5)
         for name in _ANGLES:
-            _within(self, name, -np.pi / 2, np.pi / 2)
-        _within(self, "swing_share", 0.3, 0.8)
+            _within(self, name, -STEEPEST_RAD, STEEPEST_RAD)
+        _within(self, "swing_share", *SWING_SHARES)
         checks.share(self, "rhythm", 0.07)
         _within(self, "slip_correlation", -0.99, 0.99)
         if not 0 <= self.climb[0] < self.climb[1] <= 1:
             raise SimulationError(f"climb of a Gait is {self.climb}: give two rising shares from 0 to 1.")
+
+    def scaled(self, factors: Mapping[str, float], longer_swing: float = 0.0) -> Gait:
+        """Gait with fields times these factors, its swing longer by a share of the stride; no more than can be."""
+        changed: dict[str, Any] = {name: _scaled(getattr(self, name), by) for name, by in factors.items()}
+        for name in changed.keys() & set(_ANGLES):
+            changed[name] = float(np.clip(changed[name], -STEEPEST_RAD, STEEPEST_RAD))
+        share = float(np.clip(self.swing_share + longer_swing, *SWING_SHARES))
+        return replace(self, **changed, swing_share=share)
+
+
+def _scaled(value: float | Shock, factor: float) -> float | Shock:
+    return value.scaled(factor) if isinstance(value, Shock) else value * factor
+
+
+STEEPEST_RAD = np.pi / 2
+SWING_SHARES = 0.3, 0.8
+"""Of an angle, and of a stride: what a gait may have."""
 
 
 _LENGTHS = (
@@ -260,6 +344,28 @@ class Person:
         """All gaits, in the order of `Style`."""
         return (self.walk, self.run, self.stairs_up, self.stairs_down, self.turn)
 
+    def drawn(self, rng: np.random.Generator, variety: Variety = Variety()) -> Person:
+        """One person drawn around this one, whose factors all of its gaits share."""
+        factors, longer_swing = _factors(variety, rng), variety.swing_share * _usual(rng)
+        trodden = {name: by for name, by in factors.items() if name != "stride_m"}
+        walks = {name: getattr(self, name).scaled(factors, longer_swing) for name in ("walk", "run")}
+        others = {name: getattr(self, name).scaled(trodden, longer_swing) for name in _PLANNED}
+        return replace(self, **walks, **others)
+
+
+_PLANNED = ("stairs_up", "stairs_down", "turn")
+"""Gaits whose strides are as long as treads, or on the spot."""
+
+
+def _factors(variety: Variety, rng: np.random.Generator) -> dict[str, float]:
+    """Log-normal, so that all stay positive; that of the slip is uniform, and may be none."""
+    drawn: dict[str, float] = {}
+    for name, groups in _SHARED.items():
+        for group in groups:
+            drawn |= dict.fromkeys(group, float(np.exp(getattr(variety, name) * _usual(rng))))
+    drawn["slip_m"] = float(1 + variety.slip * rng.uniform(-1.0, 1.0))
+    return drawn
+
 
 @dataclass(frozen=True)
 class Mount:
@@ -267,11 +373,12 @@ class Mount:
 
     Attributes
     ----------
-    lever_m : from the pivot to the sensor, foot frame.
+    lever_m, lever_sd_m : from the pivot to the sensor, foot frame, mean and scatter over mountings and feet.
     tilt_rad, tilt_sd_rad : roll, pitch and yaw of the sensor's axes in the foot frame, mean and scatter over mountings.
     shock : strength of the gait's shocks at this place, the instep being 1.
     unrest : how much of what a foot turns and trembles in stance reaches this place, the instep being 1.
     ringing : of the sensor on its mounting, after each heel strike.
+    shock_seed : draws which way and in what phase shocks move this sensor; None before it is mounted.
     """
 
     lever_m: tuple[float, float, float]
@@ -280,19 +387,30 @@ class Mount:
     shock: float = 1.0
     unrest: float = 1.0
     ringing: Shock = Shock(0.0, 0.0, 40.0, 0.1)
+    lever_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shock_seed: int | None = None
 
     def __post_init__(self) -> None:
         checks.not_negative(self, "shock", "unrest")
-        for name in ("lever_m", "tilt_rad", "tilt_sd_rad"):
+        for name in ("lever_m", "lever_sd_m", "tilt_rad", "tilt_sd_rad"):
             checks.vector(self, name)
-        if min(self.tilt_sd_rad) < 0:
-            raise SimulationError(f"tilt_sd_rad of a Mount is {self.tilt_sd_rad}: give numbers of 0 or more.")
+        for name in ("lever_sd_m", "tilt_sd_rad"):
+            if min(getattr(self, name)) < 0:
+                raise SimulationError(f"{name} of a Mount is {getattr(self, name)}: give numbers of 0 or more.")
 
     def drawn(self, rng: np.random.Generator) -> Mount:
-        """One mounting: the tilt as it happened to be, and no scatter left."""
-        tilt = np.array(self.tilt_rad) + np.array(self.tilt_sd_rad) * rng.standard_normal(3)
-        roll, pitch, yaw = (float(angle) for angle in tilt)
-        return replace(self, tilt_rad=(roll, pitch, yaw), tilt_sd_rad=(0.0, 0.0, 0.0))
+        """One mounting: tilt, lever and shocks as they happened to be, and no scatter left."""
+        roll, pitch, yaw = (float(x) for x in self.tilt_rad + np.array(self.tilt_sd_rad) * rng.standard_normal(3))
+        x, y, z = (m + sd * _usual(rng) for m, sd in zip(self.lever_m, self.lever_sd_m, strict=True))
+        seed = int(rng.integers(2**32))
+        return replace(
+            self,
+            lever_m=(x, y, z),
+            lever_sd_m=(0.0, 0.0, 0.0),
+            tilt_rad=(roll, pitch, yaw),
+            tilt_sd_rad=(0.0, 0.0, 0.0),
+            shock_seed=seed if self.shock_seed is None else self.shock_seed,
+        )
 
     @property
     def foot_R_body(self) -> Floats:
@@ -301,16 +419,19 @@ class Mount:
 
 
 INSTEP = Mount(
-    lever_m=(-0.02, -0.02, 0.09),
+    lever_m=(-0.02, -0.02, 0.085),
+    lever_sd_m=(0.005, 0.005, 0.012),
     tilt_rad=(0.0, _rad(-25.0), 0.0),
     tilt_sd_rad=(_rad(8.0), _rad(6.0), _rad(8.0)),
     ringing=Shock(2.0, _rad(20.0), 30.0, 0.14),
 )
 """On the laces, its x axis up along the instep (gdin: 10-35 deg). The lever is that of the Vicon trials, but for its
-height, which lies between theirs (5 to 11 cm) and what the gdin walks show of themselves (6 to 10 cm)."""
+height, which lies between theirs (5 to 11 cm) and what the gdin walks show of themselves (6 to 10 cm, some three
+standard deviations)."""
 
 HEEL = Mount(
     lever_m=(-0.13, 0.0, 0.025),
+    lever_sd_m=(0.005, 0.005, 0.005),
     tilt_rad=(0.0, _rad(3.0), 0.0),
     tilt_sd_rad=(_rad(2.0), _rad(2.0), _rad(3.0)),
     shock=1.6,

@@ -2,8 +2,9 @@
 
 Each coordinate is a sum of ramps. A *phase* is a set of ramps (begin, end, weight) in shares of the swing, 0 at
 heel-off and 1 at foot-flat; its weights sum to 1 (to 0 where it comes back). A share below 0 or above 1 reaches into
-the stance before or after. The tables are round figures for the median curve of ten real walks with a sensor on the
-instep; scaled by duration, length and angles, those walks lie on one curve within a few per cent.
+the stance before or after: foot-flat is nominal, and what is true is from `LANDED_AT` to `LEAVES_AT`. The tables are
+round figures for the median curve of ten real walks with a sensor on the instep; scaled by duration, length and angles,
+those walks lie on one curve within a few per cent.
 
 =========== ======== ==================================================================================================
 PUSH        pitch    heel-off: slowly at first, then the toe points down
@@ -74,6 +75,28 @@ STIR: Phase = ((-0.36, 0.24, 1.00),)
 ROLL_OVER: Phase = ((-0.40, 0.80, 0.50), (0.20, 1.40, 0.50))
 LEAN: Phase = ((-0.30, 0.50, 1.00), (0.30, 1.30, -1.00))
 SLIP: Phase = ((-0.10, 0.70, 1.00),)
+
+_SWINGING = (
+    PUSH,
+    FALL,
+    LAND,
+    LIFT,
+    DROP,
+    RAISE,
+    SET_DOWN,
+    FORWARD,
+    ASIDE,
+    INVERT_OFF,
+    INVERT_ON,
+    TOE_OUT,
+    TOE_IN,
+    TURN,
+)
+"""All but those of the loaded foot, which rolls on, leans, slips and sinks while it is flat."""
+
+LEAVES_AT = min(begin for phase in _SWINGING for begin, _, _ in phase)
+LANDED_AT = max(end for phase in _SWINGING for _, end, _ in phase)
+"""Where the first of these begins and the last one ends: the foot is flat from landing to the next leaving."""
 
 TOE_DOWN_AT, HEEL_STRIKE_AT = 0.33, 0.86
 """When the pitch is greatest, and when it is least."""

@@ -305,7 +305,9 @@ def _stride_count(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
     usual_m = gait.stride_m * np.sqrt(section.pace)
     count = section.strides or max(1, round(section.path.length_m / usual_m + sum(halves) / 2))
     if count > MOST_STRIDES:
-        raise SimulationError(f"{section.path.length_m:g} m take {float(count):.3g} strides: ask for at most {MOST_STRIDES}.")
+        raise SimulationError(
+            f"{section.path.length_m:g} m take {float(count):.3g} strides: ask for at most {MOST_STRIDES}."
+        )
     mean_m = section.path.length_m / _half_steps(count, halves).sum()
     if mean_m > LONGEST_STRIDE * usual_m:
         raise SimulationError(

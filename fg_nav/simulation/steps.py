@@ -16,7 +16,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import SimulationError
 from fg_nav.simulation.footsteps import Strides
 from fg_nav.simulation.person import Person
-from fg_nav.simulation.phases import Phase
+from fg_nav.simulation.phases import LANDED_AT, LEAVES_AT, Phase
 
 LEAST_EFFORT = 0.4
 """Angles and heights of a stride on the spot, in those of a full one; they grow with its length."""
@@ -26,6 +26,9 @@ LONGEST = 1.3
 
 RAREST = 3.0
 """No rhythm is further off than this many standard deviations: a swing that outlasts its stride is none."""
+
+LEAST_FLAT_S = 0.01
+"""A foot that pushes off before it has landed, as runners may, counts as flat for so long in the middle of the two."""
 
 PAUSE_S = 0.02
 """A foot that stays for longer than this after a stride stands."""
@@ -52,7 +55,7 @@ class Steps:
     Attributes
     ----------
     strides, person : whose.
-    swing_s : (K,) s from heel-off to foot-flat.
+    swing_s : (K,) s from heel-off to foot-flat, the scale of all phases; some reach a little beyond (`flat`).
     vigour : (K,) of angles and heights, in those of the gait.
     stirred : (K,) rad, forward pitch up to heel-off.
     settled, rolled, pressed, slip : in the stance after each stride: forward pitch as the foot settles, and as it rolls
@@ -91,9 +94,12 @@ class Steps:
 
     @property
     def flat(self) -> Floats:
-        """(K + 1, 2) s, from when to when the foot is flat on the floor."""
-        begin = np.concatenate([[0.0], self.strides.start + self.swing_s])
-        return np.stack([begin, np.append(self.strides.start, self.strides.end_s)], axis=1)
+        """(K + 1, 2) s, from when to when no ramp of a swing moves the foot: flat on the floor."""
+        landed = np.concatenate([[0.0], self.strides.start + LANDED_AT * self.swing_s])
+        leaves = np.append(self.strides.start + LEAVES_AT * self.swing_s, self.strides.end_s)
+        middle, half = (landed + leaves) / 2, np.maximum(leaves - landed, LEAST_FLAT_S) / 2
+        flat: Floats = np.stack([middle - half, middle + half], axis=1)
+        return np.clip(flat, 0.0, self.strides.end_s)
 
     @property
     def pauses(self) -> Floats:

@@ -105,7 +105,7 @@ def simulate(
     name: str | Scenario,
     seed: int,
     choices: Choices = Choices(),
-    person: Person = Person(),
+    person: Person | None = None,
     progress: Progress = _say_nothing,
 ) -> SimulatedWalk:
     """Simulate a scenario.
@@ -115,7 +115,7 @@ def simulate(
     name : of the scenario, or one of your own.
     seed : draws everything; sensor, mount and leg are the same in all scenarios of a seed.
     choices : what of the scenario is to be otherwise.
-    person : who walks.
+    person : who walks; None for somebody drawn by the seed.
     progress : is told the fraction done.
 
     Raises
@@ -125,6 +125,7 @@ def simulate(
     """
     chosen = choices.applied_to(scenario(name) if isinstance(name, str) else name)
     streams = Streams(seed, chosen.name)
+    person = Person().drawn(streams.lasting("person")) if person is None else person
     sensor = chosen.prior.draw(streams.lasting("sensor"))
     earth = _earth(chosen.site)
     strides, crossings = _strides(chosen, person, streams)

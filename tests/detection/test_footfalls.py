@@ -218,7 +218,7 @@ def test_the_first_and_the_last_rest_reach_to_the_ends(person, mount):
     stances = detect_stances(recording)
     assert stances.start[0] == 0
     assert stances.stop[-1] == len(recording)
-    assert recording.t[stances.stop[0] - 1] == pytest.approx(2.0, abs=0.05)
+    assert recording.t[stances.stop[0] - 1] == pytest.approx(2.0, abs=0.08)  # the push begins before heel-off
 
 
 @WALKERS

@@ -132,7 +132,7 @@ def test_a_sample_is_the_mean_over_its_period(walk: Foot, rate_hz: float) -> Non
 @pytest.mark.parametrize("mount", [INSTEP, HEEL], ids=["instep", "heel"])
 @pytest.mark.parametrize("style", list(Style))
 def test_samples_integrate_to_the_truth(style: Style, mount: Mount) -> None:
-    """Plainly to second order; with coning and sculling within 0.2 mm/s and 0.2 mm of each stride at 400 Hz."""
+    """Plainly to second order; with coning and sculling within 0.3 mm/s and 0.2 mm of each stride at 400 Hz."""
     foot = made([Stand(1.0), consistency.section(style, 12, Person())], mount=mount)
     plain = [
         np.median(np.linalg.norm(consistency.left_over(foot.motion, foot.strides, hz), axis=2), axis=0)
@@ -143,7 +143,7 @@ def test_samples_integrate_to_the_truth(style: Style, mount: Mount) -> None:
     _, velocity, position = np.linalg.norm(
         consistency.left_over(foot.motion, foot.strides, 400.0, corrected=True), axis=2
     ).T.max(axis=1)
-    assert velocity < 0.2
+    assert velocity < 0.3  # a runner whose heel is hit: where shocks peak
     assert position < 0.2
 
 
@@ -207,13 +207,40 @@ def test_flat_is_when_the_foot_does_not_swing(walk: Foot, dense: Kinematics) -> 
     assert end[-1] == walk.strides.end_s
     assert np.all(end > begin)
     assert np.all(begin[1:] > end[:-1])
-    speed, rate = np.linalg.norm(dense.velocity, axis=1), np.rad2deg(np.linalg.norm(dense.rate, axis=1))
-    for b, e in walk.motion.flat[1:-1]:
-        inner = (walk.t > b + 0.25 * (e - b)) & (walk.t < e - 0.25 * (e - b))
-        assert speed[inner].max() < 0.12
-        assert rate[inner].max() < 60
-    for e, b in zip(end[2:-2], begin[3:-1], strict=True):
+    inside = [(walk.t >= b) & (walk.t <= e) for b, e in walk.motion.flat[1:-1]]
+    pivot = np.linalg.norm(np.gradient(walk.pivot(dense), walk.t, axis=0), axis=1)
+    rate, speed = np.rad2deg(np.linalg.norm(dense.rate, axis=1)), np.linalg.norm(dense.velocity, axis=1)
+    assert max(np.median(pivot[part]) for part in inside) < 0.02
+    assert max(np.median(rate[part]) for part in inside) < 40
+    assert pivot[np.any(inside, axis=0)].max() < 0.05
+    assert speed[np.any(inside, axis=0)].max() < 0.12
+    for e, b in zip(end[1:-2], begin[2:-1], strict=True):
         assert rate[(walk.t > e) & (walk.t < b)].max() > 300
+
+
+def test_just_outside_of_flat_the_foot_lands_and_pushes_off(walk: Foot, dense: Kinematics) -> None:
+    pivot = np.linalg.norm(np.gradient(walk.pivot(dense), walk.t, axis=0), axis=1)
+    rate = np.rad2deg(np.linalg.norm(dense.rate, axis=1))
+    begin, end = walk.motion.flat[1:-1].T
+    middle, landing, pushing = (np.searchsorted(walk.t, t) for t in ((begin + end) / 2, begin - 0.05, end + 0.08))
+    for moving in (landing, pushing):
+        assert np.median(pivot[moving]) > 5 * np.median(pivot[middle])
+        assert np.median(rate[moving]) > 4 * np.median(rate[middle])
+
+
+@pytest.mark.parametrize("style", list(Style))
+def test_a_foot_is_flat_once_between_two_strides(style: Style) -> None:
+    """Of runners too, whose stance is short: who pushes off before he has landed is flat in the middle of the two."""
+    foot = made([Stand(2.0), consistency.section(style, 60, Person()), Stand(2.0)])
+    begin, end = foot.motion.flat.T
+    assert (end - begin).min() > 0.009
+    assert np.all(begin[1:] > end[:-1])
+    middle = (begin + end)[1:-1] / 2
+    swinging = foot.strides.start[:-1] + 0.4 * foot.strides.duration[:-1]
+    speed, fast = (np.linalg.norm(foot.motion.at(t).velocity, axis=1) for t in (middle, swinging))
+    assert speed.max() < 0.2
+    if style is not Style.TURN:
+        assert np.median(speed) < 0.1 * np.median(fast)
 
 
 def test_in_stance_the_sensor_rolls_about_the_pivot(walk: Foot, dense: Kinematics) -> None:

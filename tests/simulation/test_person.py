@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import SimulationError
+from fg_nav.simulation.foot import foot_motion
 from fg_nav.simulation.footsteps import Style
-from fg_nav.simulation.person import HEEL, INSTEP, MOUNTS, Gait, Mount, Person, Shock, mount_named
+from fg_nav.simulation.path import straight
+from fg_nav.simulation.person import HEEL, INSTEP, MOUNTS, Gait, Mount, Person, Shock, Variety, mount_named
+from fg_nav.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan
 
 
 def test_default_walk_is_that_of_the_papers() -> None:
@@ -69,6 +72,97 @@ def test_a_mounting_is_drawn_once() -> None:
     np.testing.assert_allclose(tilt.std(axis=0), INSTEP.tilt_sd_rad, rtol=0.15)
     again = mounted[0].drawn(np.random.default_rng(9))
     assert again == mounted[0]
+
+
+def test_levers_scatter_and_shocks_are_one_mounts_own() -> None:
+    for mount in (INSTEP, HEEL):
+        mounted = [mount.drawn(np.random.default_rng(seed)) for seed in range(300)]
+        lever = np.array([one.lever_m for one in mounted])
+        np.testing.assert_allclose(lever.mean(axis=0), mount.lever_m, atol=2.5e-3)
+        np.testing.assert_allclose(lever.std(axis=0), mount.lever_sd_m, rtol=0.15)
+        assert lever[:, 2].min() > 0.01
+        assert len({one.shock_seed for one in mounted}) == len(mounted)
+
+
+def test_a_scatter_that_cannot_be_is_refused() -> None:
+    with pytest.raises(SimulationError, match="lever_sd_m"):
+        replace(INSTEP, lever_sd_m=(0.1, -0.1, 0.0))
+    with pytest.raises(SimulationError, match="toe_down"):
+        Variety(toe_down=-0.1)
+
+
+# ---- persons differ
+
+
+def drawn(count: int) -> list[Person]:
+    return [Person().drawn(np.random.default_rng(seed)) for seed in range(count)]
+
+
+def column(people: list[Person], name: str, gait: str = "walk") -> np.ndarray:
+    return np.array([getattr(getattr(person, gait), name) for person in people])
+
+
+def test_persons_can_be_and_scatter_about_the_default() -> None:
+    """Nobody who is drawn is refused, though running leaves least room; medians stay, scatter is what is promised."""
+    people, usual, sd = drawn(500), Person(), Variety()
+    for name, promised in {
+        "toe_down_rad": sd.toe_down,
+        "toe_up_rad": sd.toe_up,
+        "inversion_rad": sd.inversion,
+        "yaw_wobble_rad": sd.yaw_wobble,
+        "midswing_m": sd.height,
+        "rollover_rad": sd.turning,
+        "sole_m": sd.sole,
+        "stride_m": sd.stride,
+    }.items():
+        of = column(people, name) / getattr(usual.walk, name)
+        assert np.median(of) == pytest.approx(1.0, abs=0.15 * promised)
+        assert np.log(of).std() == pytest.approx(promised, rel=0.15)
+    assert column(people, "swing_share").std() == pytest.approx(sd.swing_share, rel=0.15)
+    slip = column(people, "slip_m") / usual.walk.slip_m
+    assert slip.min() > 0
+    assert slip.max() < 2
+    assert slip.mean() == pytest.approx(1.0, abs=0.1)
+    strike = np.array([person.walk.strike.force_m_s2 for person in people]) / usual.walk.strike.force_m_s2
+    assert np.log(strike).std() == pytest.approx(sd.shock, rel=0.15)
+
+
+def test_who_walks_with_steep_toes_also_runs_so() -> None:
+    people = drawn(100)
+    for name in ("toe_up_rad", "inversion_rad", "clearance_m", "rollover_rad"):
+        factors = [
+            column(people, name, gait) / getattr(getattr(Person(), gait), name) for gait in ("walk", "stairs_up")
+        ]
+        np.testing.assert_allclose(*factors)
+    assert np.corrcoef(column(people, "toe_down_rad"), column(people, "toe_down_rad", "run"))[0, 1] > 0.9
+
+
+def test_plans_fix_what_they_fix() -> None:
+    """Treads are as deep for everybody, and nobody walks on the spot."""
+    for gait in ("stairs_up", "stairs_down", "turn"):
+        assert set(column(drawn(20), "stride_m", gait)) == {getattr(Person(), gait).stride_m}
+    assert len(set(column(drawn(20), "stride_m"))) == 20
+
+
+def test_the_same_numbers_draw_the_same_person() -> None:
+    assert drawn(1)[0] == drawn(1)[0]
+    assert Person().drawn(np.random.default_rng(1)) != Person().drawn(np.random.default_rng(2))
+    nobody_differs = Variety(**dict.fromkeys((field.name for field in fields(Variety)), 0.0))
+    assert Person().drawn(np.random.default_rng(1), nobody_differs) == Person()
+
+
+def test_everybody_can_walk_run_and_climb() -> None:
+    for seed, person in enumerate(drawn(20)):
+        rng = np.random.default_rng(seed)
+        course = [Stand(1.0), Walk(straight(8.0)), TurnOnSpot(np.pi), Stairs(6), Stairs(6, up=False)]
+        for sections in (course, [Walk(straight(15.0), Style.RUN), Stand(1.0)]):
+            strides = plan(sections, person, rng)
+            motion = foot_motion(strides, person, INSTEP, rng)
+            state = motion.at(np.arange(0.0, strides.end_s, 5e-3))
+            assert all(np.isfinite(getattr(state, name)).all() for name in ("position", "rate", "force"))
+            assert np.linalg.norm(state.force, axis=1).max() < 50 * 9.81
+            assert state.position[:, 2].min() > -0.1 - 8 * 0.17
+            assert np.all(np.diff(motion.flat[1:-1]) > 0.009)
 
 
 def test_axes_of_an_instep_sensor_point_up_along_the_instep() -> None:
