@@ -129,6 +129,7 @@ TRUE_FACTS: Mapping[str, tuple[str, str]] = {
 
 _EVEN = "real walkers slow down at corners and doors; the plan's pace varies less"
 _LONGER = "the foot turns by the same angles in stance, which lasts longer at this pace"
+_CAPTURED = "of most captured feet, 0.1 s from the stillest instant is landing or push-off already"
 _SLOWER = "angles and their scatter are those of every pace, so rates fall with it"
 
 REASONS: Mapping[str, Mapping[str, str]] = {
@@ -136,6 +137,9 @@ REASONS: Mapping[str, Mapping[str, str]] = {
         "stride_s": "the default is that of Ma et al., 5 km/h",
         "stride_cv": _EVEN,
         "stance_share": "who walks faster stands for less of a stride, as little as the fastest of the real walkers",
+        "pitch_back_deg_s": "a stride of 0.93 s is shorter than any of the real walks', with the same angles",
+        "curve_scatter": _EVEN,
+        "speed_rms": _CAPTURED,
         "captured_rate_deg_s": "the captured feet turn half as fast in stance as those of gdin, whose angles these are",
     },
     "unhurried": {
@@ -146,7 +150,7 @@ REASONS: Mapping[str, Mapping[str, str]] = {
         "sharp_force": "the swing's own force falls with the pace, ringing and crack stay where they are in frequency",
         "stance_velocity": _LONGER,
         "speed": f"{_LONGER}; those captured walked faster",
-        "speed_rms": f"{_LONGER}; of those captured it holds landing and push-off, whose stance is shorter",
+        "speed_rms": f"{_LONGER}; {_CAPTURED}",
     },
     "in the field smooth": dict.fromkeys(realism_field.FACTS, "meant to be kinder than real"),
 }

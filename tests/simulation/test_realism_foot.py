@@ -15,7 +15,7 @@ realism = importlib.import_module("realism")
 realism_field = importlib.import_module("realism_field")
 walks = importlib.import_module("walks")
 
-SEEDS = (11, 12, 13)  # not those on which the gait was chosen
+SEEDS = (11, 12, 13, 14)  # not those on which the gait was chosen
 Facts = Sequence[Mapping[str, float]]
 Tables = Mapping[str, tuple[Mapping[str, object], Mapping[str, Facts]]]
 
