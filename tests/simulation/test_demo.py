@@ -1,6 +1,5 @@
 """The demonstration as it is recorded: a minute, once round a corridor, by a foot and a sensor that are real."""
 
-
 import numpy as np
 import pytest
 
