@@ -218,12 +218,16 @@ def print_facts(facts: Mapping[str, tuple[str, str]], columns: Mapping[str, Fact
     rows = []
     for key, (words, form) in facts.items():
         judged = [cell for ours in others for cell in _judged(real, ours, key, form)]
-        rows.append([words, _range(real, key, form), *judged, reason(names, key)])
+        rows.append([words, realism_field.spread_words(real, key, form), *judged, reason(names, key)])
     fig.print_table(("fact", first, *(cell for name in names for cell in (name, "", "")), ""), rows)
 
 
 def _judged(real: Facts, ours: Facts, key: str, form: str) -> tuple[str, str, str]:
-    return _range(ours, key, form), verdict(real, ours, key), f"{within(real, ours, key)} of {len(ours)}"
+    return (
+        realism_field.spread_words(ours, key, form),
+        verdict(real, ours, key),
+        f"{within(real, ours, key)} of {len(ours)}",
+    )
 
 
 def reason(columns: Sequence[str], key: str) -> str:
@@ -241,12 +245,6 @@ def within(real: Facts, ours: Facts, key: str) -> int:
     """How many walks of ours lie within the range of the real ones."""
     values = [facts[key] for facts in real]
     return sum(min(values) <= facts[key] <= max(values) for facts in ours)
-
-
-def _range(facts: Facts, key: str, form: str) -> str:
-    values = [fact[key] for fact in facts]
-    middle, least, most = (form.format(f(values)) for f in (np.median, np.min, np.max))
-    return f"{middle} [{least}, {most}]"
 
 
 def whoever(_: int) -> None:

@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "smooth": [corridor("smooth", seed).facts() for seed in seeds],
     }
     fig.print_heading("The field at the foot: median [least, most] over walks")
-    rows = [[words, *(_range(of, key, form) for of in columns.values())] for key, (words, form) in FACTS.items()]
+    rows = [[words, *(spread_words(of, key, form) for of in columns.values())] for key, (words, form) in FACTS.items()]
     fig.print_table(("fact", *columns), rows)
     if chosen.per_walk:
         single = [[words, *(form.format(f[key]) for f in columns["real"])] for key, (words, form) in FACTS.items()]
@@ -128,7 +128,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         fig.print_table(("fact", *(walk.name for walk in real)), single)
 
 
-def _range(facts: Sequence[Mapping[str, float]], key: str, form: str) -> str:
+def spread_words(facts: Sequence[Mapping[str, float]], key: str, form: str) -> str:
+    """Median, least and most of a fact over walks."""
     values = [fact[key] for fact in facts]
     middle, least, most = (form.format(f(values)) for f in (np.median, np.min, np.max))
     return f"{middle} [{least}, {most}]"

@@ -12,7 +12,6 @@ comparison.csv/json  the summaries of several methods, one row each
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -23,6 +22,7 @@ import pandas as pd
 
 from fg_nav.frames import heading_of
 from fg_nav.io import write_tum
+from fg_nav.plain import plain
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.version import version
 
@@ -128,19 +128,7 @@ def write_comparison(folder: Path, session: Session, outcomes: Mapping[str, Outc
 
 def write_json(path: Path, content: object) -> None:
     """Write standard JSON: numbers that are not finite become null."""
-    path.write_text(json.dumps(_jsonable(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _jsonable(value: object) -> object:
-    if isinstance(value, Mapping):
-        return {str(key): _jsonable(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _jsonable(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_jsonable(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+    path.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _text(path: Path | None) -> str | None:

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.io import write_canonical, write_tum
+from fg_nav.plain import plain
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.results import write_json
 from fg_nav.report.terminal import console, listing
@@ -25,7 +26,6 @@ from fg_nav.simulation import SCENARIOS, SimulatedWalk
 from fg_nav.simulation.fields import SITES
 from fg_nav.simulation.scenarios import FIELDS
 from fg_nav.simulation.sensors import PRESETS
-from fg_nav.simulation.sensors.plain import plain
 from fg_nav.version import version
 from fg_nav.wording import counted
 
@@ -56,23 +56,23 @@ def truth_of(walk: SimulatedWalk) -> dict[str, Any]:
         "worn": walk.scenario.worn,
         "site": walk.scenario.site,
         "field": walk.scenario.field,
-        "choices": plain(walk.choices),
+        "choices": walk.choices,
         "biases": {
-            "time_s": plain(walk.biases.t),
-            "gyr_rad_s": plain(walk.biases.gyr),
-            "acc_m_s2": plain(walk.biases.acc),
+            "time_s": walk.biases.t,
+            "gyr_rad_s": walk.biases.gyr,
+            "acc_m_s2": walk.biases.acc,
         },
-        "flat_s": plain(walk.flat),
+        "flat_s": walk.flat,
         "strides": {
-            "start_s": plain(strides.start),
-            "duration_s": plain(strides.duration),
-            "footprint_m": plain(strides.footprint - walk.origin),
-            "heading_rad": plain(strides.heading),
-            "style": [int(style) for style in strides.style],
+            "start_s": strides.start,
+            "duration_s": strides.duration,
+            "footprint_m": strides.footprint - walk.origin,
+            "heading_rad": strides.heading,
+            "style": strides.style,
         },
-        "field_model": {"origin_m": plain(walk.origin), "earth_uT": plain(walk.earth.vector), **_described(walk.field)},
+        "field_model": {"origin_m": walk.origin, "earth_uT": walk.earth.vector, **_described(walk.field)},
         "drawn": walk.drawn,
-        "person": plain(walk.person),
+        "person": walk.person,
     }
 
 

@@ -36,7 +36,7 @@ from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.simulation import phases
 from fg_nav.simulation.footsteps import Strides
-from fg_nav.simulation.motion import Kinematics
+from fg_nav.simulation.motion import Kinematics, mean_over_period
 from fg_nav.simulation.person import Mount, Person
 from fg_nav.simulation.ramps import Bursts, Ramps
 from fg_nav.simulation.shocks import shocks
@@ -84,15 +84,9 @@ class FootMotion:
     def sampled(self, t: Floats, period_s: float) -> tuple[Floats, Floats]:
         """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
 
-        By Gauss-Legendre quadrature, with as many nodes as the shocks ask for.
+        By quadrature with as many nodes as the shocks ask for.
         """
-        node, weight = np.polynomial.legendre.leggauss(int(np.ceil(1 + period_s / NODE_S)))
-        rate, force = np.zeros((len(t), 3)), np.zeros((len(t), 3))
-        for x, w in zip(node, weight, strict=True):
-            state = self.at(t + period_s * (1 + x) / 2)
-            rate += w / 2 * state.rate
-            force += w / 2 * state.force
-        return rate, force
+        return mean_over_period(self, t, period_s, nodes=int(np.ceil(1 + period_s / NODE_S)))
 
 
 def foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.random.Generator) -> FootMotion:

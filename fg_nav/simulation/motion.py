@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from fg_nav.arrays import Floats
 
 
@@ -26,6 +28,20 @@ class Kinematics:
     nav_R_body: Floats
     rate: Floats
     force: Floats
+
+
+def mean_over_period(motion: Motion, t: Floats, period_s: float, nodes: int) -> tuple[Floats, Floats]:
+    """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
+
+    By Gauss-Legendre quadrature, whose error is of order 2 `nodes` in the period.
+    """
+    node, weight = np.polynomial.legendre.leggauss(nodes)
+    rate, force = np.zeros((2, len(t), 3))
+    for x, w in zip(node, weight / 2, strict=True):
+        state = motion.at(t + period_s * (1 + x) / 2)
+        rate += w * state.rate
+        force += w * state.force
+    return rate, force
 
 
 class Motion(Protocol):

@@ -41,7 +41,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.simulation.footsteps import Strides, Style
-from fg_nav.simulation.motion import Kinematics
+from fg_nav.simulation.motion import Kinematics, mean_over_period
 
 CONTROL_S = 0.0125
 """Between control points."""
@@ -178,15 +178,9 @@ class ThighMotion:
     def sampled(self, t: Floats, period_s: float) -> tuple[Floats, Floats]:
         """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
 
-        Three-point Gauss-Legendre quadrature: its error is of sixth order in the period.
+        By quadrature with three nodes: its error is of sixth order in the period.
         """
-        node, weight = np.polynomial.legendre.leggauss(3)
-        rate, force = np.zeros((2, len(t), 3))
-        for x, w in zip(node, weight / 2, strict=True):
-            state = self.at(t + period_s * (1 + x) / 2)
-            rate += w * state.rate
-            force += w * state.force
-        return rate, force
+        return mean_over_period(self, t, period_s, nodes=3)
 
 
 def thigh_motion(

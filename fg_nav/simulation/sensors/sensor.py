@@ -23,13 +23,13 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
+from fg_nav.plain import plain
 from fg_nav.simulation.sensors import checks
 from fg_nav.simulation.sensors.average import mean_of
 from fg_nav.simulation.sensors.clock import Clock, ClockPrior
 from fg_nav.simulation.sensors.compass import BodyField, Compass
 from fg_nav.simulation.sensors.iron import Iron, IronPrior
 from fg_nav.simulation.sensors.magnetometer import Magnetometer, MagnetometerPrior
-from fg_nav.simulation.sensors.plain import plain
 from fg_nav.simulation.sensors.triad import Triad, TriadPrior
 
 MOST_UNITS = 256
