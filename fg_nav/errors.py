@@ -21,6 +21,14 @@ class DetectionError(FgNavError):
     """No stance, or no usable one, was found (`fg_nav.detection`)."""
 
 
+class MagneticError(FgNavError):
+    """The magnetometer has nothing to say, or a detector was asked for that cannot be (`fg_nav.magnetic`)."""
+
+
+class CalibrationError(FgNavError):
+    """A calibration cannot be had from a recording, read from a file or applied (`fg_nav.calibration`)."""
+
+
 class EstimationError(FgNavError):
     """An estimator could not produce a solution (`fg_nav.ekf`, `fg_nav.smoother`)."""
 

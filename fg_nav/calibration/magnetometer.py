@@ -1,0 +1,81 @@
+"""What is wrong with a magnetometer on its shoe, and how to take it off.
+
+    reading = S B + h   (S soft iron, h hard iron; `fg_nav.simulation.sensors.iron`)
+    B = C (reading - h),   C = S^-1
+
+Readings alone say how long B is and never how it is turned: C is known up to a rotation, and the symmetric one stands
+for all of them, the least that can be said. Its parameters, in the order of the covariance, are
+
+    h_x h_y h_z   C_xx C_xy C_xz C_yy C_yz C_zz.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import CalibrationError
+from fg_nav.recording import Recording
+
+UPPER = np.triu_indices(3)
+"""Where the six numbers of a symmetric matrix stand, row by row."""
+
+
+@dataclass(frozen=True)
+class MagnetometerCalibration:
+    """A calibration, and how well it is known.
+
+    Attributes
+    ----------
+    method : how it was found.
+    hard_iron_uT : h (3,) in the body frame.
+    correction : C (3, 3), symmetric.
+    covariance : (9, 9) of the parameters in the order above, uT and 1; zero where a method leaves one as it is.
+    strength_uT : of the field that the corrected readings were made to have.
+    residual_uT : rms of |B| - strength, or of what else the method fits, told in its notes.
+    samples : readings that it rests on.
+    notes : remarks for the user, the coverage verdict first.
+    """
+
+    method: str
+    hard_iron_uT: Floats
+    correction: Floats
+    covariance: Floats
+    strength_uT: float
+    residual_uT: float
+    samples: int
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        shapes = {"hard_iron_uT": (3,), "correction": (3, 3), "covariance": (9, 9)}
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise CalibrationError(f"{name} of a magnetometer calibration must be {shape} finite numbers.")
+            object.__setattr__(self, name, value)
+        if not np.allclose(self.correction, self.correction.T, rtol=0.0, atol=1e-9):
+            raise CalibrationError("the correction of a magnetometer calibration must be symmetric.")
+        if np.linalg.eigvalsh(self.correction).min() <= 0.0:
+            raise CalibrationError("the correction of a magnetometer calibration turns a field round: it cannot be.")
+
+    @property
+    def parameters(self) -> Floats:
+        """(9,) in the order of the covariance."""
+        return np.concatenate([self.hard_iron_uT, self.correction[UPPER]])
+
+    @property
+    def sigma(self) -> Floats:
+        """(9,) standard deviations of the parameters."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def corrected(self, reading: Floats) -> Floats:
+        """Field (..., 3) uT in the body frame, from readings (..., 3) uT; NaN rows stay."""
+        return np.asarray((reading - self.hard_iron_uT) @ self.correction)
+
+    def applied_to(self, recording: Recording) -> Recording:
+        """Return the recording with its magnetometer corrected; raises `CalibrationError` if it has none."""
+        if recording.mag is None:
+            raise CalibrationError("the recording has no magnetometer that a calibration could correct.")
+        return replace(recording, mag=self.corrected(recording.mag))

@@ -1,0 +1,188 @@
+"""The field at each footfall: what every detector and every calibration from a walk looks at.
+
+At the stillest sample of a footfall the samples about it, within its stance and `HALF_WINDOW_S`, are turned by the
+gyroscope into the body frame of that sample and averaged: field and specific force. The attitude is that of the
+gyroscope, held upright by the stances (`fg_nav.magnetic.attitude`), or one that is given.
+
+A magnetometer slower than the rest leaves NaN rows; only what it measured is counted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import MagneticError
+from fg_nav.frames import heading_of, wrap
+from fg_nav.magnetic.attitude import inertial_attitude
+from fg_nav.magnetic.compass import heading_of_field, inclination_of, levelled_field
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
+
+HALF_WINDOW_S = 0.5
+"""Of a long standing only the second about its stillest instant is averaged: later the foot may stand elsewhere."""
+
+FEWEST = 2
+"""Samples of the field without which a footfall has none: scatter and drift need two."""
+
+
+@dataclass(frozen=True)
+class FootfallField:
+    """The field at F footfalls, at the stillest sample of each.
+
+    ============== ========= ==================================================================================
+    sample         (F,)      index into the recording
+    t              (F,)      s
+    body_field     (F, 3)    uT, mean over the stance in the body frame of `sample`; NaN where there was no field
+    body_force     (F, 3)    m/s^2, mean specific force there: up, as the accelerometer alone has it
+    nav_R_body     (F, 3, 3) inertial attitude at `sample`; tilt good to a degree, heading drifting
+    count          (F,)      samples of the field that were averaged
+    scatter_uT     (F,)      their standard deviation about the mean, per axis
+    strength_rate  (F,)      uT/s, slope of the strength within the stance: a straight line through |B|
+    strength_rate_sigma (F,) uT/s, its standard error by the scatter about that line
+    ============== ========= ==================================================================================
+    """
+
+    sample: Ints
+    t: Floats
+    body_field: Floats
+    body_force: Floats
+    nav_R_body: Floats
+    count: Ints
+    scatter_uT: Floats
+    strength_rate: Floats
+    strength_rate_sigma: Floats
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    @cached_property
+    def level_field(self) -> Floats:
+        """(F, 3) uT in levelled axes (`fg_nav.magnetic.compass`), levelled by the inertial attitude."""
+        return levelled_field(self.body_field, self.nav_R_body[:, 2])
+
+    @cached_property
+    def nav_field(self) -> Floats:
+        """(F, 3) uT in nav, as the drifting inertial attitude has it."""
+        return np.asarray(np.einsum("nij,nj->ni", self.nav_R_body, self.body_field))
+
+    @cached_property
+    def strength(self) -> Floats:
+        """(F,) uT."""
+        return np.asarray(np.linalg.norm(self.body_field, axis=1))
+
+    @cached_property
+    def inclination(self) -> Floats:
+        """(F,) rad below the horizon."""
+        return inclination_of(self.level_field)
+
+    @cached_property
+    def magnetic_heading(self) -> Floats:
+        """(F,) rad of the body's x axis, clockwise from magnetic north."""
+        return heading_of_field(self.level_field)
+
+    @cached_property
+    def gyro_heading(self) -> Floats:
+        """(F,) rad of the body's x axis by the gyroscope, clockwise from where the attitude has its north."""
+        return heading_of(self.nav_R_body)
+
+    @cached_property
+    def heading_difference(self) -> Floats:
+        """(F,) rad, magnetic minus gyro heading, wrapped."""
+        return wrap(self.magnetic_heading - self.gyro_heading)
+
+
+def footfall_field(
+    recording: Recording, stances: Stances, heading: float = 0.0, nav_R_body: Floats | None = None
+) -> FootfallField:
+    """Average the field over each footfall.
+
+    Parameters
+    ----------
+    recording : with a magnetometer, calibrated or not.
+    stances : of that recording.
+    heading : rad clockwise from north, of the body's x axis at the start.
+    nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
+
+    Raises
+    ------
+    MagneticError
+        Without a magnetometer, or if no footfall has a sample of the field.
+    EstimationError
+        Without a stance, or with stances of another recording.
+    """
+    if recording.mag is None:
+        raise MagneticError("the recording has no magnetometer: nothing is known of the field.")
+    attitude = inertial_attitude(recording, stances, heading) if nav_R_body is None else nav_R_body
+    sample = stances.stillest(recording.gyr)
+    first, last = _windows(recording.t, stances, sample)
+    body_field, body_force, count, scatter, rate, sigma = _averaged(
+        recording.t, recording.acc, recording.mag, attitude, sample, first, last
+    )
+    if not (count >= FEWEST).any():
+        raise MagneticError(
+            f"none of the {len(sample)} footfalls has {FEWEST} samples of the field: "
+            "is the magnetometer recorded at 10 Hz or more?"
+        )
+    return FootfallField(
+        sample, recording.t[sample], body_field, body_force, attitude[sample], count, scatter, rate, sigma
+    )
+
+
+def _windows(t: Floats, stances: Stances, sample: Ints) -> tuple[Ints, Ints]:
+    """First sample (F,) and sample after the last (F,) that are averaged about each `sample` (F,)."""
+    interval = np.searchsorted(stances.stop, sample, side="right")
+    first = np.searchsorted(t, t[sample] - HALF_WINDOW_S)
+    last = np.searchsorted(t, t[sample] + HALF_WINDOW_S, side="right")
+    return np.maximum(first, stances.start[interval]), np.minimum(last, stances.stop[interval])
+
+
+@njit(cache=True)
+def _averaged(
+    t: Floats, acc: Floats, mag: Floats, attitude: Floats, sample: Ints, first: Ints, last: Ints
+) -> tuple[Floats, Floats, Ints, Floats, Floats, Floats]:
+    """Mean field and force in the body frame at `sample`, count, scatter, slope of the strength and its sigma."""
+    n = len(sample)
+    field, force = np.full((n, 3), np.nan), np.zeros((n, 3))
+    count, scatter = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
+    slope, sigma = np.full(n, np.nan), np.full(n, np.nan)
+    for k in range(n):
+        body_R_nav = np.ascontiguousarray(attitude[sample[k]].T)
+        total, squares = np.zeros(3), 0.0
+        for i in range(first[k], last[k]):
+            turn = body_R_nav @ attitude[i]
+            force[k] += turn @ acc[i] / (last[k] - first[k])
+            if np.isfinite(mag[i]).all():
+                b = turn @ mag[i]
+                total += b
+                squares += (b**2).sum()
+                count[k] += 1
+        if count[k] >= 2:
+            field[k] = total / count[k]
+            excess = squares - count[k] * (field[k] ** 2).sum()
+            scatter[k] = np.sqrt(max(excess, 0.0) / (3 * (count[k] - 1)))
+            slope[k], sigma[k] = _slope_of_strength(t, mag, first[k], last[k], count[k])
+    return field, force, count, scatter, slope, sigma
+
+
+@njit(cache=True)
+def _slope_of_strength(t: Floats, mag: Floats, first: int, last: int, count: int) -> tuple[float, float]:
+    """Slope of a straight line through |B|, uT/s, and its standard error; the latter NaN with two samples."""
+    tau, strength = np.empty(count), np.empty(count)
+    j = 0
+    for i in range(first, last):
+        if np.isfinite(mag[i]).all():
+            tau[j], strength[j] = t[i], np.sqrt((mag[i] ** 2).sum())
+            j += 1
+    tau -= tau.mean()
+    strength -= strength.mean()
+    spread = (tau**2).sum()
+    slope = (tau * strength).sum() / spread
+    if count < 3:
+        return slope, np.nan
+    rest = ((strength - slope * tau) ** 2).sum()
+    return slope, np.sqrt(rest / ((count - 2) * spread))
