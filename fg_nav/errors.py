@@ -25,6 +25,10 @@ class MagneticError(FgNavError):
     """The magnetometer has nothing to say, or a detector was asked for that cannot be (`fg_nav.magnetic`)."""
 
 
+class EarthError(FgNavError):
+    """The Earth's field was asked for at a place or date that there is not, or without the model (`fg_nav.earth`)."""
+
+
 class CalibrationError(FgNavError):
     """A calibration cannot be had from a recording, read from a file or applied (`fg_nav.calibration`)."""
 

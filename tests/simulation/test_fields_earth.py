@@ -1,17 +1,13 @@
-"""The Earth's field: sites, any direction, and the World Magnetic Model."""
+"""The Earth's field in the simulator: sites, any direction, and any place."""
 
 import sys
-from datetime import date
 
 import numpy as np
 import pytest
 
+from fg_nav.earth import Place, field_at
 from fg_nav.errors import SimulationError
-from fg_nav.simulation.fields import SITES, Homogeneous, earth_field, site, world_magnetic_model
-
-
-def needs_wmm():
-    return pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
+from fg_nav.simulation.fields import SITES, Homogeneous, earth_at, earth_field, site
 
 
 def strength_dip_declination(field):
@@ -51,9 +47,6 @@ def test_it_is_the_same_everywhere_and_each_place_has_its_own_row():
         (lambda: earth_field(48.0, 60.0, np.inf), "declination"),
         (lambda: Homogeneous((1.0, 2.0)), "three"),
         (lambda: Homogeneous((1.0, 2.0, np.nan)), "three"),
-        (lambda: world_magnetic_model(91.0, 0.0, 0.0, date(2026, 1, 1)), "latitude"),
-        (lambda: world_magnetic_model(0.0, 200.0, 0.0, date(2026, 1, 1)), "longitude"),
-        (lambda: world_magnetic_model(0.0, 0.0, 1e7, date(2026, 1, 1)), "metres above sea"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(make, words):
@@ -61,37 +54,15 @@ def test_what_cannot_be_is_refused_in_a_sentence(make, words):
         make()
 
 
+def test_a_place_is_where_the_model_has_it_and_what_it_refuses_is_told_as_a_site():
+    pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
+    written = "48.165, 11.277, 2015-04-15"
+    np.testing.assert_array_equal(earth_at(written).vector, field_at(Place.written(written)).vector)
+    with pytest.raises(SimulationError, match=r"not on the Earth.* or choose one of north-pole"):
+        earth_at("91,0,2026-01-01")
+
+
 def test_without_the_extra_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygeomag", None)
-    with pytest.raises(SimulationError, match=r"pip install 'fg-nav\[wmm\]'"):
-        world_magnetic_model(48.1, 11.6, 500.0, date(2026, 11, 21))
-
-
-def test_the_model_of_2025_agrees_with_another_implementation():
-    """Natick, 1000 m, 4 July 2028, as MathWorks' `wrldmagm` gives it (documentation of the Aerospace Toolbox)."""
-    needs_wmm()
-    field = world_magnetic_model(42.283, -71.35, 1000.0, date(2028, 7, 4))
-    np.testing.assert_allclose(field.vector, [-4.905, 20.139, -46.532], atol=0.001)
-
-
-def test_munich_in_april_2015_was_as_the_observatory_reported():
-    """Strength, dip and declination as told by Munoz Diaz et al. (2017); crust and rounding make the rest."""
-    needs_wmm()
-    found = strength_dip_declination(world_magnetic_model(48.165, 11.277, 572.0, date(2015, 4, 15)))
-    assert np.all(np.abs(np.subtract(found, (48.0, 64.23, 2.57))) < (0.4, 0.3, 0.3))
-
-
-def test_the_model_covers_today_and_the_poles():
-    needs_wmm()
-    for latitude in (-90.0, 0.0, 90.0):
-        strength, _, _ = strength_dip_declination(world_magnetic_model(latitude, 11.6, 0.0, date(2026, 11, 21)))
-        assert 22 < strength < 68
-    weaker = world_magnetic_model(48.0, 11.6, 400_000.0, date(2026, 11, 21)).vector
-    assert np.linalg.norm(weaker) < 0.9 * np.linalg.norm(SITES["munich"].vector)
-
-
-@pytest.mark.parametrize("year", [2009, 2030, 2035])
-def test_a_date_of_no_edition_is_refused(year):
-    needs_wmm()
-    with pytest.raises(SimulationError, match="2010 to 2029"):
-        world_magnetic_model(48.0, 11.6, 0.0, date(year, 6, 1))
+    with pytest.raises(SimulationError, match=r"pip install 'fg-nav\[wmm\]'.*north-pole"):
+        earth_at("48.1,11.6,2026-11-21")

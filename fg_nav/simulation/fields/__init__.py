@@ -31,7 +31,7 @@ floor is added to it: `Sum((field, magnet(position, moment)))`.
 from fg_nav.simulation.fields.circuit import Circuit, upright_loop
 from fg_nav.simulation.fields.cylinder import AS_PRINTED, PHYSICAL, Cylinders, street
 from fg_nav.simulation.fields.dipole import Dipoles, magnet, rod, sphere_moment, spheroid_moment
-from fg_nav.simulation.fields.earth import SITES, Homogeneous, earth_field, site, world_magnetic_model
+from fg_nav.simulation.fields.earth import SITES, Homogeneous, earth_at, earth_field, site
 from fg_nav.simulation.fields.field import Field, Sum
 from fg_nav.simulation.fields.floor import Floor, FloorParameters, draw_floor
 from fg_nav.simulation.fields.gradient import curl, divergence, gradient
@@ -63,6 +63,7 @@ __all__ = [
     "divergence",
     "draw_floor",
     "draw_treads",
+    "earth_at",
     "earth_field",
     "environment",
     "gradient",
@@ -75,5 +76,4 @@ __all__ = [
     "spheroid_moment",
     "street",
     "upright_loop",
-    "world_magnetic_model",
 ]

@@ -6,29 +6,20 @@ points east of north), in East-North-Up
     B = F (cos I sin D, cos I cos D, -sin I).
 
 The three sites are those of Munoz Diaz et al. (2017), Table 1, rounded as there and without declination. Any place
-and date is known from the World Magnetic Model (US and UK defence agencies; one edition every five years), worked out
-by `pygeomag`, an extra of this project: it is asked for only when a place is.
+and date is known from the World Magnetic Model (`fg_nav.earth`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import date
-from importlib import import_module
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import SimulationError
-
-EXTRA = "wmm"
-"""The extra of this project that brings the World Magnetic Model."""
-
-MODEL_HEIGHT_M = (-1000.0, 850_000.0)
-"""The World Magnetic Model holds between these heights above the ellipsoid (its own report)."""
+from fg_nav.earth import PLACE_FORM, Place, field_at
+from fg_nav.errors import EarthError, SimulationError
 
 
 @dataclass(frozen=True)
@@ -101,58 +92,21 @@ def site(name: str) -> Homogeneous:
         For any other name.
     """
     if name not in SITES:
-        raise SimulationError(f"there is no site {name!r}: choose one of {', '.join(SITES)}, or name a place and date.")
+        raise SimulationError(f"there is no site {name!r}: choose one of {', '.join(SITES)}, or give {PLACE_FORM}.")
     return SITES[name]
 
 
-def world_magnetic_model(latitude_deg: float, longitude_deg: float, height_m: float, when: date) -> Homogeneous:
-    """Field of the World Magnetic Model at a place and date; nav's north is the geographic one.
-
-    Parameters
-    ----------
-    latitude_deg, longitude_deg : geodetic, north and east positive; -90 to 90 and -180 to 180.
-    height_m : above the WGS 84 ellipsoid.
-    when : from 2010 to the end of the newest edition that `pygeomag` knows (2029 for WMM2025).
+def earth_at(where: str) -> Homogeneous:
+    """Field of a site by its name, or of `latitude,longitude,YYYY-MM-DD` by the World Magnetic Model.
 
     Raises
     ------
     SimulationError
-        Without the extra `wmm`, off the Earth, or at a date of no edition.
+        For what is neither, a place or date without a field, or without the extra `wmm`.
     """
-    _check_place(latitude_deg, longitude_deg, height_m)
+    if "," not in where:
+        return site(where)
     try:
-        model = _library().GeoMag(base_year=when.year)
-        found = model.calculate(glat=latitude_deg, glon=longitude_deg, alt=height_m / 1000, time=_decimal_year(when))
-    except ValueError as error:
-        raise SimulationError(
-            f"the World Magnetic Model knows no field of {when} ({error}): name a date from 2010 to 2029."
-        ) from None
-    return Homogeneous((found.y / 1000, found.x / 1000, -found.z / 1000))
-
-
-def _check_place(latitude_deg: float, longitude_deg: float, height_m: float) -> None:
-    if not (-90.0 <= latitude_deg <= 90.0 and -180.0 <= longitude_deg <= 180.0):
-        raise SimulationError(
-            f"latitude {latitude_deg}, longitude {longitude_deg} is not on the Earth: "
-            f"give degrees within -90 to 90 and -180 to 180."
-        )
-    low, high = MODEL_HEIGHT_M
-    if not low <= height_m <= high:
-        raise SimulationError(
-            f"at {height_m} m there is no World Magnetic Model: give metres above sea within {low:.0f} to {high:.0f}."
-        )
-
-
-def _decimal_year(when: date) -> float:
-    first, next_first = date(when.year, 1, 1), date(when.year + 1, 1, 1)
-    return when.year + (when - first).days / (next_first - first).days
-
-
-def _library() -> Any:
-    try:
-        return import_module("pygeomag")
-    except ModuleNotFoundError:
-        raise SimulationError(
-            f"the World Magnetic Model needs a library that is not installed: "
-            f"pip install 'fg-nav[{EXTRA}]', or name a site ({', '.join(SITES)})."
-        ) from None
+        return Homogeneous(field_at(Place.written(where)).nav_field_uT)
+    except EarthError as error:
+        raise SimulationError(f"{str(error).removesuffix('.')}, or choose one of {', '.join(SITES)}.") from None

@@ -1,0 +1,138 @@
+"""The Earth's field of a place and date: strength, inclination, declination.
+
+With strength F, inclination I (positive where the field points into the ground) and declination D (positive where a
+compass points east of north), in East-North-Up
+
+    B = F (cos I sin D, cos I cos D, -sin I).
+
+It is that of the World Magnetic Model (US and UK defence agencies; one edition every five years), worked out by
+`pygeomag`, an extra of this project: it is asked for only when a place is. The model has the core's field; crust and
+buildings add a degree or more to the declination on the spot.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import date
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EarthError
+
+EXTRA = "wmm"
+"""The extra of this project that brings the World Magnetic Model."""
+
+MODEL_HEIGHT_M = (-1000.0, 850_000.0)
+"""The World Magnetic Model holds between these heights above the ellipsoid (its own report)."""
+
+PLACE_FORM = "latitude,longitude,YYYY-MM-DD"
+"""How a place and date are written, degrees north and east."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where and when: geodetic degrees, north and east positive, and the day; height in m above the WGS 84 ellipsoid.
+
+    Raises
+    ------
+    EarthError
+        If it is not on the Earth, or higher or lower than the model holds.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    day: date
+    height_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (-90.0 <= self.latitude_deg <= 90.0 and -180.0 <= self.longitude_deg <= 180.0):
+            raise EarthError(
+                f"latitude {self.latitude_deg}, longitude {self.longitude_deg} is not on the Earth: "
+                f"give degrees within -90 to 90 and -180 to 180."
+            )
+        low, high = MODEL_HEIGHT_M
+        if not low <= self.height_m <= high:
+            raise EarthError(
+                f"at {self.height_m} m there is no World Magnetic Model: "
+                f"give metres above sea within {low:.0f} to {high:.0f}."
+            )
+
+    @classmethod
+    def written(cls, words: str) -> Place:
+        """Read a place from `PLACE_FORM`; raises `EarthError` for anything else."""
+        parts = [part.strip() for part in words.split(",")]
+        if len(parts) == 3 and re.fullmatch(r"\d{4}-\d{2}-\d{2}", parts[2]):  # Python takes more than that for a date
+            try:
+                numbers = float(parts[0]), float(parts[1]), date.fromisoformat(parts[2])
+            except ValueError:
+                pass
+            else:
+                return cls(*numbers)
+        raise EarthError(f"'{words}' is no place and date: give {PLACE_FORM}.")
+
+
+@dataclass(frozen=True)
+class EarthField:
+    """The field of a place: flux density `nav_field_uT` in East-North-Up; north is the geographic one."""
+
+    nav_field_uT: tuple[float, float, float]
+
+    @property
+    def vector(self) -> Floats:
+        """Flux density (3,) uT in nav."""
+        return np.array(self.nav_field_uT, dtype=np.float64)
+
+    @property
+    def strength_uT(self) -> float:
+        """Flux density, uT."""
+        return float(np.linalg.norm(self.vector))
+
+    @property
+    def inclination(self) -> float:
+        """Angle of the field below the horizon, rad."""
+        east, north, up = self.nav_field_uT
+        return float(np.arctan2(-up, np.hypot(east, north)))
+
+    @property
+    def declination(self) -> float:
+        """Angle of magnetic north, rad clockwise from true north: true heading = magnetic heading + declination."""
+        east, north, _ = self.nav_field_uT
+        return float(np.arctan2(east, north))
+
+
+def field_at(place: Place) -> EarthField:
+    """Field of the World Magnetic Model at a place and day.
+
+    Raises
+    ------
+    EarthError
+        Without the extra `wmm`, or for a day of no edition that `pygeomag` knows (2010 to 2029).
+    """
+    try:
+        model = _library().GeoMag(base_year=place.day.year)
+        found = model.calculate(
+            glat=place.latitude_deg, glon=place.longitude_deg, alt=place.height_m / 1000, time=_decimal_year(place.day)
+        )
+    except ValueError as error:
+        raise EarthError(
+            f"the World Magnetic Model knows no field of {place.day} ({error}): name a date from 2010 to 2029."
+        ) from None
+    return EarthField((found.y / 1000, found.x / 1000, -found.z / 1000))
+
+
+def _decimal_year(when: date) -> float:
+    first, next_first = date(when.year, 1, 1), date(when.year + 1, 1, 1)
+    return when.year + (when - first).days / (next_first - first).days
+
+
+def _library() -> Any:
+    try:
+        return import_module("pygeomag")
+    except ModuleNotFoundError:
+        raise EarthError(
+            f"the World Magnetic Model needs a library that is not installed: pip install 'fg-nav[{EXTRA}]'."
+        ) from None
