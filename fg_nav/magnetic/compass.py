@@ -15,6 +15,9 @@ declination         rad   of magnetic north, clockwise from true north: true hea
 With H the horizontal strength and psi the heading, north lies psi to the left of x:
 
     level_field = (H cos psi, H sin psi, -H tan I),    psi = atan2(y, x),    I = atan2(-z, H).
+
+This is what Ma et al. (2018, Eq. 1-5) and Zhang et al. (AIEZ, Eq. 19-25) mean, each in axes of its own;
+`fg_nav.magnetic.printed` has their equations, as printed and as they must be.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.frames import wrap
 
 
 def level_R_body(body_up: Floats) -> Floats:
@@ -43,6 +47,11 @@ def levelled_field(body_field: Floats, body_up: Floats) -> Floats:
 def heading_of_field(level_field: Floats) -> Floats:
     """Magnetic heading (...,) rad of the body's x axis, clockwise from magnetic north."""
     return np.asarray(np.arctan2(level_field[..., 1], level_field[..., 0]))
+
+
+def true_heading(magnetic_heading: Floats, declination: float) -> Floats:
+    """Heading (...,) rad clockwise from true north, from that of the compass; `declination` rad, east positive."""
+    return wrap(magnetic_heading + declination)
 
 
 def inclination_of(up_field: Floats) -> Floats:
