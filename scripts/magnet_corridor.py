@@ -1,0 +1,197 @@
+"""Which detectors trust the field beside a magnet on the floor: Figure 6 of AIEZ (Zhang), on `magnet-corridor`.
+
+    python scripts/magnet_corridor.py [--seeds N] [--json FILE] [--sigmas]
+
+A foot that stands beside a magnet stands in a field that is wrong and does not change: the classical detector, which
+asks for the rate of the strength within a stance (`qsf-stance`), trusts it; AIEZ compares compass and inertial heading.
+Those that look from stride to stride stand beside them.
+
+Footfalls are sorted by how far the magnet turns the field over the ground, where the sensor is: `near` by more than
+10 deg, `far` by less than 2. Shares are of those footfalls of all seeds that were judged; behind them, the least and
+the most of single walks that have any. Zhang does not describe the magnet. The scenario's turns the field at hardly any
+footfall by 10 deg, for these come down a stride apart; so it is laid there ten times over as well. The magnetometer is
+calibrated, or has the hard and soft iron of its shoe. Seeds begin at 101.
+
+`near told from far` is the probability that the statistic is greater at a footfall near than at one far (the area
+under the ROC): what a detector could do at best, whatever its threshold; 0.5 is a coin.
+
+`--sigmas` measures what the sigmas of the presets rest on: the scatter of the channels' values from footfall to
+footfall in a homogeneous field, over sqrt 2, on seeds 1 to 4: by the median, which is that of the straights, and by
+the standard deviation, which is that of the turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import figures as fig
+import numpy as np
+from figures import Figure
+
+from fg_nav.arrays import Floats
+from fg_nav.detection import detect_stances
+from fg_nav.frames import wrap
+from fg_nav.magnetic import DETECTORS, FootfallField, footfall_field, judge
+from fg_nav.magnetic.channels import SIGNALS
+from fg_nav.simulation import SCENARIOS, SimulatedWalk, simulate
+from fg_nav.simulation.fields import Sum
+from fg_nav.simulation.scenarios import Choices
+
+FIRST_SEED, SEEDS = 101, 20
+SCENARIO = SCENARIOS["magnet-corridor"]
+STRONGER = 10
+EDGES_DEG = (0.0, 2.0, 5.0, 10.0, 20.0, 45.0, 180.0)
+FAR, NEAR = (0.0, 2.0), (10.0, math.inf)
+MOST, LEAST = 0.2, 0.8
+"""Shares: AIEZ is to accept at most the one of what is near, and both detectors at least the other of all else."""
+
+SIGMA_SEEDS, SIGMA_SENSORS = range(1, 5), ("mpu-9250x8", "xsens-mtw", "lord-gx5-900")
+SIGMA_SCENARIO = "teaching-building"
+
+MAGNETOMETERS: Mapping[str, bool] = {"calibrated": True, "as is": False}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Footfalls of one walk: how far the magnet turns the field (F,) deg, and each detector's statistic (F,)."""
+
+    turned_deg: Floats
+    statistic: Mapping[str, Floats]
+
+    def between(self, name: str, low_deg: float, high_deg: float) -> Floats:
+        """Statistic over its threshold of each footfall judged, where the magnet turns the field that far."""
+        statistic = self.statistic[name][(self.turned_deg >= low_deg) & (self.turned_deg < high_deg)]
+        return np.asarray(statistic[np.isfinite(statistic)])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Simulate, judge, print."""
+    chosen = _parse(arguments)
+    if chosen.sigmas:
+        print_sigmas()
+        return
+    seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
+    figures: list[Figure] = []
+    for strength in (1, STRONGER):
+        for name, calibrated in MAGNETOMETERS.items():
+            walks = [judged(strength, calibrated, seed) for seed in seeds]
+            words = f"magnet {strength} x, magnetometer {name}"
+            fig.print_heading(f"{words}: share accepted, by how far the magnet turns the field")
+            print_shares(walks)
+            if calibrated:
+                found = figures_of(words, walks)
+                fig.print_figures(found)
+                figures += found
+    fig.print_verdict(figures)
+    if chosen.json:
+        fig.write_json(chosen.json, {"figures": [f.as_dict() for f in figures]})
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Which detectors trust the field beside a magnet.")
+    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"how many walks ({SEEDS})")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    parser.add_argument("--sigmas", action="store_true", help="measure the scatter of the channels instead")
+    return parser.parse_args(arguments)
+
+
+def judged(strength: int, calibrated: bool, seed: int) -> Judged:
+    """One walk with so many magnets in one place."""
+    walk = simulate(replace(SCENARIO, magnets=SCENARIO.magnets * strength), seed, Choices(calibrated=calibrated))
+    field = footfall_field(walk.recording, detect_stances(walk.recording))
+    statistic = {name: judge(field, name).statistic for name in DETECTORS}
+    return Judged(np.degrees(np.abs(turned_by_magnet(walk, field))), statistic)
+
+
+def turned_by_magnet(walk: SimulatedWalk, field: FootfallField) -> Floats:
+    """(F,) rad by which the magnet turns the true field over the ground, where the sensor is at each footfall."""
+    assert isinstance(walk.field, Sum)
+    place = walk.recording.truth.position[field.sample] + walk.origin  # type: ignore[union-attr]
+    with_magnet, without = walk.field.at(place), walk.field.parts[0].at(place)
+    return wrap(_bearing(with_magnet) - _bearing(without))
+
+
+def _bearing(nav_field: Floats) -> Floats:
+    return np.asarray(np.arctan2(nav_field[:, 0], nav_field[:, 1]))
+
+
+def print_shares(walks: Sequence[Judged]) -> None:
+    """One row a detector; over it, how many footfalls there are."""
+    zones = list(pairwise(EDGES_DEG))
+    counts = [f"{sum(len(walk.between('qsf-stance', *zone)) for walk in walks)}" for zone in zones]
+    rows = [("footfalls", *counts)] + [(name, *(share(walks, name, *zone) for zone in zones)) for name in DETECTORS]
+    fig.print_table(("detector", *(f"{low:.0f} to {high:.0f} deg" for low, high in zones)), rows)
+
+
+def share(walks: Sequence[Judged], name: str, low_deg: float, high_deg: float) -> str:
+    """Share accepted of all, and the range over the walks, in words."""
+    found = [part for walk in walks if len(part := walk.between(name, low_deg, high_deg))]
+    if not found:
+        return "-"
+    each = [float((part < 1.0).mean()) for part in found]
+    return f"{(np.concatenate(found) < 1.0).mean():.0%} ({min(each):.0%}-{max(each):.0%})"
+
+
+def pooled(walks: Sequence[Judged], name: str, zone: tuple[float, float]) -> Floats:
+    """Statistics of all walks in this zone."""
+    return np.concatenate([walk.between(name, *zone) for walk in walks])
+
+
+def told_apart(walks: Sequence[Judged], name: str) -> float:
+    """Probability that the statistic of a footfall near is above that of one far: 0.5 is a coin, whatever threshold."""
+    near, far = pooled(walks, name, NEAR), np.sort(pooled(walks, name, FAR))
+    return float(np.searchsorted(far, near).mean() / len(far)) if len(near) and len(far) else math.inf
+
+
+def figures_of(section: str, walks: Sequence[Judged]) -> list[Figure]:
+    """What Figure 6 shows, as figures to be met."""
+
+    def figure(name: str, zone: str, low: float = -math.inf, high: float = math.inf) -> Figure:
+        statistic = pooled(walks, name, NEAR if zone == "near" else FAR)
+        measured = float((statistic < 1.0).mean()) if len(statistic) else math.inf
+        return Figure(section, f"{zone} accepted", name, measured, low, high, "{:.1%}")
+
+    return [
+        figure("qsf-stance", "near", low=LEAST),
+        figure("aiez", "near", high=MOST),
+        figure("qsf-stance", "far", low=LEAST),
+        figure("aiez", "far", low=LEAST),
+        *(Figure(section, "near told from far", name, told_apart(walks, name), pattern="{:.2f}") for name in DETECTORS),
+    ]
+
+
+def print_sigmas() -> None:
+    """Scatter of each channel's value, for each sensor, calibrated or not."""
+    fig.print_heading(f"scatter of one stance's value in a homogeneous field, {SIGMA_SCENARIO}: straights / all")
+    rows = [
+        (f"{sensor}, {name}", *scatter(sensor, calibrated))
+        for sensor in SIGMA_SENSORS
+        for name, calibrated in MAGNETOMETERS.items()
+    ]
+    fig.print_table(("sensor", *(f"{name}, {signal.unit}" for name, signal in SIGNALS.items())), rows)
+
+
+def scatter(sensor: str, calibrated: bool) -> list[str]:
+    """Of each signal, in words; median over the seeds."""
+    found = []
+    for seed in SIGMA_SEEDS:
+        walk = simulate(SIGMA_SCENARIO, seed, Choices(sensor=sensor, field="homogeneous", calibrated=calibrated))
+        field = footfall_field(walk.recording, detect_stances(walk.recording))
+        found.append([_scatter_of(signal.of(field), signal.angle, signal.scale) for signal in SIGNALS.values()])
+    return [f"{straight:.2g} / {all_of_it:.2g}" for straight, all_of_it in np.median(found, axis=0)]
+
+
+def _scatter_of(value: Floats, angle: bool, scale: float) -> tuple[float, float]:
+    change = np.diff(value)
+    change = (wrap(change) if angle else change) * scale / np.sqrt(2.0)
+    middle = np.nanmedian(np.abs(change - np.nanmedian(change)))
+    return float(1.4826 * middle), float(np.nanstd(change))
+
+
+if __name__ == "__main__":
+    fig.leave_with(main)

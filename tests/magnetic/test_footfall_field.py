@@ -1,0 +1,201 @@
+"""The field at each footfall, on a foot that turns between stances in a field that is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.errors import EstimationError, MagneticError
+from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, wrap
+from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic.footfall_field import HALF_WINDOW_S
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
+from tests.magnetic.fields import DIP, EARTH
+
+RATE_HZ, STRIDE, STAND = 100.0, 100, 40
+STRIDES = 12
+UP = np.array([0.0, 0.0, 1.0])
+TILT = Rotation.from_euler("xyz", [8.0, -12.0, 0.0], degrees=True).as_matrix()
+
+
+def walk(mount=np.eye(3), rolling=0.0, first_heading=0.4, nav_field=EARTH, turning=0.5):
+    """Recording, true attitudes and stances of a foot that stands 0.4 s and turns 0.6 s in every second.
+
+    It turns by `turning` rad a stride, tilts forward and back as it does, and in stance rolls by `rolling` rad/s about
+    the vertical and the way ahead. `nav_field` is uT, (3,) or one a sample.
+    """
+    n = STRIDES * STRIDE
+    stands = (np.arange(n) % STRIDE) < STAND
+    swing = np.where(stands, 0.0, 2 * np.pi * ((np.arange(n) % STRIDE) - STAND) / (STRIDE - STAND))
+    pitch = np.where(stands, 0.0, 0.6 * (1 - np.cos(swing)))
+    yaw = np.cumsum(np.where(stands, rolling / RATE_HZ, -turning / (STRIDE - STAND)))
+    level = levelled(UP, first_heading)
+    true = (
+        Rotation.from_rotvec(yaw[:, None] * UP)
+        * Rotation.from_matrix(level)
+        * Rotation.from_rotvec(pitch[:, None] * [0.0, 1.0, 0.0])
+    )
+    true = true * Rotation.from_matrix(TILT @ mount)
+    nav_R_body = true.as_matrix()
+    gyr = (true[:-1].inv() * true[1:]).as_rotvec() * RATE_HZ
+    acc = np.einsum("nji,j->ni", nav_R_body, GRAVITY_M_S2 * UP)
+    mag = np.einsum("nji,nj->ni", nav_R_body, np.broadcast_to(nav_field, (n, 3)))
+    t = np.arange(n) / RATE_HZ
+    return Recording(t, acc, np.vstack([gyr, gyr[-1:]]), mag), nav_R_body, Stances.from_mask(stands)
+
+
+def at_start(nav_R_body):
+    return float(heading_of(nav_R_body[0]))
+
+
+def test_field_and_headings_are_the_true_ones():
+    recording, nav_R_body, stances = walk()
+    field = footfall_field(recording, stances, at_start(nav_R_body))
+    true = nav_R_body[field.sample]
+    assert len(field) == STRIDES
+    np.testing.assert_array_equal(field.t, recording.t[field.sample])
+    np.testing.assert_allclose(field.body_field, np.einsum("nji,j->ni", true, EARTH), atol=1e-6)
+    np.testing.assert_allclose(field.body_force, np.einsum("nji,j->ni", true, GRAVITY_M_S2 * UP), atol=1e-6)
+    np.testing.assert_allclose(field.nav_field, np.tile(EARTH, (STRIDES, 1)), atol=1e-3)
+    np.testing.assert_allclose(wrap(field.magnetic_heading - heading_of(true)), 0.0, atol=1e-4)
+    np.testing.assert_allclose(wrap(field.gyro_heading - heading_of(true)), 0.0, atol=1e-4)
+    np.testing.assert_allclose(field.heading_difference, 0.0, atol=1e-4)
+    np.testing.assert_allclose(field.inclination, DIP, atol=1e-4)
+    np.testing.assert_allclose(field.strength, 48.0, atol=1e-6)
+    assert np.ptp(field.magnetic_heading) > 1.0  # it did turn
+
+
+def test_a_wrong_heading_to_begin_with_stays_in_the_difference_and_nowhere_else():
+    recording, nav_R_body, stances = walk()
+    right = footfall_field(recording, stances, at_start(nav_R_body))
+    wrong = footfall_field(recording, stances, at_start(nav_R_body) + 0.3)
+    np.testing.assert_allclose(wrong.heading_difference, -0.3, atol=1e-4)
+    np.testing.assert_allclose(wrong.magnetic_heading, right.magnetic_heading, atol=1e-9)
+    np.testing.assert_allclose(wrong.level_field, right.level_field, atol=1e-9)
+
+
+@pytest.mark.parametrize("angles", [(0, 0, 130), (20, 0, 0), (-10, 25, 70)])
+def test_how_the_sensor_sits_changes_neither_difference_nor_inclination_nor_strength(angles):
+    mount = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+    plain, turned = (footfall_field(*_without_truth(walk(m))) for m in (np.eye(3), mount))
+    np.testing.assert_allclose(turned.inclination, plain.inclination, atol=1e-4)
+    np.testing.assert_allclose(turned.strength, plain.strength, atol=1e-6)
+    np.testing.assert_allclose(np.diff(np.unwrap(turned.heading_difference)), 0.0, atol=1e-4)
+    np.testing.assert_allclose(turned.body_field, plain.body_field @ mount, atol=1e-6)
+
+
+def _without_truth(made):
+    return made[0], made[2]
+
+
+def test_a_foot_that_rolls_in_stance_loses_nothing_by_the_mean():
+    recording, nav_R_body, stances = walk(rolling=0.8)
+    field = footfall_field(recording, stances, at_start(nav_R_body))
+    true = np.einsum("nji,j->ni", nav_R_body[field.sample], EARTH)
+    np.testing.assert_allclose(field.body_field, true, atol=1e-5)
+    assert np.nanmax(field.scatter_uT) < 1e-4
+    assert np.abs(field.strength_rate).max() < 1e-6
+    plain_mean = recording.mag[:STAND].mean(axis=0)
+    assert np.linalg.norm(plain_mean - true[0]) > 0.2
+
+
+def test_the_strength_rate_is_the_slope_and_its_sigma_is_honest():
+    rng = np.random.default_rng(5)
+    t = np.arange(STRIDES * STRIDE) / RATE_HZ
+    field = EARTH * (1.0 + 0.05 * (t % 1.0))[:, None]  # 2.4 uT/s within each second
+    recording, _, stances = walk(nav_field=field)
+    exact = footfall_field(recording, stances)
+    np.testing.assert_allclose(exact.strength_rate, 2.4, atol=1e-6)
+    errors = []
+    for _ in range(40):
+        noisy = replace(recording, mag=recording.mag + 0.3 * rng.standard_normal(recording.mag.shape))
+        found = footfall_field(noisy, stances)
+        errors.append((found.strength_rate - 2.4) / found.strength_rate_sigma)
+        along = 2.4 * STAND / RATE_HZ / np.sqrt(12.0)  # the slope scatters too, on one axis of three
+        assert np.median(found.scatter_uT) == pytest.approx(np.hypot(0.3, along / np.sqrt(3.0)), rel=0.15)
+    assert np.std(errors) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(errors) == pytest.approx(0.0, abs=0.15)
+
+
+def test_the_sigma_of_the_strength_rate_is_that_of_few_samples():
+    """Eight a stance: its square is right in the mean, not a seventh too small."""
+    rng = np.random.default_rng(6)
+    recording, _, stances = walk()
+    slow = np.where((np.arange(len(recording)) % 5 == 0)[:, None], recording.mag, np.nan)
+    t = np.arange(8) * 5 / RATE_HZ
+    true = 0.3**2 / ((t - t.mean()) ** 2).sum()
+    noisy = [replace(recording, mag=slow + 0.3 * rng.standard_normal(slow.shape)) for _ in range(60)]
+    found = [footfall_field(one, stances).strength_rate_sigma ** 2 for one in noisy]
+    assert np.mean(found) == pytest.approx(true, rel=0.08)
+
+
+@pytest.mark.parametrize("every", [2, 5])
+def test_of_a_slower_magnetometer_only_what_it_measured_counts(every):
+    recording, nav_R_body, stances = walk(rolling=0.5)
+    slow = recording.mag.copy()
+    slow[np.arange(len(slow)) % every != 0] = np.nan
+    field = footfall_field(replace(recording, mag=slow), stances, at_start(nav_R_body))
+    np.testing.assert_array_equal(field.count, STAND // every)
+    np.testing.assert_allclose(field.body_field, np.einsum("nji,j->ni", nav_R_body[field.sample], EARTH), atol=1e-5)
+
+
+def test_a_footfall_without_a_field_is_none_and_the_others_stay():
+    recording, _, stances = walk()
+    mag = recording.mag.copy()
+    mag[2 * STRIDE : 3 * STRIDE] = np.nan
+    mag[5 * STRIDE + 1 : 6 * STRIDE] = np.nan  # leaves a single sample
+    holed, whole = footfall_field(replace(recording, mag=mag), stances), footfall_field(recording, stances)
+    assert len(holed) == len(whole)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(holed.strength)), [2, 5])
+    there = np.isfinite(holed.strength)
+    np.testing.assert_array_equal(holed.body_field[there], whole.body_field[there])
+    np.testing.assert_array_equal(holed.count[[2, 5]], [0, 1])
+    np.testing.assert_allclose(holed.body_force, whole.body_force)
+
+
+def test_of_a_long_standing_only_the_second_about_its_stillest_instant_is_averaged():
+    recording, _, _ = walk(turning=0.0)
+    stands = np.ones(len(recording), dtype=bool)
+    unrest = np.ones(len(recording))
+    unrest[600] = 0.0
+    far = np.abs(recording.t - recording.t[600]) > HALF_WINDOW_S + 1e-9
+    gyr, acc = np.zeros_like(recording.gyr), np.tile(recording.acc[0], (len(recording), 1))
+    mag = np.where(far[:, None], 1000.0, recording.mag[0])
+    field = footfall_field(Recording(recording.t, acc, gyr, mag), replace(Stances.from_mask(stands), statistic=unrest))
+    assert field.sample.tolist() == [600]
+    assert field.count[0] == 101
+    np.testing.assert_allclose(field.body_field[0], recording.mag[0], atol=1e-9)
+
+
+def test_an_attitude_that_is_given_is_used():
+    recording, nav_R_body, stances = walk()
+    field = footfall_field(recording, stances, nav_R_body=nav_R_body)
+    np.testing.assert_array_equal(field.nav_R_body, nav_R_body[field.sample])
+    np.testing.assert_allclose(field.nav_field, np.tile(EARTH, (STRIDES, 1)), atol=1e-9)
+
+
+def test_a_constant_bias_that_a_rest_has_told_does_not_turn_the_inertial_heading():
+    """Ten seconds at rest first: 1 deg/s of bias would be 22 deg at the end."""
+    recording, nav_R_body, stances = walk()
+    rest = 1000
+    first = [np.tile(a[0], (rest, 1)) for a in (recording.acc, np.zeros_like(recording.gyr), recording.mag)]
+    t = np.arange(rest + len(recording)) / RATE_HZ
+    acc, gyr, mag = (
+        np.vstack([f, a]) for f, a in zip(first, (recording.acc, recording.gyr, recording.mag), strict=True)
+    )
+    bias, noise = np.deg2rad([0.5, -1.0, 1.0]), 1e-4 * np.random.default_rng(1).standard_normal(gyr.shape)
+    standing = Stances.from_mask(np.concatenate([np.ones(rest, dtype=bool), stances.mask]))
+    field = footfall_field(Recording(t, acc + 10 * noise, gyr + bias + noise, mag), standing, at_start(nav_R_body))
+    assert np.degrees(np.abs(field.heading_difference)).max() < 0.5
+
+
+def test_without_a_magnetometer_or_a_sample_of_it_it_says_so():
+    recording, _, stances = walk()
+    with pytest.raises(MagneticError, match="no magnetometer"):
+        footfall_field(replace(recording, mag=None), stances)
+    with pytest.raises(MagneticError, match=f"none of the {STRIDES} footfalls"):
+        footfall_field(replace(recording, mag=np.full_like(recording.mag, np.nan)), stances)
+    with pytest.raises(EstimationError):
+        footfall_field(recording, Stances.from_mask(np.zeros(len(recording), dtype=bool)))

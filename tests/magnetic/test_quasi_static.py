@@ -1,0 +1,250 @@
+"""The detectors, on fields made by hand: who passes, who does not, and how often."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from fg_nav.errors import MagneticError
+from fg_nav.frames import yaw_rotation
+from fg_nav.magnetic import DEFAULT, DETECTORS, Detector, judge
+from fg_nav.magnetic.channels import OFFSET, Channel
+from fg_nav.magnetic.detectors import Laying
+from tests.magnetic.fields import EARTH, footfalls, still, turned
+
+PHYSICAL = [name for name in DETECTORS if not name.endswith("-printed")]
+FROM_STRIDE_TO_STRIDE = ["qsf", "iqsf", "ma2018"]
+each_physical = pytest.mark.parametrize("name", PHYSICAL)
+
+
+def rng(seed=1):
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_a_straight_walk_in_a_still_field_passes_all_along(name):
+    verdicts = judge(footfalls(still(40), heading=0.7), name)
+    assert verdicts.quasi_static[3:].all()
+    assert len(verdicts) == len(verdicts.reason) == 40
+    assert verdicts.detector == name
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_no_verdict_waits_for_what_comes_after_it(name):
+    walk = footfalls(turned(rng().normal(0, 0.1, 30)), rate=rng().normal(0, 1, 30))
+    whole = judge(walk, name)
+    first = {key: value[:17] for key, value in vars(walk).items() if key in walk.__dataclass_fields__}
+    part = judge(type(walk)(**first), name)
+    np.testing.assert_allclose(part.statistic, whole.statistic[:17])
+    assert part.reason == whole.reason[:17]
+
+
+@pytest.mark.parametrize("name", ["qsf", "ma2018", "ma2018-printed", "qsf-printed"])
+def test_a_curve_in_a_still_field_passes(name):
+    assert judge(footfalls(still(40), heading=np.deg2rad(25) * np.arange(40)), name).quasi_static[3:].all()
+
+
+@pytest.mark.parametrize("name", ["iqsf", "iqsf-printed"])
+def test_iqsf_takes_a_curve_for_a_disturbance(name):
+    verdicts = judge(footfalls(still(40), heading=np.deg2rad(25) * np.arange(40)), name)
+    assert not verdicts.quasi_static.any()
+    assert "heading" in verdicts.reason[20].split("(")[0]
+
+
+@pytest.mark.parametrize(
+    ("field", "who", "word"),
+    [
+        (turned(np.deg2rad(30) * (np.arange(30) >= 15)), ["iqsf", "ma2018"], "heading"),
+        (still(30) * np.where(np.arange(30) >= 15, 1.2, 1.0)[:, None], FROM_STRIDE_TO_STRIDE, "strength"),
+        (
+            np.where(np.arange(30)[:, None] >= 15, 48 * np.array([0, np.cos(0.9), -np.sin(0.9)]), EARTH),
+            ["iqsf", "ma2018"],
+            "inclination",
+        ),
+    ],
+    ids=["heading", "strength", "inclination"],
+)
+def test_a_jump_fails_while_it_is_in_the_window_and_is_named(field, who, word):
+    for name in who:
+        verdicts = judge(footfalls(field), name)
+        np.testing.assert_array_equal(np.flatnonzero(verdicts.judged & ~verdicts.quasi_static), [15, 16, 17])
+        assert word in verdicts.reason[16].split("(")[0]
+        assert f"{verdicts.statistic[16]:.2g} times the threshold" in verdicts.reason[16]
+
+
+def test_a_turn_of_the_field_that_keeps_its_strength_is_lost_on_qsf():
+    walk = footfalls(turned(np.deg2rad(20) * np.arange(30)))
+    assert judge(walk, "qsf").quasi_static[3:].all()
+    assert not judge(walk, "ma2018").quasi_static.any()
+
+
+@pytest.mark.parametrize("name", ["qsf", "ma2018", "iqsf"])
+def test_a_still_field_with_white_readings_gives_a_chi_squared_statistic(name):
+    detector = DETECTORS[name]
+    scattered = rng(4).standard_normal((20000, len(detector.channels), detector.rows))
+    statistic = detector.statistic(scattered)
+    assert kstest(statistic, "chi2", args=(detector.degrees_of_freedom,)).pvalue > 1e-3
+    assert (statistic < detector.threshold).mean() == pytest.approx(detector.detection_rate, abs=0.01)
+
+
+def test_from_readings_to_verdicts_the_statistic_is_chi_squared():
+    """White headings and strengths, whole windows apart: as many pass a low threshold as should."""
+    n, sigma = 6000, np.deg2rad(1.0)
+    turn, strength = sigma * rng(5).standard_normal(n), 1.0 + 0.3 / 48 * rng(6).standard_normal(n)
+    detector = Detector("two", (Channel("heading difference", sigma), Channel("strength", 0.3))).with_threshold(6.0)
+    walk = footfalls(turned(turn) * strength[:, None], heading=rng(7).uniform(-np.pi, np.pi, n))
+    apart = judge(walk, detector).statistic[3::4] * 6.0
+    assert kstest(apart, "chi2", args=(6,)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.05, 0.2])
+@each_physical
+def test_the_least_change_that_matters_passes_at_the_false_alarm_rate(name, rate):
+    """In the channel in which it is seen worst: Monte Carlo against the threshold."""
+    detector = DETECTORS[name].with_false_alarm_rate(rate)
+    n, rows = 40000, detector.rows
+    passed = []
+    for c, channel in enumerate(detector.channels):
+        window = rng(c).standard_normal((n, len(detector.channels), rows))
+        change = np.linspace(0.0, 1.0, rows) if channel.signal.value else np.ones(rows)
+        window[:, c] += channel.matters / channel.sigma * change
+        passed.append((detector.statistic(window) < detector.threshold).mean())
+    assert max(passed) == pytest.approx(rate, abs=4 * np.sqrt(rate / n) + 1e-3)
+
+
+@each_physical
+def test_the_presets_can_tell_a_still_field_from_one_that_matters(name):
+    """At a false-alarm rate of 5 % more than nine in ten still fields pass, if they scatter no more than is claimed."""
+    assert DETECTORS[name].detection_rate > 0.9
+
+
+def test_a_smaller_false_alarm_rate_costs_still_fields():
+    strict, lax = DETECTORS["ma2018"].with_false_alarm_rate(0.001), DETECTORS["ma2018"].with_false_alarm_rate(0.3)
+    assert strict.threshold < lax.threshold
+    assert strict.detection_rate < lax.detection_rate
+
+
+def test_a_longer_window_sees_a_slower_change():
+    creeping = footfalls(turned(np.deg2rad(1.5) * np.arange(40)))
+    assert judge(creeping, DETECTORS["ma2018"]).quasi_static[9:].all()
+    assert not judge(creeping, DETECTORS["ma2018"].with_window(9)).quasi_static.any()
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_it_does_not_matter_how_the_sensor_sits_or_where_the_walk_heads(name):
+    """About up: a sensor turned on its shoe, and the whole walk turned with its field."""
+    n = 60
+    field, heading = turned(rng(8).normal(0, 0.1, n)) * rng(9).normal(1, 0.01, (n, 1)), rng(10).normal(0, 0.03, n)
+    rate = rng(11).normal(0, 0.5, n)
+    reference = judge(footfalls(field, heading, rate=rate), name).statistic
+    on_shoe = judge(footfalls(field, heading, rate=rate, mount=yaw_rotation(2.1)), name).statistic
+    whole = judge(footfalls(field @ yaw_rotation(2.5).T, heading - 2.5, rate=rate), name).statistic
+    np.testing.assert_allclose(on_shoe, reference, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(whole, reference, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ma2018", "ma2018-printed", "aiez", "qsf"])
+def test_a_sensor_tilted_in_its_mount_changes_no_verdict(name):
+    """Headings of the body's x axis then differ, and their difference does not."""
+    roll = np.array([[1, 0, 0], [0, np.cos(0.5), -np.sin(0.5)], [0, np.sin(0.5), np.cos(0.5)]])
+    pitch = np.array([[np.cos(0.4), 0, np.sin(0.4)], [0, 1, 0], [-np.sin(0.4), 0, np.cos(0.4)]])
+    field, heading = turned(rng(8).normal(0, 0.1, 50)), rng(9).normal(0, 1.0, 50)
+    straight, tilted = (judge(footfalls(field, heading, mount=m), name).statistic for m in (None, roll @ pitch))
+    np.testing.assert_allclose(tilted, straight, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ma2018", "iqsf", "aiez"])
+def test_north_and_south_are_no_jumps(name):
+    swaying = np.pi + np.deg2rad(0.5) * (-1.0) ** np.arange(40)
+    assert judge(footfalls(still(40), heading=swaying), name).quasi_static[3:].all()
+    assert (
+        judge(footfalls(still(40), heading=np.deg2rad(0.5) * np.arange(40), drift=np.pi), name).quasi_static[3:].all()
+    )
+
+
+def test_footfalls_without_a_field_are_passed_over():
+    field = turned(rng(12).normal(0, 0.05, 30))
+    holed = field.copy()
+    holed[[0, 7, 8, 20]] = np.nan
+    for name in DETECTORS:
+        verdicts, there = judge(footfalls(holed), name), np.isfinite(holed[:, 0])
+        assert not verdicts.judged[~there].any()
+        assert verdicts.reason[7] == "no field was measured at this footfall"
+        if OFFSET not in {channel.name for channel in DETECTORS[name].channels}:  # which reckons with time
+            np.testing.assert_allclose(verdicts.statistic[there], judge(footfalls(field[there]), name).statistic)
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_a_walk_too_short_to_be_judged_is_not(name, n):
+    verdicts = judge(footfalls(still(n)), name)
+    assert len(verdicts) == n
+    assert not verdicts.judged[: DETECTORS[name].rows - 1].any()
+    nothing = judge(footfalls(np.full((n, 3), np.nan)), name)
+    assert not nothing.judged.any()
+    assert nothing.words == ("none",) * n
+
+
+def test_names_and_numbers_that_cannot_be():
+    with pytest.raises(MagneticError, match="no detector 'qfs': choose one of qsf, iqsf"):
+        judge(footfalls(still(5)), "qfs")
+    with pytest.raises(MagneticError, match="no channel 'weight'"):
+        Channel("weight", 1.0)
+    with pytest.raises(MagneticError, match="sigma of channel 'strength' must be positive"):
+        Channel("strength", 0.0)
+    with pytest.raises(MagneticError, match="window"):
+        DETECTORS["qsf"].with_window(0)
+    with pytest.raises(MagneticError, match="false-alarm rate"):
+        DETECTORS["qsf"].with_false_alarm_rate(1.0)
+    with pytest.raises(MagneticError, match="threshold"):
+        DETECTORS["qsf"].with_threshold(-1.0)
+    with pytest.raises(MagneticError, match="no form"):
+        replace(DETECTORS["qsf"], form="cubes")
+    with pytest.raises(MagneticError, match="no channel"):
+        Detector("nothing", ())
+    with pytest.raises(MagneticError, match="which changes matter"):
+        judge(footfalls(still(5)), Detector("vague", (Channel("strength", 0.3),)))
+
+
+def test_the_default_is_one_of_them():
+    assert judge(footfalls(still(5))).detector == DEFAULT
+
+
+def test_a_magnet_passes_the_rates_and_not_the_offset():
+    """Beside a magnet the foot stands in a wrong field that does not change: the offset alone shows it."""
+    beside = (np.arange(30) >= 10) & (np.arange(30) < 20)
+    walk = footfalls(turned(np.deg2rad(25) * beside))
+    assert judge(walk, "qsf-stance").quasi_static.all()
+    assert not judge(walk, "aiez").quasi_static[beside].any()
+    assert judge(walk, "aiez").quasi_static[20:].all()
+    assert judge(walk, "ma2018").quasi_static[14:20].all()
+
+
+def test_a_drift_within_what_is_claimed_is_followed():
+    """2 deg a minute for ten minutes, 20 deg in all: the compass, accepted, keeps the offset."""
+    n = 540
+    drift = np.deg2rad(20.0) * np.linspace(0, 1, n)
+    assert judge(footfalls(still(n), drift=drift), "aiez").quasi_static[3:].all()
+
+
+def test_a_heading_that_is_known_needs_no_laying():
+    known = replace(DETECTORS["aiez"], laying=Laying(first=0))
+    wrong_from_the_start = footfalls(turned(np.full(10, np.deg2rad(25))))
+    assert judge(wrong_from_the_start, "aiez").quasi_static[3:].all()
+    assert not judge(wrong_from_the_start, known).quasi_static.any()
+    assert judge(wrong_from_the_start, known).judged.all()
+
+
+def test_compass_and_inertial_heading_may_be_opposed():
+    """Laid on each other by a mean over both sides of 180 degrees; what the reason tells is no whole turn either."""
+    opposed = np.pi + np.deg2rad(1.0) * (-1.0) ** np.arange(20)
+    assert judge(footfalls(still(20), drift=opposed), "aiez").quasi_static[3:].all()
+    assert "heading difference changes by 2 deg" in judge(footfalls(still(20), drift=opposed), "ma2018").reason[10]
+
+
+def test_a_window_of_several_stances_serves_zeros_too():
+    detector = DETECTORS["aiez"].with_window(3)
+    window = rng().standard_normal((40000, 2, detector.rows))
+    window[:, 0] += detector.channels[0].matters / detector.channels[0].sigma
+    assert (detector.statistic(window) < detector.threshold).mean() == pytest.approx(0.05, abs=0.006)
