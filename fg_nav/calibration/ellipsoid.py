@@ -1,0 +1,166 @@
+"""The sensor turned about in one field of one strength F: its readings lie on an ellipsoid.
+
+    |C (m - h)| = F,    C symmetric (3, 3), h hard iron, m the readings with white noise of equal strength on each axis
+
+Start: least squares constrained to an ellipsoid (`fg_nav.calibration.quadric`, as Fang et al. 2011 and Ma et al. 2018
+use it: CLSEF). Then the likeliest parameters: the residual is the distance of the reading from the ellipsoid, in uT,
+
+    r = (|v| - F) / |C v / |v||,    v = C (m - h),
+
+to first order in the noise, and a few wild readings are left out (`fg_nav.calibration.robust`).
+
+Readings alone say nothing about F: C and F can be scaled together. With the strength unknown C is taken with
+determinant 1, which leaves volumes as they are, and F is estimated; the covariance of C then has rank 5. With the
+strength given, C has the scale it needs, and F counts as exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration.coverage import Coverage, coverage_of
+from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
+from fg_nav.calibration.quadric import NO_ELLIPSOID, distance, trimmed_quadric
+from fg_nav.calibration.robust import Fit, robust_fit
+from fg_nav.errors import CalibrationError
+
+
+@dataclass(frozen=True)
+class EllipsoidParameters:
+    """When to refuse.
+
+    Attributes
+    ----------
+    fewest : readings; nine numbers want a few more to be judged by.
+    largest_sigma : of the hard iron over the strength, and of any element of C: 0.05 of the field is an error of
+        heading of 3 deg where it lies level, and 7 deg at Munich.
+    largest_residual : of the readings over the strength. 0.05 is 2.4 uT on Earth, several times the noise of any chip:
+        more is a field that changes from place to place, of which sigma knows nothing.
+    """
+
+    fewest: int = 20
+    largest_sigma: float = 0.05
+    largest_residual: float = 0.05
+
+
+def fitted_ellipsoid(
+    readings: Floats, strength_uT: float | None = None, parameters: EllipsoidParameters = EllipsoidParameters()
+) -> MagnetometerCalibration:
+    """Calibrate from readings of a sensor turned about in a homogeneous field.
+
+    Parameters
+    ----------
+    readings : (N, 3) uT in the body frame; NaN rows are left out.
+    strength_uT : of the field; None if it is not known: then det C = 1 and the strength is estimated.
+    parameters : when to refuse.
+
+    Raises
+    ------
+    CalibrationError
+        Where the directions covered leave a parameter open, naming the weakest direction, or the field was not the
+        same throughout.
+    """
+    present = _present(readings, parameters.fewest)
+    if strength_uT is not None and not 0.0 < strength_uT < np.inf:
+        raise CalibrationError(f"a field of {strength_uT} uT is none: give its strength, or None.")
+    h, unit_C = trimmed_quadric(present)
+    size = float(np.mean(np.diag(unit_C)))
+    sizes = np.concatenate([np.full(3, 0.1 / size), np.full(6, size)])
+    fit = robust_fit(_distances(sizes), present, np.concatenate([h, unit_C[UPPER]]) / sizes)
+    found = _calibration(fit, sizes, strength_uT)
+    coverage = coverage_of(present[fit.kept] - found.hard_iron_uT)  # not corrected: a bad C would blow a plane up
+    _check_sigma(found, coverage, parameters.largest_sigma)
+    _check_residual(found, parameters.largest_residual)
+    return _with_notes(found, coverage, len(present))
+
+
+def upper_triangular(correction: Floats) -> Floats:
+    """Turn a correction C (3, 3) into the upper triangular one with the same strengths: K_c of Ma's Table 1.
+
+    K^T K = C^T C, with positive diagonal. The corrected field is turned by what C and K differ in.
+    """
+    return np.asarray(np.linalg.cholesky(correction.T @ correction).T)
+
+
+def symmetric(matrix: Floats) -> Floats:
+    """Symmetric correction C (3, 3) with the same strengths as any matrix (3, 3): C^2 = M^T M, polar decomposition."""
+    _, size, right = np.linalg.svd(matrix)
+    return np.asarray((right.T * size) @ right)
+
+
+def _present(readings: Floats, fewest: int) -> Floats:
+    present = readings[np.isfinite(readings).all(axis=1)]
+    if len(present) < fewest:
+        raise CalibrationError(f"{len(present)} readings of the field are no ellipsoid: record {fewest} or more.")
+    return np.asarray(present)
+
+
+def _matrix(upper: Floats) -> Floats:
+    """Symmetric matrix (3, 3) from its six numbers."""
+    C = np.zeros((3, 3))
+    C[UPPER] = upper
+    return C + np.triu(C, 1).T
+
+
+def _distances(sizes: Floats) -> Callable[[Floats, Floats], Floats]:
+    """Distances by parameters that are brought to sizes much alike."""
+
+    def distances(scaled: Floats, readings: Floats) -> Floats:
+        x = scaled * sizes
+        return distance(x[:3], _matrix(x[3:]), readings)
+
+    return distances
+
+
+def _calibration(fit: Fit, sizes: Floats, strength_uT: float | None) -> MagnetometerCalibration:
+    x, covariance = fit.parameters * sizes, fit.covariance * np.outer(sizes, sizes)
+    unit_C = _matrix(x[3:])
+    if not np.linalg.eigvalsh(unit_C).min() > 0.0:
+        raise CalibrationError(NO_ELLIPSOID)
+    strength = float(np.linalg.det(unit_C) ** (-1 / 3)) if strength_uT is None else strength_uT
+    to_C = np.eye(9)
+    to_C[3:, 3:] = strength * (np.eye(6) if strength_uT is not None else _without_scale(unit_C))
+    return MagnetometerCalibration(
+        method="ellipsoid",
+        hard_iron_uT=x[:3],
+        correction=strength * unit_C,
+        covariance=to_C @ covariance @ to_C.T,
+        strength_uT=strength,
+        residual_uT=fit.residual_uT,
+        samples=int(fit.kept.sum()),
+    )
+
+
+def _without_scale(unit_C: Floats) -> Floats:
+    """Derivatives (6, 6) of C by the matrix A that was fitted, over det C^(1/3): dC = dA - A trace(A^-1 dA) / 3."""
+    inverse = np.linalg.inv(unit_C)
+    trace = np.where(UPPER[0] == UPPER[1], 1.0, 2.0) * inverse[UPPER]
+    return np.asarray(np.eye(6) - np.outer(unit_C[UPPER], trace) / 3.0)
+
+
+def _check_sigma(found: MagnetometerCalibration, coverage: Coverage, largest: float) -> None:
+    hard, soft = found.sigma[:3].max() / found.strength_uT, found.sigma[3:].max()
+    if max(hard, soft) > largest:
+        raise CalibrationError(
+            f"the readings leave the hard iron open by {found.sigma[:3].max():.1f} uT and the soft iron by "
+            f"{100 * soft:.0f} % (at most {100 * largest:g} % of the field are allowed): {coverage.words}; "
+            "turn the sensor so that the field points there too."
+        )
+
+
+def _check_residual(found: MagnetometerCalibration, largest: float) -> None:
+    if found.residual_uT > largest * found.strength_uT:
+        raise CalibrationError(
+            f"the readings scatter by {found.residual_uT:.1f} uT about the ellipsoid, {100 * largest:g} % of the field "
+            "at most are allowed: it was not the same everywhere, so turn the sensor in one place away from iron."
+        )
+
+
+def _with_notes(found: MagnetometerCalibration, coverage: Coverage, readings: int) -> MagnetometerCalibration:
+    left_out = readings - found.samples
+    notes = (coverage.words, f"{left_out} of {readings} readings left out as outliers")
+    return replace(found, notes=notes if left_out else notes[:1])

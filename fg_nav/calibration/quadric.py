@@ -1,0 +1,124 @@
+"""The ellipsoid (or ellipse) through readings, by linear algebra: a start for a fit, and the classics' own answer.
+
+    x^T A x + 2 v^T x + d = 0        A (n, n) symmetric, n = 2 or 3
+
+with the monomials x_i x_j (i <= j), 2 x_i, 1 in the columns of a design matrix. About its centre h it is
+
+    |C (x - h)| = 1,   h = -A^-1 v,   C = (A / (h^T A h - d))^1/2 symmetric.
+
+Plain least squares (`fg_nav.calibration.unit_sphere`) may end in a hyperboloid. Least squares under a constraint
+cannot: in the plane 4ac - b^2 = 1 (Fitzgibbon), in space 4J - I^2 = 1 with I and J the sum of
+the eigenvalues of A and that of their products by pairs (Li and Griffiths 2004; Fang et al. 2011 calibrate with it).
+The latter holds of all ellipsoids whose short axis is more than half the long one, and of some others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import CalibrationError
+
+TRIMS, TRIM_SIGMAS = 20, 2.5
+"""Rounds, and what they leave: tight, for at first the wild readings pull the ellipsoid towards themselves."""
+
+MAD_TO_SD = 1.4826
+"""Standard deviation of a normal variable over its median absolute deviation."""
+
+LEAST_UT = 1e-6
+"""Of distances: below this they are rounding."""
+
+NO_ELLIPSOID = "the readings lie on no ellipsoid: turn the sensor in more directions, away from iron that stays behind."
+
+
+def constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
+    """Centre (n,) and symmetric C (n, n) of the ellipse or ellipsoid through readings (N, n).
+
+    Raises
+    ------
+    CalibrationError
+        Where the readings do not determine one, as on a plane or along too short an arc.
+    """
+    x, middle, scale = scaled(readings)
+    n = readings.shape[1]
+    quadratic, rest = design(x)
+    scatter, mixed, low = quadratic.T @ quadratic, quadratic.T @ rest, rest.T @ rest
+    try:
+        elimination = -np.linalg.solve(low, mixed.T)
+        values, vectors = np.linalg.eig(np.linalg.solve(_constraint(n), scatter + mixed @ elimination))
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(NO_ELLIPSOID) from error
+    vectors = np.real(vectors)
+    allowed = np.einsum("ik,ij,jk->k", vectors, _constraint(n), vectors) > 0.0
+    if not allowed.any():
+        raise CalibrationError(NO_ELLIPSOID)
+    best = vectors[:, np.argmin(np.where(allowed, np.abs(values), np.inf))]
+    return unscaled(*about_centre(best, elimination @ best), middle, scale)
+
+
+def trimmed_quadric(readings: Floats) -> tuple[Floats, Floats]:
+    """Centre (n,) and C (n, n) as `constrained_quadric` has them, of readings whose farthest are left out by steps.
+
+    Far is what lies more than `TRIM_SIGMAS` from the ellipsoid, as the bulk of the distances scatters. This is a start
+    that a few wild readings do not spoil; a fit decides on them again.
+    """
+    kept = np.ones(len(readings), dtype=np.bool_)
+    for _ in range(TRIMS):
+        h, C = constrained_quadric(readings[kept])
+        far = np.abs(distance(h, C, readings))
+        before, kept = kept, far <= TRIM_SIGMAS * MAD_TO_SD * np.median(far) + LEAST_UT
+        if (kept == before).all():
+            break
+    return h, C
+
+
+def distance(h: Floats, C: Floats, readings: Floats) -> Floats:
+    """Distances (N,) of readings (N, n) from the ellipsoid |C (m - h)| = 1, to first order; outside positive."""
+    v = (readings - h) @ C
+    length = np.linalg.norm(v, axis=1)
+    return np.asarray((length - 1.0) * length / np.linalg.norm(v @ C, axis=1))
+
+
+def scaled(readings: Floats) -> tuple[Floats, Floats, float]:
+    """Readings about their mean in units of their spread: monomials of one size."""
+    middle = readings.mean(axis=0)
+    scale = float(np.sqrt(((readings - middle) ** 2).sum(axis=1).mean()))
+    if not scale > 0.0:
+        raise CalibrationError(NO_ELLIPSOID)
+    return (readings - middle) / scale, middle, scale
+
+
+def unscaled(centre: Floats, C: Floats, middle: Floats, scale: float) -> tuple[Floats, Floats]:
+    """Centre and C of the readings from those of the scaled ones."""
+    return middle + scale * centre, C / scale
+
+
+def design(x: Floats) -> tuple[Floats, Floats]:
+    """Columns x_i^2, then x_i x_j twice (i < j); and 2 x_i, 1."""
+    i, j = np.triu_indices(x.shape[1], k=1)
+    return np.hstack([x**2, 2 * x[:, i] * x[:, j]]), np.hstack([2 * x, np.ones((len(x), 1))])
+
+
+def _constraint(n: int) -> Floats:
+    """K of the constraint a^T K a = 1 on the quadratic coefficients a, in the order of `design`."""
+    pairs = n * (n - 1) // 2
+    K = np.zeros((n + pairs, n + pairs))
+    K[:n, :n] = 2.0 * (1 - np.eye(n)) - (n == 3)
+    K[n:, n:] = -4.0 * np.eye(pairs)
+    return K
+
+
+def about_centre(quadratic: Floats, rest: Floats) -> tuple[Floats, Floats]:
+    """Centre and C from the coefficients of the two halves of `design`; `CalibrationError` where there is none."""
+    n = len(rest) - 1
+    i, j = np.triu_indices(n, k=1)
+    A = np.diag(quadratic[:n])
+    A[i, j] = A[j, i] = quadratic[n:]
+    try:
+        centre = -np.linalg.solve(A, rest[:-1])
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(NO_ELLIPSOID) from error
+    size, axes = np.linalg.eigh(A / (centre @ A @ centre - rest[-1]))
+    if not size.min() > 0.0:
+        raise CalibrationError(NO_ELLIPSOID)
+    return np.asarray(centre), np.asarray((axes * np.sqrt(size)) @ axes.T)

@@ -1,0 +1,282 @@
+"""Ma's calibration in the levelled plane, against readings made from known iron, and the misprints of Eq. 4-12."""
+
+import numpy as np
+import pytest
+
+from fg_nav.calibration.ellipse import (
+    Ellipse,
+    EllipseParameters,
+    ellipse_as_printed,
+    ellipse_by_extremes,
+    ellipse_of_walk,
+    fitted_ellipse,
+)
+from fg_nav.calibration.magnetometer import UPPER
+from fg_nav.errors import CalibrationError
+from fg_nav.frames import yaw_rotation
+from fg_nav.magnetic import FootfallField
+from fg_nav.magnetic.compass import heading_of_field, level_R_body, levelled_field
+
+OFFSET, ETA, TAU = np.array([13.795, 7.526]), 0.973, 0.896  # Ma et al. 2018, Table 1
+HORIZONTAL = 20.0
+ROUND = np.arange(86) * 2 * np.pi * 6 / 86.4  # six circles of 25 deg a stride
+
+
+def half_turn(angle):
+    return (angle + np.pi / 2) % np.pi - np.pi / 2
+
+
+def turned(angle):
+    return yaw_rotation(angle)[:2, :2]
+
+
+def read(heading, offset=OFFSET, eta=ETA, tau=TAU, noise_uT=0.0, rng=None):
+    """Levelled readings (F, 2) of a foot with these headings: x axis forward, so north lies `heading` to the left."""
+    field = HORIZONTAL * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    long_axis = np.array([np.cos(eta), np.sin(eta)])
+    soft = np.eye(2) + (1 / tau - 1) * np.outer(long_axis, long_axis)
+    noise = 0.0 if rng is None else noise_uT * rng.standard_normal(field.shape)
+    return field @ soft.T + offset + noise
+
+
+def footfalls(level_R_body_, vertical=-43.0, heading=ROUND):
+    """Footfalls of a foot that stands with this tilt, its iron given in levelled axes."""
+    level = np.column_stack([read(heading), np.full(len(heading), vertical)])
+    nav_R_body = np.stack([yaw_rotation(np.pi / 2 - angle) for angle in heading]) @ level_R_body_
+    n = len(heading)
+    ones = np.ones(n)
+    return FootfallField(
+        np.arange(n), ones, level @ level_R_body_, 9.8 * nav_R_body[:, 2], nav_R_body, np.full(n, 9), ones, ones, ones
+    )
+
+
+@pytest.mark.parametrize(("eta", "tau"), [(0.973, 0.896), (-1.2, 0.7), (0.0, 0.95), (1.5, 0.5)])
+@pytest.mark.parametrize("method", [fitted_ellipse, ellipse_by_extremes])
+def test_what_was_put_in_comes_out(method, eta, tau):
+    found = method(read(np.arange(3600) * 2 * np.pi / 3600, eta=eta, tau=tau))
+    assert found.offset_uT == pytest.approx(OFFSET, abs=1e-3)
+    assert half_turn(found.eta_rad - eta) == pytest.approx(0.0, abs=2e-3)
+    assert (found.tau, found.radius_uT) == pytest.approx((tau, HORIZONTAL), rel=1e-4)
+
+
+def test_corrected_readings_point_where_the_field_does():
+    corrected = fitted_ellipse(read(ROUND)).corrected(read(ROUND))
+    assert corrected == pytest.approx(HORIZONTAL * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1), abs=1e-6)
+
+
+def test_a_turned_and_shifted_sensor_turns_and_shifts_the_ellipse():
+    readings = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(1))
+    one, other = fitted_ellipse(readings), fitted_ellipse(readings @ turned(0.7).T + [3.0, -40.0])
+    assert other.offset_uT == pytest.approx(turned(0.7) @ one.offset_uT + [3.0, -40.0], abs=1e-4)
+    assert half_turn(other.eta_rad - one.eta_rad - 0.7) == pytest.approx(0.0, abs=1e-4)
+    assert (other.tau, other.residual_uT) == pytest.approx((one.tau, one.residual_uT), rel=1e-5)
+
+
+@pytest.mark.parametrize("heading", [ROUND, np.linspace(0.0, np.deg2rad(280.0), 60)], ids=["round", "a gap of 80 deg"])
+def test_errors_are_as_large_as_their_sigmas(heading):
+    errors = []
+    for seed in range(120):
+        found = fitted_ellipse(read(heading, noise_uT=0.3, rng=np.random.default_rng(seed)))
+        error = [*(found.offset_uT - OFFSET), half_turn(found.eta_rad - ETA), found.tau - TAU]
+        errors.append(error / found.sigma)
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert (rms > 0.8).all(), rms
+    assert (rms < 1.25).all(), rms
+
+
+def test_wild_footfalls_do_not_matter_and_are_counted():
+    readings = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(2))
+    readings[::20] += 0.5 * (readings[::20] - OFFSET)
+    found = fitted_ellipse(readings)
+    assert np.abs(found.offset_uT - OFFSET).max() < 0.3
+    assert abs(found.tau - TAU) < 0.02
+    assert found.samples == 81
+    assert "5 of 86 footfalls" in found.notes[0]
+    assert np.abs(ellipse_by_extremes(readings).offset_uT - OFFSET).max() > 1.0  # what the printed method makes of it
+
+
+def test_the_long_axis_of_a_circle_is_not_known_and_its_sigma_says_so():
+    sigmas = []
+    for tau in (0.8, 0.95, 0.999):
+        found = fitted_ellipse(read(ROUND, tau=tau, noise_uT=0.3, rng=np.random.default_rng(3)))
+        sigmas.append(found.sigma[2])  # what it does to the field, (1 - tau) eta, stays as well known
+        assert (1 - found.tau) * found.sigma[2] == pytest.approx(0.3 / HORIZONTAL * np.sqrt(2 / 86), rel=0.3)
+    assert sigmas[0] < 0.04 < sigmas[1] < 0.3 < sigmas[2]
+    assert "eta of the long axis is not known" in found.notes[-1]
+
+
+def test_walking_the_same_circle_again_does_not_average_the_floor_away():
+    """Iron in the floor, the same at each heading: sixty circles tell no more of the offset than six."""
+    sigmas = []
+    for circles in (6, 60):
+        heading = np.arange(14 * circles) * 2 * np.pi / 14
+        floor = 1.0 * np.cos(3 * heading)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        noise = 0.1 * np.random.default_rng(7).standard_normal((len(heading), 2))
+        sigmas.append(fitted_ellipse(read(heading) + floor + noise).sigma[:2])
+    assert sigmas[1] == pytest.approx(sigmas[0], rel=0.1)
+    white = fitted_ellipse(read(heading, noise_uT=0.7, rng=np.random.default_rng(8)))
+    assert (sigmas[1] > 4 * white.sigma[:2]).all()
+
+
+def test_an_exact_circle_is_no_trouble():
+    found = fitted_ellipse(read(ROUND, tau=1.0))
+    assert found.tau == pytest.approx(1.0, abs=1e-9)
+    assert np.isfinite(found.in_body(np.array([0.0, 0.0, 1.0])).covariance).all()
+
+
+def test_rows_without_a_field_are_left_out():
+    readings = read(ROUND)
+    readings[[3, 40]] = np.nan
+    assert fitted_ellipse(readings).samples == 84
+
+
+@pytest.mark.parametrize("start_deg", [0.0, 100.0, 250.0])
+def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(start_deg):
+    heading = np.deg2rad(start_deg + np.linspace(0.0, 240.0, 60))
+    with pytest.raises(CalibrationError, match=r"from \d+ to \d+ deg") as refusal:
+        fitted_ellipse(read(heading, noise_uT=0.05, rng=np.random.default_rng(4)))
+    words = str(refusal.value).split()
+    first, last = float(words[words.index("from") + 1]), float(words[words.index("from") + 3])
+    assert first == pytest.approx((start_deg + 240.0) % 360.0, abs=5.0)
+    assert last == pytest.approx(start_deg % 360.0, abs=5.0)
+
+
+def test_a_wider_gap_may_be_allowed():
+    readings = read(np.linspace(0.0, np.deg2rad(240.0), 60), noise_uT=0.05, rng=np.random.default_rng(4))
+    found = fitted_ellipse(readings, EllipseParameters(largest_gap_rad=np.deg2rad(130.0)))
+    assert found.offset_uT == pytest.approx(OFFSET, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("readings", "words"),
+    [
+        (read(ROUND[:6]), "6 footfalls"),
+        (np.column_stack([np.arange(20.0), np.arange(20.0)]), "no ellipse|lie on no"),
+        (np.zeros((20, 2)), "lie on no"),
+        (read(ROUND, noise_uT=6.0, rng=np.random.default_rng(5)), "open by"),
+    ],
+    ids=["few", "a line", "a point", "scatter"],
+)
+def test_what_is_no_ellipse_is_refused(readings, words):
+    with pytest.raises(CalibrationError, match=words):
+        fitted_ellipse(readings)
+
+
+def test_in_the_body_it_corrects_footfalls_at_the_tilt_it_was_found_at():
+    R = level_R_body(np.array([-0.4, 0.15, 0.9]))
+    ellipse, calibration = ellipse_of_walk(footfalls(R))
+    level = levelled_field(calibration.corrected(footfalls(R).body_field), R[2])
+    assert level[:, :2] == pytest.approx(HORIZONTAL * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1), abs=1e-6)
+    assert level[:, 2] == pytest.approx(-43.0)
+    assert calibration.strength_uT == pytest.approx(ellipse.radius_uT)
+    assert "24 deg" in calibration.notes[-2]  # asin(0.4 / |up|) below level
+    elsewhere = level_R_body(np.array([0.0, 0.15, 0.9]))
+    wrong = levelled_field(calibration.corrected(footfalls(elsewhere).body_field), elsewhere[2])
+    assert np.abs(heading_of_field(wrong) - heading_of_field(level)).max() > np.deg2rad(5.0)
+
+
+def test_the_covariance_in_the_body_is_that_of_the_ellipse_turned():
+    up = np.array([-0.4, 0.15, 0.9])
+    noisy = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(6))
+    found = fitted_ellipse(noisy)
+
+    def parameters(x):
+        return Ellipse("", x[:2], x[2], x[3], 1.0, np.eye(4), 0.0, 0).in_body(up).parameters
+
+    middle = np.array([*found.offset_uT, found.eta_rad, found.tau])
+    J = np.stack([(parameters(middle + e) - parameters(middle - e)) / 2e-5 for e in 1e-5 * np.eye(4)], axis=1)
+    assert found.in_body(up).covariance == pytest.approx(J @ found.covariance @ J.T, rel=1e-4, abs=1e-10)
+    assert found.in_body(up).parameters[3:] == pytest.approx(found.in_body(up).correction[UPPER])
+
+
+def test_a_steady_error_of_levelling_is_in_the_covariance_of_a_walk():
+    """A tilt of 3 mrad turns 43 uT of vertical field into 0.13 uT of offset, and no footfall tells."""
+    ellipse, _ = ellipse_of_walk(footfalls(np.eye(3)))
+    assert ellipse.sigma[:2] == pytest.approx(0.003 * 43.0, rel=1e-3)
+    tilted = level_R_body(np.array([0.003, 0.0, 1.0]))
+    found = fitted_ellipse((footfalls(np.eye(3)).body_field @ tilted.T)[:, :2])
+    assert abs(found.offset_uT[0] - OFFSET[0]) == pytest.approx(ellipse.sigma[0], rel=0.1)
+
+
+def test_an_ellipse_without_covariance_is_not_lifted():
+    with pytest.raises(CalibrationError, match="no covariance"):
+        ellipse_as_printed(read(ROUND)).in_body(np.array([0.0, 0.0, 1.0]))
+
+
+# Ma et al. 2018, equation by equation
+
+
+def ma_level(acc, mag, divided=True):
+    """Ma Eq. 4 and 5, letter by letter but for the quotient in Eq. 4, in units of g."""
+    p = -np.arcsin(acc[0])
+    r = np.arcsin(acc[1] / np.cos(p)) if divided else np.arcsin(acc[1] * 1.0 * np.cos(p))
+    x = mag[0] * np.cos(p) + mag[1] * np.sin(p) * np.sin(r) - mag[2] * np.sin(p) * np.cos(r)
+    return np.array([x, mag[1] * np.cos(r) + mag[2] * np.sin(r)])
+
+
+FLU_TO_FRD = np.array([1.0, -1.0, -1.0])
+UP = np.array([0.5, 0.3, np.sqrt(1 - 0.25 - 0.09)])
+BODY_FIELD = np.array([18.0, 5.0, -30.0])
+
+
+def test_eq_5_holds_with_specific_force_in_forward_right_down_and_not_in_our_axes():
+    ours = levelled_field(BODY_FIELD, UP)[:2]
+    assert ma_level(UP * FLU_TO_FRD, BODY_FIELD * FLU_TO_FRD) == pytest.approx(ours * FLU_TO_FRD[:2])
+    printed = ma_level(UP, BODY_FIELD)
+    assert np.degrees(abs(heading_of_field(printed) - heading_of_field(ours))) > 20.0
+
+
+def test_eq_4_divides_where_a_product_is_printed():
+    ours = levelled_field(BODY_FIELD, UP)[:2] * FLU_TO_FRD[:2]
+    printed = ma_level(UP * FLU_TO_FRD, BODY_FIELD * FLU_TO_FRD, divided=False)
+    assert np.abs(printed - ours).max() > 1.0
+
+
+def test_eq_6_needs_the_full_round():
+    """Extremes give the middle of any turned ellipse, and are wrong as soon as an end of it is missing."""
+    assert ellipse_by_extremes(read(np.linspace(0, 2 * np.pi, 3600))).offset_uT == pytest.approx(OFFSET, abs=1e-3)
+    part = read(np.deg2rad(np.linspace(50.0, 330.0, 80)))
+    assert np.abs(ellipse_by_extremes(part).offset_uT - OFFSET).max() > 1.0
+    assert fitted_ellipse(part).offset_uT == pytest.approx(OFFSET, abs=1e-3)
+
+
+def test_eq_7_is_about_the_centre():
+    """Taken about the origin the extremes of r are those of the offset and no axes of anything."""
+    r = np.linalg.norm(read(np.linspace(0, 2 * np.pi, 3600)), axis=1)
+    assert abs(r.min() / r.max() - TAU) > 0.5
+    r = np.linalg.norm(read(np.linspace(0, 2 * np.pi, 3600)) - OFFSET, axis=1)
+    assert r.min() / r.max() == pytest.approx(TAU, abs=1e-4)
+
+
+@pytest.mark.parametrize(("farther", "mirrored"), [(0.0, False), (np.pi, True)])
+def test_eq_8_as_printed_mirrors_the_axis_if_the_farthest_reading_has_negative_x(farther, mirrored):
+    readings = np.vstack([read(np.linspace(0, 2 * np.pi, 3600)), read(np.array([ETA + farther])) * 1.0])
+    readings[-1] += 1e-3 * (readings[-1] - OFFSET)
+    printed, ours = ellipse_as_printed(readings), ellipse_by_extremes(readings)
+    assert half_turn(ours.eta_rad - ETA) == pytest.approx(0.0, abs=5e-3)
+    assert printed.eta_rad == pytest.approx(-ETA if mirrored else ETA, abs=5e-3)
+    roundness = [np.std(np.linalg.norm(found.corrected(readings), axis=1)) for found in (printed, ours)]
+    assert roundness[1] < 0.01
+    assert (roundness[0] > 0.5) == mirrored
+
+
+def test_eq_9_to_12_are_our_correction():
+    found = fitted_ellipse(read(ROUND))
+    c, s = np.cos(found.eta_rad), np.sin(found.eta_rad)
+    R = np.array([[c, s], [-s, c]])
+    assert pytest.approx(np.array([[0.562, 0.827], [-0.827, 0.562]]), abs=1e-3) == R  # Table 1
+    rotated = (read(ROUND) - found.offset_uT) @ R.T
+    scaled = rotated * [found.tau, 1.0]
+    assert found.corrected(read(ROUND)) == pytest.approx(scaled @ R)
+    about = np.degrees(np.std(heading_of_field(scaled @ R) - np.arctan2(np.sin(ROUND), np.cos(ROUND))))
+    assert about < 0.01
+
+
+def test_eq_11_scales_the_long_axis_and_no_other():
+    """The text's "X axe (or Y axe)" leaves a choice that there is not: along Y it makes the ellipse longer."""
+    found = fitted_ellipse(read(ROUND))
+    c, s = np.cos(found.eta_rad), np.sin(found.eta_rad)
+    rotated = (read(ROUND) - found.offset_uT) @ np.array([[c, -s], [s, c]])
+    lengths = {name: np.linalg.norm(rotated * by, axis=1) for name, by in (("x", [TAU, 1.0]), ("y", [1.0, TAU]))}
+    assert np.ptp(lengths["x"]) < 1e-4
+    assert lengths["y"].min() / lengths["y"].max() < TAU - 0.05
