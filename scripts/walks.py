@@ -80,9 +80,9 @@ def gdin(data: Path, numbers: Sequence[int] = GDIN) -> list[Walk]:
     return [_detected(f"gdin {number}", _gdin_path(data, number)) for number in numbers]
 
 
-def loops(data: Path) -> list[Walk]:
-    """Read the walks that end where they began."""
-    return [_detected(name, data / path) for name, path in LOOPS.items()]
+def loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
+    """Read walks that end where they began."""
+    return [_detected(name, data / LOOPS[name]) for name in names]
 
 
 def _detected(name: str, path: Path) -> Walk:
