@@ -126,6 +126,11 @@ def demo() -> list[Section]:
     return _rested(Walk(polyline(corners, 1.2)), REST_S)
 
 
+def at_rest() -> list[Section]:
+    """An hour in one place: only for a sensor on a table."""
+    return [Stand(3600.0)]
+
+
 def turned(sections: Sequence[Section], angle: float) -> list[Section]:
     """A course turned clockwise by `angle` rad about the origin."""
     return [replace(s, path=s.path.turned(angle)) if isinstance(s, Walk) else s for s in sections]

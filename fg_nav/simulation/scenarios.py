@@ -32,7 +32,7 @@ from fg_nav.simulation.fields import (
 from fg_nav.simulation.plan import Section
 from fg_nav.simulation.sensors import IronPrior, SensorPrior, preset
 
-Worn: TypeAlias = Literal["heel", "instep", "pocket"]
+Worn: TypeAlias = Literal["heel", "instep", "pocket", "table"]
 WORN: tuple[Worn, ...] = get_args(Worn)
 
 Course: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
@@ -54,7 +54,7 @@ class Scenario:
     ----------
     name, summary : for people.
     course : draws the sections of the walk.
-    worn : where the sensor is.
+    worn : where the sensor is; on a table it goes nowhere.
     sensor : its preset (`fg_nav.simulation.sensors`), or a prior of your own.
     site : where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
     field : one of `FIELDS`.
@@ -191,6 +191,10 @@ SCENARIOS: Mapping[str, Scenario] = {
         Scenario(
             "demo", "one minute round an L-shaped corridor",
             _fixed(courses.demo), "instep", "lord-gx5-900",
+        ),
+        Scenario(
+            "at-rest", "an hour on a table, for an Allan deviation",
+            _fixed(courses.at_rest), "table", "xsens-mtw", field="homogeneous",
         ),
     )
 }  # fmt: skip

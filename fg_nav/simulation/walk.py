@@ -11,20 +11,19 @@ and `origin` says where the one lies in the other.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from datetime import date
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.recording import MIN_SAMPLES, Provenance, Recording, TrajectoryTruth
-from fg_nav.simulation.fields import SITES, Field, Homogeneous, site, world_magnetic_model
+from fg_nav.simulation.fields import Field, Homogeneous, earth_at
 from fg_nav.simulation.foot import foot_motion
 from fg_nav.simulation.footsteps import Strides
+from fg_nav.simulation.lying import Lying, no_strides
 from fg_nav.simulation.motion import Kinematics, Motion
 from fg_nav.simulation.person import Person, mount_named
 from fg_nav.simulation.plan import Crossing, plan_with_landmarks
@@ -70,8 +69,8 @@ class SimulatedWalk:
     recording : with `TrajectoryTruth`.
     fresh : (N,) True where the magnetometer has a new sample; None without one.
     biases : once a second.
-    strides : of the foot; for a pocket, of the foot below.
-    flat : (K + 1, 2) s, from when to when the foot stands flat; None for a pocket.
+    strides : of the foot; for a pocket, of the foot below; none on a table.
+    flat : (K + 1, 2) s, from when to when the foot stands flat; None for a pocket and a table.
     landmarks : in the order in which they are passed.
     field, earth : of the surroundings and without them, by places in the course's frame.
     origin : (3,) m, the origin of the recording's truth in the course's frame.
@@ -95,6 +94,12 @@ class SimulatedWalk:
     origin: Floats
     drawn: dict[str, Any]
     person: Person
+
+    def nav_field(self, sample: Ints) -> Floats:
+        """True field (F, 3) uT in nav where the sensor is at these samples (F,) of the recording."""
+        truth = self.recording.truth
+        assert isinstance(truth, TrajectoryTruth)
+        return self.field.at(truth.position[sample] + self.origin)
 
 
 def _say_nothing(_: float) -> None:
@@ -127,7 +132,7 @@ def simulate(
     streams = Streams(seed, chosen.name)
     person = Person().drawn(streams.lasting("person")) if person is None else person
     sensor = chosen.prior.draw(streams.lasting("sensor"))
-    earth = _earth(chosen.site)
+    earth = earth_at(chosen.site)
     strides, crossings = _strides(chosen, person, streams)
     _check_size(strides.end_s, chosen.prior.rate_hz)
     motion, flat = _motion(chosen, strides, person, streams)
@@ -166,34 +171,17 @@ def _check_size(end_s: float, rate_hz: float) -> None:
         raise SimulationError(f"{told}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
 
-def _earth(name: str) -> Homogeneous:
-    """Field of a site by its name, or of `latitude,longitude,YYYY-MM-DD` by the World Magnetic Model."""
-    if "," not in name:
-        return site(name)
-    try:
-        latitude, longitude, when = (part.strip() for part in name.split(","))
-        place, day = (float(latitude), float(longitude)), _day(when)
-    except ValueError:
-        raise SimulationError(
-            f"'{name}' is no place: choose one of {', '.join(SITES)}, or give latitude,longitude,YYYY-MM-DD."
-        ) from None
-    return world_magnetic_model(*place, height_m=0.0, when=day)
-
-
-def _day(written: str) -> date:
-    """Read `YYYY-MM-DD` and nothing else that Python takes for a date; raises ValueError."""
-    if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", written):
-        raise ValueError
-    return date.fromisoformat(written)
-
-
 def _strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
     sections = chosen.course(streams.of_this_walk("course"))
+    if chosen.worn == "table":
+        return no_strides(sections), ()
     return plan_with_landmarks(sections, person, streams.of_this_walk("strides"))
 
 
 def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
     """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
+    if chosen.worn == "table":
+        return Lying.drawn(streams.of_this_walk("table")), None
     if chosen.worn == "pocket":
         return thigh_motion(strides, Pocket(), streams.of_this_walk("leg"), streams.lasting("leg")), None
     mount = mount_named(chosen.worn).drawn(streams.lasting("mount"))
