@@ -1,22 +1,31 @@
-"""How good a solution is: alignment with truth, figures of merit, and whether claimed sigmas are true."""
+"""How good a solution is: alignment with truth, figures of merit, whether claimed sigmas are true, ROC of detectors."""
 
 from fg_nav.evaluation.alignment import MODES, Alignment, align, similarity_scale
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.evaluation.consistency import Consistency, stance_nees
+from fg_nav.evaluation.field_truth import FieldChange, compass_deviation, course_change, field_change
 from fg_nav.evaluation.footprints import FootprintMatch, match_footprints
 from fg_nav.evaluation.metrics import Metrics, evaluate
+from fg_nav.evaluation.roc import Band, Roc, roc_of
 
 __all__ = [
     "MODES",
     "Alignment",
+    "Band",
     "Comparison",
     "Consistency",
+    "FieldChange",
     "FootprintMatch",
     "Metrics",
+    "Roc",
     "align",
     "compare",
+    "compass_deviation",
+    "course_change",
     "evaluate",
+    "field_change",
     "match_footprints",
+    "roc_of",
     "similarity_scale",
     "stance_nees",
 ]

@@ -1,0 +1,485 @@
+"""ROC of the quasi-static field detectors on the simulated `office` and `mall`: Ma et al. 2018, Figures 8, 13, 14.
+
+    python scripts/field_roc.py [--seeds N] [--jobs N] [--scenarios NAME ...] [--out DIR] [--json FILE]
+
+Truth is the simulator's field at the footfalls. A stance is truly quasi-static where the largest difference between the
+field vectors of any two of the four stances of its window (three strides, Ma's N) is below a limit; beside it stand the
+direction of the field over the ground by the same rule, and whether a compass would be right. P_D and P_FA are Ma's:
+how often a field passes that is truly quasi-static, and one that is not.
+
+Three fields, for what is quasi-static depends on how much steel there is:
+
+======= ================================================================================================
+smooth  the level of that name: at the foot the field changes by 3 uT in the median over a window
+between 0.65 of smooth and 0.35 of indoor: about 10 uT, the geometric mean of the two
+indoor  the level of that name, fitted to real walks over reinforced floors: 27 uT
+======= ================================================================================================
+
+Each field has its own limit, at which both kinds are there; Ma's threshold is looked at in more mixtures. They need no
+walks of their own: with one seed the two levels have the same steps and the same noise, and what the magnetometer
+shows is linear in the field.
+
+The magnetometer is calibrated (hard and soft iron taken off as drawn) or has its iron. Bands are of 90 % over walks
+(`fg_nav.evaluation.roc`). Seeds begin at 101: the fraction and the limits were chosen on seeds below 100.
+
+AIEZ's statistic depends on its own threshold, for what it trusts corrects the heading it is compared with: its curve
+is what other thresholds would make of the statistic it had.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import figures as fig
+import numpy as np
+from figures import Figure
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection import detect_stances
+from fg_nav.errors import EvaluationError, OutputError
+from fg_nav.evaluation import Band, FieldChange, Roc, compass_deviation, course_change, field_change, roc_of
+from fg_nav.magnetic import DETECTORS, footfall_field, judge
+from fg_nav.magnetic.attitude import inertial_attitude
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.report import style
+from fg_nav.report.roc import RocPanel, plot_rocs
+from fg_nav.report.terminal import progress
+from fg_nav.simulation import Choices, SimulatedWalk, simulate
+from fg_nav.stances import Stances
+
+FIRST_SEED, SEEDS = 101, 10
+SCENARIOS = ("office", "mall")
+
+WINDOW = 3
+"""Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows."""
+
+FIELDS = {"smooth": 0.0, "between": 0.35, "indoor": 1.0}
+"""How much of `indoor` is in each; the rest is `smooth`."""
+
+SWEEP = {f"{share:g} indoor": share for share in (0.2, 0.5, 0.7)}
+"""More of these, in which only Ma's detector is looked at."""
+
+LIMIT_UT = {"smooth": 2.0, "between": 10.0, "indoor": 20.0} | dict.fromkeys(SWEEP, 10.0)
+"""Of the change of the vector over a window, where one limit is to stand for all."""
+
+MA, MA_THRESHOLD, MA_P_D, OURS = "ma2018-printed", 170.0, 0.8, "ma2018"
+
+STRAIGHT_DEG, CURVED_DEG = 5.0, 15.0
+"""Of a window's three strides the directions differ by less, or by more."""
+
+FEWEST = 20
+"""Cases of a kind without which no ROC is drawn from them."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One simulated walk in one field: what is true of its F stances, and each detector's statistic there.
+
+    Statistics (F,) are over thresholds: of a calibrated magnetometer, and of one that has its iron.
+    """
+
+    change: FieldChange
+    course: Floats
+    deviation: Floats
+    calibrated: Mapping[str, Floats]
+    with_iron: Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class Case:
+    """All walks of a scenario in one field."""
+
+    scenario: str
+    field: str
+    walks: Sequence[Judged]
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.scenario}, {self.field}"
+
+    @cached_property
+    def walk(self) -> Ints:
+        """(M,) which walk a stance is of."""
+        return np.repeat(np.arange(len(self.walks)), [len(walk.course) for walk in self.walks])
+
+    @cached_property
+    def vector_uT(self) -> Floats:
+        """(M,) true change over the window."""
+        return np.concatenate([walk.change.vector_uT for walk in self.walks])
+
+    @cached_property
+    def heading_deg(self) -> Floats:
+        """(M,) true change of the field's direction over the ground."""
+        return np.asarray(np.rad2deg(np.concatenate([walk.change.heading for walk in self.walks])))
+
+    @cached_property
+    def course_deg(self) -> Floats:
+        """(M,) by how much the directions of the window's strides differ."""
+        return np.asarray(np.rad2deg(np.concatenate([walk.course for walk in self.walks])))
+
+    @cached_property
+    def wrong_deg(self) -> Floats:
+        """(M,) error of a perfect compass."""
+        return np.asarray(np.abs(np.rad2deg(np.concatenate([walk.deviation for walk in self.walks]))))
+
+    def statistic(self, detector: str, with_iron: bool = False) -> Floats:
+        """(M,) over its threshold; NaN also where the truth is not known."""
+        parts = [(walk.with_iron if with_iron else walk.calibrated)[detector] for walk in self.walks]
+        return np.where(np.isfinite(self.vector_uT), np.concatenate(parts), np.nan)
+
+    def passes(self, detector: str) -> Bools:
+        """(M,) True where the field passes; not where it was not judged."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.statistic(detector) < 1.0)
+
+    @property
+    def static(self) -> Bools:
+        """(M,) truly so, by the field's own limit."""
+        return self.within("vector", LIMIT_UT[self.field])
+
+    def within(self, measure: str, limit: float) -> Bools:
+        """(M,) True where this measure of the truth stays below a limit."""
+        measures = {"vector": self.vector_uT, "heading": self.heading_deg, "compass": self.wrong_deg}
+        with np.errstate(invalid="ignore"):
+            return np.asarray(measures[measure] < limit)
+
+    def roc(self, detector: str, truth: Bools | None = None, with_iron: bool = False) -> Roc | None:
+        """ROC against a truth, that of the field's own limit if none is given; None with too few of a kind."""
+        statistic, signal = self.statistic(detector, with_iron), self.static if truth is None else truth
+        judged = np.isfinite(statistic)
+        if min(signal[judged].sum(), (~signal)[judged].sum()) < FEWEST:
+            return None
+        return roc_of(statistic, signal, self.walk)
+
+
+TRUTHS = (
+    ("vector", 2.0, "2 uT"),
+    ("vector", 5.0, "5 uT"),
+    ("vector", 10.0, "10 uT"),
+    ("vector", 20.0, "20 uT"),
+    ("heading", 5.0, "5 deg"),
+    ("heading", 10.0, "10 deg"),
+    ("compass", 5.0, "right"),
+)
+"""Measure, limit, and head of the column."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Simulate, judge, print, draw."""
+    chosen = _parse(arguments)
+    if chosen.out is not None and not chosen.out.is_dir():
+        raise OutputError(f"there is no folder {chosen.out} to draw into: make it, or name another with --out.")
+    seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
+    every = all_cases(chosen.scenarios, seeds, chosen.jobs)
+    cases = [case for case in every if case.field in FIELDS]
+    print_truth(cases, len(seeds))
+    for case in cases:
+        print_rocs(case)
+    print_iron(cases)
+    print_threshold(every)
+    for case in cases:
+        if case.field != "indoor":  # there nothing passes, on whatever way
+            print_stretches(case)
+    print_worth(cases)
+    figures = asked_of(cases)
+    fig.print_heading("Against the paper")
+    fig.print_figures(figures)
+    fig.print_verdict(figures)
+    if chosen.json:
+        fig.write_json(chosen.json, {"figures": [f.as_dict() for f in figures]})
+    if chosen.out is not None:
+        style.save(plot_rocs([panel(case) for case in cases], len(FIELDS)), chosen.out / "field_roc.png")
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="ROC of the quasi-static field detectors on simulated walks.")
+    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"how many walks, 2 or more ({SEEDS})")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
+    parser.add_argument("--scenarios", nargs="+", default=SCENARIOS, metavar="NAME", help="which (office, mall)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="draw the curves into this folder")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    chosen = parser.parse_args(arguments)
+    if chosen.seeds < 2:
+        raise EvaluationError("a band over walks needs two seeds or more: give --seeds 2.")
+    return chosen
+
+
+def all_cases(scenarios: Sequence[str], seeds: Sequence[int], jobs: int) -> list[Case]:
+    """Every scenario in every field, those of the sweep too."""
+    wanted = [(scenario, seed) for scenario in scenarios for seed in seeds]
+    found: list[dict[str, Judged]] = []
+    with progress("walks") as report, ExitStack() as stack:
+        mapped = map if jobs == 1 else stack.enter_context(ProcessPoolExecutor(jobs)).map
+        for walks in mapped(judged, wanted):
+            found.append(walks)
+            report(len(found) / len(wanted))
+    pairs = list(zip(wanted, found, strict=True))
+    return [
+        Case(scenario, field, [walks[field] for (of, _), walks in pairs if of == scenario])
+        for scenario in scenarios
+        for field in by_steel()
+    ]
+
+
+def by_steel() -> dict[str, float]:
+    """Every field by its name and the share of `indoor` in it, which rises."""
+    return dict(sorted((FIELDS | SWEEP).items(), key=lambda named: named[1]))
+
+
+def judged(wanted: tuple[str, int]) -> dict[str, Judged]:
+    """Simulate a scenario with a seed and judge it in every field."""
+    smooth, indoor = (simulate(*wanted, Choices(field=level)) for level in ("smooth", "indoor"))
+    stances = detect_stances(smooth.recording)
+    attitude = inertial_attitude(smooth.recording, stances)
+    return {name: _judged_in(smooth, indoor, name, stances, attitude) for name in by_steel()}
+
+
+def _judged_in(smooth: SimulatedWalk, indoor: SimulatedWalk, name: str, stances: Stances, attitude: Floats) -> Judged:
+    """Judge the walk in a mixture of the two fields; both are the same walk."""
+    share, detectors = by_steel()[name], tuple(DETECTORS) if name in FIELDS else (MA, OURS)
+    recording = smooth.recording
+    sample = stances.stillest(recording.gyr)
+    assert isinstance(recording.truth, TrajectoryTruth)
+    nav_field = (1 - share) * smooth.nav_field(sample) + share * indoor.nav_field(sample)
+    mixed = replace(recording, mag=_mixed(recording.mag, indoor.recording.mag, share))
+    fields = [footfall_field(heard, stances, nav_R_body=attitude) for heard in (_without_iron(mixed, smooth), mixed)]
+    statistics = [{which: judge(field, which).statistic for which in detectors} for field in fields]
+    return Judged(
+        field_change(nav_field, WINDOW),
+        course_change(recording.truth.position[sample], WINDOW),
+        compass_deviation(nav_field, smooth.earth.vector),
+        *statistics,
+    )
+
+
+def _mixed(one: Floats | None, other: Floats | None, share: float) -> Floats:
+    assert one is not None
+    assert other is not None
+    return (1 - share) * one + share * other
+
+
+def _without_iron(recording: Recording, walk: SimulatedWalk) -> Recording:
+    """Take off the hard and soft iron as drawn: as calibrated as can be."""
+    assert recording.mag is not None
+    sensor = walk.drawn["sensor"]
+    mag = np.linalg.solve(np.array(sensor["soft_iron"]), (recording.mag - np.array(sensor["hard_iron_uT"])).T).T
+    return replace(recording, mag=mag)
+
+
+def print_truth(cases: Sequence[Case], seeds: int) -> None:
+    """What is taken for the truth, and how much of it there is."""
+    fig.print_heading(f"Truth: the field at the footfalls, over {WINDOW} strides ({WINDOW + 1} stances), {seeds} seeds")
+    print(
+        "quasi-static: the field vector (columns in uT), or its direction over the ground (columns in deg), differs\n"
+        "by less between any two stances of the window; right: a perfect compass is less than 5 deg wrong here.\n"
+        "P_D, P_FA: shares of the truly quasi-static and of the other stances that pass. Prevalence of each truth:"
+    )
+    rows = [
+        (
+            case.name,
+            str(len(case.walk)),
+            f"{np.nanmedian(case.vector_uT):.1f}",
+            f"{np.nanmedian(case.heading_deg):.1f}",
+            *(_share(case.within(measure, limit), np.isfinite(case.vector_uT)) for measure, limit, _ in TRUTHS),
+        )
+        for case in cases
+    ]
+    heads = ("case", "stances", "median uT", "median deg", *(head for *_, head in TRUTHS))
+    fig.print_table(heads, rows)
+
+
+def print_rocs(case: Case) -> None:
+    """One row a detector: area, P_D and P_FA at its own threshold, and the area by the other truths."""
+    limit = LIMIT_UT[case.field]
+    fig.print_heading(f"{case.name}: truth is a change below {limit:g} uT; then the area by other truths")
+    rows = []
+    for name in DETECTORS:
+        others = [case.roc(name, case.within(measure, other)) for measure, other, _ in TRUTHS]
+        areas = [f"{roc.area:.2f}" if roc else "-" for roc in others]
+        rows.append((name, *_told(case.roc(name)), _share(case.passes(name)), *areas))
+    fig.print_table(("detector", "area", "P_D", "P_FA", "passes", *(head for *_, head in TRUTHS)), rows)
+
+
+def _told(roc: Roc | None) -> tuple[str, str, str]:
+    if roc is None:
+        return "-", "-", "-"
+    p_d, p_fa = roc.band_at(1.0)
+    return _banded(roc.area_band()), _banded(p_d), _banded(p_fa)
+
+
+def _banded(band: Band) -> str:
+    return f"{band.value:.2f} ({band.low:.2f} to {band.high:.2f})"
+
+
+def _share(chosen: Bools, of: Bools | None = None) -> str:
+    """Share of those in `of`, or of all; nothing where there are few."""
+    among = np.ones(len(chosen), dtype=bool) if of is None else of
+    return f"{chosen[among].mean():.3f}" if among.sum() >= FEWEST else "-"
+
+
+def print_iron(cases: Sequence[Case]) -> None:
+    """What the iron of an uncalibrated magnetometer costs."""
+    fig.print_heading("Area with a calibrated magnetometer, and with its hard and soft iron (as drawn, 10 uT an axis)")
+    rows = []
+    for name in DETECTORS:
+        pairs = [(case.roc(name), case.roc(name, with_iron=True)) for case in cases]
+        rows.append((name, *(f"{a.area:.2f}, {b.area:.2f}" if a and b else "-" for a, b in pairs)))
+    fig.print_table(("detector", *(case.name for case in cases)), rows)
+
+
+def print_threshold(cases: Sequence[Case]) -> None:
+    """Where Ma's threshold lies."""
+    fig.print_heading(f"Ma's detector as printed: threshold {MA_THRESHOLD:g} (paper: P_D about {MA_P_D:g} there)")
+    print(
+        "below: P_FA / P_D up to the threshold; beyond: the rise of P_FA over that of P_D from there on; knee: the\n"
+        f"threshold at which P_D - P_FA is largest; {OURS}: its P_D at the same P_FA; limit: the truth's limit for\n"
+        f"which P_D is {MA_P_D:g} (any: more passes whatever the limit)."
+    )
+    rows = []
+    for case in cases:
+        for limit in sorted({LIMIT_UT[case.field], LIMIT_UT["between"]}):
+            if (roc := case.roc(MA, case.within("vector", limit))) is not None:
+                ours = _at_the_same_p_fa(case.roc(OURS, case.within("vector", limit)), roc.at(1.0)[1])
+                passes = _share(case.passes(MA))
+                rows.append((case.name, f"{limit:g} uT", passes, *_threshold_row(roc), ours, _told_limit(case)))
+    heads = (
+        "case",
+        "truth",
+        "passes",
+        "P_D",
+        "P_FA",
+        "below",
+        "beyond",
+        "knee",
+        "P_D there",
+        "P_FA there",
+        OURS,
+        "limit",
+    )
+    fig.print_table(heads, rows)
+
+
+def _threshold_row(roc: Roc) -> tuple[str, ...]:
+    p_d, p_fa = roc.band_at(1.0)
+    statistic, knee_p_d, knee_p_fa = roc.knee
+    below = p_fa.value / p_d.value if p_d.value else np.nan
+    beyond = (1 - p_fa.value) / (1 - p_d.value) if p_d.value < 1 else np.nan
+    knee = (f"{MA_THRESHOLD * statistic:.0f}", f"{knee_p_d:.2f}", f"{knee_p_fa:.2f}")
+    return _banded(p_d), _banded(p_fa), f"{below:.2f}", f"{beyond:.2f}", *knee
+
+
+def _at_the_same_p_fa(roc: Roc | None, p_fa: float) -> str:
+    return f"{roc.p_d_at(np.array([p_fa]))[0]:.2f}" if roc else "-"
+
+
+def _told_limit(case: Case) -> str:
+    limit = limit_for(case.vector_uT, case.statistic(MA), MA_P_D)
+    return f"{limit:.1f} uT" if np.isfinite(limit) else "any" if limit > 0 else "none"
+
+
+def limit_for(change: Floats, statistic: Floats, p_d: float) -> float:
+    """Largest limit on the true change for which this share of what is quasi-static passes; NaN if none is.
+
+    Where more passes whatever the limit, it is infinite.
+    """
+    judged = np.isfinite(statistic) & np.isfinite(change)
+    order = np.argsort(change[judged])
+    passed = (statistic[judged] < 1.0)[order]
+    enough = np.flatnonzero(np.cumsum(passed) >= p_d * np.arange(1, len(passed) + 1))
+    enough = enough[enough >= FEWEST - 1]
+    if not len(enough):
+        return float("nan")
+    return float("inf") if enough[-1] == len(passed) - 1 else float(change[judged][order][enough[-1]])
+
+
+def stretches(case: Case) -> dict[str, Bools]:
+    """(M,) True where the way is straight, bends, or is curved."""
+    course = case.course_deg
+    with np.errstate(invalid="ignore"):
+        return {
+            "straight": course < STRAIGHT_DEG,
+            "bent": (course >= STRAIGHT_DEG) & (course < CURVED_DEG),
+            "curved": course >= CURVED_DEG,
+        }
+
+
+def print_stretches(case: Case) -> None:
+    """Ma's Figures 13 and 14: what passes, by how straight the way is."""
+    where = stretches(case)
+    shares = ", ".join(f"{name} {part.mean():.2f}" for name, part in where.items())
+    fig.print_heading(f"{case.name}: share that passes, by the course over the window ({shares} of the stances)")
+    print(
+        f"straight: the directions of the {WINDOW} strides differ by less than {STRAIGHT_DEG:g} deg; curved: by "
+        f"{CURVED_DEG:g} deg or more.\nLast two columns: of what is truly static (below {LIMIT_UT[case.field]:g} uT)."
+    )
+    rows = []
+    for name in DETECTORS:
+        passes = case.passes(name)
+        by_walk = [passes[case.walk == walk].mean() for walk in range(len(case.walks))]
+        low, high = np.percentile(by_walk, [5, 95])
+        static = [_share(passes, case.static & where[part]) for part in ("straight", "curved")]
+        parts = [_share(passes, part) for part in where.values()]
+        rows.append((name, f"{passes.mean():.3f} ({low:.3f} to {high:.3f})", *parts, *static))
+    fig.print_table(("detector", "walk (5 to 95 % of seeds)", *where, "static, straight", "static, curved"), rows)
+
+
+def print_worth(cases: Sequence[Case]) -> None:
+    """What a stance that passes is worth."""
+    fig.print_heading("Worth of what passes: median (90 %) true change of direction over the window and compass error")
+    for case in cases:
+        rows = [["(all stances)", "1.000", _spread(case.heading_deg), _spread(case.wrong_deg)]]
+        for name in DETECTORS:
+            passes = case.passes(name)
+            spreads = [_spread(values[passes]) for values in (case.heading_deg, case.wrong_deg)]
+            rows.append([name, f"{passes.mean():.3f}", *spreads])
+        fig.print_table((case.name, "passes", "change (deg)", "compass error (deg)"), rows)
+
+
+def _spread(values: Floats) -> str:
+    known = values[np.isfinite(values)]
+    if len(known) < FEWEST:
+        return "-"
+    middle, high = np.percentile(known, [50, 90])
+    return f"{middle:.1f} ({high:.1f})"
+
+
+def asked_of(cases: Sequence[Case]) -> list[Figure]:
+    """Figures beside what the paper says."""
+    found = []
+    for case in cases:
+        if case.field == "between" and (roc := case.roc(MA)) is not None:
+            statement = f"{MA} at {MA_THRESHOLD:g}: P_D"
+            found.append(Figure("Figure 8", statement, case.name, roc.at(1.0)[0], 0.7, 0.9))
+        if case.scenario == "mall" and case.field == "smooth":
+            found += _figures_13_14(case)
+    return found
+
+
+def _figures_13_14(case: Case) -> list[Figure]:
+    where = stretches(case)
+    asked = {"iqsf": (0.0, 0.5), "ma2018": (0.8, np.inf)}
+    found = []
+    for name, (low, high) in asked.items():
+        for detector in (name, f"{name}-printed"):
+            passes = case.passes(detector)
+            kept = float(passes[where["curved"]].mean() / passes[where["straight"]].mean())
+            found.append(Figure("Figures 13, 14", f"{detector}: curved over straight", case.name, kept, low, high))
+    return found
+
+
+def panel(case: Case) -> RocPanel:
+    """The case's curves for the picture."""
+    rocs = {name: case.roc(name) for name in DETECTORS}
+    title = f"{case.name}: change below {LIMIT_UT[case.field]:g} uT"
+    return RocPanel(title, {name: roc for name, roc in rocs.items() if roc}, {MA: f"{MA_THRESHOLD:g}"})
+
+
+if __name__ == "__main__":
+    fig.leave_with(main)
