@@ -25,11 +25,13 @@ Recording
     What the sensor recorded (`fg_nav.recording`).
 Stances
     When the foot stood: found once, shared by all estimators (`fg_nav.stances`).
+FootfallField, FieldVerdicts
+    The field at each footfall, and which of them to trust: found once, shared too (`fg_nav.magnetic`).
 Solution
     What every estimator returns: the dense trajectory and one row a stance (`fg_nav.solution`).
 
-The data's way: `fg_nav.io` -> `Recording` -> `fg_nav.detection` -> `Stances` -> `fg_nav.smoother` or `fg_nav.ekf`
--> `Solution` -> `fg_nav.evaluation`, `fg_nav.report`.
+The data's way: `fg_nav.io` -> `Recording` -> `fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FieldVerdicts`
+-> `fg_nav.smoother` or `fg_nav.ekf` -> `Solution` -> `fg_nav.evaluation`, `fg_nav.report`.
 """
 
 from importlib import import_module

@@ -17,17 +17,22 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from fg_nav.errors import FgNavError, OutputError, SimulationError
+from fg_nav.errors import CalibrationError, FgNavError, OutputError, SimulationError
 
 if TYPE_CHECKING:
+    from fg_nav.earth import EarthField
     from fg_nav.recording import Recording
-    from fg_nav.session import Outcome, Session
+    from fg_nav.report.field_survey import FieldSurvey
+    from fg_nav.session import Options, Outcome, Session
     from fg_nav.simulation import Choices, SimulatedWalk
 
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
 
 RESULTS = Path("results")
 """Where results go for which no folder was named."""
+
+PATH_METHOD = "iez"
+"""Draws the way on which the field is looked at: quick, and good enough for a map."""
 
 DEMO_METHODS = ("smoother", "iez")
 
@@ -45,7 +50,19 @@ FormatName = Annotated[
 ]
 NoMag = Annotated[
     bool,
-    typer.Option("--no-mag", help="Ignore the magnetometer. So far no method uses it, with or without this."),
+    typer.Option("--no-mag", help="Ignore the magnetometer: no verdicts on the field. So far no method uses these."),
+]
+CalibrationPath = Annotated[
+    Path | None,
+    typer.Option("--calibration", metavar="FILE", help="Calibration to apply, from `fg-nav calibrate`."),
+]
+Detector = Annotated[
+    str | None,
+    typer.Option("--detector", metavar="NAME", help="What judges the magnetic field. \\[default: ma2018]"),
+]
+PlaceWords = Annotated[
+    str | None,
+    typer.Option("--place", metavar="LAT,LON,YYYY-MM-DD", help="Where and when: the field of the Earth there."),
 ]
 Heading = Annotated[
     float,
@@ -116,6 +133,8 @@ def run(
     no_mag: NoMag = False,
     heading: Heading = 0.0,
     truth: TruthPath = None,
+    calibration: CalibrationPath = None,
+    detector: Detector = None,
     format: FormatName = None,
     alignment: AlignmentMode = "yaw",
     out: OutDir = None,
@@ -124,9 +143,9 @@ def run(
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
     _methods_exist([method])
     _check_free(out, force)
-    from fg_nav.session import Options, load
+    from fg_nav.session import load
 
-    session = load(recording, format, Options(not no_mag, heading, alignment, truth))
+    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration))
     outcomes = _solved(session, [method])
     with _folder(out, force, f"{recording.stem}-{method}") as (place, folder):
         _write_run(folder, session, outcomes[method])
@@ -140,6 +159,8 @@ def compare(
     no_mag: NoMag = False,
     heading: Heading = 0.0,
     truth: TruthPath = None,
+    calibration: CalibrationPath = None,
+    detector: Detector = None,
     format: FormatName = None,
     alignment: AlignmentMode = "yaw",
     out: OutDir = None,
@@ -149,9 +170,9 @@ def compare(
     names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
     _methods_exist(names)
     _check_free(out, force)
-    from fg_nav.session import Options, load
+    from fg_nav.session import load
 
-    session = load(recording, format, Options(not no_mag, heading, alignment, truth))
+    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration))
     outcomes = _solved(session, names)
     with _folder(out, force, f"{recording.stem}-compare") as (place, folder):
         _write_comparison(folder, session, outcomes)
@@ -179,6 +200,93 @@ def demo(
     _show(session, outcomes, place)
 
 
+@app.command()
+def calibrate(
+    file: RecordingPath,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", show_default=False, help="Calibration to write.")],
+    method: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="walk, levelled, ellipsoid or sphere. \\[default: by the recording]"),
+    ] = None,
+    strength: Annotated[
+        float | None, typer.Option(metavar="UT", help="Of the field, if known: for a sensor turned over.")
+    ] = None,
+    place: PlaceWords = None,
+    format: FormatName = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an older calibration.")] = False,
+) -> None:
+    """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration."""
+    from fg_nav.calibration.file import is_calibration, write_calibration
+    from fg_nav.calibration.of_recording import calibrate as calibrated
+    from fg_nav.calibration.of_recording import check_method
+    from fg_nav.io import read
+    from fg_nav.report.calibration import print_calibration
+    from fg_nav.report.one_file import check_file_free, result_file
+
+    if method is not None:
+        check_method(method)
+    check_file_free(out, is_calibration, force)
+    found = calibrated(read(file, format), method, _strength(strength, place))
+    with result_file(out, is_calibration, force) as fresh:
+        write_calibration(fresh, found.calibration)
+    print_calibration(found, out)
+
+
+@app.command()
+def detect(
+    file: RecordingPath,
+    detectors: Annotated[
+        str | None, typer.Option("--detector", metavar="A,B", help="Detectors, with commas between. \\[default: all]")
+    ] = None,
+    calibration: CalibrationPath = None,
+    heading: Heading = 0.0,
+    place: PlaceWords = None,
+    truth: TruthPath = None,
+    format: FormatName = None,
+    alignment: AlignmentMode = "yaw",
+    out: OutDir = None,
+    force: Force = False,
+) -> None:
+    """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png."""
+    names = _detectors(detectors)
+    from fg_nav.report.folder import DETECT_FILES
+
+    _check_free(out, force, DETECT_FILES)
+    earth = _earth(place)
+    from fg_nav.report.field_results import print_survey
+    from fg_nav.report.field_survey import surveyed
+    from fg_nav.session import load
+
+    session = load(file, format, _options(False, heading, alignment, truth, None, calibration))
+    field = session.known_field()
+    outcome = _solved(session, [PATH_METHOD])[PATH_METHOD]
+    survey = surveyed(session.recording, field, names, outcome.solution, earth)
+    with _folder(out, force, f"{file.stem}-detect", DETECT_FILES) as (where, folder):
+        _write_survey(folder, session, survey, outcome)
+    print_survey(session, survey, where)
+
+
+@app.command()
+def allan(
+    file: RecordingPath,
+    format: FormatName = None,
+    out: OutDir = None,
+    force: Force = False,
+) -> None:
+    """Say how noisy the sensor is, from a recording of it lying still: allan.json, allan.png."""
+    from fg_nav.report.folder import ALLAN_FILES
+
+    _check_free(out, force, ALLAN_FILES)
+    from fg_nav.calibration.sensor_noise import recording_noise
+    from fg_nav.io import read
+    from fg_nav.report.allan import print_allan, write_allan
+
+    noise = recording_noise(read(file, format))
+    with _folder(out, force, f"{file.stem}-allan", ALLAN_FILES) as (place, folder):
+        write_allan(folder, noise, file)
+    print_allan(noise, place)
+
+
 def _list_scenarios(wanted: bool) -> None:
     if wanted:
         from fg_nav.report.simulated import print_scenarios
@@ -201,7 +309,9 @@ def simulate(
     site: Annotated[
         str | None, typer.Option(metavar="NAME", help="Another site, or latitude,longitude,YYYY-MM-DD.")
     ] = None,
-    worn: Annotated[Literal["heel", "instep", "pocket"] | None, typer.Option(help="Another place to wear it.")] = None,
+    worn: Annotated[
+        Literal["heel", "instep", "pocket", "table"] | None, typer.Option(help="Another place to wear it.")
+    ] = None,
     rate: Annotated[float | None, typer.Option(metavar="HZ", help="Another rate of the recording.")] = None,
     turn: Annotated[float, typer.Option(metavar="DEG", help="Turn the whole course clockwise.")] = 0.0,
     calibrated: Annotated[
@@ -220,6 +330,44 @@ def simulate(
     with _folder(out, force, walk.scenario.name, SIMULATION_FILES) as (place, folder):
         _write_simulation(folder, walk)
     print_simulation(walk, place)
+
+
+def _options(
+    no_mag: bool, heading: float, alignment: str, truth: Path | None, detector: str | None, calibration: Path | None
+) -> Options:
+    """What was asked for; refuses a detector that there is not."""
+    from fg_nav.magnetic.quasi_static import DEFAULT, detector_named
+    from fg_nav.session import Options
+
+    detector_named(detector or DEFAULT)
+    return Options(not no_mag, heading, alignment, truth, detector or DEFAULT, calibration)
+
+
+def _detectors(names: str | None) -> list[str]:
+    """Names of the detectors, the one that colours what has one colour only first."""
+    from fg_nav.magnetic.quasi_static import DEFAULT
+    from fg_nav.report.field_survey import SURVEYED, check_surveyed
+
+    wanted = [DEFAULT, *SURVEYED] if names is None else [name.strip() for name in names.split(",")]
+    for name in wanted:
+        check_surveyed(name)
+    return list(dict.fromkeys(wanted))
+
+
+def _earth(place: str | None) -> EarthField | None:
+    from fg_nav.earth import Place, field_at
+
+    return None if place is None else field_at(Place.written(place))
+
+
+def _strength(strength_uT: float | None, place: str | None) -> float | None:
+    """Strength of the field as told, or that of a place."""
+    if strength_uT is not None and place is not None:
+        raise CalibrationError("--strength and --place both tell the strength of the field: give one of them.")
+    if strength_uT is not None and not 5.0 <= strength_uT <= 200.0:
+        raise CalibrationError(f"a field of {strength_uT:g} uT is none on Earth (25 to 65): give its strength in uT.")
+    earth = _earth(place)
+    return strength_uT if earth is None else earth.strength_uT
 
 
 def _methods_exist(names: Sequence[str]) -> None:
@@ -278,6 +426,14 @@ def _write_comparison(folder: Path, session: Session, outcomes: Mapping[str, Out
     write_comparison(folder, session, outcomes)
     draw_comparison(folder, session, outcomes)
     draw_stances(folder, session)
+
+
+def _write_survey(folder: Path, session: Session, survey: FieldSurvey, outcome: Outcome) -> None:
+    from fg_nav.report.field_results import write_survey
+    from fg_nav.report.pictures import draw_survey
+
+    write_survey(folder, session, survey)
+    draw_survey(folder, session, survey, outcome)
 
 
 def _simulated(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:

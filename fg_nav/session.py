@@ -1,8 +1,11 @@
 """One recording, its stances found once, and any number of methods run on the two: what `fg-nav run` does.
 
 `prepare` makes a `Session`, `solve` runs one method in it. Every method of a session sees the same
-recording, the same stances and the same heading at the start, so their outcomes differ by the estimator
-alone.
+recording, calibrated or not, the same stances, the same verdicts on the magnetic field and the same heading
+at the start, so their outcomes differ by the estimator alone.
+
+Of a calibration the magnetometer and the accelerometer are corrected. Its gyroscope's bias is left on the samples:
+a bias is that of one switch-on, and every estimator finds that of the recording itself.
 """
 
 from __future__ import annotations
@@ -12,12 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
+from fg_nav.calibration.file import Calibration, read_calibration
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.errors import EstimationError, EvaluationError
+from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.estimators import Progress, estimator
 from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.io import read, read_truth
+from fg_nav.magnetic import FieldVerdicts, FootfallField, footfall_field
+from fg_nav.magnetic.quasi_static import DEFAULT, detector_named, judge
+from fg_nav.magnetic.verdicts import UNKNOWN
 from fg_nav.recording import Recording, Truth
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -33,54 +40,129 @@ class Options:
     heading_deg : heading of the body's x axis at the start, degrees clockwise from north.
     alignment : how a solution is laid on the truth (`fg_nav.evaluation.alignment`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
+    field_detector : which detector of a quasi-static field the verdicts come from (`fg_nav.magnetic.quasi_static`).
+    calibration_path : file with a calibration to apply; None to take the recording as it is.
     """
 
     use_magnetometer: bool = True
     heading_deg: float = 0.0
     alignment: str = "yaw"
     truth_path: Path | None = None
+    field_detector: str = DEFAULT
+    calibration_path: Path | None = None
 
 
 @dataclass(frozen=True)
 class Session:
-    """What all methods share; `detection` is how the stances were found, None where they were given."""
+    """What all methods share.
+
+    Attributes
+    ----------
+    recording : as the methods see it, calibrated.
+    stances, truth, options : of this recording.
+    detection : how the stances were found; None where they were given.
+    field : at the footfalls; None where it is not known.
+    verdicts : on the field; None where it could not be judged.
+    unjudged : why not; empty where it was judged, or nobody asked.
+    calibration : that was given; None without.
+    applied : what was corrected by it, in words.
+    """
 
     recording: Recording
     stances: Stances
     truth: Truth | None
     options: Options
     detection: StanceParameters | None = None
+    field: FootfallField | None = None
+    verdicts: FieldVerdicts | None = None
+    unjudged: str = ""
+    calibration: Calibration | None = None
+    applied: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for the user on calibration and field."""
+        notes = []
+        if self.applied:
+            notes.append(f"corrected by the calibration: {', '.join(self.applied)}")
+        if self.unjudged and self.recording.mag is not None:
+            notes.append(f"the field was not judged: {self.unjudged}")
+        return tuple(notes)
+
+    def known_field(self) -> FootfallField:
+        """Return the field at the footfalls; raises `MagneticError` with the reason where it is not known."""
+        if self.field is None:
+            raise MagneticError(self.unjudged or "nobody looked at the field of this walk: use `with_field`.")
+        return self.field
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of it; `comparison` is None without a usable truth."""
+    """What one method made of it.
+
+    Attributes
+    ----------
+    solution : with the verdicts on the field in its table of stances.
+    metrics, comparison : of the solution; `comparison` is None without a usable truth.
+    field_used : whether the method made use of the field: then its own table had verdicts.
+    """
 
     solution: Solution
     metrics: Metrics
     comparison: Comparison | None
+    field_used: bool = False
 
 
 def load(path: Path, format: str | None = None, options: Options | None = None) -> Session:
-    """Read a recording, and the truth if one was named, and find the stances.
+    """Read a recording, and truth and calibration if they were named, and find the stances.
 
     Raises
     ------
-    FormatError, RecordingError, DetectionError
-        If either file cannot be read, or the recording cannot be navigated with.
+    FormatError, RecordingError, CalibrationError, DetectionError
+        If a file cannot be read, if the recording cannot be navigated with, or the calibration is not for it.
     """
     options = options or Options()
     truth = None if options.truth_path is None else read_truth(options.truth_path)
+    calibration = None if options.calibration_path is None else read_calibration(options.calibration_path)
     recording = read(path, format)
-    return prepare(recording if truth is None else replace(recording, truth=truth), options)
+    return prepare(recording if truth is None else replace(recording, truth=truth), options, calibration)
 
 
-def prepare(recording: Recording, options: Options | None = None) -> Session:
-    """Find the stances of a recording; raises `DetectionError` where there are none."""
+def prepare(recording: Recording, options: Options | None = None, calibration: Calibration | None = None) -> Session:
+    """Apply the calibration, find the stances and judge the field.
+
+    Raises
+    ------
+    DetectionError
+        Where there are no stances.
+    CalibrationError
+        If the calibration is of a magnetometer and the recording has none.
+    MagneticError
+        If there is no such detector. A field that cannot be judged is no error: `Session.unjudged` tells why.
+    """
     options = options or Options()
     seen = recording if options.use_magnetometer else replace(recording, mag=None)
+    seen, applied = (seen, ()) if calibration is None else _calibrated(seen, calibration, options)
     detection = StanceParameters()
-    return Session(seen, detect_stances(seen, detection), recording.truth, options, detection)
+    stances = detect_stances(seen, detection)
+    session = Session(seen, stances, recording.truth, options, detection, calibration=calibration, applied=applied)
+    return with_field(session)
+
+
+def with_field(session: Session) -> Session:
+    """Return a session with the field at the footfalls and the verdicts on it, or with the reason why not."""
+    options = session.options
+    if not options.use_magnetometer:
+        return replace(session, unjudged="the magnetometer was left out, as told")
+    detector_named(options.field_detector)
+    try:
+        field = footfall_field(session.recording, session.stances, _heading(options))
+    except MagneticError as error:
+        return replace(session, unjudged=str(error))
+    try:
+        return replace(session, field=field, verdicts=judge(field, options.field_detector), unjudged="")
+    except MagneticError as error:
+        return replace(session, field=field, unjudged=str(error))
 
 
 def solve(session: Session, method: str, progress: Progress | None = None) -> Outcome:
@@ -94,17 +176,47 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         If the solution cannot be compared with a truth that the user named. A truth that merely came with the
         recording is then left out, with a note.
     """
-    heading = float(np.deg2rad(session.options.heading_deg))
-    if not np.isfinite(heading):
-        raise EstimationError(f"a heading of {session.options.heading_deg} deg is no direction: give a number.")
-    solution = estimator(method)(session.recording, session.stances, heading, progress)
+    found = estimator(method)(session.recording, session.stances, _heading(session.options), progress)
+    used = any(word != UNKNOWN for word in found.stances.field)
+    solution = _with_verdicts(found, session)
     if session.truth is None:
-        return Outcome(solution, evaluate(solution), None)
+        return Outcome(solution, evaluate(solution), None, used)
     try:
         comparison = compare(solution, session.truth, session.options.alignment)
-        return Outcome(solution, evaluate(solution, session.truth, session.options.alignment), comparison)
+        metrics = evaluate(solution, session.truth, session.options.alignment)
+        return Outcome(solution, metrics, comparison, used)
     except EvaluationError as error:
         if session.options.truth_path is not None:
             raise
         metrics = evaluate(solution)
-        return Outcome(solution, replace(metrics, notes=(*metrics.notes, f"truth left out: {error}")), None)
+        left_out = f"truth left out: {error}"
+        return Outcome(solution, replace(metrics, notes=(*metrics.notes, left_out)), None, used)
+
+
+def _heading(options: Options) -> float:
+    heading = float(np.deg2rad(options.heading_deg))
+    if not np.isfinite(heading):
+        raise EstimationError(f"a heading of {options.heading_deg} deg is no direction: give a number.")
+    return heading
+
+
+def _calibrated(recording: Recording, calibration: Calibration, options: Options) -> tuple[Recording, tuple[str, ...]]:
+    """Correct a recording; and say what was corrected."""
+    applied = []
+    if calibration.magnetometer is not None and options.use_magnetometer:
+        recording = calibration.magnetometer.applied_to(recording)
+        applied.append(f"magnetometer ({calibration.magnetometer.method})")
+    if calibration.accelerometer is not None and calibration.accelerometer.separable:
+        recording = calibration.accelerometer.applied_to(recording)
+        applied.append("accelerometer")
+    return recording, tuple(applied)
+
+
+def _with_verdicts(solution: Solution, session: Session) -> Solution:
+    """Write the verdicts on the field into the table of the stances; both have one row a footfall."""
+    rows, verdicts = len(solution.stances), session.verdicts
+    if verdicts is None:
+        words, reasons = (UNKNOWN,) * rows, (session.unjudged or "the field was not judged",) * rows
+    else:
+        words, reasons = verdicts.words, verdicts.reason
+    return replace(solution, stances=replace(solution.stances, field=words, field_reason=reasons))

@@ -1,62 +1,26 @@
 """The command line from end to end, on the demonstration walk."""
 
 import json
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav import cli, session
+from fg_nav import session
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.simulation import simulate
+from tests.command_line import FgNav, in_a_process, names
 
 RUN_FILES = {
     "trajectory.tum", "strides.csv", "summary.json", "config.json",
     "trajectory.png", "heading.png", "gyro_bias.png", "stance_statistic.png",
 }  # fmt: skip
 METHOD_FILES = RUN_FILES - {"stance_statistic.png"}
-
-
-@dataclass(frozen=True)
-class Ran:
-    code: int
-    out: str
-    err: str
-
-    def refused(self, *words: str) -> bool:
-        """Exit code 1, one line on standard error that says all `words`, and nothing else."""
-        line = self.err.rstrip("\n")
-        one_line = line.startswith("fg-nav: ") and "\n" not in line and not self.out
-        return self.code == 1 and one_line and all(word in line for word in words)
-
-
-FgNav = Callable[..., Ran]
-
-
-@pytest.fixture
-def fg_nav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> FgNav:
-    """Call the command line's entry point in an empty working directory."""
-    work = tmp_path / "work"
-    work.mkdir()
-    monkeypatch.chdir(work)
-
-    def call(*arguments: object) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["fg-nav", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        said = capsys.readouterr()
-        code = left.value.code
-        return Ran(code if isinstance(code, int) else 0, said.out, said.err)
-
-    return call
 
 
 @pytest.fixture(scope="module")
@@ -76,22 +40,10 @@ def files(demo: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def in_a_process(*arguments: object, cwd: Path | None = None, python: tuple[str, ...] = (), **environment: str) -> Ran:
-    """Run the command line as a program of its own, both outputs in pipes."""
-    words = [sys.executable, *python, "-m", "fg_nav.cli", *map(str, arguments)]
-    variables = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])} | environment
-    ran = subprocess.run(words, capture_output=True, text=True, check=False, cwd=cwd, env=variables)
-    return Ran(ran.returncode, ran.stdout, ran.stderr)
-
-
 def summary(folder: Path) -> dict[str, float]:
     content = json.loads((folder / "summary.json").read_text())
     assert isinstance(content, dict)
     return content
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 @pytest.mark.parametrize("method", ["smoother", "iez"])

@@ -9,9 +9,15 @@ import pytest
 import typer
 
 from fg_nav import recording
+from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
+from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration.of_recording import METHODS
 from fg_nav.cli import app
 from fg_nav.io import FORMATS, write_canonical
-from fg_nav.report.folder import RESULT_FILES, SIMULATION_FILES
+from fg_nav.magnetic.quasi_static import DEFAULT
+from fg_nav.report.field_survey import SURVEYED
+from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, RESULT_FILES, SIMULATION_FILES
 from fg_nav.simulation import SCENARIOS, simulate
 from fg_nav.simulation.scenarios import FIELDS
 from fg_nav.smoother import SmootherParameters
@@ -69,14 +75,15 @@ def test_what_is_mended_has_the_limits_of_the_code() -> None:
 
 def test_every_file_of_a_result_is_explained() -> None:
     text = README.read_text(encoding="utf-8")
-    assert not [name for name in RESULT_FILES if f"`{name}`" not in text]
+    ours = RESULT_FILES | DETECT_FILES | ALLAN_FILES
+    assert not [name for name in ours if f"`{name}`" not in text]
 
 
 def test_commands_and_options_exist() -> None:
     blocks = re.findall(r"```sh\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
     lines = re.findall(r"(?:^|/)fg-nav (\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
-    assert {name for name, _ in lines} == {"demo", "inspect", "run", "compare", "simulate"}
     commands = typer.main.get_command(app).commands
+    assert {name for name, _ in lines} == set(commands)
     for name, rest in lines:
         options = {option for parameter in commands[name].params for option in parameter.opts}
         assert set(re.findall(r"--[\w-]+", rest)) <= options
@@ -113,3 +120,17 @@ def test_every_file_of_a_simulation_is_explained() -> None:
 def test_every_field_and_level_is_explained() -> None:
     text = (ROOT / "docs/simulation.md").read_text(encoding="utf-8")
     assert not [name for name in FIELDS if f"`{name}`" not in text]
+
+
+def test_every_detector_and_method_of_calibration_has_its_row() -> None:
+    first = [name for row in rows_of(README) for name in re.findall(r"`([\w-]+)`", row[0])]
+    assert [name for name in first if name in SURVEYED] == list(SURVEYED)
+    assert [name for name in first if name in METHODS] == list(METHODS)
+    assert f"| `{DEFAULT}` |" in README.read_text(encoding="utf-8")
+
+
+def test_every_key_of_a_calibration_file_is_told() -> None:
+    text = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
+    parts = (Calibration, MagnetometerCalibration, GyroscopeCalibration, AccelerometerCalibration)
+    keys = {"format", "version", "made_by"} | {f.name for part in parts for f in fields(part)}
+    assert not [key for key in keys if f"`{key}`" not in text]

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LIBRARY = sorted([*ROOT.glob("fg_nav/**/*.py"), *ROOT.glob("factors/**/*.py")])
-BELOW_ESTIMATORS = ("io", "detection", "calibration", "simulation", "evaluation")
+BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "simulation", "evaluation")
 ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
 TOP = {"fg_nav.cli", "fg_nav.report", "fg_nav.session", "fg_nav.estimators"}
 TEXT = {".py", ".md", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".json", ".csv", ""}

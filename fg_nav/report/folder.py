@@ -1,9 +1,9 @@
 """A result folder appears whole or not at all, and never in place of something else.
 
 New files are written into a hidden folder inside the target and moved to their places when all are there,
-`summary.json` and `comparison.json` last: a folder with a summary is complete. With `force` the files of an
-older result are kept aside until then, and put back if anything fails. Only names that this program writes
-are ever replaced; hidden files are left alone.
+`summary.json`, `comparison.json` or `detect.json` last: a folder with a summary is complete. With `force` the
+files of an older result are kept aside until then, and put back if anything fails. Only names that this
+program writes are ever replaced; hidden files are left alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from fg_nav.errors import OutputError
 
-_SUMMARIES = ("summary.json", "comparison.json")
+_SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 
 RESULT_FILES = frozenset(
     {
@@ -30,6 +30,12 @@ RESULT_FILES = frozenset(
 
 SIMULATION_FILES = frozenset({"recording.csv", "truth.tum", "truth.json", "landmarks.csv", "map.png"})
 """Every file name that a simulation writes."""
+
+DETECT_FILES = frozenset({"field.png", "field_map.png", "field.csv", "detect.json"})
+"""Every file name that a look at the field writes."""
+
+ALLAN_FILES = frozenset({"allan.json", "allan.png"})
+"""Every file name that an Allan deviation writes."""
 
 DEMO_FILES = RESULT_FILES | SIMULATION_FILES
 """And the demonstration, which does both."""

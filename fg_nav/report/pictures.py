@@ -4,6 +4,7 @@
 run                  trajectory, heading, gyro_bias, stance_statistic
 comparison           trajectories, errors (with a truth), stance_statistic;
                      per method trajectory, heading, gyro_bias
+look at the field    field, field_map
 ==================== ========================================================
 """
 
@@ -15,6 +16,9 @@ from typing import TYPE_CHECKING
 
 from fg_nav.report.courses import plot_errors, plot_gyro_bias, plot_heading
 from fg_nav.report.detection import plot_stance_statistic
+from fg_nav.report.field import plot_field
+from fg_nav.report.field_map import plot_field_map
+from fg_nav.report.field_survey import FieldSurvey
 from fg_nav.report.maps import plot_trajectories, plot_trajectory
 from fg_nav.report.style import save
 from fg_nav.report.view import View
@@ -45,6 +49,12 @@ def draw_comparison(folder: Path, session: Session, outcomes: Mapping[str, Outco
         save(plot_errors(views), folder / "errors.png")
     for name, outcome in outcomes.items():
         draw_result(folder / name, session, outcome)
+
+
+def draw_survey(folder: Path, session: Session, survey: FieldSurvey, outcome: Outcome) -> None:
+    """Draw the field along the walk and what the detectors make of it."""
+    save(plot_field(survey), folder / "field.png")
+    save(plot_field_map(survey, _view(session, outcome)), folder / "field_map.png")
 
 
 def _view(session: Session, outcome: Outcome) -> View:

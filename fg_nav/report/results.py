@@ -22,6 +22,7 @@ import pandas as pd
 
 from fg_nav.frames import heading_of
 from fg_nav.io import write_tum
+from fg_nav.magnetic.quasi_static import detector_named
 from fg_nav.plain import plain
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.version import version
@@ -79,31 +80,25 @@ def summary(session: Session, outcome: Outcome) -> dict[str, object]:
     }
     if outcome.comparison is not None:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, *_MORE_TRUTH_KEYS)}
-    notes = [*session.recording.provenance.notes, *solution.notes, *metrics.notes]
-    return figures | {"magnetometer": magnetometer(session, solution), "notes": notes}
+    notes = [*session.recording.provenance.notes, *session.notes, *solution.notes, *metrics.notes]
+    return figures | {"magnetometer": magnetometer(session, outcome), "notes": notes}
 
 
-def magnetometer(session: Session, solution: Solution) -> str:
+def magnetometer(session: Session, outcome: Outcome) -> str:
     """Say in words whether the magnetic field had a part in this solution."""
-    if any(verdict != "none" for verdict in solution.stances.field):
+    if outcome.field_used:
         return "used"
     return "not used" if session.recording.mag is not None else "not used (none given)"
 
 
 def config(session: Session, solution: Solution) -> dict[str, object]:
     """Return everything needed to run it again."""
-    recording, stances, options = session.recording, session.stances, session.options
+    stances = session.stances
     return {
         "fg_nav_version": version(),
         "method": solution.method,
-        "recording": _text(recording.provenance.path),
-        "format": recording.provenance.format,
-        "samples": len(recording),
-        "rate_hz": 1.0 / recording.period_s,
-        "truth": _text(options.truth_path) or ("in the recording" if session.truth is not None else None),
-        "heading_deg": options.heading_deg,
-        "use_magnetometer": options.use_magnetometer,
-        "alignment": options.alignment,
+        **recording_facts(session),
+        "alignment": session.options.alignment,
         "detector": {
             "name": stances.detector,
             "threshold": stances.threshold,
@@ -111,7 +106,54 @@ def config(session: Session, solution: Solution) -> dict[str, object]:
             "footfalls": stances.n_footfalls,
             **({} if session.detection is None else {"parameters": asdict(session.detection)}),
         },
+        "field_detector": field_detector(session),
         "parameters": solution.parameters,
+    }
+
+
+def recording_facts(session: Session) -> dict[str, object]:
+    """Which recording it was, and what was done to it."""
+    recording, options = session.recording, session.options
+    return {
+        "recording": _text(recording.provenance.path),
+        "format": recording.provenance.format,
+        "samples": len(recording),
+        "rate_hz": 1.0 / recording.period_s,
+        "truth": _text(options.truth_path) or ("in the recording" if session.truth is not None else None),
+        "heading_deg": options.heading_deg,
+        "use_magnetometer": options.use_magnetometer,
+        "calibration": calibration_facts(session),
+    }
+
+
+def calibration_facts(session: Session) -> dict[str, object] | None:
+    """Return the calibration by file and value, and what it corrected; None without one."""
+    found = session.calibration
+    if found is None:
+        return None
+    magnetometer, accelerometer = found.magnetometer, found.accelerometer
+    return {
+        "file": _text(session.options.calibration_path),
+        "made_from": found.recording,
+        "corrected": session.applied,
+        "hard_iron_uT": None if magnetometer is None else magnetometer.hard_iron_uT,
+        "correction": None if magnetometer is None else magnetometer.correction,
+        "acc_scale": None if accelerometer is None else accelerometer.scale,
+        "acc_bias_m_s2": None if accelerometer is None else accelerometer.bias,
+    }
+
+
+def field_detector(session: Session) -> dict[str, object] | None:
+    """Return what judged the magnetic field, and how much of it passed; None where nothing did."""
+    verdicts = session.verdicts
+    if verdicts is None:
+        return None
+    return {
+        "name": session.options.field_detector,
+        "threshold": verdicts.threshold,
+        "judged": int(verdicts.judged.sum()),
+        "quasi_static": int(verdicts.quasi_static.sum()),
+        "parameters": detector_named(session.options.field_detector),
     }
 
 

@@ -62,7 +62,7 @@ def notes_of(summaries: Sequence[Mapping[str, object]]) -> list[str]:
 
 def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:
     """One column a method, one row a figure that at least one of them has."""
-    table = _table("", *(str(summary["method"]) for summary in summaries))
+    table = ruled_table("", *(str(summary["method"]) for summary in summaries))
     for key, words, pattern in FIGURES:
         values = [summary.get(key) for summary in summaries]
         if any(value is not None for value in values):
@@ -80,7 +80,8 @@ def listing(rows: Sequence[tuple[str, str]]) -> Table:
     return table
 
 
-def _table(*headers: str) -> Table:
+def ruled_table(*headers: str) -> Table:
+    """Return an empty table; all columns but the first are numbers."""
     table = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, pad_edge=False)
     for i, header in enumerate(headers):
         table.add_column(Text(header), justify="right" if i else "left")

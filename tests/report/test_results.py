@@ -8,11 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fg_nav.estimators import ESTIMATORS
 from fg_nav.frames import heading_of
 from fg_nav.io import read_truth
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.results import write_comparison, write_json, write_result
-from fg_nav.session import Session
+from fg_nav.session import Session, solve
 from tests.report import walks
 
 STRIDE_COLUMNS = (
@@ -93,12 +94,15 @@ def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, session
     assert 0 < float(str(summary["rmse_2d_m"])) < 1
 
 
-def test_magnetometer_is_used_when_a_stance_says_so(tmp_path: Path, session: Session) -> None:
-    outcome = walks.outcome(session)
-    accepted = ("accepted", *outcome.solution.stances.field[1:])
-    stances = replace(outcome.solution.stances, field=accepted)
-    write_result(tmp_path, session, replace(outcome, solution=replace(outcome.solution, stances=stances)))
-    assert loaded(tmp_path / "summary.json")["magnetometer"] == "used"
+def test_magnetometer_is_used_when_the_method_says_so(
+    tmp_path: Path, session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = walks.outcome(session).solution
+    for word, words in (("quasi-static", "used"), ("none", "not used")):
+        table = replace(own.stances, field=(word,) * len(own.stances))
+        monkeypatch.setitem(ESTIMATORS, "mine", lambda *_, table=table: replace(own, stances=table))
+        write_result(tmp_path, session, solve(session, "mine"))
+        assert loaded(tmp_path / "summary.json")["magnetometer"] == words
 
 
 def test_config_names_input_version_and_parameters(tmp_path: Path, session: Session) -> None:

@@ -1,0 +1,158 @@
+"""All calibrations that one recording allows: magnetometer by one of four methods, gyroscope, accelerometer at rest.
+
+========== ================================= ======================================================================
+method     what it needs                     module
+========== ================================= ======================================================================
+walk       an ordinary walk that turns       `fg_nav.calibration.walk`
+levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipse` (Ma 2018, robust)
+ellipsoid  the sensor turned over, no walk   `fg_nav.calibration.ellipsoid`
+sphere     the same                          `fg_nav.calibration.unit_sphere` (Munoz Diaz 2017)
+========== ================================= ======================================================================
+
+Not told which, `ellipsoid` is taken where up goes round all of the sensor's axes, else `walk`: only its user knows that
+a place is undisturbed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration.at_rest import accelerometer_at_rest, gyroscope_at_rest
+from fg_nav.calibration.ellipse import ellipse_of_walk
+from fg_nav.calibration.ellipsoid import fitted_ellipsoid
+from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration.unit_sphere import unit_sphere
+from fg_nav.calibration.walk import calibrate_on_walk, circular_sd_deg, corrected_field
+from fg_nav.detection import detect_stances
+from fg_nav.errors import CalibrationError
+from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.recording import Recording
+
+ON_FOOT = ("walk", "levelled")
+TUMBLED = ("ellipsoid", "sphere")
+METHODS = ON_FOOT + TUMBLED
+
+TUMBLED_BELOW = 0.65
+"""Length of the mean direction of up below which a sensor was turned over: 0 for an even tumbling, about 0.5 where
+somebody turned it by hand (BROAD); at feet of simulated and real walks 0.75 to 0.94."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a calibration does to the readings it was made from.
+
+    Attributes
+    ----------
+    strength_before_uT, strength_after_uT : standard deviation of |B| over them.
+    heading_before_deg, heading_after_deg : circular standard deviation of compass minus gyroscope at the footfalls,
+        the gyroscope's drift with it; NaN for a sensor that was turned over.
+    """
+
+    strength_before_uT: float
+    strength_after_uT: float
+    heading_before_deg: float = float("nan")
+    heading_after_deg: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A calibration, why its method was taken, and what it does to its own readings."""
+
+    calibration: Calibration
+    choice: str
+    effect: Effect
+
+
+def calibrate(recording: Recording, method: str | None = None, strength_uT: float | None = None) -> Found:
+    """Calibrate what can be calibrated from a recording.
+
+    Parameters
+    ----------
+    recording : with a magnetometer.
+    method : one of `METHODS`; None to choose by the recording.
+    strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
+
+    Raises
+    ------
+    CalibrationError
+        Without a magnetometer, for a method that is none, a strength that the method cannot use, or where the
+        recording does not show the magnetometer's errors.
+    DetectionError, MagneticError
+        For a method on foot, where there are no footfalls or none with a field.
+    """
+    name, choice = _chosen(recording, method)
+    if strength_uT is not None and name in ON_FOOT:
+        raise CalibrationError(
+            f"the method '{name}' has no use for the strength of the field: leave it out, or take "
+            f"{' or '.join(TUMBLED)}."
+        )
+    magnetometer, effect = _on_foot(recording, name) if name in ON_FOOT else _tumbled(recording, name, strength_uT)
+    path = recording.provenance.path
+    calibration = Calibration(
+        None if path is None else path.name,
+        magnetometer,
+        gyroscope_at_rest(recording),
+        accelerometer_at_rest(recording),
+    )
+    return Found(calibration, choice, effect)
+
+
+def check_method(method: str) -> None:
+    """Raise `CalibrationError` if there is no such method."""
+    if method not in METHODS:
+        raise CalibrationError(f"there is no method '{method}' of calibration: choose one of {', '.join(METHODS)}.")
+
+
+def _chosen(recording: Recording, method: str | None) -> tuple[str, str]:
+    """Name of the method, and why."""
+    if recording.mag is None:
+        raise CalibrationError("the recording has no magnetometer to calibrate: record it with one.")
+    if method is not None:
+        check_method(method)
+        return method, f"{method}, as told"
+    length = mean_direction_of_up(recording)
+    if length < TUMBLED_BELOW:
+        return "ellipsoid", "ellipsoid, for the sensor was turned over in all directions"
+    return "walk", "walk, for the sensor stayed upright"
+
+
+def mean_direction_of_up(recording: Recording) -> float:
+    """Length of the mean of the specific force's directions in the body: 1 if it is always the same axis that is up."""
+    size = np.linalg.norm(recording.acc, axis=1)
+    felt = size > 0.0
+    return float(np.linalg.norm((recording.acc[felt] / size[felt, None]).mean(axis=0)))
+
+
+def _on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
+    field = footfall_field(recording, detect_stances(recording))
+    found = calibrate_on_walk(field) if name == "walk" else ellipse_of_walk(field)[1]
+    after = corrected_field(field, found)
+    return found, Effect(_scatter(field.strength), _scatter(after.strength), _spread(field), _spread(after))
+
+
+def _tumbled(recording: Recording, name: str, strength_uT: float | None) -> tuple[MagnetometerCalibration, Effect]:
+    assert recording.mag is not None
+    find = fitted_ellipsoid if name == "ellipsoid" else _sphere
+    found = find(recording.mag, strength_uT)
+    before, after = (np.linalg.norm(mag, axis=1) for mag in (recording.mag, found.corrected(recording.mag)))
+    return found, Effect(_scatter(before), _scatter(after))
+
+
+def _sphere(readings: Floats, strength_uT: float | None) -> MagnetometerCalibration:
+    """To the unit sphere, and from it to the strength; if that is not known det C = 1, as for the ellipsoid."""
+    if strength_uT is None:
+        strength_uT = float(np.linalg.det(unit_sphere(readings).correction) ** (-1 / 3))
+    return unit_sphere(readings, strength_uT)
+
+
+def _scatter(values: Floats) -> float:
+    return float(np.nanstd(values))
+
+
+def _spread(field: FootfallField) -> float:
+    difference = field.heading_difference
+    return circular_sd_deg(difference[np.isfinite(difference)])

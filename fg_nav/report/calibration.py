@@ -1,0 +1,83 @@
+"""A calibration as it is printed: each parameter with its sigma, what it does to the readings, how far to trust it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
+from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
+from fg_nav.calibration.of_recording import Found
+from fg_nav.report.terminal import console, listing, ruled_table
+
+Row = tuple[str, str, str]
+"""Name with unit, value, sigma."""
+
+
+def print_calibration(found: Found, place: Path) -> None:
+    """Print parameters, effect and verdict, and where the file is."""
+    out = console()
+    table = ruled_table("parameter", "value", "sigma")
+    for row in parameter_rows(found.calibration):
+        table.add_row(*row)
+    out.print(table)
+    out.print()
+    out.print(listing([*effect_rows(found), ("file", str(place))]), soft_wrap=True)
+
+
+def parameter_rows(calibration: Calibration) -> list[Row]:
+    """Every parameter that was found."""
+    return [
+        *_of_magnetometer(calibration.magnetometer),
+        *_of_gyroscope(calibration.gyroscope),
+        *_of_accelerometer(calibration.accelerometer),
+    ]
+
+
+def effect_rows(found: Found) -> list[tuple[str, str]]:
+    """Method, effect on its own readings, and notes."""
+    effect, magnetometer = found.effect, found.calibration.magnetometer
+    rows = [("method", found.choice), ("strength of the field, sd", _change(
+        effect.strength_before_uT, effect.strength_after_uT, "uT"
+    ))]  # fmt: skip
+    if np.isfinite(effect.heading_before_deg):
+        words = _change(effect.heading_before_deg, effect.heading_after_deg, "deg")
+        rows.append(("compass - gyroscope, circular sd", words))
+    if magnetometer is not None:
+        rows.append(("residual", f"{magnetometer.residual_uT:.3g} uT over {magnetometer.samples} readings"))
+        rows += [("verdict" if i == 0 else "", note) for i, note in enumerate(magnetometer.notes)]
+    return rows
+
+
+def _change(before: float, after: float, unit: str) -> str:
+    return f"{before:.2f} {unit} before, {after:.2f} {unit} after"
+
+
+def _of_magnetometer(found: MagnetometerCalibration | None) -> Iterator[Row]:
+    if found is None:
+        return
+    for name, value, sigma in zip("xyz", found.hard_iron_uT, found.sigma[:3], strict=True):
+        yield f"hard iron {name} (uT)", f"{value:.2f}", f"{sigma:.2f}"
+    for i, j, sigma in zip(*UPPER, found.sigma[3:], strict=True):
+        yield f"correction {'xyz'[i]}{'xyz'[j]}", f"{found.correction[i, j]:.4f}", f"{sigma:.4f}"
+
+
+def _of_gyroscope(found: GyroscopeCalibration | None) -> Iterator[Row]:
+    if found is None:
+        return
+    for name, value, sigma in zip("xyz", np.degrees(found.bias), np.degrees(found.sigma), strict=True):
+        yield f"gyro bias {name} (deg/s)", f"{value:.3f}", f"{sigma:.3f}"
+
+
+def _of_accelerometer(found: AccelerometerCalibration | None) -> Iterator[Row]:
+    if found is None:
+        return
+    if not found.separable:
+        yield "acc at rest, over gravity", f"{found.scale:.4f}", "-"
+        return
+    yield "acc scale", f"{found.scale:.4f}", f"{found.scale_sigma:.4f}"
+    for name, value, sigma in zip("xyz", found.bias, found.bias_sigma, strict=True):
+        yield f"acc bias {name} (m/s^2)", f"{value:.3f}", f"{sigma:.3f}"

@@ -1,0 +1,113 @@
+"""The files of a look at the field, and the table that is printed.
+
+==================== =======================================================================================
+field.csv            one row a footfall: `FOOTFALL_COLUMNS`, then statistic and verdict of each detector
+detect.json          what was looked at, the coverage and the parameters of each detector
+==================== =======================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from rich.table import Table
+
+from fg_nav.arrays import Floats
+from fg_nav.magnetic import FieldVerdicts
+from fg_nav.magnetic.disturbance import DisturbanceParameters
+from fg_nav.magnetic.quasi_static import detector_named
+from fg_nav.report.field_survey import SAMPLEWISE, Coverage, FieldSurvey
+from fg_nav.report.results import recording_facts, write_json
+from fg_nav.report.terminal import console, ruled_table
+
+if TYPE_CHECKING:
+    from fg_nav.session import Session
+
+FOOTFALL_COLUMNS = (
+    "index", "time_s", "strength_uT", "inclination_deg", "compass_heading_deg", "gyro_heading_deg", "difference_deg",
+)  # fmt: skip
+
+
+def write_survey(folder: Path, session: Session, survey: FieldSurvey) -> None:
+    """Write both files into an existing folder."""
+    frame = footfall_frame(survey)
+    frame["time_s"] = frame["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
+    frame.to_csv(folder / "field.csv", index=False, float_format="%.9g")
+    write_json(folder / "detect.json", facts(session, survey))
+
+
+def footfall_frame(survey: FieldSurvey) -> pd.DataFrame:
+    """Table of the footfalls; headings in [0, 360) deg clockwise from north, differences in [-180, 180)."""
+    field = survey.field
+    columns = [
+        np.arange(len(field)), field.t, field.strength, np.degrees(field.inclination),
+        np.degrees(survey.compass_heading) % 360.0, np.degrees(field.gyro_heading) % 360.0,
+        np.degrees(survey.difference),
+    ]  # fmt: skip
+    table: dict[str, object] = dict(zip(FOOTFALL_COLUMNS, columns, strict=True))
+    for name, verdicts in survey.verdicts.items():
+        table |= {f"{name}_statistic": verdicts.statistic, f"{name}_verdict": verdicts.words}
+    return pd.DataFrame(table)
+
+
+def facts(session: Session, survey: FieldSurvey) -> dict[str, object]:
+    """Everything needed to do it again, and the coverage."""
+    field = survey.field
+    return {
+        **recording_facts(session),
+        "notes": [*session.recording.provenance.notes, *session.notes],
+        "path_method": survey.solution.method,
+        "earth": survey.earth,
+        "footfalls": len(field),
+        "footfalls_with_field": int(np.isfinite(field.strength).sum()),
+        "strength_median_uT": _median(field.strength),
+        "inclination_median_deg": _median(np.degrees(field.inclination)),
+        "drawn_in_colour": survey.chosen,
+        "detectors": {one.detector: _of_detector(one, survey.verdicts[one.detector]) for one in survey.coverage},
+    }
+
+
+def _of_detector(found: Coverage, verdicts: FieldVerdicts) -> dict[str, object]:
+    return {
+        "threshold": verdicts.threshold,
+        "judged": found.judged,
+        "quasi_static": found.accepted,
+        "share": found.share,
+        "longest_run": found.longest_run,
+        "change_deg": found.change_deg,
+        "change_all_deg": found.change_all_deg,
+        "parameters": DisturbanceParameters() if found.detector == SAMPLEWISE else detector_named(found.detector),
+    }
+
+
+def _median(values: Floats) -> float:
+    return float(np.median(values[np.isfinite(values)]))
+
+
+def print_survey(session: Session, survey: FieldSurvey, place: Path) -> None:
+    """Print the coverage of each detector, the notes, and where the files are."""
+    out = console()
+    out.print(coverage_table(survey.coverage))
+    for note in (*session.recording.provenance.notes, *session.notes):
+        out.print(f"note: {note}", soft_wrap=True)
+    out.print(f"files: {place}", soft_wrap=True)
+    out.print(f"pictures: {', '.join(sorted(path.name for path in place.glob('*.png')))}", soft_wrap=True)
+
+
+def coverage_table(found: Sequence[Coverage]) -> Table:
+    """One row a detector."""
+    table = ruled_table(
+        "detector", "judged", "quasi-static", "share", "longest run", "compass - gyro, change", "of all footfalls"
+    )
+    for one in found:
+        counts = (str(one.judged), str(one.accepted), f"{100 * one.share:.1f} %", str(one.longest_run))
+        table.add_row(one.detector, *counts, _degrees(one.change_deg), _degrees(one.change_all_deg))
+    return table
+
+
+def _degrees(value: float) -> str:
+    return f"{value:.1f} deg" if np.isfinite(value) else "-"

@@ -1,0 +1,168 @@
+"""What the detectors make of the field along a walk, and what that is worth.
+
+The change of the compass against the gyroscope from one footfall to the next is the one measure of a verdict's worth
+that needs no truth: over a stride the gyroscope is right to a tenth of a degree, so what is left is the field's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats
+from fg_nav.errors import MagneticError
+from fg_nav.frames import wrap
+from fg_nav.magnetic import FieldVerdicts, FootfallField
+from fg_nav.magnetic.disturbance import FEWEST, DisturbanceParameters, judge_samples
+from fg_nav.magnetic.quasi_static import DETECTORS, judge
+from fg_nav.recording import Recording
+from fg_nav.solution import Solution
+from fg_nav.stances import runs
+
+if TYPE_CHECKING:
+    from fg_nav.earth import EarthField
+
+SAMPLEWISE = "munoz-diaz"
+"""Judges every sample by the second before it; told and drawn is what it says at the footfalls' samples."""
+
+SURVEYED = (*DETECTORS, SAMPLEWISE)
+"""What can be put to a walk, in the order of tables and pictures."""
+
+
+@dataclass(frozen=True)
+class FieldSurvey:
+    """The field of a walk and what each detector says of it.
+
+    Attributes
+    ----------
+    field : at the footfalls.
+    verdicts : by detector.
+    chosen : the detector that colours what has one colour only.
+    solution : of a quick estimator, to draw the map on.
+    earth : undisturbed field at the place and date; None where they were not given.
+    """
+
+    field: FootfallField
+    verdicts: Mapping[str, FieldVerdicts]
+    chosen: str
+    solution: Solution
+    earth: EarthField | None = None
+
+    @property
+    def declination(self) -> float:
+        """Of magnetic north, rad clockwise from true north; 0 where the place is not known."""
+        return 0.0 if self.earth is None else self.earth.declination
+
+    @property
+    def compass_heading(self) -> Floats:
+        """(F,) rad clockwise from true north, or from magnetic north where the place is not known."""
+        return wrap(self.field.magnetic_heading + self.declination)
+
+    @property
+    def difference(self) -> Floats:
+        """(F,) rad, compass minus gyroscope, wrapped."""
+        return wrap(self.compass_heading - self.field.gyro_heading)
+
+    @property
+    def offset(self) -> float:
+        """Circular mean of the difference, rad: the heading at the start, where it was not given."""
+        known = self.difference[np.isfinite(self.difference)]
+        return float(np.angle(np.exp(1j * known).mean())) if len(known) else 0.0
+
+    @cached_property
+    def position(self) -> Floats:
+        """(F, 3) m of the footfalls."""
+        return self.solution.position[self.field.sample]
+
+    @property
+    def coverage(self) -> tuple[Coverage, ...]:
+        """What each detector accepts."""
+        return tuple(coverage(self.field, name, verdicts) for name, verdicts in self.verdicts.items())
+
+
+def check_surveyed(name: str) -> None:
+    """Raise `MagneticError` if there is no detector of this name."""
+    if name not in SURVEYED:
+        raise MagneticError(f"there is no detector '{name}': choose one of {', '.join(SURVEYED)}.")
+
+
+def surveyed(
+    recording: Recording,
+    field: FootfallField,
+    detectors: Sequence[str],
+    solution: Solution,
+    earth: EarthField | None = None,
+) -> FieldSurvey:
+    """Put each detector to a walk, in the order of `SURVEYED`; the first of `detectors` colours.
+
+    Raises
+    ------
+    MagneticError
+        If one cannot judge this walk.
+    """
+    ordered = [name for name in SURVEYED if name in detectors]
+    verdicts = {name: _of_samples(recording, field) if name == SAMPLEWISE else judge(field, name) for name in ordered}
+    return FieldSurvey(field, verdicts, detectors[0], solution, earth)
+
+
+def _of_samples(recording: Recording, field: FootfallField) -> FieldVerdicts:
+    """Verdicts of the sample-wise detector where the footfalls are; its threshold is that of a full window."""
+    p = DisturbanceParameters()
+    statistic = judge_samples(recording, p).statistic[field.sample]
+    reason = f"scatter of the strength over {p.window_s:g} s"
+    full = max(round(p.window_s / recording.period_s), FEWEST)
+    return FieldVerdicts(SAMPLEWISE, statistic, p.threshold(full), (reason,) * len(field))
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How much of a walk a detector accepts, and what that is worth.
+
+    Attributes
+    ----------
+    detector : its name.
+    footfalls, judged, accepted : counts.
+    longest_run : accepted footfalls in a row.
+    change_deg : median of the change of compass minus gyroscope between neighbours that are both accepted; NaN
+        without any.
+    change_all_deg : the same over all neighbours.
+    """
+
+    detector: str
+    footfalls: int
+    judged: int
+    accepted: int
+    longest_run: int
+    change_deg: float
+    change_all_deg: float
+
+    @property
+    def share(self) -> float:
+        """Accepted, of all footfalls."""
+        return self.accepted / self.footfalls if self.footfalls else 0.0
+
+
+def coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -> Coverage:
+    """Count what a detector accepts."""
+    accepted = verdicts.quasi_static
+    first, after = runs(accepted)
+    return Coverage(
+        name,
+        len(field),
+        int(verdicts.judged.sum()),
+        int(accepted.sum()),
+        int(np.max(after - first, initial=0)),
+        _median_change(field, accepted),
+        _median_change(field, np.ones(len(field), dtype=bool)),
+    )
+
+
+def _median_change(field: FootfallField, counted: Bools) -> float:
+    """Median |change| in deg of compass minus gyroscope between neighbours that both count."""
+    change = np.abs(np.degrees(wrap(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
+    change = change[np.isfinite(change)]
+    return float(np.median(change)) if len(change) else float("nan")

@@ -1,0 +1,25 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+from fg_nav import cli
+from tests.command_line import FgNav, Ran
+
+
+@pytest.fixture
+def fg_nav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> FgNav:
+    """Call the command line's entry point in an empty working directory."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+
+    def call(*arguments: object) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["fg-nav", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        said = capsys.readouterr()
+        code = left.value.code
+        return Ran(code if isinstance(code, int) else 0, said.out, said.err)
+
+    return call

@@ -1,0 +1,221 @@
+"""`fg-nav calibrate`, and runs with what it wrote: on a loop, on a sensor turned over, on what cannot be used."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration.file import read_calibration, write_calibration
+from fg_nav.calibration.of_recording import METHODS
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.io import read, write_canonical
+from fg_nav.recording import Recording
+from fg_nav.simulation import simulate
+from tests.command_line import FgNav, names
+
+EARTH = np.array([0.0, 21.0, -43.0])
+"""uT, in nav."""
+HARD_IRON = np.array([14.0, -8.0, 5.0])
+SOFT_IRON = np.array([[1.08, 0.03, 0.0], [0.03, 0.95, -0.02], [0.0, -0.02, 1.01]])
+NOISE_UT = 0.3
+
+
+def tumbled(seconds: float = 60.0, rate_hz: float = 100.0, seed: int = 1) -> Recording:
+    """A sensor turned over in all directions by hand; it never walks."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(seconds * rate_hz)) / rate_hz
+    rate = np.stack([np.sin(0.31 * t), np.cos(0.23 * t), 0.7 * np.sin(0.17 * t + 1.0)], axis=1)
+    nav_R_body = attitudes(rate, 1.0 / rate_hz)
+    acc = np.einsum("nji,j->ni", nav_R_body, [0.0, 0.0, GRAVITY_M_S2]) + 0.02 * rng.normal(size=(len(t), 3))
+    field = np.einsum("nji,j->ni", nav_R_body, EARTH)
+    mag = field @ SOFT_IRON.T + HARD_IRON + NOISE_UT * rng.normal(size=(len(t), 3))
+    return Recording(t, acc, rate, mag)
+
+
+def attitudes(rate: Floats, period_s: float) -> Floats:
+    """Attitudes (N, 3, 3) that these body rates lead to."""
+    now, found = Rotation.identity(), []
+    for step in Rotation.from_rotvec(rate * period_s):
+        found.append(now.as_matrix())
+        now = now * step
+    return np.array(found)
+
+
+def straight(recording: Recording, seconds: float = 9.0) -> Recording:
+    """The first strides of a walk, which have one heading."""
+    return recording.slice(0, int(seconds / recording.period_s))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with `loop.csv`, `tumbled.csv`, `straight.csv`, `no-mag.csv`."""
+    folder = tmp_path_factory.mktemp("recordings")
+    loop = simulate("calibration-loop", 101).recording
+    write_canonical(loop, folder / "loop.csv")
+    write_canonical(straight(loop), folder / "straight.csv")
+    write_canonical(replace(loop, mag=None), folder / "no-mag.csv")
+    write_canonical(tumbled(), folder / "tumbled.csv")
+    return folder
+
+
+def spread_deg(table: pd.DataFrame) -> float:
+    """Circular standard deviation of compass minus gyroscope."""
+    resultant = np.abs(np.exp(1j * np.radians(table["difference_deg"])).mean())
+    return float(np.degrees(np.sqrt(-2 * np.log(resultant))))
+
+
+@pytest.mark.parametrize("arguments", [[], ["--method", "levelled"]], ids=["walk", "levelled"])
+def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
+    fg_nav: FgNav, files: Path, arguments: list[str]
+) -> None:
+    ran = fg_nav("calibrate", files / "loop.csv", "--out", "deep/cal.json", *arguments)
+    assert ran.code == 0, ran.err
+    assert ran.err == ""
+    assert names(Path("deep")) == {"cal.json"}
+    for words in ("hard iron x (uT)", "gyro bias z (deg/s)", "before", "verdict", "deep/cal.json"):
+        assert words in ran.out
+    assert ("as told" in ran.out) == bool(arguments)
+    assert read_calibration(Path("deep/cal.json")).recording == "loop.csv"
+    fg_nav("detect", files / "loop.csv", "--detector", "qsf", "--out", "raw")
+    ran = fg_nav("detect", files / "loop.csv", "--detector", "qsf", "--out", "cal", "--calibration", "deep/cal.json")
+    assert ran.code == 0, ran.err
+    raw, corrected = (spread_deg(pd.read_csv(Path(name) / "field.csv")) for name in ("raw", "cal"))
+    assert raw > 15.0
+    assert corrected < 3.0
+    assert "corrected by the calibration: magnetometer" in ran.out
+
+
+def test_a_sensor_turned_over_is_recognised_and_calibrated(fg_nav: FgNav, files: Path) -> None:
+    ran = fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json")
+    assert ran.code == 0, ran.err
+    assert "turned over in all directions" in ran.out
+    found = read_calibration(Path("cal.json")).magnetometer
+    assert found is not None
+    off = (found.hard_iron_uT - HARD_IRON) / found.sigma[:3]
+    assert np.abs(off).max() < 5
+    assert found.sigma[:3].max() < 0.1
+
+
+@pytest.mark.parametrize("method", ["ellipsoid", "sphere"])
+def test_a_known_strength_gives_the_scale(fg_nav: FgNav, files: Path, method: str) -> None:
+    strength = float(np.linalg.norm(EARTH))
+    told = ("--method", method, "--strength", strength)
+    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json", *told).code == 0
+    found = read_calibration(Path("cal.json")).magnetometer
+    assert found is not None
+    mag = read(files / "tumbled.csv").mag
+    assert mag is not None
+    assert np.linalg.norm(found.corrected(mag), axis=1).mean() == pytest.approx(strength, abs=0.1)
+    assert np.linalg.inv(found.correction) == pytest.approx(SOFT_IRON, abs=0.01)
+
+
+@pytest.mark.parametrize("method", ["ellipsoid", "sphere"])
+def test_an_unknown_strength_leaves_the_size_of_the_readings(fg_nav: FgNav, files: Path, method: str) -> None:
+    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "cal.json", "--method", method).code == 0
+    found = read_calibration(Path("cal.json")).magnetometer
+    assert found is not None
+    assert np.linalg.det(found.correction) == pytest.approx(1.0, abs=1e-6)
+    assert found.strength_uT == pytest.approx(np.linalg.norm(EARTH) * np.cbrt(np.linalg.det(SOFT_IRON)), abs=0.2)
+
+
+def test_run_and_compare_tell_what_was_corrected(fg_nav: FgNav, files: Path) -> None:
+    assert fg_nav("calibrate", files / "loop.csv", "--out", "cal.json").code == 0
+    ran = fg_nav("run", files / "loop.csv", "--method", "iez", "--calibration", "cal.json", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert "corrected by the calibration: magnetometer (walk)" in ran.out
+    config = json.loads(Path("out/config.json").read_text())["calibration"]
+    assert (config["file"], config["made_from"]) == ("cal.json", "loop.csv")
+    assert config["corrected"] == ["magnetometer (walk)"]
+    known = read_calibration(Path("cal.json")).magnetometer
+    assert known is not None
+    assert config["hard_iron_uT"] == known.hard_iron_uT.tolist()
+    assert config["correction"] == known.correction.tolist()
+    plain = fg_nav("run", files / "loop.csv", "--method", "iez", "--out", "plain")
+    assert "corrected" not in plain.out
+    assert json.loads(Path("plain/config.json").read_text())["calibration"] is None
+    bias, plain_bias = (pd.read_csv(f"{out}/strides.csv").filter(like="gyro_bias") for out in ("out", "plain"))
+    pd.testing.assert_frame_equal(bias, plain_bias)  # of a calibration the gyroscope's bias is not taken off
+    ran = fg_nav("compare", files / "loop.csv", "--methods", "iez", "--calibration", "cal.json", "--out", "both")
+    assert json.loads(Path("both/iez/config.json").read_text())["calibration"]["corrected"] == ["magnetometer (walk)"]
+
+
+def test_an_accelerometer_is_corrected_where_scale_and_bias_are_known(fg_nav: FgNav, files: Path) -> None:
+    assert fg_nav("calibrate", files / "loop.csv", "--out", "cal.json").code == 0
+    known = read_calibration(Path("cal.json"))
+    assert known.accelerometer is not None
+    assert not known.accelerometer.separable
+    accelerometer = replace(known.accelerometer, scale=1.02, bias=np.zeros(3), separable=True)
+    write_calibration(Path("scaled.json"), replace(known, accelerometer=accelerometer))
+    distance = {}
+    for name in ("cal", "scaled"):
+        ran = fg_nav("run", files / "loop.csv", "--method", "iez", "--calibration", f"{name}.json", "--out", name)
+        assert ran.code == 0, ran.err
+        distance[name] = json.loads(Path(name, "summary.json").read_text())["distance_m"]
+    assert json.loads(Path("scaled/config.json").read_text())["calibration"]["corrected"][1] == "accelerometer"
+    assert distance["cal"] / distance["scaled"] == pytest.approx(1.02, abs=0.01)
+
+
+def test_without_the_magnetometer_its_calibration_is_left_out(fg_nav: FgNav, files: Path) -> None:
+    assert fg_nav("calibrate", files / "loop.csv", "--out", "cal.json").code == 0
+    told = ("--method", "iez", "--calibration", "cal.json")
+    ran = fg_nav("run", files / "loop.csv", *told, "--no-mag", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert json.loads(Path("out/config.json").read_text())["calibration"]["corrected"] == []
+    assert fg_nav("run", files / "no-mag.csv", *told, "--out", "none").refused("no magnetometer")
+    assert not Path("none").exists()
+
+
+def test_only_an_older_calibration_is_replaced_and_only_with_force(fg_nav: FgNav, files: Path) -> None:
+    arguments = ("calibrate", files / "tumbled.csv", "--out", "cal.json")
+    assert fg_nav(*arguments).code == 0
+    first = Path("cal.json").read_text().replace("{", "{ ", 1)
+    Path("cal.json").write_text(first)
+    assert fg_nav(*arguments).refused("cal.json already exists", "--force")
+    assert Path("cal.json").read_text() == first
+    assert fg_nav(*arguments, "--force").code == 0
+    assert Path("cal.json").read_text() != first
+    Path("mine.csv").write_text("my measurements")
+    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "mine.csv", "--force").refused("mine.csv", "--out")
+    assert Path("mine.csv").read_text() == "my measurements"
+    Path("folder").mkdir()
+    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "folder", "--force").refused("folder is a folder")
+    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "mine.csv/cal.json").refused("mine.csv is no folder")
+    assert names(Path()) == {"cal.json", "mine.csv", "folder"}
+
+
+@pytest.mark.parametrize(
+    ("recording", "arguments", "words"),
+    [
+        ("no-mag.csv", [], ["no magnetometer"]),
+        ("straight.csv", [], ["walk"]),
+        ("straight.csv", ["--method", "levelled"], []),
+        ("loop.csv", ["--method", "magic"], ["no method 'magic'", *METHODS]),
+        ("loop.csv", ["--strength", "48"], ["'walk'", "strength", "ellipsoid"]),
+        ("tumbled.csv", ["--strength", "-3"], ["-3"]),
+        ("tumbled.csv", ["--strength", "nan"], ["nan"]),
+        ("tumbled.csv", ["--strength", "48", "--place", "48,11,2025-01-01"], ["--strength", "--place"]),
+        ("tumbled.csv", ["--place", "the moon"], ["the moon"]),
+        ("tumbled.csv", ["--method", "walk"], []),
+        ("nothing.csv", [], ["nothing.csv"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else value,
+)  # fmt: skip
+def test_what_cannot_be_calibrated_is_refused_in_one_line(
+    fg_nav: FgNav, files: Path, recording: str, arguments: list[str], words: list[str]
+) -> None:
+    assert fg_nav("calibrate", files / recording, "--out", "cal.json", *arguments).refused(*words)
+    assert not names(Path())
+
+
+def test_a_broken_calibration_is_refused_before_the_work(fg_nav: FgNav, files: Path) -> None:
+    for name, content in {"cut.json": "{", "foreign.json": "{}", "walk.csv": "time_s\n1\n"}.items():
+        Path(name).write_text(content)
+        for command in ("run", "compare", "detect"):
+            assert fg_nav(command, files / "loop.csv", "--calibration", name, "--out", "out").refused(name)
+    assert fg_nav("run", files / "loop.csv", "--calibration", "none.json").refused("none.json does not exist")
+    assert names(Path()) == {"cut.json", "foreign.json", "walk.csv"}

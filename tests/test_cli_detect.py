@@ -1,0 +1,174 @@
+"""`fg-nav detect`, and the verdicts on the field in the results of every method."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import typer
+import typer.core
+
+from fg_nav.cli import app
+from fg_nav.frames import wrap
+from fg_nav.io import write_canonical, write_tum
+from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.report.field_survey import SAMPLEWISE
+from fg_nav.report.folder import DETECT_FILES
+from fg_nav.simulation import simulate
+from tests.command_line import FgNav, names
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with `walk.csv`, `truth.tum`, `no-mag.csv`, and `slow.csv` with a magnetometer at 1 Hz."""
+    folder = tmp_path_factory.mktemp("recordings")
+    recording = simulate("demo", 5).recording
+    truth = recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    write_canonical(recording, folder / "walk.csv")
+    write_canonical(replace(recording, mag=None), folder / "no-mag.csv")
+    write_canonical(slow(recording), folder / "slow.csv")
+    write_tum(folder / "truth.tum", truth.t, truth.position, truth.nav_R_body)
+    return folder
+
+
+def slow(recording: Recording) -> Recording:
+    """Of the magnetometer only one sample a second."""
+    assert recording.mag is not None
+    mag = np.full_like(recording.mag, np.nan)
+    kept = np.arange(0, len(recording), round(1.0 / recording.period_s))
+    mag[kept] = recording.mag[kept]
+    return replace(recording, mag=mag)
+
+
+def table(folder: str, name: str = "field.csv") -> pd.DataFrame:
+    return pd.read_csv(Path(folder) / name, keep_default_na=False, na_values=[""])
+
+
+def facts(folder: str, name: str = "detect.json") -> dict[str, Any]:
+    content = json.loads((Path(folder) / name).read_text())
+    assert isinstance(content, dict)
+    return content
+
+
+def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) -> None:
+    ran = fg_nav("detect", files / "walk.csv", "--truth", files / "truth.tum", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert ran.err == ""
+    assert names(Path("out")) == DETECT_FILES
+    found, said = table("out"), facts("out")
+    assert list(said["detectors"]) == [*DETECTORS, SAMPLEWISE]
+    assert said["drawn_in_colour"] == DEFAULT
+    for name, one in said["detectors"].items():
+        assert one["quasi_static"] == (found[f"{name}_verdict"] == "quasi-static").sum()
+        assert one["judged"] == found[f"{name}_statistic"].notna().sum()
+        assert name in ran.out
+    difference = np.radians(found["compass_heading_deg"] - found["gyro_heading_deg"])
+    np.testing.assert_allclose(np.degrees(wrap(difference)), found["difference_deg"], atol=1e-6)
+    for words in ("longest run", "files: out", "field.png, field_map.png"):
+        assert words in ran.out
+
+
+def test_every_method_writes_the_same_verdicts(fg_nav: FgNav, files: Path) -> None:
+    assert fg_nav("detect", files / "walk.csv", "--detector", "aiez", "--out", "look").code == 0
+    ran = fg_nav("compare", files / "walk.csv", "--detector", "aiez", "--out", "out")
+    assert ran.code == 0, ran.err
+    verdicts = table("look")["aiez_verdict"]
+    assert {"none", "disturbed", "quasi-static"} == set(verdicts)
+    for method in ("smoother", "iez"):
+        strides = table(f"out/{method}", "strides.csv")
+        assert list(strides["field"]) == list(verdicts)
+        judged = strides["field"] != "none"
+        assert strides["field_reason"][judged].str.contains("threshold").all()
+        config = facts(f"out/{method}", "config.json")["field_detector"]
+        assert config["name"] == "aiez"
+        assert config["quasi_static"] == (verdicts == "quasi-static").sum()
+        assert config["parameters"]["channels"]
+
+
+def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav, files: Path) -> None:
+    pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
+    walk = files / "walk.csv"
+    assert fg_nav("detect", walk, "--detector", "qsf", "--out", "plain").code == 0
+    assert fg_nav("detect", walk, "--detector", "qsf", "--heading", "30", "--out", "turned").code == 0
+    where = ("--place", "64.1,-21.9,2025-06-01")  # Reykjavik: about 11 deg west
+    assert fg_nav("detect", walk, "--detector", "qsf", *where, "--out", "there").code == 0
+    plain, turned, there = (table(name) for name in ("plain", "turned", "there"))
+    for column, change, other in (("gyro_heading_deg", 30.0, turned), ("compass_heading_deg", -11.0, there)):
+        by = np.degrees(wrap(np.radians(other[column] - plain[column])))
+        np.testing.assert_allclose(by, change, atol=1.0)
+    pd.testing.assert_series_equal(plain["qsf_statistic"], turned["qsf_statistic"])
+    pd.testing.assert_series_equal(plain["qsf_statistic"], there["qsf_statistic"])
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "reason"),
+    [
+        ("walk.csv", ["--no-mag"], "left out"),
+        ("no-mag.csv", [], "no magnetometer"),
+        ("slow.csv", [], "samples of the field"),
+    ],
+    ids=["left out", "none", "too slow"],
+)
+def test_a_field_that_cannot_be_judged_fails_no_run(
+    fg_nav: FgNav, files: Path, name: str, arguments: list[str], reason: str
+) -> None:
+    ran = fg_nav("run", files / name, "--method", "iez", *arguments, "--out", "out")
+    assert ran.code == 0, ran.err
+    strides = table("out", "strides.csv")
+    assert set(strides["field"]) == {"none"}
+    assert strides["field_reason"].str.contains(reason).all()
+    assert facts("out", "config.json")["field_detector"] is None
+    assert ("note: the field was not judged" in ran.out) == (name == "slow.csv")
+
+
+def test_detect_replaces_its_own_files_only(fg_nav: FgNav, files: Path) -> None:
+    arguments = ("detect", files / "walk.csv", "--detector", "qsf")
+    assert fg_nav(*arguments).code == 0
+    assert names(Path("results")) == {"walk-detect-1"}
+    out = ("--out", "results/walk-detect-1")
+    assert fg_nav(*arguments, *out).refused("already holds a result", "--force")
+    assert fg_nav(*arguments, *out, "--force").code == 0
+    assert fg_nav("run", files / "walk.csv", *out, "--force").refused("does not write")
+    Path("results/walk-detect-1/notes.txt").write_text("mine")
+    assert fg_nav(*arguments, *out, "--force").refused("notes.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "words"),
+    [
+        ("no-mag.csv", [], ["no magnetometer"]),
+        ("slow.csv", [], ["10 Hz"]),
+        ("walk.csv", ["--detector", "magic"], ["no detector 'magic'", DEFAULT]),
+        ("walk.csv", ["--detector", "qsf,,aiez"], ["no detector ''"]),
+        ("walk.csv", ["--place", "nowhere"], ["nowhere"]),
+        ("walk.csv", ["--heading", "nan"], ["nan"]),
+        ("walk.csv", ["--truth", "nowhere.tum"], ["nowhere.tum"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else value,
+)
+def test_what_cannot_be_looked_at_is_refused_in_one_line(
+    fg_nav: FgNav, files: Path, name: str, arguments: list[str], words: list[str]
+) -> None:
+    assert fg_nav("detect", files / name, *arguments, "--out", "out").refused(*words)
+    assert not names(Path())
+
+
+def test_run_refuses_a_detector_that_there_is_not(fg_nav: FgNav, files: Path) -> None:
+    for command in ("run", "compare"):
+        assert fg_nav(command, files / "walk.csv", "--detector", "magic").refused("no detector 'magic'", DEFAULT)
+    assert not names(Path())
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_the_help_names_the_default_detector(command: str) -> None:
+    commands = typer.main.get_command(app)
+    assert isinstance(commands, typer.core.TyperGroup)
+    options = commands.commands[command].params
+    (words,) = [str(getattr(option, "help", "")) for option in options if option.name == "detector"]
+    assert f"[default: {DEFAULT}]" in words
