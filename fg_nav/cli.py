@@ -9,20 +9,20 @@ from __future__ import annotations
 import io
 import sys
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from fg_nav.errors import CalibrationError, FgNavError, OutputError, SimulationError
+from fg_nav.errors import CalibrationError, FgNavError, MagneticError, OutputError, SimulationError
 
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
     from fg_nav.recording import Recording
-    from fg_nav.report.field_survey import FieldSurvey
     from fg_nav.session import Options, Outcome, Session
     from fg_nav.simulation import Choices, SimulatedWalk
 
@@ -40,6 +40,9 @@ app = typer.Typer(
     name="fg-nav", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
 )  # fmt: skip
+
+Target = Callable[[], AbstractContextManager[tuple[Path, Path]]]
+"""Makes the folder of a result: where it will be, and where to write until it is complete."""
 
 RecordingPath = Annotated[
     Path, typer.Argument(metavar="RECORDING", show_default=False, help="File with the recording.")
@@ -143,12 +146,13 @@ def run(
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
     _methods_exist([method])
     _check_free(out, force)
+    from fg_nav.report.writing import write_run_folder
     from fg_nav.session import load
 
     session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration))
     outcomes = _solved(session, [method])
     with _folder(out, force, f"{recording.stem}-{method}") as (place, folder):
-        _write_run(folder, session, outcomes[method])
+        write_run_folder(folder, session, outcomes[method])
     _show(session, outcomes, place)
 
 
@@ -170,12 +174,13 @@ def compare(
     names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
     _methods_exist(names)
     _check_free(out, force)
+    from fg_nav.report.writing import write_comparison_folder
     from fg_nav.session import load
 
     session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration))
     outcomes = _solved(session, names)
     with _folder(out, force, f"{recording.stem}-compare") as (place, folder):
-        _write_comparison(folder, session, outcomes)
+        write_comparison_folder(folder, session, outcomes)
     _show(session, outcomes, place)
 
 
@@ -189,14 +194,15 @@ def demo(
     from fg_nav.report.folder import DEMO_FILES
 
     _check_free(out, force, DEMO_FILES)
+    from fg_nav.report.writing import write_comparison_folder, write_simulation_folder
     from fg_nav.session import prepare
 
     walk = _simulated("demo", seed)
     with _folder(out, force, "demo", DEMO_FILES) as (place, folder):
         session = prepare(_as_if_read(walk.recording, place / "recording.csv"))
         outcomes = _solved(session, DEMO_METHODS)
-        _write_simulation(folder, walk)
-        _write_comparison(folder, session, outcomes)
+        write_simulation_folder(folder, walk)
+        write_comparison_folder(folder, session, outcomes)
     _show(session, outcomes, place)
 
 
@@ -236,7 +242,12 @@ def calibrate(
 def detect(
     file: RecordingPath,
     detectors: Annotated[
-        str | None, typer.Option("--detector", metavar="A,B", help="Detectors, with commas between. \\[default: all]")
+        str | None,
+        typer.Option(
+            "--detector",
+            metavar="A,B",
+            help="Detectors, with commas between, or `all`. \\[default: all but the printed]",
+        ),
     ] = None,
     calibration: CalibrationPath = None,
     heading: Heading = 0.0,
@@ -247,23 +258,52 @@ def detect(
     out: OutDir = None,
     force: Force = False,
 ) -> None:
-    """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png."""
-    names = _detectors(detectors)
+    """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
+
+    `--detector munoz-diaz` alone needs no footfalls: it judges the samples, of a sensor in a pocket too.
+    """
+    from fg_nav.report.field_survey import SAMPLEWISE, detectors_named
     from fg_nav.report.folder import DETECT_FILES
 
+    names = detectors_named(detectors)
     _check_free(out, force, DETECT_FILES)
     earth = _earth(place)
+    options = _options(False, heading, alignment, truth, None, calibration)
+    target = partial(_folder, out, force, f"{file.stem}-detect", DETECT_FILES)
+    if names == [SAMPLEWISE]:
+        if place is not None or truth is not None:
+            raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
+        _detect_in_samples(file, format, options, target)
+    else:
+        _detect_at_footfalls(file, format, options, names, earth, target)
+
+
+def _detect_at_footfalls(
+    file: Path, format: str | None, options: Options, names: list[str], earth: EarthField | None, target: Target
+) -> None:
     from fg_nav.report.field_results import print_survey
     from fg_nav.report.field_survey import surveyed
+    from fg_nav.report.writing import write_survey_folder
     from fg_nav.session import load
 
-    session = load(file, format, _options(False, heading, alignment, truth, None, calibration))
+    session = load(file, format, options)
     field = session.known_field()
     outcome = _solved(session, [PATH_METHOD])[PATH_METHOD]
     survey = surveyed(session.recording, field, names, outcome.solution, earth)
-    with _folder(out, force, f"{file.stem}-detect", DETECT_FILES) as (where, folder):
-        _write_survey(folder, session, survey, outcome)
-    print_survey(session, survey, where)
+    with target() as (place, folder):
+        write_survey_folder(folder, session, survey, outcome)
+    print_survey(session, survey, place)
+
+
+def _detect_in_samples(file: Path, format: str | None, options: Options, target: Target) -> None:
+    from fg_nav.report.field_samples import print_samples, sampled, write_samples
+    from fg_nav.session import opened
+
+    session = opened(file, format, options)
+    survey = sampled(session.recording)
+    with target() as (place, folder):
+        write_samples(folder, session, survey)
+    print_samples(session, survey, place)
 
 
 @app.command()
@@ -322,36 +362,29 @@ def simulate(
 ) -> None:
     """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
     from fg_nav.report.folder import SIMULATION_FILES
-    from fg_nav.report.simulated import print_simulation
-    from fg_nav.simulation import Choices
 
     _check_free(out, force, SIMULATION_FILES)
+    from fg_nav.report.simulated import print_simulation
+    from fg_nav.report.writing import write_simulation_folder
+    from fg_nav.simulation import Choices
+
     walk = _simulated(scenario, seed, Choices(sensor, site, field, worn, rate, turn, calibrated))
     with _folder(out, force, walk.scenario.name, SIMULATION_FILES) as (place, folder):
-        _write_simulation(folder, walk)
+        write_simulation_folder(folder, walk)
     print_simulation(walk, place)
 
 
 def _options(
     no_mag: bool, heading: float, alignment: str, truth: Path | None, detector: str | None, calibration: Path | None
 ) -> Options:
-    """What was asked for; refuses a detector that there is not."""
+    """What was asked for; refuses a detector that there is not, or that would have nothing to judge."""
     from fg_nav.magnetic.quasi_static import DEFAULT, detector_named
     from fg_nav.session import Options
 
     detector_named(detector or DEFAULT)
+    if no_mag and detector is not None:
+        raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")
     return Options(not no_mag, heading, alignment, truth, detector or DEFAULT, calibration)
-
-
-def _detectors(names: str | None) -> list[str]:
-    """Names of the detectors, the one that colours what has one colour only first."""
-    from fg_nav.magnetic.quasi_static import DEFAULT
-    from fg_nav.report.field_survey import SURVEYED, check_surveyed
-
-    wanted = [DEFAULT, *SURVEYED] if names is None else [name.strip() for name in names.split(",")]
-    for name in wanted:
-        check_surveyed(name)
-    return list(dict.fromkeys(wanted))
 
 
 def _earth(place: str | None) -> EarthField | None:
@@ -410,32 +443,6 @@ def _solved(session: Session, names: Sequence[str]) -> dict[str, Outcome]:
     return outcomes
 
 
-def _write_run(folder: Path, session: Session, outcome: Outcome) -> None:
-    from fg_nav.report.pictures import draw_result, draw_stances
-    from fg_nav.report.results import write_result
-
-    write_result(folder, session, outcome)
-    draw_result(folder, session, outcome)
-    draw_stances(folder, session)
-
-
-def _write_comparison(folder: Path, session: Session, outcomes: Mapping[str, Outcome]) -> None:
-    from fg_nav.report.pictures import draw_comparison, draw_stances
-    from fg_nav.report.results import write_comparison
-
-    write_comparison(folder, session, outcomes)
-    draw_comparison(folder, session, outcomes)
-    draw_stances(folder, session)
-
-
-def _write_survey(folder: Path, session: Session, survey: FieldSurvey, outcome: Outcome) -> None:
-    from fg_nav.report.field_results import write_survey
-    from fg_nav.report.pictures import draw_survey
-
-    write_survey(folder, session, survey)
-    draw_survey(folder, session, survey, outcome)
-
-
 def _simulated(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:
     from fg_nav.report.terminal import progress
     from fg_nav.simulation import Choices, scenario, simulate
@@ -453,15 +460,6 @@ def _simulated(name: str, seed: int, choices: Choices | None = None) -> Simulate
 def _as_if_read(recording: Recording, path: Path) -> Recording:
     """Return a recording with the file named that it will be found in."""
     return replace(recording, provenance=replace(recording.provenance, path=path, format="canonical"))
-
-
-def _write_simulation(folder: Path, walk: SimulatedWalk) -> None:
-    from fg_nav.report.simulated import write_simulation
-    from fg_nav.report.style import save
-    from fg_nav.report.surroundings import plot_surroundings
-
-    write_simulation(folder, walk)
-    save(plot_surroundings(walk), folder / "map.png")
 
 
 def _show(session: Session, outcomes: Mapping[str, Outcome], place: Path) -> None:

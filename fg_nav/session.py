@@ -59,7 +59,7 @@ class Session:
     Attributes
     ----------
     recording : as the methods see it, calibrated.
-    stances, truth, options : of this recording.
+    stances, truth, options : of this recording; no stances where nobody looked for them.
     detection : how the stances were found; None where they were given.
     field : at the footfalls; None where it is not known.
     verdicts : on the field; None where it could not be judged.
@@ -83,8 +83,8 @@ class Session:
     def notes(self) -> tuple[str, ...]:
         """Remarks for the user on calibration and field."""
         notes = []
-        if self.applied:
-            notes.append(f"corrected by the calibration: {', '.join(self.applied)}")
+        if self.calibration is not None:
+            notes.append(f"corrected by the calibration: {', '.join(self.applied) or 'nothing'}")
         if self.unjudged and self.recording.mag is not None:
             notes.append(f"the field was not judged: {self.unjudged}")
         return tuple(notes)
@@ -114,18 +114,29 @@ class Outcome:
 
 
 def load(path: Path, format: str | None = None, options: Options | None = None) -> Session:
-    """Read a recording, and truth and calibration if they were named, and find the stances.
+    """Read a recording, and truth and calibration if they were named, find the stances and judge the field.
 
     Raises
     ------
     FormatError, RecordingError, CalibrationError, DetectionError
         If a file cannot be read, if the recording cannot be navigated with, or the calibration is not for it.
     """
+    return with_footfalls(opened(path, format, options))
+
+
+def opened(path: Path, format: str | None = None, options: Options | None = None) -> Session:
+    """Read the same files and apply the calibration; the session has no stances.
+
+    Raises
+    ------
+    FormatError, RecordingError, CalibrationError
+        If a file cannot be read, or the calibration is not for the recording.
+    """
     options = options or Options()
     truth = None if options.truth_path is None else read_truth(options.truth_path)
     calibration = None if options.calibration_path is None else read_calibration(options.calibration_path)
     recording = read(path, format)
-    return prepare(recording if truth is None else replace(recording, truth=truth), options, calibration)
+    return _corrected(recording if truth is None else replace(recording, truth=truth), options, calibration)
 
 
 def prepare(recording: Recording, options: Options | None = None, calibration: Calibration | None = None) -> Session:
@@ -140,13 +151,13 @@ def prepare(recording: Recording, options: Options | None = None, calibration: C
     MagneticError
         If there is no such detector. A field that cannot be judged is no error: `Session.unjudged` tells why.
     """
-    options = options or Options()
-    seen = recording if options.use_magnetometer else replace(recording, mag=None)
-    seen, applied = (seen, ()) if calibration is None else _calibrated(seen, calibration, options)
+    return with_footfalls(_corrected(recording, options or Options(), calibration))
+
+
+def with_footfalls(session: Session) -> Session:
+    """Return a session with the stances of its recording, and with its field; raises as `prepare` does."""
     detection = StanceParameters()
-    stances = detect_stances(seen, detection)
-    session = Session(seen, stances, recording.truth, options, detection, calibration=calibration, applied=applied)
-    return with_field(session)
+    return with_field(replace(session, stances=detect_stances(session.recording, detection), detection=detection))
 
 
 def with_field(session: Session) -> Session:
@@ -198,6 +209,14 @@ def _heading(options: Options) -> float:
     if not np.isfinite(heading):
         raise EstimationError(f"a heading of {options.heading_deg} deg is no direction: give a number.")
     return heading
+
+
+def _corrected(recording: Recording, options: Options, calibration: Calibration | None) -> Session:
+    """Begin a session: the recording as the methods see it, no stances yet."""
+    seen = recording if options.use_magnetometer else replace(recording, mag=None)
+    seen, applied = (seen, ()) if calibration is None else _calibrated(seen, calibration, options)
+    none = Stances.from_mask(np.zeros(len(seen), dtype=bool))
+    return Session(seen, none, recording.truth, options, calibration=calibration, applied=applied)
 
 
 def _calibrated(recording: Recording, calibration: Calibration, options: Options) -> tuple[Recording, tuple[str, ...]]:

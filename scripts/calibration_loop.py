@@ -41,7 +41,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse import Ellipse, ellipse_as_printed, ellipse_by_extremes, ellipse_of_walk
+from fg_nav.calibration import Ellipse, ellipse_of_walk
+from fg_nav.calibration.ellipse_extremes import ellipse_as_printed, ellipse_by_extremes
 from fg_nav.calibration.ellipsoid import fitted_ellipsoid, upper_triangular
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
@@ -71,7 +72,8 @@ TUMBLED_S = 60.0
 
 MG_PER_UT = 10.0
 
-Taken, Found = TypeVar("Taken"), TypeVar("Found")
+Taken = TypeVar("Taken")
+Found = TypeVar("Found")
 
 CLSEF, CONTROL = "CLSEF, bare", ", no iron in shoe"
 
@@ -236,20 +238,25 @@ def triangular(calibration: MagnetometerCalibration | None, R: Floats) -> Correc
 
 
 def print_recovery(loops: Sequence[Loop]) -> None:
-    """Table 1: errors by method, median and range over walks."""
+    """Table 1: errors by method, median and range over the walks on which it does not refuse."""
     fig.print_heading(f"Table 1: error of what is recovered, median [least, most] of {len(loops)} walks")
     rows = []
     for name in ELLIPSES:
-        offset, eta, tau = np.array([loop.recovery[name] for loop in loops]).T
-        rows.append((name, spread(MG_PER_UT * offset, "{:.1f}"), spread(eta, "{:.3f}"), spread(tau, "{:.3f}")))
-    fig.print_table(("method", "offset (mG)", "eta (rad)", "tau"), rows)
-    sigma = np.median([loop.sigma for loop in loops], axis=0)
+        offset, eta, tau = found = np.array([loop.recovery[name] for loop in loops]).T
+        told = spread(MG_PER_UT * offset, "{:.1f}"), spread(eta, "{:.3f}"), spread(tau, "{:.3f}")
+        rows.append((name, *told, f"{np.isinf(found[0]).sum()}"))
+    fig.print_table(("method", "offset (mG)", "eta (rad)", "tau", "refused"), rows)
+    sigmas = np.array([loop.sigma for loop in loops])
+    known = np.isfinite(sigmas).all(axis=1)
+    if not known.any():
+        return
+    sigma = np.median(sigmas[known], axis=0)
     told = f"{MG_PER_UT * max(sigma[:2]):.1f} mG, {sigma[2]:.3f} rad, {sigma[3]:.3f}"
     print(f"the fitted ellipse's own sigmas: {told}; footfalls: {np.median([loop.footfalls for loop in loops]):.0f}")
 
 
 def print_headings(loops: Sequence[Loop]) -> None:
-    """Figure 7: heading differences by method."""
+    """Figure 7: heading differences by method, of the walks on which it does not refuse."""
     fig.print_heading("Figure 7: magnetic minus gyro heading, deg, median [least, most] of the walks")
     rows = []
     for name in loops[0].heading:
@@ -266,7 +273,10 @@ def heading_errors(loops: Sequence[Loop], name: str) -> tuple[Floats, Floats]:
 
 
 def spread(values: Floats, pattern: str) -> str:
-    """Median, least and most."""
+    """Median, least and most of those that are finite."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return "-"
     middle, least, most = (pattern.format(f(values)) for f in (np.median, np.min, np.max))
     return f"{middle} [{least}, {most}]"
 

@@ -469,7 +469,8 @@ def _figures_13_14(case: Case) -> list[Figure]:
     for name, (low, high) in asked.items():
         for detector in (name, f"{name}-printed"):
             passes = case.passes(detector)
-            kept = float(passes[where["curved"]].mean() / passes[where["straight"]].mean())
+            straight, curved = (float(passes[where[part]].mean()) for part in ("straight", "curved"))
+            kept = curved / straight if straight else np.inf
             found.append(Figure("Figures 13, 14", f"{detector}: curved over straight", case.name, kept, low, high))
     return found
 

@@ -51,7 +51,7 @@ class Figure:
         """`ok`, `short`, or nothing where nothing was asked."""
         if not self.asked:
             return ""
-        return "ok" if self.low <= self.measured <= self.high else "short"
+        return "ok" if math.isfinite(self.measured) and self.low <= self.measured <= self.high else "short"
 
     def as_dict(self) -> dict[str, object]:
         """Ready for JSON; an infinite number is null there."""

@@ -35,6 +35,7 @@ from figures import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
+from fg_nav.evaluation import compass_deviation, roc_of
 from fg_nav.frames import wrap
 from fg_nav.magnetic import DETECTORS, FootfallField, footfall_field, judge
 from fg_nav.magnetic.channels import SIGNALS
@@ -112,12 +113,7 @@ def turned_by_magnet(walk: SimulatedWalk, field: FootfallField) -> Floats:
     """(F,) rad by which the magnet turns the true field over the ground, where the sensor is at each footfall."""
     assert isinstance(walk.field, Sum)
     place = walk.recording.truth.position[field.sample] + walk.origin  # type: ignore[union-attr]
-    with_magnet, without = walk.field.at(place), walk.field.parts[0].at(place)
-    return wrap(_bearing(with_magnet) - _bearing(without))
-
-
-def _bearing(nav_field: Floats) -> Floats:
-    return np.asarray(np.arctan2(nav_field[:, 0], nav_field[:, 1]))
+    return -compass_deviation(walk.field.at(place), walk.field.parts[0].at(place))
 
 
 def print_shares(walks: Sequence[Judged]) -> None:
@@ -144,8 +140,10 @@ def pooled(walks: Sequence[Judged], name: str, zone: tuple[float, float]) -> Flo
 
 def told_apart(walks: Sequence[Judged], name: str) -> float:
     """Probability that the statistic of a footfall near is above that of one far: 0.5 is a coin, whatever threshold."""
-    near, far = pooled(walks, name, NEAR), np.sort(pooled(walks, name, FAR))
-    return float(np.searchsorted(far, near).mean() / len(far)) if len(near) and len(far) else math.inf
+    near, far = pooled(walks, name, NEAR), pooled(walks, name, FAR)
+    if not (len(near) and len(far)):
+        return math.inf
+    return roc_of(np.concatenate([far, near]), np.arange(len(far) + len(near)) < len(far)).area
 
 
 def figures_of(section: str, walks: Sequence[Judged]) -> list[Figure]:

@@ -47,8 +47,7 @@ import walks
 from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.walk import (
+from fg_nav.calibration import (
     Spread,
     WalkCalibrationParameters,
     calibrate_on_walk,
@@ -57,6 +56,7 @@ from fg_nav.calibration.walk import (
     level_iron,
     spread_out_of_sample,
 )
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import CalibrationError, OutputError

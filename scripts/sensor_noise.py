@@ -13,12 +13,12 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 
+import figures as fig
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import NoiseFit
 from fg_nav.calibration.sensor_noise import SensorNoise, recording_noise
-from fg_nav.report.terminal import console, ruled_table
 from fg_nav.simulation import SCENARIOS, Choices, simulate
 from fg_nav.simulation.plan import Stand
 from fg_nav.simulation.sensors import preset
@@ -30,19 +30,20 @@ FIRST_SEED = 101
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Simulate, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--minutes", type=float, default=60.0)
+    parser = argparse.ArgumentParser(description="What an Allan deviation finds of the simulated sensors.")
+    parser.add_argument("--seeds", type=int, default=3, metavar="N", help="recordings of a sensor, from seed 101 on")
+    parser.add_argument("--minutes", type=float, default=60.0, metavar="M", help="length of a recording")
     chosen = parser.parse_args(arguments)
-    table = ruled_table("sensor", "axes", "N found / true", "K found / true", "K seen", "lowest found / true")
+    rows = []
     for sensor in SENSORS:
         found: dict[str, list[NoiseFit]] = {"gyr": [], "acc": []}
         for seed in range(FIRST_SEED, FIRST_SEED + chosen.seeds):
             for one in at_rest(sensor, seed, chosen.minutes):
                 found.get(one.sensor, []).extend(one.fits)
         for name, fits in found.items():
-            table.add_row(f"{sensor} {name}", str(len(fits)), *row(fits, getattr(preset(sensor), name)))
-    console().print(table)
+            rows.append((f"{sensor} {name}", f"{len(fits)}", *row(fits, getattr(preset(sensor), name))))
+    fig.print_heading(f"Found over true, median [least, most], {chosen.minutes:g} minutes at rest")
+    fig.print_table(("sensor", "axes", "N", "K", "K seen", "lowest"), rows)
 
 
 def at_rest(sensor: str, seed: int, minutes: float) -> tuple[SensorNoise, ...]:
@@ -56,9 +57,8 @@ def row(fits: Sequence[NoiseFit], prior: TriadPrior) -> tuple[str, str, str, str
     white = np.array([fit.white.value for fit in fits]) / prior.noise_density
     walks = [fit.walk.value for fit in fits if fit.walk.seen]
     lowest = np.array([fit.lowest for fit in fits]) / true_deviation(np.geomspace(0.1, 900.0, 200), prior).min()
-    if prior.drift.walk == 0.0:
-        return spread(white), "-", f"{len(walks)} of {len(fits)}", spread(lowest)
-    return spread(white), spread(np.array(walks) / prior.drift.walk), f"{len(walks)} of {len(fits)}", spread(lowest)
+    walk = spread(np.array(walks) / prior.drift.walk) if prior.drift.walk else "-"
+    return spread(white), walk, f"{len(walks)} of {len(fits)}", spread(lowest)
 
 
 def true_deviation(tau_s: Floats, prior: TriadPrior) -> Floats:
@@ -76,4 +76,4 @@ def spread(ratios: Floats) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    fig.leave_with(main)

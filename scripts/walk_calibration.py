@@ -31,7 +31,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.walk import (
+from fg_nav.calibration import (
     WalkCalibrationParameters,
     calibrate_on_walk,
     circular_sd_deg,

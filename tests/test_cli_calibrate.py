@@ -77,7 +77,7 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
     assert ran.code == 0, ran.err
     assert ran.err == ""
     assert names(Path("deep")) == {"cal.json"}
-    for words in ("hard iron x (uT)", "gyro bias z (deg/s)", "before", "verdict", "deep/cal.json"):
+    for words in ("hard iron x (uT)", "gyro bias z (deg/s)", "before", "notes", "--calibration deep/cal.json"):
         assert words in ran.out
     assert ("as told" in ran.out) == bool(arguments)
     assert read_calibration(Path("deep/cal.json")).recording == "loop.csv"
@@ -166,6 +166,7 @@ def test_without_the_magnetometer_its_calibration_is_left_out(fg_nav: FgNav, fil
     ran = fg_nav("run", files / "loop.csv", *told, "--no-mag", "--out", "out")
     assert ran.code == 0, ran.err
     assert json.loads(Path("out/config.json").read_text())["calibration"]["corrected"] == []
+    assert "corrected by the calibration: nothing" in ran.out
     assert fg_nav("run", files / "no-mag.csv", *told, "--out", "none").refused("no magnetometer")
     assert not Path("none").exists()
 

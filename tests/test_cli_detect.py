@@ -3,7 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pandas as pd
@@ -12,11 +12,13 @@ import typer
 import typer.core
 
 from fg_nav.cli import app
+from fg_nav.errors import DetectionError
 from fg_nav.frames import wrap
-from fg_nav.io import write_canonical, write_tum
+from fg_nav.io import read, write_canonical, write_tum
+from fg_nav.magnetic.disturbance import judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.report.field_survey import SAMPLEWISE
+from fg_nav.report.field_survey import SAMPLEWISE, SURVEYED, USUAL
 from fg_nav.report.folder import DETECT_FILES
 from fg_nav.simulation import simulate
 from tests.command_line import FgNav, names
@@ -62,7 +64,7 @@ def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) 
     assert ran.err == ""
     assert names(Path("out")) == DETECT_FILES
     found, said = table("out"), facts("out")
-    assert list(said["detectors"]) == [*DETECTORS, SAMPLEWISE]
+    assert list(said["detectors"]) == list(USUAL)
     assert said["drawn_in_colour"] == DEFAULT
     for name, one in said["detectors"].items():
         assert one["quasi_static"] == (found[f"{name}_verdict"] == "quasi-static").sum()
@@ -70,8 +72,60 @@ def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) 
         assert name in ran.out
     difference = np.radians(found["compass_heading_deg"] - found["gyro_heading_deg"])
     np.testing.assert_allclose(np.degrees(wrap(difference)), found["difference_deg"], atol=1e-6)
-    for words in ("longest run", "files: out", "field.png, field_map.png"):
+    for words in ("longest run", "files: out", "field.png, field_map.png", "note: no calibration"):
         assert words in ran.out
+
+
+def test_all_detectors_are_those_and_the_printed(fg_nav: FgNav, files: Path) -> None:
+    assert fg_nav("detect", files / "walk.csv", "--detector", "all", "--out", "out").code == 0
+    said = facts("out")
+    assert list(said["detectors"]) == list(SURVEYED) == [*DETECTORS, SAMPLEWISE]
+    assert set(SURVEYED) - set(USUAL) == {name for name in DETECTORS if "printed" in name}
+    assert said["drawn_in_colour"] == DEFAULT
+
+
+def swinging(disturbed_s: tuple[float, float] = (8.0, 12.0)) -> Recording:
+    """A sensor on a swinging thigh, which never stands; the field grows by a half for a while."""
+    rng = np.random.default_rng(4)
+    t = np.arange(2000) / 100.0
+    angle = 0.5 * np.sin(2 * np.pi * t)
+    gyr = np.stack([np.zeros_like(t), np.pi * np.cos(2 * np.pi * t), np.zeros_like(t)], axis=1)
+    up = np.stack([-np.sin(angle), np.zeros_like(t), np.cos(angle)], axis=1)
+    acc = 9.8 * up + 2.0 * rng.normal(size=(len(t), 3))
+    among = (t > disturbed_s[0]) & (t < disturbed_s[1])
+    strength = 48.0 * (1.0 + 0.5 * among * np.sin(np.pi * (t - disturbed_s[0]) / np.ptp(disturbed_s)))
+    return Recording(t, acc, gyr, -strength[:, None] * up + 0.1 * rng.normal(size=(len(t), 3)))
+
+
+def test_the_samplewise_detector_alone_needs_no_footfalls(fg_nav: FgNav, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_found(*_: object) -> NoReturn:
+        raise DetectionError("the foot never stands: wear it.")
+
+    recording = swinging()
+    write_canonical(recording, Path("pocket.csv"))
+    monkeypatch.setattr("fg_nav.session.detect_stances", none_found)
+    assert fg_nav("detect", "pocket.csv").refused("never stands")
+    ran = fg_nav("detect", "pocket.csv", "--detector", SAMPLEWISE, "--out", "out")
+    assert ran.code == 0, ran.err
+    assert names(Path("out")) == {"field.png", "detect.json"} <= DETECT_FILES
+    found = facts("out")["sample_detectors"][SAMPLEWISE]
+    assert found["share"] == pytest.approx(judge_samples(recording).quasi_static.sum() / found["judged"])
+    assert 0.6 < found["share"] < 0.85  # 4 s of 20 and the second after them are not still
+    assert 7.0 < found["longest_s"] < 9.0
+    assert f"{100 * found['share']:.1f} %" in ran.out
+    assert fg_nav("detect", "pocket.csv", "--detector", SAMPLEWISE, "--out", "out").refused("already holds")
+
+
+def test_footfalls_that_cannot_be_compared_are_refused(fg_nav: FgNav, files: Path) -> None:
+    standing = read(files / "walk.csv").slice(0, 700)  # the first stance lasts for 4.7 s
+    write_canonical(standing, Path("standing.csv"))
+    assert fg_nav("detect", "standing.csv").refused("footfall", "too few", SAMPLEWISE)
+    assert names(Path()) == {"standing.csv"}
+
+
+def test_a_detector_without_a_magnetometer_is_a_contradiction(fg_nav: FgNav, files: Path) -> None:
+    for command in ("run", "compare"):
+        assert fg_nav(command, files / "walk.csv", "--no-mag", "--detector", "aiez").refused("--no-mag", "--detector")
 
 
 def test_every_method_writes_the_same_verdicts(fg_nav: FgNav, files: Path) -> None:
@@ -148,6 +202,8 @@ def test_detect_replaces_its_own_files_only(fg_nav: FgNav, files: Path) -> None:
         ("walk.csv", ["--detector", "qsf,,aiez"], ["no detector ''"]),
         ("walk.csv", ["--place", "nowhere"], ["nowhere"]),
         ("walk.csv", ["--heading", "nan"], ["nan"]),
+        ("walk.csv", ["--detector", SAMPLEWISE, "--truth", "truth.tum"], ["--truth", "no map"]),
+        ("no-mag.csv", ["--detector", SAMPLEWISE], ["no magnetometer"]),
         ("walk.csv", ["--truth", "nowhere.tum"], ["nowhere.tum"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else value,

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fg_nav.calibration.walk import calibrate_on_walk, circular_sd_deg, corrected_field, level_iron
+from fg_nav.calibration import calibrate_on_walk, circular_sd_deg, corrected_field, level_iron
 from fg_nav.errors import OutputError
 from fg_nav.frames import wrap
 from tests.real_data import DATA, needs_data

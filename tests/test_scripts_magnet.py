@@ -31,7 +31,13 @@ def test_aiez_that_accepts_what_is_near_is_short(near, marks):
     walks = [walk(**{**still, "aiez": [0.2, 0.2, near, near]})]
     assert [f.mark for f in magnet_corridor.figures_of("magnet", walks)][:4] == marks
     assert magnet_corridor.told_apart(walks, "aiez") == 1.0
-    assert magnet_corridor.told_apart(walks, "qsf-stance") == 0.5
+    assert magnet_corridor.told_apart(walks, "qsf-stance") == (1.0 + 1.5) / 4.0  # one above one far; above one, tied
+    assert magnet_corridor.told_apart([walk(aiez=[0.2, 0.2, np.nan, np.nan])], "aiez") == np.inf
+
+
+def test_what_no_footfall_shows_is_short():
+    nowhere = [walk(**{name: [np.nan] * 4 for name in magnet_corridor.DETECTORS})]
+    assert [f.mark for f in magnet_corridor.figures_of("magnet", nowhere)][:4] == ["short"] * 4
 
 
 def test_figure_6_on_two_walks(tmp_path, capsys):

@@ -1,19 +1,74 @@
-"""What a recording tells about its own sensor and mounting. Knows nothing of estimators."""
+"""What a recording tells about its own sensor and mounting. Knows nothing of estimators.
 
-from fg_nav.calibration.ellipse import Ellipse, EllipseParameters, ellipse_of_walk, fitted_ellipse
+In order: all at once and its file; the magnetometer, turned over, on a loop, on a walk; the sensor at rest; its noise;
+where it sits on the shoe.
+"""
+
+from fg_nav.calibration.allan import AllanCurve, FitParameters, NoiseFit, NoisePart, allan_curve, fit_noise
+from fg_nav.calibration.at_rest import (
+    AccelerometerCalibration,
+    AtRestParameters,
+    GyroscopeCalibration,
+    accelerometer_at_rest,
+    gyroscope_at_rest,
+)
+from fg_nav.calibration.ellipse import EllipseParameters, ellipse_of_walk, fitted_ellipse
+from fg_nav.calibration.ellipse_shape import Ellipse
 from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid
+from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
+from fg_nav.calibration.footfalls import circular_sd_deg, corrected_field
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration.of_recording import METHODS, Effect, Found, calibrate
 from fg_nav.calibration.rolling_lever import RollingLever, RollingLeverParameters, rolling_lever
+from fg_nav.calibration.sensor_noise import (
+    RecordingNoise,
+    SensorNoise,
+    StillnessParameters,
+    recording_noise,
+)
 from fg_nav.calibration.unit_sphere import unit_sphere
+from fg_nav.calibration.walk import Spread, calibrate_on_walk, level_iron, spread_out_of_sample
+from fg_nav.calibration.walk_model import WalkCalibrationParameters
 
 __all__ = [
+    "METHODS",
+    "AccelerometerCalibration",
+    "AllanCurve",
+    "AtRestParameters",
+    "Calibration",
+    "Effect",
     "Ellipse",
     "EllipseParameters",
     "EllipsoidParameters",
+    "FitParameters",
+    "Found",
+    "GyroscopeCalibration",
+    "MagnetometerCalibration",
+    "NoiseFit",
+    "NoisePart",
+    "RecordingNoise",
     "RollingLever",
     "RollingLeverParameters",
+    "SensorNoise",
+    "Spread",
+    "StillnessParameters",
+    "WalkCalibrationParameters",
+    "accelerometer_at_rest",
+    "allan_curve",
+    "calibrate",
+    "calibrate_on_walk",
+    "circular_sd_deg",
+    "corrected_field",
     "ellipse_of_walk",
+    "fit_noise",
     "fitted_ellipse",
     "fitted_ellipsoid",
+    "gyroscope_at_rest",
+    "level_iron",
+    "read_calibration",
+    "recording_noise",
     "rolling_lever",
+    "spread_out_of_sample",
     "unit_sphere",
+    "write_calibration",
 ]

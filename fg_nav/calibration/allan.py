@@ -140,9 +140,11 @@ def allan_curve(readings: Floats, period_s: float, factors: Ints | None = None) 
     Raises
     ------
     CalibrationError
-        For too few readings, or averaging times that they do not hold twice.
+        For too few readings, missing ones, or averaging times that they do not hold twice.
     """
     n = len(readings)
+    if not np.isfinite(readings).all():
+        raise CalibrationError("readings are missing or not finite: give a stretch without gaps to an Allan deviation.")
     if n < MIN_READINGS:
         raise CalibrationError(f"{n} readings make no Allan deviation: record at least {MIN_READINGS}.")
     chosen = averaging_factors(n) if factors is None else np.asarray(factors, dtype=np.int64)
@@ -215,17 +217,8 @@ def _thinned(whole: _Laws, found: _Squares, parameters: FitParameters) -> _Squar
 def _silent(curve: AllanCurve) -> NoiseFit:
     """What a reading shows that never changes: nothing, whatever its resolution hides."""
     nothing = NoisePart(0.0, 0.0, 0.0, False)
-    return NoiseFit(
-        nothing,
-        nothing,
-        nothing,
-        curve.deviation,
-        curve.deviation,
-        0.0,
-        float(curve.tau_s[0]),
-        float(curve.tau_s[0]),
-        0.0,
-    )
+    none, first_s = curve.deviation, float(curve.tau_s[0])
+    return NoiseFit(nothing, nothing, nothing, none, none, 0.0, first_s, first_s, misfit=0.0)
 
 
 def _part(found: _Squares, k: int, limit: float, to_si: float) -> NoisePart:

@@ -23,10 +23,15 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.coverage import Coverage, coverage_of
-from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
+from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration, check_strength, matrix_of
 from fg_nav.calibration.quadric import NO_ELLIPSOID, distance, trimmed_quadric
 from fg_nav.calibration.robust import Fit, robust_fit
 from fg_nav.errors import CalibrationError
+from fg_nav.wording import counted
+
+CHANGE_PERCENT, LEAST_CHANGE_UT = 90.0, 2.0
+"""Readings of a sensor that was turned change by more than this from their median, a tenth of them at least. Noise
+changes by less: there is an ellipsoid through it, and the fit takes long to find it."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +41,10 @@ class EllipsoidParameters:
     Attributes
     ----------
     fewest : readings; nine numbers want a few more to be judged by.
-    largest_sigma : of the hard iron over the strength, and of any element of C: 0.05 of the field is an error of
-        heading of 3 deg where it lies level, and 7 deg at Munich.
-    largest_residual : of the readings over the strength. 0.05 is 2.4 uT on Earth, several times the noise of any chip:
-        more is a field that changes from place to place, of which sigma knows nothing.
+    largest_sigma : of the hard iron over the size of the ellipsoid, and of any element of C of determinant 1: 0.05 of
+        the field is an error of heading of 3 deg where it lies level, and 7 deg at Munich.
+    largest_residual : of the readings over the size of the ellipsoid. 0.05 is 2.4 uT on Earth, several times the noise
+        of any chip: more is a field that changes from place to place, of which sigma knows nothing.
     """
 
     fewest: int = 20
@@ -62,19 +67,18 @@ def fitted_ellipsoid(
     ------
     CalibrationError
         Where the directions covered leave a parameter open, naming the weakest direction, or the field was not the
-        same throughout.
+        same throughout, or is none that Earth has.
     """
-    present = _present(readings, parameters.fewest)
-    if strength_uT is not None and not 0.0 < strength_uT < np.inf:
-        raise CalibrationError(f"a field of {strength_uT} uT is none: give its strength, or None.")
+    present = readings_present(readings, parameters.fewest)
+    if strength_uT is not None:
+        check_given(strength_uT)
     h, unit_C = trimmed_quadric(present)
     size = float(np.mean(np.diag(unit_C)))
     sizes = np.concatenate([np.full(3, 0.1 / size), np.full(6, size)])
     fit = robust_fit(_distances(sizes), present, np.concatenate([h, unit_C[UPPER]]) / sizes)
     found = _calibration(fit, sizes, strength_uT)
     coverage = coverage_of(present[fit.kept] - found.hard_iron_uT)  # not corrected: a bad C would blow a plane up
-    _check_sigma(found, coverage, parameters.largest_sigma)
-    _check_residual(found, parameters.largest_residual)
+    check_fit(found, found.residual_uT, coverage, parameters)
     return _with_notes(found, coverage, len(present))
 
 
@@ -92,18 +96,27 @@ def symmetric(matrix: Floats) -> Floats:
     return np.asarray((right.T * size) @ right)
 
 
-def _present(readings: Floats, fewest: int) -> Floats:
+def readings_present(readings: Floats, fewest: int) -> Floats:
+    """Readings (N, 3) without NaN rows; `CalibrationError` for too few, or of a sensor that nobody turned."""
     present = readings[np.isfinite(readings).all(axis=1)]
     if len(present) < fewest:
-        raise CalibrationError(f"{len(present)} readings of the field are no ellipsoid: record {fewest} or more.")
+        raise CalibrationError(
+            f"{counted(len(present), 'whole reading')} of the field cannot make an ellipsoid: record {fewest} or more, "
+            "of all three axes."
+        )
+    change = np.percentile(np.linalg.norm(present - np.median(present, axis=0), axis=1), CHANGE_PERCENT)
+    if change < LEAST_CHANGE_UT:
+        raise CalibrationError(
+            f"nine in ten readings lie within {change:.2g} uT of their median and make no ellipsoid: "
+            "does the magnetometer work, was it turned, and are its readings in uT?"
+        )
     return np.asarray(present)
 
 
-def _matrix(upper: Floats) -> Floats:
-    """Symmetric matrix (3, 3) from its six numbers."""
-    C = np.zeros((3, 3))
-    C[UPPER] = upper
-    return C + np.triu(C, 1).T
+def check_given(strength_uT: float) -> None:
+    """Raise `CalibrationError` for a strength that no field has."""
+    if not 0.0 < strength_uT < np.inf:
+        raise CalibrationError(f"a field of {strength_uT} uT is none: give its strength, or None.")
 
 
 def _distances(sizes: Floats) -> Callable[[Floats, Floats], Floats]:
@@ -111,14 +124,14 @@ def _distances(sizes: Floats) -> Callable[[Floats, Floats], Floats]:
 
     def distances(scaled: Floats, readings: Floats) -> Floats:
         x = scaled * sizes
-        return distance(x[:3], _matrix(x[3:]), readings)
+        return distance(x[:3], matrix_of(x[3:]), readings)
 
     return distances
 
 
 def _calibration(fit: Fit, sizes: Floats, strength_uT: float | None) -> MagnetometerCalibration:
     x, covariance = fit.parameters * sizes, fit.covariance * np.outer(sizes, sizes)
-    unit_C = _matrix(x[3:])
+    unit_C = matrix_of(x[3:])
     if not np.linalg.eigvalsh(unit_C).min() > 0.0:
         raise CalibrationError(NO_ELLIPSOID)
     strength = float(np.linalg.det(unit_C) ** (-1 / 3)) if strength_uT is None else strength_uT
@@ -142,21 +155,39 @@ def _without_scale(unit_C: Floats) -> Floats:
     return np.asarray(np.eye(6) - np.outer(unit_C[UPPER], trace) / 3.0)
 
 
-def _check_sigma(found: MagnetometerCalibration, coverage: Coverage, largest: float) -> None:
-    hard, soft = found.sigma[:3].max() / found.strength_uT, found.sigma[3:].max()
-    if max(hard, soft) > largest:
+def check_fit(
+    found: MagnetometerCalibration, residual_uT: float, coverage: Coverage, parameters: EllipsoidParameters
+) -> None:
+    """Refuse an ellipsoid with an open parameter, of a size that no field has, or that the readings do not lie on.
+
+    Parameters
+    ----------
+    found : the ellipsoid; with a strength that was given, C has a scale, which is taken out.
+    residual_uT : of the readings as they were, not corrected.
+
+    Raises
+    ------
+    CalibrationError
+        In this order, with the reason.
+    """
+    scale = float(np.cbrt(np.linalg.det(found.correction)))
+    size_uT = found.strength_uT / scale
+    _check_sigma(found.sigma[:3].max(), size_uT, found.sigma[3:].max() / scale, coverage, parameters.largest_sigma)
+    check_strength(size_uT)
+    if residual_uT > parameters.largest_residual * size_uT:
         raise CalibrationError(
-            f"the readings leave the hard iron open by {found.sigma[:3].max():.1f} uT and the soft iron by "
-            f"{100 * soft:.0f} % (at most {100 * largest:g} % of the field are allowed): {coverage.words}; "
-            "turn the sensor so that the field points there too."
+            f"the readings scatter by {residual_uT:.1f} uT about an ellipsoid of {size_uT:.0f} uT, and "
+            f"{100 * parameters.largest_residual:g} % of it at most are allowed: the field was not the same "
+            "everywhere, so turn the sensor in one place away from iron."
         )
 
 
-def _check_residual(found: MagnetometerCalibration, largest: float) -> None:
-    if found.residual_uT > largest * found.strength_uT:
+def _check_sigma(hard_uT: float, size_uT: float, soft: float, coverage: Coverage, largest: float) -> None:
+    if max(hard_uT / size_uT, soft) > largest:
         raise CalibrationError(
-            f"the readings scatter by {found.residual_uT:.1f} uT about the ellipsoid, {100 * largest:g} % of the field "
-            "at most are allowed: it was not the same everywhere, so turn the sensor in one place away from iron."
+            f"the readings leave the hard iron open by {hard_uT:.1f} uT and the soft iron by "
+            f"{100 * soft:.0f} % (at most {100 * largest:g} % of the field are allowed): {coverage.words}; "
+            "turn the sensor so that the field points there too."
         )
 
 

@@ -22,6 +22,40 @@ from fg_nav.recording import Recording
 UPPER = np.triu_indices(3)
 """Where the six numbers of a symmetric matrix stand, row by row."""
 
+FIELD_UT, LEVEL_FIELD_UT = (5.0, 500.0), (3.0, 500.0)
+"""Strengths that a field may be found to have, whole and over the ground. Earth's has 22 to 67, and over the ground
+less than 3 only within 300 km or so of its poles; above 500 there is no building, only a magnet."""
+
+
+def matrix_of(upper: Floats) -> Floats:
+    """Symmetric matrix (3, 3) from its six numbers."""
+    matrix = np.zeros((3, 3))
+    matrix[UPPER] = upper
+    return matrix + np.triu(matrix, 1).T
+
+
+def slope_of_inverse(matrix: Floats) -> Floats:
+    """Derivatives (6, 6) of the inverse of a symmetric matrix (3, 3) by its six numbers: -M^-1 dM M^-1."""
+    inverse = np.linalg.inv(matrix)
+    return np.stack([-(inverse @ matrix_of(one) @ inverse)[UPPER] for one in np.eye(6)], axis=1)
+
+
+def check_strength(found_uT: float, allowed_uT: tuple[float, float] = FIELD_UT) -> None:
+    """Refuse a field that Earth has nowhere: a dead magnetometer, one that was not turned, or another unit.
+
+    Raises
+    ------
+    CalibrationError
+        If the strength is not within those allowed.
+    """
+    low, high = allowed_uT
+    if not low <= found_uT <= high:
+        level = " over the ground" if allowed_uT == LEVEL_FIELD_UT else ""
+        raise CalibrationError(
+            f"the field found is {found_uT:.2g} uT strong{level}, and Earth and buildings make {low:g} to "
+            f"{high:g} uT: does the magnetometer work, was it turned, and are its readings in uT?"
+        )
+
 
 @dataclass(frozen=True)
 class MagnetometerCalibration:
@@ -32,7 +66,7 @@ class MagnetometerCalibration:
     method : how it was found.
     hard_iron_uT : h (3,) in the body frame.
     correction : C (3, 3), symmetric.
-    covariance : (9, 9) of the parameters in the order above, uT and 1; zero where a method leaves one as it is.
+    covariance : (9, 9) of the parameters in the order above, uT and 1; zero where a method sets one.
     strength_uT : of the field that the corrected readings were made to have.
     residual_uT : rms of |B| - strength, or of what else the method fits, told in its notes.
     samples : readings that it rests on.

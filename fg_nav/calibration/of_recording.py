@@ -24,9 +24,11 @@ from fg_nav.calibration.at_rest import accelerometer_at_rest, gyroscope_at_rest
 from fg_nav.calibration.ellipse import ellipse_of_walk
 from fg_nav.calibration.ellipsoid import fitted_ellipsoid
 from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.footfalls import circular_sd_deg, corrected_field
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration.robust import near
 from fg_nav.calibration.unit_sphere import unit_sphere
-from fg_nav.calibration.walk import calibrate_on_walk, circular_sd_deg, corrected_field
+from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.magnetic import FootfallField, footfall_field
@@ -43,7 +45,7 @@ somebody turned it by hand (BROAD); at feet of simulated and real walks 0.75 to 
 
 @dataclass(frozen=True)
 class Effect:
-    """What a calibration does to the readings it was made from.
+    """What a calibration does to the readings it was made from, outliers left out.
 
     Attributes
     ----------
@@ -138,8 +140,10 @@ def _tumbled(recording: Recording, name: str, strength_uT: float | None) -> tupl
     assert recording.mag is not None
     find = fitted_ellipsoid if name == "ellipsoid" else _sphere
     found = find(recording.mag, strength_uT)
-    before, after = (np.linalg.norm(mag, axis=1) for mag in (recording.mag, found.corrected(recording.mag)))
-    return found, Effect(_scatter(before), _scatter(after))
+    readings = recording.mag[np.isfinite(recording.mag).all(axis=1)]
+    before, after = (np.linalg.norm(mag, axis=1) for mag in (readings, found.corrected(readings)))
+    kept = near(after - found.strength_uT)
+    return found, Effect(_scatter(before[kept]), _scatter(after[kept]))
 
 
 def _sphere(readings: Floats, strength_uT: float | None) -> MagnetometerCalibration:

@@ -52,10 +52,10 @@ def robust_fit(residuals: Callable[[Floats, Floats], Floats], readings: Floats, 
         If the readings do not determine the parameters.
     """
     x = _solved(residuals, readings, start, "cauchy")
-    kept = _near(residuals(x, readings))
+    kept = near(residuals(x, readings))
     for _ in range(ROUNDS):
         x = _solved(residuals, readings[kept], x, "linear")
-        before, kept = kept, _near(residuals(x, readings))
+        before, kept = kept, near(residuals(x, readings))
         if (kept == before).all():
             break
     return _with_covariance(residuals, readings, x, kept)
@@ -81,7 +81,8 @@ def _scale(residual: Floats) -> float:
     return max(float(MAD_TO_SD * np.median(np.abs(residual))), LEAST_UT)
 
 
-def _near(residual: Floats) -> Bools:
+def near(residual: Floats) -> Bools:
+    """Tell which residuals (N,) are no outliers, as the bulk of them scatters."""
     return np.asarray(np.abs(residual) <= OUTLIER_SIGMAS * _scale(residual))
 
 

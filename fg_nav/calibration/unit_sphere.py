@@ -10,62 +10,72 @@ their lengths the scales; turned back afterwards the three are the symmetric C. 
 not uT, as in the paper; the strength of the field at the place, if given, brings them to uT.
 
 Simple, and less good than `fitted_ellipsoid`: it minimises no distance, the squared noise shifts it, one wild reading
-spoils it, and nothing keeps it from a hyperboloid, which is refused. Its covariance is that of the equations as they
-scatter (White 1980); it does not know of that shift.
+spoils it, and nothing keeps it from a hyperboloid, which is refused. So is all that `fitted_ellipsoid` refuses:
+directions not covered, a scatter that no sensor has, a field that Earth has not. The covariance is that of the
+equations as they scatter (White 1980); it does not know of that shift.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.coverage import coverage_of
-from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
-from fg_nav.calibration.quadric import NO_ELLIPSOID, about_centre, design, scaled, unscaled
+from fg_nav.calibration.ellipsoid import EllipsoidParameters, check_fit, check_given, readings_present
+from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration, matrix_of
+from fg_nav.calibration.quadric import NO_ELLIPSOID, about_centre, design, distance, scaled, unscaled
 from fg_nav.errors import CalibrationError
 
-FEWEST = 10
-"""Readings: one more than parameters."""
 
-
-def unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerCalibration:
+def unit_sphere(
+    readings: Floats, strength_uT: float = 1.0, parameters: EllipsoidParameters = EllipsoidParameters()
+) -> MagnetometerCalibration:
     """Calibrate from readings of a sensor turned about in a homogeneous field.
 
     Parameters
     ----------
     readings : (N, 3) uT in the body frame; NaN rows are left out.
     strength_uT : that the corrected readings shall have: 1 as the paper has it, or that of the field, for uT.
+    parameters : when to refuse.
 
     Raises
     ------
     CalibrationError
-        Where the readings are too few or lie on no ellipsoid.
+        Where the readings are too few or lie on no ellipsoid, and as `fitted_ellipsoid`.
     """
-    present = readings[np.isfinite(readings).all(axis=1)]
-    if len(present) < FEWEST:
-        raise CalibrationError(f"{len(present)} readings of the field are no ellipsoid: record {FEWEST} or more.")
+    check_given(strength_uT)
+    present = readings_present(readings, parameters.fewest)
     x, middle, scale = scaled(present)
-    columns = _columns(x)
-    p, covariance = _plain_least_squares(columns)
-    parameters = _parameters(p, middle, scale)
-    J = np.stack([_slope(p, k, middle, scale) for k in range(9)], axis=1)
+    p, covariance = _plain_least_squares(_columns(x))
     to_strength = np.repeat([1.0, strength_uT], [3, 6])
-    J, parameters = to_strength[:, None] * J, to_strength * parameters
-    C = np.zeros((3, 3))
-    C[UPPER] = parameters[3:]
-    C += np.triu(C, 1).T
-    corrected = (present - parameters[:3]) @ C
-    error = np.linalg.norm(corrected, axis=1) - strength_uT
+    J = to_strength[:, None] * np.stack([_slope(p, k, middle, scale) for k in range(9)], axis=1)
+    parts = to_strength * _parameters(p, middle, scale)
+    found = _calibration(parts, J @ covariance @ J.T, strength_uT, present)
+    coverage = coverage_of(present - found.hard_iron_uT)
+    check_fit(found, float(np.sqrt((_distances(found, present) ** 2).mean())), coverage, parameters)
+    return replace(found, notes=(coverage.words, f"corrected readings have length {strength_uT:g}"))
+
+
+def _calibration(parts: Floats, covariance: Floats, strength_uT: float, readings: Floats) -> MagnetometerCalibration:
+    """From h and the six of C, (9,) and (9, 9); without notes."""
+    h, C = parts[:3], matrix_of(parts[3:])
+    error = np.linalg.norm((readings - h) @ C, axis=1) - strength_uT
     return MagnetometerCalibration(
         method="unit sphere",
-        hard_iron_uT=parameters[:3],
+        hard_iron_uT=h,
         correction=C,
-        covariance=J @ covariance @ J.T,
+        covariance=covariance,
         strength_uT=strength_uT,
         residual_uT=float(np.sqrt((error**2).mean())),
-        samples=len(present),
-        notes=(coverage_of(present - parameters[:3]).words, f"corrected readings have length {strength_uT:g}"),
+        samples=len(readings),
     )
+
+
+def _distances(found: MagnetometerCalibration, readings: Floats) -> Floats:
+    """Of readings (N, 3) uT from the ellipsoid."""
+    return distance(found.hard_iron_uT, found.correction / found.strength_uT, readings)
 
 
 def _columns(x: Floats) -> Floats:

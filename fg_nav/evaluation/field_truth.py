@@ -82,7 +82,7 @@ def field_change(nav_field: Floats, window: int) -> FieldChange:
 def compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
     """Error (F,) rad of the heading that a perfect compass shows in `nav_field` (F, 3) uT, clockwise.
 
-    `earth_field` (3,) is the field without any iron.
+    `earth_field` (3,) or (F, 3) is the field without what deviates it.
     """
     return wrap(_bearing(earth_field) - _bearing(nav_field))
 

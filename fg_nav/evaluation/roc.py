@@ -87,11 +87,6 @@ class Roc:
         """Area under the curve: 0.5 is guessing, 1 is never wrong."""
         return float(_areas(_together(self.signals), _together(self.others))[0])
 
-    @property
-    def area_of_walk(self) -> Floats:
-        """(W,) area of each walk by itself; NaN for a walk that lacks one kind."""
-        return _areas(self.signals, self.others)
-
     def at(self, threshold: float) -> tuple[float, float]:
         """P_D and P_FA with this threshold."""
         k = self._below(threshold)
@@ -151,7 +146,8 @@ def roc_of(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
     ----------
     statistic : (M,), small where the detector sees a signal; cases where it is not finite are left out.
     signal : (M,) True where there truly is one.
-    walk : (M,) which walk a case is of, by any numbers; None for one walk.
+    walk : (M,) which walk a case is of, by any numbers; None for one walk. A walk of which no case has a statistic is
+        none.
 
     Raises
     ------
@@ -159,12 +155,12 @@ def roc_of(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
         Where there is no case with a statistic, or none of one kind.
     """
     judged = np.isfinite(statistic)
-    numbers = np.zeros(len(statistic), dtype=np.int64) if walk is None else np.unique(walk, return_inverse=True)[1]
     _check(signal[judged], len(statistic))
+    numbers = np.zeros(len(statistic), dtype=np.int64) if walk is None else walk
+    walks, row = np.unique(numbers[judged], return_inverse=True)
     values, column = np.unique(statistic[judged], return_inverse=True)
-    shape = (int(numbers.max()) + 1, len(values))
-    kinds = [_counted(numbers[judged], column, signal[judged] == kind, shape) for kind in (True, False)]
-    return Roc(values, kinds[0], kinds[1])
+    kinds = [_counted(row, column, signal[judged] == kind, (len(walks), len(values))) for kind in (True, False)]
+    return Roc(values, *kinds)
 
 
 def _check(signal: Bools, cases: int) -> None:

@@ -3,7 +3,8 @@
     begin        level in the first stance; the gyro bias is that of the longest rest, or nothing
     each sample  R <- R Exp((w - b) h); in stance, nudge the tilt towards the specific force
 
-It exists so that the field can be judged before any estimator has run, the same for all of them.
+It exists so that the field can be judged before any estimator has run, the same for all of them. It looks at the whole
+recording for its longest rest, so a live estimator gives `footfall_field` the attitude that it has at the time.
 """
 
 from __future__ import annotations

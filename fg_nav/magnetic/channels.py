@@ -70,7 +70,7 @@ class Channel:
     ----------
     name : of the signal, one of `SIGNALS`.
     sigma : rad, uT or uT/s; of one footfall's value, or, in a form as printed, of what that form squares. To a strength
-        rate the standard error of each slope is added.
+        rate the standard error of each slope is added, as variances add.
     matters : rad, uT or uT/s, the least change over the window (of a zero: the least lasting value) that a detector is
         to reject; only needed for a threshold from a false-alarm rate.
     """

@@ -27,6 +27,10 @@ T is then noncentral chi squared with
 
 and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma's Eq. 23
 for P_FA cannot be computed: the density it integrates has the estimate of the very data in it.
+
+These rates are those of the channels' own sigmas. Where a footfall's is greater (the standard error of a short stance's
+slope, the drift of an inertial heading in the test of a heading offset), P_D is the same and more of what matters
+passes than the false-alarm rate says.
 """
 
 from __future__ import annotations
@@ -50,11 +54,14 @@ class Laying:
     """How the inertial heading is laid on the compass, and how far the test trusts it; for a heading offset only.
 
     Their difference is followed by a scalar Kalman filter: begun with the mean of the first footfalls, corrected at
-    each footfall that passes, and left alone where the field is rejected.
+    each footfall that passes, and left alone where the field is rejected. Two limits follow. A walk that begins in a
+    field that is wrong is judged by that field. And while the field is rejected the test widens with the drift, so that
+    a lasting deviation is believed in the end: the sooner, the less it exceeds what matters.
 
     Attributes
     ----------
-    first : footfalls that begin it, which are not judged; 0 where the attitude was begun with a known heading.
+    first : footfalls that begin it, which are not judged; 0 where the inertial heading is known and counted from
+        magnetic north, for the laying begins with no offset and no doubt of it.
     drift : rad/sqrt(s), random walk of the inertial heading. 0.2 deg after 1 s is 1.5 deg after a minute: more than the
         gyroscopes of the simulated walks drift, whose bias a rest has told.
     in_test : test against S = P + sigma^2 (a Kalman filter's innovation); False for sigma^2 alone, as AIEZ prints it,
@@ -110,7 +117,7 @@ class Detector:
         return replace(self, fixed_threshold=threshold)
 
     def with_window(self, window: int) -> Detector:
-        """Return the same detector with a window of so many changes."""
+        """Return the same detector with a window of so many changes; a fixed threshold stays what it is."""
         return replace(self, window=window)
 
     @property
@@ -127,6 +134,11 @@ class Detector:
     def offset_column(self) -> int | None:
         """Which channel is the heading offset."""
         return next((c for c, channel in enumerate(self.channels) if channel.name == OFFSET), None)
+
+    @property
+    def spent(self) -> int:
+        """Footfalls that only begin the laying of a heading offset, and are not judged."""
+        return 0 if self.offset_column is None else self.laying.first
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -170,12 +182,14 @@ class Detector:
 
     def statistic(self, window: Floats) -> Floats:
         """T (...,) of windows (..., C, rows) of the channels' values over their sigmas, angles unwrapped."""
+        return np.asarray(self.parts(window).sum(axis=-1))
+
+    def parts(self, window: Floats) -> Floats:
+        """(..., C) what each channel adds to T; `window` as in `statistic`."""
         latest = window[..., -self.window :]
         if self.form == "chi squared":
             about_mean = window - window.mean(axis=-1, keepdims=True)
-            parts = np.where(self.changing, (about_mean**2).sum(axis=-1), (latest**2).sum(axis=-1))
-            return np.asarray(parts.sum(axis=-1))
-        change = np.where(self.changing[:, None], np.diff(window, axis=-1), latest) if self.changing.any() else latest
-        if self.form == "sum of squares":
-            return np.asarray((change**2).sum(axis=(-2, -1)) / self.window)
-        return np.asarray((np.abs(change).sum(axis=-1) ** 2).sum(axis=-1) / self.window)
+            return np.asarray(np.where(self.changing, (about_mean**2).sum(axis=-1), (latest**2).sum(axis=-1)))
+        change = np.where(self.changing[:, None], np.diff(latest, axis=-1, prepend=window[..., :1]), latest)
+        sums = (change**2).sum(axis=-1) if self.form == "sum of squares" else np.abs(change).sum(axis=-1) ** 2
+        return np.asarray(sums / self.window)

@@ -15,7 +15,8 @@ If the strength changes evenly by the least change that matters across the windo
 and the threshold is its quantile at the false-alarm rate: the share of such changes that pass. A field that turns and
 keeps its strength is not seen, and a magnetometer that is not calibrated is disturbed by its own turning.
 
-A magnetometer slower than the recording leaves NaN rows; only what it measured is counted.
+A magnetometer slower than the recording leaves NaN rows; only what it measured is counted. At the beginning, and after
+a gap, the window is shorter than it should be, and is judged as if all of a change had to happen in what is there.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, ncx2
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import MagneticError
+from fg_nav.magnetic.verdicts import OverThreshold
 from fg_nav.recording import Recording
 
 FEWEST = 3
@@ -71,7 +73,7 @@ class DisturbanceParameters:
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Disturbance(OverThreshold):
     """Verdicts on each of N samples.
 
     Attributes
@@ -80,17 +82,6 @@ class Disturbance:
     """
 
     statistic: Floats
-
-    @property
-    def judged(self) -> Bools:
-        """(N,) True where there was enough to judge by."""
-        return np.isfinite(self.statistic)
-
-    @property
-    def quasi_static(self) -> Bools:
-        """(N,) True where the field passes; never where it was not judged."""
-        with np.errstate(invalid="ignore"):
-            return np.asarray(self.statistic < 1.0)
 
 
 def judge_samples(recording: Recording, parameters: DisturbanceParameters = DisturbanceParameters()) -> Disturbance:

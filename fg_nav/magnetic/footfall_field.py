@@ -161,7 +161,7 @@ def _averaged(
                 total += b
                 squares += (b**2).sum()
                 count[k] += 1
-        if count[k] >= 2:
+        if count[k] >= FEWEST:
             field[k] = total / count[k]
             excess = squares - count[k] * (field[k] ** 2).sum()
             scatter[k] = np.sqrt(max(excess, 0.0) / (3 * (count[k] - 1)))

@@ -18,8 +18,9 @@ AIEZ 20    atan(a_y / a_z)                         atan2: else upside down is up
 AIEZ 25    atan(B_E / B_N) + D                     -atan2(B_E, B_N) - D: its heading turns the other way
 ========== ======================================= =====================================================
 
-Ma's angles (r, p) are minus the usual roll and pitch, so its Eq. 3 is the transpose of the usual matrix. AIEZ's Eq. 23
-is the usual one. Each is right with its own accelerometer only, which is why both stand here with their tilt.
+Ma's angles (r, p) are minus the usual roll and pitch, and its Eq. 3 has the usual matrix with the signs of both turned:
+together they are right. AIEZ's Eq. 23 and angles are the usual ones. Each is right with its own accelerometer only,
+which is why both stand here with their tilt.
 """
 
 from __future__ import annotations

@@ -12,8 +12,25 @@ QUASI_STATIC, DISTURBED, UNKNOWN = "quasi-static", "disturbed", "none"
 """Verdicts in words; `none` where the field was not judged."""
 
 
+class OverThreshold:
+    """What a statistic (F,) over its threshold says by itself; NaN where there is none."""
+
+    statistic: Floats
+
+    @property
+    def judged(self) -> Bools:
+        """(F,) True where there was enough to judge by."""
+        return np.isfinite(self.statistic)
+
+    @property
+    def quasi_static(self) -> Bools:
+        """(F,) True where the field passes; never where it was not judged."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.statistic < 1.0)
+
+
 @dataclass(frozen=True)
-class FieldVerdicts:
+class FieldVerdicts(OverThreshold):
     """Verdicts on the field, one a footfall.
 
     Attributes
@@ -31,17 +48,6 @@ class FieldVerdicts:
 
     def __len__(self) -> int:
         return len(self.statistic)
-
-    @property
-    def judged(self) -> Bools:
-        """(F,) True where there was enough to judge by."""
-        return np.isfinite(self.statistic)
-
-    @property
-    def quasi_static(self) -> Bools:
-        """(F,) True where the field passes; never where it was not judged."""
-        with np.errstate(invalid="ignore"):
-            return np.asarray(self.statistic < 1.0)
 
     @property
     def coverage(self) -> float:

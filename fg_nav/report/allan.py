@@ -22,7 +22,7 @@ from fg_nav.calibration.sensor_noise import RecordingNoise, SensorNoise
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.report import style
 from fg_nav.report.results import write_json
-from fg_nav.report.terminal import console, ruled_table
+from fg_nav.report.terminal import console, print_place, ruled_table
 from fg_nav.version import version
 
 AXES = ("x", "y", "z")
@@ -110,7 +110,7 @@ def print_allan(noise: RecordingNoise, place: Path) -> None:
             shown.add_row(axis, *_words(fit, unit))
         out.print(shown)
     out.print(_READING, soft_wrap=True)
-    out.print(f"files: {place}", soft_wrap=True)
+    print_place([], place)
 
 
 _READING = (

@@ -18,14 +18,15 @@ Row = tuple[str, str, str]
 
 
 def print_calibration(found: Found, place: Path) -> None:
-    """Print parameters, effect and verdict, and where the file is."""
+    """Print parameters, effect and notes, where the file is and how to use it."""
     out = console()
     table = ruled_table("parameter", "value", "sigma")
     for row in parameter_rows(found.calibration):
         table.add_row(*row)
     out.print(table)
     out.print()
-    out.print(listing([*effect_rows(found), ("file", str(place))]), soft_wrap=True)
+    rows = [*effect_rows(found), ("file", str(place)), ("to use it", f"fg-nav run RECORDING --calibration {place}")]
+    out.print(listing(rows), soft_wrap=True)
 
 
 def parameter_rows(calibration: Calibration) -> list[Row]:
@@ -48,7 +49,7 @@ def effect_rows(found: Found) -> list[tuple[str, str]]:
         rows.append(("compass - gyroscope, circular sd", words))
     if magnetometer is not None:
         rows.append(("residual", f"{magnetometer.residual_uT:.3g} uT over {magnetometer.samples} readings"))
-        rows += [("verdict" if i == 0 else "", note) for i, note in enumerate(magnetometer.notes)]
+        rows += [("notes" if i == 0 else "", note) for i, note in enumerate(magnetometer.notes)]
     return rows
 
 

@@ -6,23 +6,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.frames import wrap
-from fg_nav.magnetic import FieldVerdicts
 from fg_nav.report import style
 from fg_nav.report.field_survey import FieldSurvey
+from fg_nav.report.lanes import ACCEPTED, draw_lanes, height_in, span
 
-ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID
-"""Colours of the verdicts; also apart in grey."""
-
-LANE_COLUMNS, FINE = 1000, 8
-"""Cells of a lane over the whole walk, and parts of a cell: where footfalls are denser the colours mix."""
-
-_LANE_IN = 0.21
 _DOTS = ((100, 5.0), (400, 3.6))
 """Up to so many footfalls, dots of this size in points; smaller ones for more."""
 
@@ -34,7 +26,7 @@ Curve = dict[str, Any]
 
 def plot_field(survey: FieldSurvey) -> Figure:
     """Draw what the magnetometer shows at the footfalls, and below it what each detector makes of it."""
-    lanes_in = _LANE_IN * len(survey.verdicts) + 0.25
+    lanes_in = height_in(len(survey.verdicts))
     with style.styled():
         figure = style.new_figure(7.0 + lanes_in)
         panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.3, 1.3, 1.6, 1.6, lanes_in])
@@ -42,8 +34,8 @@ def plot_field(survey: FieldSurvey) -> Figure:
         _draw_inclination(panels[1], survey)
         _draw_headings(panels[2], survey)
         _draw_difference(panels[3], survey)
-        _draw_lanes(panels[4], survey)
-        panels[4].set_xlim(*_span(survey.field.t))
+        draw_lanes(panels[4], survey.field.t, survey.verdicts, "Verdicts, and the share of all footfalls that pass")
+        panels[4].set_xlim(*span(survey.field.t))
         panels[4].set_xlabel("time (s)")
     return figure
 
@@ -57,7 +49,7 @@ def _draw_strength(axes: Axes, survey: FieldSurvey) -> None:
     axes.plot(survey.field.t, survey.field.strength, **_dots(survey, style.BLUE))
     if survey.earth is not None:
         _expect(axes, survey.earth.strength_uT, f"the Earth's, {survey.earth.strength_uT:.1f} uT")
-    _span_at_least(axes, LEAST_SPAN_UT)
+    span_at_least(axes, LEAST_SPAN_UT)
     axes.set_ylabel("strength (uT)")
     style.head(axes, "Strength of the field at the footfalls")
 
@@ -67,12 +59,12 @@ def _draw_inclination(axes: Axes, survey: FieldSurvey) -> None:
     if survey.earth is not None:
         dip_deg = float(np.degrees(survey.earth.inclination))
         _expect(axes, dip_deg, f"the Earth's, {dip_deg:.1f} deg")
-    _span_at_least(axes, LEAST_SPAN_DEG)
+    span_at_least(axes, LEAST_SPAN_DEG)
     axes.set_ylabel("inclination (deg)")
     style.head(axes, "Its inclination below the horizon")
 
 
-def _span_at_least(axes: Axes, span: float) -> None:
+def span_at_least(axes: Axes, span: float) -> None:
     """Widen an axis, so that noise does not look like a disturbance."""
     low, high = axes.get_ylim()
     middle, half = (low + high) / 2, max(high - low, span) / 2
@@ -121,39 +113,3 @@ def north_of(survey: FieldSurvey) -> str:
     if survey.earth is None:
         return "magnetic north"
     return f"north, declination {np.degrees(survey.declination):+.1f} deg"
-
-
-def _draw_lanes(axes: Axes, survey: FieldSurvey) -> None:
-    found = survey.coverage
-    cell = _cells(survey.field.t)
-    lanes = np.stack([_lane(survey.verdicts[one.detector], cell) for one in found])
-    span = _span(survey.field.t)
-    axes.imshow(
-        lanes, extent=(*span, len(found) - 0.5, -0.5), aspect="auto", interpolation="none", origin="upper",
-    )  # fmt: skip
-    axes.set_yticks(range(len(found)), [f"{one.detector}  {100 * one.share:.0f} %" for one in found])
-    axes.set_yticks(np.arange(0.5, len(found) - 1), minor=True)
-    axes.grid(visible=False)
-    axes.grid(visible=True, which="minor", axis="y", color="white", linewidth=3.0)
-    axes.tick_params(axis="y", which="both", length=0)
-    for colour, label in ((ACCEPTED, "quasi-static"), (REJECTED, "disturbed"), (UNJUDGED, "not judged")):
-        axes.plot([], [], "s", color=colour, markersize=7, label=label)
-    style.head(axes, "Verdicts, and the share of all footfalls that pass")
-
-
-def _span(t: Floats) -> tuple[float, float]:
-    half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
-    return float(t[0]) - half, float(t[-1]) + half
-
-
-def _cells(t: Floats) -> Ints:
-    """Which footfall is nearest (LANE_COLUMNS * FINE,) along the walk."""
-    middle = np.linspace(*_span(t), LANE_COLUMNS * FINE)
-    return np.searchsorted(0.5 * (t[1:] + t[:-1]), middle)
-
-
-def _lane(verdicts: FieldVerdicts, cell: Ints) -> Floats:
-    """Colours (LANE_COLUMNS, 3): in a cell of several footfalls, their mean."""
-    colour = np.where(verdicts.quasi_static[:, None], to_rgb(ACCEPTED), to_rgb(REJECTED))
-    colour = np.where(verdicts.judged[:, None], colour, to_rgb(UNJUDGED))
-    return np.asarray(colour[cell].reshape(LANE_COLUMNS, FINE, 3).mean(axis=1))

@@ -21,8 +21,8 @@ from fg_nav.magnetic import FieldVerdicts
 from fg_nav.magnetic.disturbance import DisturbanceParameters
 from fg_nav.magnetic.quasi_static import detector_named
 from fg_nav.report.field_survey import SAMPLEWISE, Coverage, FieldSurvey
-from fg_nav.report.results import recording_facts, write_json
-from fg_nav.report.terminal import console, ruled_table
+from fg_nav.report.results import recording_facts, remarks, write_json
+from fg_nav.report.terminal import console, print_place, ruled_table
 
 if TYPE_CHECKING:
     from fg_nav.session import Session
@@ -59,7 +59,7 @@ def facts(session: Session, survey: FieldSurvey) -> dict[str, object]:
     field = survey.field
     return {
         **recording_facts(session),
-        "notes": [*session.recording.provenance.notes, *session.notes],
+        "notes": survey_notes(session),
         "path_method": survey.solution.method,
         "earth": survey.earth,
         "footfalls": len(field),
@@ -89,20 +89,49 @@ def _median(values: Floats) -> float:
 
 
 def print_survey(session: Session, survey: FieldSurvey, place: Path) -> None:
-    """Print the coverage of each detector, the notes, and where the files are."""
+    """Print the coverage of each detector and how to read it, the notes, and where the files are."""
     out = console()
     out.print(coverage_table(survey.coverage))
-    for note in (*session.recording.provenance.notes, *session.notes):
-        out.print(f"note: {note}", soft_wrap=True)
-    out.print(f"files: {place}", soft_wrap=True)
-    out.print(f"pictures: {', '.join(sorted(path.name for path in place.glob('*.png')))}", soft_wrap=True)
+    out.print(READING, soft_wrap=True)
+    print_place(survey_notes(session), place)
+
+
+READING = (
+    "change: of compass minus gyroscope from one footfall to the next, median; where both footfalls pass, and of all. "
+    "The gyroscope keeps to a tenth of a degree meanwhile: the rest is the field's."
+)
+
+
+LONGEST_SWING_S = 10.0
+"""Between two stances; where none is found for longer nobody walks on that foot."""
+
+
+def survey_notes(session: Session) -> list[str]:
+    """Remarks on the session, and what else the shares have to be read with."""
+    notes = remarks(session)
+    calibration = session.calibration
+    if calibration is None or calibration.magnetometer is None:
+        notes.append("no calibration: what magnetometer and shoe add turns with the foot, and counts as disturbance")
+    return notes + _footless(session)
+
+
+def _footless(session: Session) -> list[str]:
+    t, stances = session.recording.t, session.stances
+    swing_s = t[stances.start[1:]] - t[stances.stop[:-1] - 1]
+    k = int(np.argmax(swing_s)) if len(swing_s) else 0
+    if not len(swing_s) or swing_s[k] < LONGEST_SWING_S:
+        return []
+    return [
+        f"no footfall for {swing_s[k]:.0f} s from {t[stances.stop[k] - 1]:.0f} s on: the shares are of the rest; a "
+        f"sensor in a pocket never stands, look at its samples with --detector {SAMPLEWISE}"
+    ]
 
 
 def coverage_table(found: Sequence[Coverage]) -> Table:
     """One row a detector."""
     table = ruled_table(
-        "detector", "judged", "quasi-static", "share", "longest run", "compass - gyro, change", "of all footfalls"
-    )
+        "detector", "judged", "quasi-static", "of all", "longest run", "change, passing", "change, all"
+    )  # fmt: skip
     for one in found:
         counts = (str(one.judged), str(one.accepted), f"{100 * one.share:.1f} %", str(one.longest_run))
         table.add_row(one.detector, *counts, _degrees(one.change_deg), _degrees(one.change_all_deg))

@@ -18,10 +18,11 @@ from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.disturbance import FEWEST, DisturbanceParameters, judge_samples
-from fg_nav.magnetic.quasi_static import DETECTORS, judge
+from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import runs
+from fg_nav.wording import counted
 
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
@@ -31,6 +32,15 @@ SAMPLEWISE = "munoz-diaz"
 
 SURVEYED = (*DETECTORS, SAMPLEWISE)
 """What can be put to a walk, in the order of tables and pictures."""
+
+USUAL = tuple(name for name in SURVEYED if not name.endswith("-printed"))
+"""Those that are put to it unasked: the formulas as printed are for those who compare with the papers."""
+
+ALL = "all"
+"""Word for every one of `SURVEYED`."""
+
+FEWEST_FOOTFALLS = 4
+"""A window of three strides."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +94,18 @@ class FieldSurvey:
         return tuple(coverage(self.field, name, verdicts) for name, verdicts in self.verdicts.items())
 
 
-def check_surveyed(name: str) -> None:
-    """Raise `MagneticError` if there is no detector of this name."""
-    if name not in SURVEYED:
-        raise MagneticError(f"there is no detector '{name}': choose one of {', '.join(SURVEYED)}.")
+def detectors_named(words: str | None) -> list[str]:
+    """Return the detectors of a list with commas, of "all", or without words the usual ones.
+
+    The first colours what has one colour only. Raises `MagneticError` for a name that is none.
+    """
+    if words is None or words.strip() == ALL:
+        return list(dict.fromkeys([DEFAULT, *(USUAL if words is None else SURVEYED)]))
+    wanted = [name.strip() for name in words.split(",")]
+    for name in wanted:
+        if name not in SURVEYED:
+            raise MagneticError(f"there is no detector '{name}': choose {ALL}, or some of {', '.join(SURVEYED)}.")
+    return list(dict.fromkeys(wanted))
 
 
 def surveyed(
@@ -102,8 +120,13 @@ def surveyed(
     Raises
     ------
     MagneticError
-        If one cannot judge this walk.
+        If there are too few footfalls for a window, or one cannot judge this walk.
     """
+    if len(field) < FEWEST_FOOTFALLS:
+        raise MagneticError(
+            f"the recording has {counted(len(field), 'footfall')}, too few to compare: walk {FEWEST_FOOTFALLS} or "
+            f"more, or look at the samples with --detector {SAMPLEWISE}."
+        )
     ordered = [name for name in SURVEYED if name in detectors]
     verdicts = {name: _of_samples(recording, field) if name == SAMPLEWISE else judge(field, name) for name in ordered}
     return FieldSurvey(field, verdicts, detectors[0], solution, earth)

@@ -80,7 +80,7 @@ def summary(session: Session, outcome: Outcome) -> dict[str, object]:
     }
     if outcome.comparison is not None:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, *_MORE_TRUTH_KEYS)}
-    notes = [*session.recording.provenance.notes, *session.notes, *solution.notes, *metrics.notes]
+    notes = [*remarks(session), *solution.notes, *metrics.notes]
     return figures | {"magnetometer": magnetometer(session, outcome), "notes": notes}
 
 
@@ -124,6 +124,11 @@ def recording_facts(session: Session) -> dict[str, object]:
         "use_magnetometer": options.use_magnetometer,
         "calibration": calibration_facts(session),
     }
+
+
+def remarks(session: Session) -> list[str]:
+    """Notes on the recording, its calibration and its field: the same whatever is made of it."""
+    return [*session.recording.provenance.notes, *session.notes]
 
 
 def calibration_facts(session: Session) -> dict[str, object] | None:

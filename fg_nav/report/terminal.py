@@ -47,9 +47,18 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
     out.print(result_table(summaries))
     for words in notes_of(summaries):
         out.print(words)
-    pictures = ", ".join(sorted(path.name for path in place.glob("*.png")))
+    print_place([], place)
+
+
+def print_place(notes: Sequence[str], place: Path) -> None:
+    """Print the notes, and where files and pictures are."""
+    out = console()
+    for note in notes:
+        out.print(f"note: {note}", soft_wrap=True)
     out.print(f"files: {place}", soft_wrap=True)
-    out.print(f"pictures: {pictures}", soft_wrap=True)
+    pictures = sorted(path.name for path in place.glob("*.png"))
+    if pictures:
+        out.print(f"pictures: {', '.join(pictures)}", soft_wrap=True)
 
 
 def notes_of(summaries: Sequence[Mapping[str, object]]) -> list[str]:

@@ -173,6 +173,11 @@ def test_what_makes_no_curve_is_refused(count, factors):
         allan_curve(np.arange(float(count)), PERIOD_S, None if factors is None else np.array(factors))
 
 
+def test_missing_readings_make_no_curve():
+    with pytest.raises(CalibrationError, match="missing"):
+        allan_curve(np.where(np.arange(100) == 50, np.nan, 1.0), PERIOD_S)
+
+
 def at_rest(sensor, minutes, seed=1):
     scenario = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(60.0 * minutes)])
     return simulate(scenario, seed, Choices(sensor=sensor))

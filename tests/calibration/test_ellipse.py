@@ -1,16 +1,17 @@
 """Ma's calibration in the levelled plane, against readings made from known iron, and the misprints of Eq. 4-12."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fg_nav.calibration.ellipse import (
-    Ellipse,
     EllipseParameters,
-    ellipse_as_printed,
-    ellipse_by_extremes,
     ellipse_of_walk,
     fitted_ellipse,
 )
+from fg_nav.calibration.ellipse_extremes import ellipse_as_printed, ellipse_by_extremes
+from fg_nav.calibration.ellipse_shape import UNKNOWN_UT, Ellipse
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
@@ -150,12 +151,14 @@ def test_a_wider_gap_may_be_allowed():
 @pytest.mark.parametrize(
     ("readings", "words"),
     [
-        (read(ROUND[:6]), "6 footfalls"),
+        (read(ROUND[:6]), "6 footfalls with"),
+        (read(ROUND[:1]), "1 footfall with"),
+        (0.01 * read(ROUND), "strong over the ground"),
         (np.column_stack([np.arange(20.0), np.arange(20.0)]), "no ellipse|lie on no"),
         (np.zeros((20, 2)), "lie on no"),
         (read(ROUND, noise_uT=6.0, rng=np.random.default_rng(5)), "open by"),
     ],
-    ids=["few", "a line", "a point", "scatter"],
+    ids=["few", "one", "gauss", "a line", "a point", "scatter"],
 )
 def test_what_is_no_ellipse_is_refused(readings, words):
     with pytest.raises(CalibrationError, match=words):
@@ -185,7 +188,11 @@ def test_the_covariance_in_the_body_is_that_of_the_ellipse_turned():
 
     middle = np.array([*found.offset_uT, found.eta_rad, found.tau])
     J = np.stack([(parameters(middle + e) - parameters(middle - e)) / 2e-5 for e in 1e-5 * np.eye(4)], axis=1)
-    assert found.in_body(up).covariance == pytest.approx(J @ found.covariance @ J.T, rel=1e-4, abs=1e-10)
+    covariance = found.in_body(up).covariance
+    vertical = np.append(up / np.linalg.norm(up), np.zeros(6))
+    assert vertical @ covariance @ vertical == pytest.approx(UNKNOWN_UT**2)  # of which nothing is known
+    told = covariance - UNKNOWN_UT**2 * np.outer(vertical, vertical)
+    assert told == pytest.approx(J @ found.covariance @ J.T, rel=1e-4, abs=1e-10)
     assert found.in_body(up).parameters[3:] == pytest.approx(found.in_body(up).correction[UPPER])
 
 
@@ -196,6 +203,53 @@ def test_a_steady_error_of_levelling_is_in_the_covariance_of_a_walk():
     tilted = level_R_body(np.array([0.003, 0.0, 1.0]))
     found = fitted_ellipse((footfalls(np.eye(3)).body_field @ tilted.T)[:, :2])
     assert abs(found.offset_uT[0] - OFFSET[0]) == pytest.approx(ellipse.sigma[0], rel=0.1)
+
+
+BOTH_WAYS = np.concatenate([ROUND[:43], ROUND[43] - ROUND[:43]])
+
+
+def on_floor(left, right, seed):
+    """Footfalls of three circles each way, over floors that shift the readings by so much, uT."""
+    field = footfalls(np.eye(3), heading=BOTH_WAYS)
+    noise = 0.2 * np.random.default_rng(seed).standard_normal((86, 2))
+    shift = np.where(np.arange(86)[:, None] < 43, right, left) + noise
+    return replace(field, body_field=field.body_field + np.column_stack([shift, np.zeros(86)]))
+
+
+def test_circles_to_the_left_and_to_the_right_show_what_the_floor_does():
+    """Its share of the offset, over many floors, is about as large as the sigma says; scatter alone says a sixth."""
+    errors, sigmas = [], []
+    for seed in range(60):
+        left, right = np.random.default_rng([seed, 1]).standard_normal((2, 2))
+        found, _ = ellipse_of_walk(on_floor(left, right, seed), EllipseParameters(largest_sigma=1.0))
+        errors.append(found.offset_uT - OFFSET)
+        sigmas.append(found.sigma[:2])
+    rms = np.sqrt(np.mean(np.square(errors))), np.sqrt(np.mean(np.square(sigmas)))
+    assert rms[0] == pytest.approx(np.sqrt(0.5), rel=0.25)
+    assert 0.5 < rms[1] / rms[0] < 1.5
+    scatter = fitted_ellipse(on_floor(left, right, 0).level_field[:, :2], EllipseParameters(largest_sigma=1.0))
+    assert scatter.sigma[:2].max() < 0.4 * rms[0]
+
+
+def test_circles_that_agree_change_next_to_nothing():
+    growth = [
+        ellipse_of_walk(field)[0].sigma[3] / fitted_ellipse(field.level_field[:, :2]).sigma[3]
+        for field in (on_floor(0.0, 0.0, seed) for seed in range(40))
+    ]
+    assert min(growth) == pytest.approx(1.0)
+    assert np.median(growth) < 1.3
+
+
+def test_circles_one_way_are_told():
+    _, calibration = ellipse_of_walk(footfalls(np.eye(3)))
+    assert any("no full circles both ways" in note for note in calibration.notes)
+    _, calibration = ellipse_of_walk(on_floor(0.0, 0.0, 1))
+    assert not any("no full circles both ways" in note for note in calibration.notes)
+
+
+def test_an_x_axis_that_stands_upright_is_refused():
+    with pytest.raises(CalibrationError, match="x axis stands upright"):
+        ellipse_of_walk(footfalls(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])))
 
 
 def test_an_ellipse_without_covariance_is_not_lifted():

@@ -160,10 +160,10 @@ def test_how_much_may_stay_open_is_a_parameter():
 @pytest.mark.parametrize(
     ("readings", "words"),
     [
-        (np.ones((5, 3)), "5 readings"),
+        (np.ones((5, 3)), "5 whole readings"),
         (np.ones((50, 3)), "no ellipsoid"),
         (sensor(0)[0] * [1.0, 1.0, 0.0], "no ellipsoid"),
-        (np.full((50, 3), np.nan), "0 readings"),
+        (np.full((50, 3), np.nan), "0 whole readings"),
     ],
     ids=["few", "one place", "a plane", "nothing"],
 )

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration.magnetometer import (
+    LEVEL_FIELD_UT,
+    UPPER,
+    MagnetometerCalibration,
+    check_strength,
+    matrix_of,
+    slope_of_inverse,
+)
 from fg_nav.errors import CalibrationError
 from fg_nav.recording import Recording
 
@@ -60,3 +67,22 @@ def test_there_must_be_a_magnetometer():
 def test_what_cannot_be_is_refused(changed, words):
     with pytest.raises(CalibrationError, match=words):
         calibration(**changed)
+
+
+def test_the_slope_of_an_inverse_is_its_change():
+    assert matrix_of(C[UPPER]) == pytest.approx(C)
+    step = 1e-6
+    ahead, behind = (
+        np.stack([np.linalg.inv(matrix_of(C[UPPER] + sign * step * one))[UPPER] for one in np.eye(6)], axis=1)
+        for sign in (1, -1)
+    )
+    assert slope_of_inverse(C) == pytest.approx((ahead - behind) / (2 * step), abs=1e-8)
+
+
+def test_a_field_that_earth_has_passes_and_others_do_not():
+    for strength in (22.0, 48.0, 67.0):
+        check_strength(strength)
+    check_strength(4.0, LEVEL_FIELD_UT)
+    for strength in (0.3, 4.0, 48e-6, 48e3, np.nan):
+        with pytest.raises(CalibrationError, match=r"uT strong, and .* readings in uT"):
+            check_strength(strength)

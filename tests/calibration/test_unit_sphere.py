@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid
+from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.calibration.unit_sphere import unit_sphere
 from fg_nav.errors import CalibrationError
@@ -40,7 +40,9 @@ def test_errors_are_as_large_as_their_sigmas():
 def test_one_wild_reading_in_a_hundred_spoils_it_and_not_the_likeliest_ellipsoid():
     readings, hard, _ = sensor(2)
     readings[::100] += 40.0 * np.random.default_rng(3).standard_normal((4, 3))
-    errors = [np.abs(found.hard_iron_uT - hard).max() for found in (unit_sphere(readings), fitted_ellipsoid(readings))]
+    willing = EllipsoidParameters(largest_sigma=np.inf, largest_residual=np.inf)
+    both = unit_sphere(readings, parameters=willing), fitted_ellipsoid(readings)
+    errors = [np.abs(found.hard_iron_uT - hard).max() for found in both]
     assert errors[0] > 0.5
     assert errors[1] < 0.2
 
@@ -51,8 +53,36 @@ def test_one_wild_reading_in_a_hundred_spoils_it_and_not_the_likeliest_ellipsoid
     ids=["few", "one place", "a plane", "nothing"],
 )
 def test_what_is_no_ellipsoid_is_refused(readings):
-    with pytest.raises(CalibrationError, match="no ellipsoid"):
+    with pytest.raises(CalibrationError, match=r"no ellipsoid|cannot make an ellipsoid"):
         unit_sphere(readings)
+
+
+@pytest.mark.parametrize(
+    ("readings", "words"),
+    [
+        (
+            STRENGTH * np.array([[0.0, 0.0, 1.0]]) + 0.3 * np.random.default_rng(5).standard_normal((2000, 3)),
+            "was it turned",
+        ),
+        (1e-6 * sensor(0)[0], "readings in uT"),
+        (0.09 * sensor(0)[0], r"strong, .* readings in uT"),
+        (1e3 * sensor(0)[0], r"strong, .* readings in uT"),
+        (sensor(0, within=np.deg2rad(25.0))[0], "of all directions covered"),
+        (sensor(13, noise_uT=4.0, count=4000)[0], "not the same everywhere"),
+    ],
+    ids=["not turned", "tesla", "too small", "nanotesla", "a cap", "another field each time"],
+)
+@pytest.mark.parametrize("method", [unit_sphere, fitted_ellipsoid])
+def test_what_would_calibrate_wrongly_is_refused(method, readings, words):
+    """Noise about one reading is a ball, and a ball is an ellipsoid."""
+    with pytest.raises(CalibrationError, match=words):
+        method(readings)
+
+
+@pytest.mark.parametrize("strength", [0.0, -48.0, np.nan, np.inf])
+def test_a_field_has_a_strength(strength):
+    with pytest.raises(CalibrationError, match="is none"):
+        unit_sphere(sensor(0)[0], strength)
 
 
 def test_a_hyperboloid_is_refused():

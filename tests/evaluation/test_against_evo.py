@@ -7,7 +7,7 @@ from fg_nav.evaluation import evaluate, similarity_scale
 from fg_nav.recording import TrajectoryTruth
 from tests.evaluation.walks import solution, winding_path
 
-trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is not installed: pip install 'fg-nav[evo]'")
+trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is not installed: pip install 'fg-nav[checks]'")
 metrics = pytest.importorskip("evo.core.metrics")
 
 RNG = np.random.default_rng(3)

@@ -91,13 +91,16 @@ def test_what_was_not_judged_counts_neither_way(rng):
     assert there.area != roc_of(statistic, signal, walk).area
 
 
-def test_areas_of_single_walks_are_those_of_each_alone(rng):
+def test_a_walk_without_a_judged_case_is_none(rng):
+    """It tells nothing of how much walks differ; counted as one that agrees with the mean it would narrow the band."""
     statistic, signal, walk = drawn(rng)
-    signal[walk == 3] = False
-    areas = roc_of(statistic, signal, walk).area_of_walk
-    assert np.isnan(areas[3])
-    for w in (0, 7):
-        assert areas[w] == pytest.approx(roc_of(statistic[walk == w], signal[walk == w]).area, abs=1e-12)
+    mute = np.where(walk >= 4, np.nan, statistic)
+    few, silent = roc_of(statistic[walk < 4], signal[walk < 4], walk[walk < 4]), roc_of(mute, signal, walk)
+    assert silent.n_walks == 4
+    assert silent.area_band() == few.area_band()
+    assert silent.band_at(-0.6) == few.band_at(-0.6)
+    with pytest.raises(EvaluationError, match="two walks or more"):
+        roc_of(np.where(walk == 0, statistic, np.nan), signal, walk).area_band()
 
 
 @pytest.mark.parametrize("of_walk", [0.0, 0.8])

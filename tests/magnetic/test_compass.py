@@ -115,6 +115,17 @@ def test_an_arctangent_of_a_quotient_takes_south_for_north():
     np.testing.assert_allclose(quotient[~behind], 0.0, atol=1e-9)
 
 
+def test_the_field_in_navigation_axes_holds_no_heading():
+    """Ma Eq. 1 asks for the components in north, east and down: there the field is the same however the foot turns."""
+    attitudes = tilted()
+    field, acc = sensed(attitudes)
+    north, east, _ = np.moveaxis(np.einsum("nij,nj->ni", attitudes, field)[:, [1, 0, 2]], -1, 0)
+    printed_heading = np.arctan2(east, north)
+    np.testing.assert_allclose(printed_heading, 0.0, atol=1e-12)
+    assert off_deg(printed_heading).max() > 170.0
+    assert off_deg(printed.ma_heading(field, acc)).max() < 1e-9
+
+
 def test_levelling_one_papers_way_with_the_others_accelerometer_is_off_by_far():
     """Ma Eq. 3-4 and AIEZ Eq. 19-24 are each right, with an accelerometer that reads -g and +g down its third axis.
 
@@ -148,6 +159,24 @@ def test_upside_down_is_not_upright():
     assert off_deg(printed.aiez_heading(field, acc)).max() < 1e-9
     flat = printed.aiez_levelled(field, printed.aiez_tilt_as_printed(acc))
     assert off_deg(-printed.aiez_compass(flat)).max() > 90.0
+    assert off_deg(printed.ma_heading(field, acc)).max() < 1e-9
+    assert off_deg(_by_arcsine(field, acc)).max() > 90.0
+
+
+def test_an_arcsine_wants_the_accelerometers_own_g():
+    """Ma Eq. 4 with an MPU-9250's 3 % of scale: a degree of heading, and none by arctangents."""
+    field, acc = sensed(tilted())
+    assert off_deg(_by_arcsine(field, acc)).max() < 1e-6
+    assert off_deg(_by_arcsine(field, 1.03 * acc)).max() > 1.0
+    assert off_deg(printed.ma_heading(field, 1.03 * acc)).max() < 1e-9
+
+
+def _by_arcsine(field, acc):
+    """Ma's heading with the division that Eq. 4 must mean, and its arcsines and g as printed."""
+    x, y, _ = np.moveaxis(acc * printed.FRD_FROM_FLU, -1, 0)
+    p = -np.arcsin(x / GRAVITY_M_S2)
+    tilt = np.arcsin(np.clip(y / (GRAVITY_M_S2 * np.cos(p)), -1.0, 1.0)), p
+    return printed.ma_compass(printed.ma_levelled(field * printed.FRD_FROM_FLU, tilt))
 
 
 def test_declination_changes_its_sign_with_the_axes():

@@ -40,6 +40,16 @@ def test_no_verdict_waits_for_what_comes_after_it(name):
     assert part.reason == whole.reason[:17]
 
 
+@pytest.mark.parametrize("name", [name for name in DETECTORS if DETECTORS[name].offset_column is None])
+def test_the_last_footfalls_are_all_that_the_last_verdict_needs(name):
+    walk = footfalls(turned(rng().normal(0, 0.1, 30)), heading=rng(2).uniform(-3, 3, 30), rate=rng().normal(0, 1, 30))
+    last = DETECTORS[name].rows
+    tail = type(walk)(*(getattr(walk, key)[-last:] for key in walk.__dataclass_fields__))
+    whole, alone = judge(walk, name), judge(tail, name)
+    np.testing.assert_allclose(alone.statistic[-1], whole.statistic[-1])
+    assert alone.reason[-1] == whole.reason[-1]
+
+
 @pytest.mark.parametrize("name", ["qsf", "ma2018", "ma2018-printed", "qsf-printed"])
 def test_a_curve_in_a_still_field_passes(name):
     assert judge(footfalls(still(40), heading=np.deg2rad(25) * np.arange(40)), name).quasi_static[3:].all()
@@ -175,6 +185,28 @@ def test_footfalls_without_a_field_are_passed_over():
             np.testing.assert_allclose(verdicts.statistic[there], judge(footfalls(field[there]), name).statistic)
 
 
+def test_places_far_apart_are_not_compared():
+    """A magnetometer that falls silent for some strides: the window starts anew, and says over how many it reaches."""
+    holed = still(40)
+    holed[10:13], holed[20:24] = np.nan, np.nan
+    verdicts = judge(footfalls(holed), "qsf")
+    np.testing.assert_array_equal(np.flatnonzero(~verdicts.judged), [0, 1, 2, 10, 11, 12, *range(20, 27)])
+    assert verdicts.reason[13].startswith("over 6 strides: ")
+    assert verdicts.reason[16].startswith("over 3 strides: ")
+    assert verdicts.reason[24] == "over 3 strides there are too many footfalls without a field"
+    assert verdicts.reason[2] == "fewer than 4 footfalls with a field so far"
+
+
+def test_two_samples_of_the_field_are_a_mean_and_no_slope():
+    walk = footfalls(still(10))
+    poor = replace(walk, strength_rate_sigma=np.where(np.arange(10) == 6, np.nan, walk.strength_rate_sigma))
+    assert judge(poor, "qsf").judged[6]
+    verdicts = judge(poor, "aiez")
+    assert not verdicts.judged[6]
+    assert verdicts.reason[6] == "too little of the field was measured at this footfall"
+    assert verdicts.quasi_static[7:].all()
+
+
 @pytest.mark.parametrize("name", DETECTORS)
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_a_walk_too_short_to_be_judged_is_not(name, n):
@@ -221,11 +253,52 @@ def test_a_magnet_passes_the_rates_and_not_the_offset():
     assert judge(walk, "ma2018").quasi_static[14:20].all()
 
 
+ALL_PASS = replace(
+    DETECTORS["aiez"], channels=(Channel(OFFSET, np.deg2rad(2.5)),), fixed_threshold=1e6, laying=Laying(first=3)
+)
+"""The laying alone."""
+
+
+def test_innovations_of_the_laying_are_as_large_as_it_says():
+    """Drift and readings drawn as it supposes them: a Kalman filter's normalised innovations are white and Gaussian."""
+    n, stride_s = 3000, 1.1
+    drift = np.cumsum(ALL_PASS.laying.drift * np.sqrt(stride_s) * rng(1).standard_normal(n))
+    walk = footfalls(turned(np.deg2rad(2.5) * rng(2).standard_normal(n)), drift=drift, stride_s=stride_s)
+    squares = judge(walk, ALL_PASS).statistic[3:] * 1e6
+    assert kstest(squares, "chi2", args=(1,)).pvalue > 1e-3
+    assert squares.mean() == pytest.approx(1.0, abs=0.08)
+
+
+def test_what_begins_the_laying_is_as_doubtful_as_a_mean_of_so_many():
+    """Of the first to be judged, the variance is that of a reading, of a mean of three, and of one stride's drift."""
+    read_deg, stride_s = np.array([2.0, -1.0, 3.5, -4.0]), 1.1
+    variance = 2.5**2 * (1 + 1 / 3) + 0.2**2 * stride_s
+    first = judge(footfalls(turned(np.deg2rad(read_deg)), stride_s=stride_s), ALL_PASS).statistic[3] * 1e6
+    assert first == pytest.approx((read_deg[3] - read_deg[:3].mean()) ** 2 / variance, rel=2e-3)
+
+
+def test_values_and_zeros_together_have_the_degrees_of_freedom_of_both():
+    detector = Detector("both", (Channel("strength", 0.3), Channel("strength rate", 0.5)))
+    statistic = detector.statistic(rng(5).standard_normal((20_000, 2, detector.rows)))
+    assert kstest(statistic, "chi2", args=(6,)).pvalue > 1e-3
+    assert detector.degrees_of_freedom == 6
+
+
 def test_a_drift_within_what_is_claimed_is_followed():
     """2 deg a minute for ten minutes, 20 deg in all: the compass, accepted, keeps the offset."""
     n = 540
     drift = np.deg2rad(20.0) * np.linspace(0, 1, n)
     assert judge(footfalls(still(n), drift=drift), "aiez").quasi_static[3:].all()
+
+
+def test_a_lasting_deviation_is_believed_in_the_end_and_a_greater_one_later():
+    """While the field is rejected the test widens with the drift, until S = (deviation)^2 / threshold."""
+    detector, beside = DETECTORS["aiez"], np.arange(1000) >= 10
+    for deviation in np.deg2rad([10.0, 15.0]):
+        walk = footfalls(turned(deviation * beside))
+        passed = judge(walk, detector).quasi_static & beside
+        wide = deviation**2 / detector.threshold - detector.channels[0].sigma ** 2
+        assert walk.t[np.argmax(passed)] == pytest.approx(wide / detector.laying.drift**2, rel=0.07)
 
 
 def test_a_heading_that_is_known_needs_no_laying():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import chi2
+from scipy.stats import chi2, kstest, norm
 
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import DETECTORS, judge
@@ -43,10 +43,17 @@ def test_without_the_absolutes_opposite_jumps_cancel():
 
 
 def test_absolute_changes_are_not_the_gaussians_of_equation_16():
-    """|v| is half-normal, of mean 0.8 sigma: a window mean of it is no estimate of a change that is not there."""
-    noise = np.abs(rng().standard_normal(100_000))
-    assert noise.mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.01)
-    assert noise.var() == pytest.approx(1 - 2 / np.pi, abs=0.01)
+    """|v| is half-normal, of mean 0.8 sigma: the window mean of Eq. 20 sees a change in a field that does not.
+
+    One Gaussian squared has the mean 1 that Eq. 16 promises whatever the window; with absolutes it grows with it.
+    """
+    for window in (3, 12):
+        change = rng().standard_normal((30_000, window + 1))
+        change[:, 0] = 0.0
+        found = alone(PRINTED.with_window(window), np.cumsum(change, axis=1)).mean()
+        assert found == pytest.approx(1 + (window - 1) * 2 / np.pi, rel=0.02)
+        ours = OURS.with_window(window)
+        assert alone(ours, rng(2).standard_normal((30_000, ours.rows))).mean() == pytest.approx(window, rel=0.02)
 
 
 def test_sums_of_changes_have_a_third_of_the_variance_that_independent_ones_would():
@@ -91,9 +98,9 @@ def test_the_printed_density_is_none_but_its_ratio_is():
 
 def test_the_likelihood_ratio_of_equation_24_is_equation_26():
     """With the window's mean for an estimate: 2 ln(ratio) = (sum y)^2 / (N sigma^2)."""
-    y, sigma = rng().normal(0.5, 1.0, N), 0.7
-    two_log_ratio = (y**2).sum() / sigma**2 - ((y - y.mean()) ** 2).sum() / sigma**2
-    assert two_log_ratio == pytest.approx(y.sum() ** 2 / (N * sigma**2))
+    y, sigma = rng().uniform(0.1, 2.0, N), 0.7
+    two_log_ratio = -2 * (norm.logpdf(y, 0.0, sigma) - norm.logpdf(y, y.mean(), sigma)).sum()
+    assert alone(PRINTED, np.cumsum([0.0, *y]) / sigma) == pytest.approx(two_log_ratio)
 
 
 def test_170_is_no_threshold_of_noise():
@@ -122,6 +129,17 @@ def test_the_printed_form_has_no_false_alarm_rate_to_ask_for():
     assert 0.0 < OURS.with_false_alarm_rate(0.01).threshold < OURS.with_false_alarm_rate(0.1).threshold
 
 
+def test_the_printed_integral_is_no_probability():
+    """Eq. 23 at its simplest, one change in one channel: at 170 the "false-alarm probability" is 10."""
+    single, edge = PRINTED.with_window(1), np.sqrt(170.0)
+    assert alone(single, [0.0, edge]) == pytest.approx(170.0)
+    found, _ = quad(lambda y: norm.pdf(y, loc=y), -edge, edge)  # the estimate of the change is the change
+    assert found == pytest.approx(10.4, abs=0.01)
+    window = rng().standard_normal((100_000, 3, OURS.rows))
+    window[:, 0] += OURS.channels[0].matters / OURS.channels[0].sigma * np.linspace(0.0, 1.0, OURS.rows)
+    assert (OURS.statistic(window) < OURS.threshold).mean() == pytest.approx(OURS.false_alarm_rate, abs=0.004)
+
+
 def test_two_estimates_of_a_change_give_two_statistics():
     """Ma's hypothesis "at every step" has the estimate s_k = y_k (AIEZ Eq. 16-17); his Eq. 20 has one for all."""
     creeping, jumping = [0.0, 2.0, 4.0, 6.0], [0.0, 6.0, 6.0, 6.0]
@@ -130,15 +148,53 @@ def test_two_estimates_of_a_change_give_two_statistics():
     assert alone(SQUARES, jumping) == pytest.approx(12.0)
 
 
-def test_the_rate_of_the_vector_is_that_of_turning_and_the_rate_of_the_strength_is_not():
-    """AIEZ Eq. 9: a foot that rolls at 0.2 rad/s in the Earth's still field has a |dB/dt| of nearly ten sigmas."""
-    t = np.linspace(0.0, 0.3, 31)
-    roll = 0.2 * t
-    body = np.stack([0 * t, 48 * np.cos(1.1 + roll), -48 * np.sin(1.1 + roll)], axis=1)
-    vector_rate = np.linalg.norm(np.diff(body, axis=0), axis=1) / np.diff(t)
-    strength_rate = np.diff(np.linalg.norm(body, axis=1)) / np.diff(t)
-    assert vector_rate.min() / 0.5 > 9.0
-    assert np.abs(strength_rate).max() < 1e-9
+def test_an_offset_that_is_not_wrapped_is_a_whole_turn_at_south():
+    """AIEZ Eq. 9 as printed, |psi - psi_compass|, of a foot that looks south and a compass that wavers by a degree."""
+    walk = footfalls(turned(np.deg2rad(1.0) * (-1.0) ** np.arange(20)), heading=np.pi - 1e-9)
+    as_it_stands = np.degrees(np.abs(walk.gyro_heading - walk.magnetic_heading))
+    assert (as_it_stands > 358.0).sum() == 10
+    assert np.degrees(np.abs(walk.heading_difference)).max() < 1.01
+    assert judge(walk, "aiez-printed").quasi_static[3:].all()
+
+
+def test_the_sigma_of_the_one_channel_is_no_sigma_of_the_other():
+    """AIEZ Eq. 12 divides the strength rate, uT/s, by the sigma of the heading, rad: still fields fail."""
+    heading, strength = DETECTORS["aiez-printed"].channels
+    threshold = DETECTORS["aiez-printed"].threshold
+    window = rng().standard_normal((100_000, 2, 1))
+    assert (DETECTORS["aiez-printed"].statistic(window) < threshold).mean() == pytest.approx(0.99, abs=0.002)
+    window[:, 1] *= strength.sigma / heading.sigma
+    assert (DETECTORS["aiez-printed"].statistic(window) < threshold).mean() < 0.8
+
+
+def test_one_power_for_a_window_leaves_the_unit_in_the_ratio():
+    """AIEZ Eq. 15 has 1 / sqrt(2 pi sigma^2) where Eq. 14 has its N-th power: their ratio is not Eq. 16."""
+    y, detector = rng().normal(0.0, 0.5, N), DETECTORS["aiez-printed"].with_window(N)
+
+    def literal(unit):  # of the strength rate alone, in so many units a uT/s
+        sigma = 0.5 * unit
+        h1 = -0.5 * np.log(2 * np.pi * sigma**2) - ((y * unit) ** 2).sum() / (2 * sigma**2)
+        h0 = -0.5 * N * np.log(2 * np.pi * sigma**2)
+        return -2 / N * (h1 - h0)
+
+    assert literal(10.0) - literal(1.0) == pytest.approx(-(N - 1) / N * 2 * np.log(10.0))
+    product = -2 / N * (norm.logpdf(y, 0.0, 0.5) - norm.logpdf(0.0, 0.0, 0.5)).sum()
+    assert alone(detector, y / 0.5) == pytest.approx(product)
+
+
+def test_equation_17_of_white_zeros_is_chi_squared_over_n():
+    """On zeros, which are not differences, AIEZ's sum is what its authors take it for: 2 N degrees of freedom."""
+    detector = DETECTORS["aiez-printed"].with_window(N)
+    scaled = N * detector.statistic(rng(3).standard_normal((20_000, 2, detector.rows)))
+    assert kstest(scaled, "chi2", args=(2 * N,)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("name", ["aiez", "aiez-printed"])
+def test_pure_is_only_what_agrees_with_the_inertial_heading(name):
+    """AIEZ Eq. 8 and 11 name it pure: a field that is wrong from the start passes until the heading is known."""
+    wrong, detector = footfalls(turned(np.full(20, np.deg2rad(40.0)))), DETECTORS[name]
+    assert judge(wrong, detector).quasi_static[3:].all()
+    assert not judge(wrong, replace(detector, laying=replace(detector.laying, first=0))).quasi_static.any()
 
 
 def test_the_printed_offset_locks_out_once_the_inertial_heading_has_drifted():

@@ -10,17 +10,19 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.earth import EarthField
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.report import style
-from fg_nav.report.field import ACCEPTED, REJECTED, UNJUDGED, plot_field
+from fg_nav.report.field import plot_field
 from fg_nav.report.field_map import plot_field_map
-from fg_nav.report.field_results import facts, footfall_frame, write_survey
+from fg_nav.report.field_results import facts, footfall_frame, survey_notes, write_survey
 from fg_nav.report.field_survey import FieldSurvey, coverage, surveyed
+from fg_nav.report.lanes import ACCEPTED, REJECTED, UNJUDGED
 from fg_nav.report.view import View
 from fg_nav.session import Session
 from fg_nav.solution import Solution
+from fg_nav.stances import Stances
 from tests.magnetic.fields import footfalls, turned
 from tests.report import walks
 
@@ -132,6 +134,30 @@ def test_a_lane_shows_each_verdict_of_a_short_walk() -> None:
     assert colours[middle] == pytest.approx(np.array([to_rgb(one) for one in wanted]))
 
 
+def test_a_lane_is_empty_where_nobody_steps() -> None:
+    survey = survey_of(40)
+    t = np.arange(40.0) + np.where(np.arange(40) < 20, 0.0, 100.0)
+    survey = replace(survey, field=replace(survey.field, t=t), verdicts={"ma2018": verdicts_of([0.5] * 40)})
+    empty = (lane(survey)[0] == 1.0).all(axis=1).mean()
+    assert empty == pytest.approx((101.0 - 2 * 3.0) / 140.0, abs=0.005)
+
+
+def test_a_note_tells_where_nobody_steps(session: Session) -> None:
+    assert not [note for note in survey_notes(session) if "no footfall" in note]
+    first, last = 10, 25
+    kept = np.r_[0:first, last : len(session.stances)]
+    stances = Stances.from_mask(np.isin(np.arange(session.stances.n_samples), standing(session.stances, kept)))
+    t = session.recording.t
+    gap_s = t[session.stances.start[last]] - t[session.stances.stop[first - 1] - 1]
+    (note,) = [note for note in survey_notes(replace(session, stances=stances)) if "no footfall" in note]
+    assert f"for {gap_s:.0f} s" in note
+
+
+def standing(stances: Stances, kept: Ints) -> Ints:
+    """Samples of some of the stances."""
+    return np.concatenate([np.arange(stances.start[k], stances.stop[k]) for k in kept])
+
+
 def test_a_lane_mixes_the_verdicts_of_a_long_walk() -> None:
     n = 4000
     survey = replace(survey_of(n), verdicts={"ma2018": verdicts_of([0.5, 2.0] * (n // 2))})
@@ -146,6 +172,15 @@ def test_map_counts_what_it_colours(session: Session) -> None:
         assert axes.get_title(loc="left") == f"{one.detector}: {100 * one.share:.0f} %"
         coloured = sum(len(np.asarray(line.get_xdata())) for line in axes.lines if line.get_color() == ACCEPTED)
         assert coloured == one.accepted
+
+
+@pytest.mark.parametrize(("stretched", "rows"), [(1.0, 2), (0.02, 1)], ids=["wide", "tall"])
+def test_maps_of_a_long_corridor_stand_beside_each_other(stretched: float, rows: int) -> None:
+    survey = survey_of(40)
+    survey = replace(survey, verdicts={f"d{k}": verdicts_of([0.5] * 40) for k in range(6)}, chosen="d0")
+    solution = replace(survey.solution, position=survey.solution.position * [stretched, 1.0, 1.0])
+    figure = plot_field_map(replace(survey, solution=solution), View(solution))
+    assert figure.axes[0].get_gridspec().nrows == rows  # type: ignore[union-attr]
 
 
 def test_map_claims_no_north_where_the_truth_has_none(session: Session) -> None:
