@@ -36,6 +36,9 @@ SEEN = float(chi2.ppf(0.95, 2))
 """Squared sigmas over the ground below which iron that is found may be none. Soft iron alone does not count: of what it
 does to the level field a real floor shows next to nothing."""
 
+FAR_SIGMAS = 6.0
+"""Soft iron this far from none, by the sigma that is believed of it, is no soft iron but another motion."""
+
 DRIFT_SIGMAS, LINE_STEP_RAD = 3.0, 0.1
 """How fast a drift is looked for where spreads are compared, and in what steps at the end of the walk."""
 
@@ -61,8 +64,8 @@ def calibrate_on_walk(
     Raises
     ------
     CalibrationError
-        With the reason: too few footfalls, headings that do not go round, no field that Earth has, no iron, or nothing
-        gained out of sample.
+        With the reason: too few footfalls, headings that do not go round, no field that Earth has, no iron, iron that
+        no shoe carries, or nothing gained out of sample.
     """
     p = parameters
     walk = Walk.of(field, p)
@@ -73,6 +76,7 @@ def calibrate_on_walk(
     if p.must_gain:
         check_strength(float(np.linalg.norm(fit.b[:2])), LEVEL_FIELD_UT)
         _check_seen(walk, fit)
+        _check_bending(fit, p)
         _check_gain(spread)
     return _calibration(fit, walk, spread, p)
 
@@ -134,6 +138,16 @@ def _check_seen(walk: Walk, fit: Fit) -> None:
         )
 
 
+def _check_bending(fit: Fit, p: WalkCalibrationParameters) -> None:
+    """The field is nobody's model where the soft iron found is far from anything that is believed of shoes."""
+    bending = np.linalg.eigvalsh(fit.S)
+    if np.abs(bending - 1.0).max() > FAR_SIGMAS * p.soft_iron_sigma:
+        raise CalibrationError(
+            f"the iron found would make the field {bending.min():.2g} to {bending.max():.2g} times as strong, as no "
+            "shoe does: is the sensor on a walking foot?"
+        )
+
+
 def _check_gain(spread: Spread) -> None:
     if not spread.after_deg < spread.before_deg:
         raise CalibrationError(
@@ -184,9 +198,10 @@ def _calibration(fit: Fit, walk: Walk, spread: Spread, p: WalkCalibrationParamet
         samples=len(walk),
         notes=(
             f"hard iron over the ground, with what soft iron makes of the vertical field, is known to "
-            f"{fit.level_sigma:.1f} uT from {len(walk)} footfalls; what the walk does not show is left as believed",
+            f"{fit.level_sigma:.1f} uT from {len(walk)} footfalls; what a walk on the level does not show keeps its "
+            "wide sigma",
             f"compass minus inertial heading spreads by {spread.after_deg:.1f} deg instead of {spread.before_deg:.1f}, "
             f"each of its {p.blocks} parts corrected by the others",
-            "residual: scale per axis of what the building adds",
+            "the residual is what the building adds to the field, typically, per axis",
         ),
     )

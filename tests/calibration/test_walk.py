@@ -166,6 +166,13 @@ def test_iron_that_helps_in_one_part_only_is_refused():
     assert any("does not help in the others" in reason for reason in reasons)
 
 
+def test_iron_that_bends_the_field_as_no_shoe_does_is_refused():
+    bent = np.diag([2.5, 1.0, 1.0])
+    field = walked(round_walk(), np.random.default_rng(2), building_uT=0.02, soft=bent)
+    with pytest.raises(CalibrationError, match="as no shoe does"):
+        calibrate_on_walk(field)
+
+
 @pytest.mark.parametrize("reading", [[20.0, 3.0, -40.0], [0.0, 0.0, 0.0]])
 @pytest.mark.parametrize("noise_uT", [0.0, 0.3])
 def test_a_magnetometer_that_does_not_feel_the_field_is_refused(reading, noise_uT):
