@@ -93,7 +93,7 @@ def judge_samples(recording: Recording, parameters: DisturbanceParameters = Dist
         Without a magnetometer, or if no window has enough samples of the field.
     """
     if recording.mag is None:
-        raise MagneticError("the recording has no magnetometer: nothing is known of the field.")
+        raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
     scatter, count = _scatter(recording.t, np.linalg.norm(recording.mag, axis=1), parameters.window_s)
     if not (count >= FEWEST).any():
         raise MagneticError(

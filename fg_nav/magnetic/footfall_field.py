@@ -116,7 +116,7 @@ def footfall_field(
         Without a stance, or with stances of another recording.
     """
     if recording.mag is None:
-        raise MagneticError("the recording has no magnetometer: nothing is known of the field.")
+        raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
     attitude = inertial_attitude(recording, stances, heading) if nav_R_body is None else nav_R_body
     sample = stances.stillest(recording.gyr)
     first, last = _windows(recording.t, stances, sample)
