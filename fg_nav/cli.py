@@ -36,6 +36,12 @@ PATH_METHOD = "iez"
 
 DEMO_METHODS = ("smoother", "iez")
 
+METHOD_NAMES = (
+    "smoother, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; all but the first also smoothed, as `iez-rts`"
+)
+PRESET_NAMES = "tuned, physical or as-printed"
+"""In words for the help, which must not load the methods; a test holds both to those that there are."""
+
 app = typer.Typer(
     name="fg-nav", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
@@ -53,7 +59,7 @@ FormatName = Annotated[
 ]
 NoMag = Annotated[
     bool,
-    typer.Option("--no-mag", help="Ignore the magnetometer: no verdicts on the field. So far no method uses these."),
+    typer.Option("--no-mag", help="Ignore the magnetometer: no verdicts on the field, and no filter with a compass."),
 ]
 CalibrationPath = Annotated[
     Path | None,
@@ -63,13 +69,26 @@ Detector = Annotated[
     str | None,
     typer.Option("--detector", metavar="NAME", help="What judges the magnetic field. \\[default: ma2018]"),
 ]
+Preset = Annotated[
+    str,
+    typer.Option(
+        "--preset",
+        metavar="NAME",
+        help=f"Parameters of the filters: {PRESET_NAMES}. The smoother has no presets.",
+    ),
+]
 PlaceWords = Annotated[
     str | None,
     typer.Option("--place", metavar="LAT,LON,YYYY-MM-DD", help="Where and when: the field of the Earth there."),
 ]
 Heading = Annotated[
-    float,
-    typer.Option("--heading", metavar="DEG", help="Heading at the start, degrees clockwise from north."),
+    float | None,
+    typer.Option(
+        "--heading",
+        metavar="DEG",
+        help="Heading at the start, degrees clockwise from north. "
+        "\\[default: what the compass says, in a method that uses it; else 0]",
+    ),
 ]
 TruthPath = Annotated[
     Path | None,
@@ -132,12 +151,13 @@ def inspect(
 @app.command()
 def run(
     recording: RecordingPath,
-    method: Annotated[str, typer.Option(metavar="NAME", help="smoother or iez.")] = "smoother",
+    method: Annotated[str, typer.Option(metavar="NAME", help=f"{METHOD_NAMES}.")] = "smoother",
     no_mag: NoMag = False,
-    heading: Heading = 0.0,
+    heading: Heading = None,
     truth: TruthPath = None,
     calibration: CalibrationPath = None,
     detector: Detector = None,
+    preset: Preset = "tuned",
     format: FormatName = None,
     alignment: AlignmentMode = "yaw",
     out: OutDir = None,
@@ -149,7 +169,7 @@ def run(
     from fg_nav.report.writing import write_run_folder
     from fg_nav.session import load
 
-    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration))
+    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration, preset))
     outcomes = _solved(session, [method])
     with _folder(out, force, f"{recording.stem}-{method}") as (place, folder):
         write_run_folder(folder, session, outcomes[method])
@@ -159,12 +179,15 @@ def run(
 @app.command()
 def compare(
     recording: RecordingPath,
-    methods: Annotated[str, typer.Option(metavar="A,B", help="Methods, with commas between.")] = "smoother,iez",
+    methods: Annotated[
+        str, typer.Option(metavar="A,B", help=f"Methods, with commas between: {METHOD_NAMES}.")
+    ] = "smoother,iez",
     no_mag: NoMag = False,
-    heading: Heading = 0.0,
+    heading: Heading = None,
     truth: TruthPath = None,
     calibration: CalibrationPath = None,
     detector: Detector = None,
+    preset: Preset = "tuned",
     format: FormatName = None,
     alignment: AlignmentMode = "yaw",
     out: OutDir = None,
@@ -177,7 +200,7 @@ def compare(
     from fg_nav.report.writing import write_comparison_folder
     from fg_nav.session import load
 
-    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration))
+    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration, preset))
     outcomes = _solved(session, names)
     with _folder(out, force, f"{recording.stem}-compare") as (place, folder):
         write_comparison_folder(folder, session, outcomes)
@@ -250,7 +273,7 @@ def detect(
         ),
     ] = None,
     calibration: CalibrationPath = None,
-    heading: Heading = 0.0,
+    heading: Heading = None,
     place: PlaceWords = None,
     truth: TruthPath = None,
     format: FormatName = None,
@@ -375,16 +398,24 @@ def simulate(
 
 
 def _options(
-    no_mag: bool, heading: float, alignment: str, truth: Path | None, detector: str | None, calibration: Path | None
+    no_mag: bool,
+    heading: float | None,
+    alignment: str,
+    truth: Path | None,
+    detector: str | None,
+    calibration: Path | None,
+    preset: str = "tuned",
 ) -> Options:
-    """What was asked for; refuses a detector that there is not, or that would have nothing to judge."""
+    """What was asked for; refuses a preset or a detector that there is not, or that would have nothing to judge."""
+    from fg_nav.ekf.presets import check_preset
     from fg_nav.magnetic.quasi_static import DEFAULT, detector_named
     from fg_nav.session import Options
 
     detector_named(detector or DEFAULT)
+    check_preset(preset)
     if no_mag and detector is not None:
         raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")
-    return Options(not no_mag, heading, alignment, truth, detector or DEFAULT, calibration)
+    return Options(not no_mag, heading, alignment, truth, detector or DEFAULT, calibration, preset)
 
 
 def _earth(place: str | None) -> EarthField | None:

@@ -1,8 +1,8 @@
 """The estimators by the names under which people ask for them.
 
-Each takes the same recording and the same stances and returns a `Solution`, so that a comparison compares
-estimators and nothing else. They are imported when first called: the graph library alone takes a second to
-load.
+Each takes the same recording, the same stances and the same field at their footfalls, and returns a `Solution`, so that
+a comparison compares estimators and nothing else. They are imported when first called: the graph library alone takes a
+second to load.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from fg_nav.errors import EstimationError
+from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -18,23 +19,51 @@ from fg_nav.stances import Stances
 Progress: TypeAlias = Callable[[float], None]
 """Told from time to time what fraction of the work is done."""
 
-Estimator: TypeAlias = Callable[[Recording, Stances, float, Progress | None], Solution]
-"""Called with recording, stances, heading at the start in rad, and progress."""
+Estimator: TypeAlias = Callable[
+    [Recording, Stances, FootfallField | None, float | None, Progress | None, str], Solution
+]
+"""Called with recording, stances, the field at the footfalls (None where it is unknown), the heading at the start in
+rad (None where it is unknown: then zero, or what the compass says), progress, and the preset of a filter."""
 
 
-def _smoother(recording: Recording, stances: Stances, heading: float, progress: Progress | None) -> Solution:
+FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
+"""Each also as `-rts`: with the way back over its pass."""
+
+
+def _smoother(
+    recording: Recording,
+    stances: Stances,
+    field: FootfallField | None,
+    heading: float | None,
+    progress: Progress | None,
+    preset: str,
+) -> Solution:
     from fg_nav.smoother import smooth
 
-    return smooth(recording, stances, heading=heading, progress=progress)
+    return smooth(recording, stances, heading=heading or 0.0, progress=progress)
 
 
-def _iez(recording: Recording, stances: Stances, heading: float, progress: Progress | None) -> Solution:
-    from fg_nav.ekf import run_iez
+def _filter(method: str) -> Estimator:
+    def run(
+        recording: Recording,
+        stances: Stances,
+        field: FootfallField | None,
+        heading: float | None,
+        progress: Progress | None,
+        preset: str,
+    ) -> Solution:
+        from fg_nav.ekf.presets import run_filter
 
-    return run_iez(recording, stances, heading=heading)
+        return run_filter(method, preset, recording, stances, field, heading)
+
+    return run
 
 
-ESTIMATORS: dict[str, Estimator] = {"smoother": _smoother, "iez": _iez}
+ESTIMATORS: dict[str, Estimator] = {
+    "smoother": _smoother,
+    **{method: _filter(method) for method in FILTERS},
+    **{method + "-rts": _filter(method + "-rts") for method in FILTERS},
+}
 
 
 def estimator(name: str) -> Estimator:

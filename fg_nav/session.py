@@ -37,19 +37,22 @@ class Options:
     Attributes
     ----------
     use_magnetometer : whether the methods see the magnetometer at all.
-    heading_deg : heading of the body's x axis at the start, degrees clockwise from north.
+    heading_deg : heading of the body's x axis at the start, degrees clockwise from north; None where it is not known:
+        then zero, or what the compass says.
     alignment : how a solution is laid on the truth (`fg_nav.evaluation.alignment`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
     field_detector : which detector of a quasi-static field the verdicts come from (`fg_nav.magnetic.quasi_static`).
     calibration_path : file with a calibration to apply; None to take the recording as it is.
+    preset : of the filters (`fg_nav.ekf.presets`).
     """
 
     use_magnetometer: bool = True
-    heading_deg: float = 0.0
+    heading_deg: float | None = None
     alignment: str = "yaw"
     truth_path: Path | None = None
     field_detector: str = DEFAULT
     calibration_path: Path | None = None
+    preset: str = "tuned"
 
 
 @dataclass(frozen=True)
@@ -167,7 +170,7 @@ def with_field(session: Session) -> Session:
         return replace(session, unjudged="the magnetometer was left out, as told")
     detector_named(options.field_detector)
     try:
-        field = footfall_field(session.recording, session.stances, _heading(options))
+        field = footfall_field(session.recording, session.stances, _heading(options) or 0.0)
     except MagneticError as error:
         return replace(session, unjudged=str(error))
     try:
@@ -187,7 +190,8 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         If the solution cannot be compared with a truth that the user named. A truth that merely came with the
         recording is then left out, with a note.
     """
-    found = estimator(method)(session.recording, session.stances, _heading(session.options), progress)
+    run, options = estimator(method), session.options
+    found = run(session.recording, session.stances, session.field, _heading(options), progress, options.preset)
     used = any(word != UNKNOWN for word in found.stances.field)
     solution = _with_verdicts(found, session)
     if session.truth is None:
@@ -204,7 +208,9 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         return Outcome(solution, replace(metrics, notes=(*metrics.notes, left_out)), None, used)
 
 
-def _heading(options: Options) -> float:
+def _heading(options: Options) -> float | None:
+    if options.heading_deg is None:
+        return None
     heading = float(np.deg2rad(options.heading_deg))
     if not np.isfinite(heading):
         raise EstimationError(f"a heading of {options.heading_deg} deg is no direction: give a number.")
@@ -234,6 +240,8 @@ def _calibrated(recording: Recording, calibration: Calibration, options: Options
 def _with_verdicts(solution: Solution, session: Session) -> Solution:
     """Write the verdicts on the field into the table of the stances; both have one row a footfall."""
     rows, verdicts = len(solution.stances), session.verdicts
+    if any(word != UNKNOWN for word in solution.stances.field):
+        return solution  # the method judged the field by its own detector
     if verdicts is None:
         words, reasons = (UNKNOWN,) * rows, (session.unjudged or "the field was not judged",) * rows
     else:

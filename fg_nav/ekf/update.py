@@ -18,6 +18,9 @@ Estimated errors are taken off the state ("closed loop", x is zero again afterwa
 With errors as estimate minus truth this is the one sign that shrinks them (Zhang et al., eq. 7; in Ma et al.
 (2018), eq. 39 the sign is the other one, and wrong).
 
+What a correction leaves behind, to walk back over it (`fg_nav.ekf.rts`), is its `trace`: c, s, nu and, where it is no
+unit row that everybody knows, h.
+
 References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001),
 5.2.3; Bierman, Factorization Methods for Discrete Sequential Estimation (1977).
 """
@@ -28,8 +31,11 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.covariance import ACC_BIAS, ATTITUDE, GYRO_BIAS, POSITION, VELOCITY
+from fg_nav.ekf.covariance import ACC_BIAS, ATTITUDE, GYRO_BIAS, POSITION, SIZE, VELOCITY
 from fg_nav.mechanisation import NavState, rotation_series
+
+VARIANCE, INNOVATION, ROW = SIZE, SIZE + 1, SIZE + 2
+"""Where a trace has s, nu and the first of h; c comes before."""
 
 
 @njit(cache=True)
@@ -38,25 +44,44 @@ def correct(P: Floats, x: Floats, h: Floats, z: float, r: float) -> float:
 
     Returns the standardised innovation.
     """
+    return correct_traced(P, x, h, z, r, np.empty(2 * len(x) + 2))
+
+
+@njit(cache=True)
+def correct_traced(P: Floats, x: Floats, h: Floats, z: float, r: float, trace: Floats) -> float:
+    """`correct`, leaving the trace (2 n + 2,)."""
     n = len(x)
-    c = np.empty(n)
+    c = trace[:n]
     for i in range(n):
         c[i] = 0.0
         for j in range(n):
             c[i] += P[i, j] * h[j]
-    return _absorb(P, x, c, np.dot(h, c), z - np.dot(h, x), r)
+    trace[n + 2 :] = h
+    return _absorb(P, x, np.dot(h, c), z - np.dot(h, x), r, trace)
 
 
 @njit(cache=True)
 def correct_component(P: Floats, x: Floats, index: int, z: float, r: float) -> float:
     """Take `z` = x[`index`] + noise of variance `r`: `correct` for a unit row, cheaper."""
-    return _absorb(P, x, P[:, index].copy(), P[index, index], z - x[index], r)
+    return correct_component_traced(P, x, index, z, r, np.empty(len(x) + 2))
 
 
 @njit(cache=True)
-def _absorb(P: Floats, x: Floats, c: Floats, hc: float, nu: float, r: float) -> float:
-    """Correct by an innovation `nu` with c = P h^T and hc = h c."""
-    s = hc + r
+def correct_component_traced(P: Floats, x: Floats, index: int, z: float, r: float, trace: Floats) -> float:
+    """`correct_component`, leaving the trace (n + 2,), or with room for the row (2 n + 2,)."""
+    n = len(x)
+    trace[:n] = P[index]
+    if len(trace) > n + 2:
+        trace[n + 2 :] = 0.0
+        trace[n + 2 + index] = 1.0
+    return _absorb(P, x, P[index, index], z - x[index], r, trace)
+
+
+@njit(cache=True)
+def _absorb(P: Floats, x: Floats, hc: float, nu: float, r: float, trace: Floats) -> float:
+    """Correct by an innovation `nu` with c = P h^T in the trace and hc = h c."""
+    c, s = trace[: len(x)], hc + r
+    trace[len(x)], trace[len(x) + 1] = s, nu
     for i in range(len(x)):
         x[i] += c[i] / s * nu
     for i in range(len(x)):

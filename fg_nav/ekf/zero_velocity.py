@@ -11,6 +11,10 @@ mean lever: sensors sit 5 to 10 cm above the sole, and where the foot rolls is n
 of the lever, in any direction, is noise that grows with the rate; being the same for a while, it has the
 density sigma |w| sqrt(2 tau). At rest all of this vanishes and a small floor is left.
 
+The lever may also be given in the body frame, where a recording shows it (`fg_nav.calibration.rolling_lever`). And a
+foot whose specific force f is not gravity has begun to move: with the time for which that may have lasted, the velocity
+is doubted by unsteady | |f| - g |, again with a density.
+
 How much attitude and gyro bias enter through w x l is left out of H: the lever times a hundredth of a radian.
 
 References: Foxlin (2005), "Pedestrian tracking with shoe-mounted inertial sensors". That the velocity is not
@@ -27,28 +31,54 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.ekf.covariance import VELOCITY
-from fg_nav.ekf.update import correct_component
+from fg_nav.ekf.update import correct_component_traced
 from fg_nav.mechanisation import NavState
 
 
 class StanceNoise(NamedTuple):
-    """Squared density `floor` (m/s)^2 s, its growth `rolling` m^2 s with the squared rate, and `height` m."""
+    """Squared density `floor` (m/s)^2 s, its growths, and the lever.
+
+    It grows by `rolling` m^2 s with the squared rate, and by `unsteady` s^3 with the square of the force's excess over
+    `gravity` m/s^2. The lever is `height` m straight up and `lever` (3,) m in the body frame, the one or the other.
+    """
 
     floor: float
     rolling: float
+    unsteady: float
     height: float
+    lever: Floats
+    gravity: float
 
 
 @njit(cache=True)
-def correct_in_stance(state: NavState, P: Floats, x: Floats, gyr: Floats, h: float, stance: StanceNoise) -> float:
-    """Take the known velocity over a sample of `h` s into the error `x` (15,) and `P`; returns its NIS."""
+def correct_in_stance(
+    state: NavState, P: Floats, x: Floats, acc: Floats, gyr: Floats, h: float, stance: StanceNoise, traces: Floats
+) -> float:
+    """Take the known velocity over a sample of `h` s into the error `x` (15,) and `P`; returns its NIS.
+
+    Leaves the `traces` (3, 17) of east, north and up.
+    """
     rate = gyr - state.gyro_bias
-    east = state.nav_R_body[0, 0] * rate[0] + state.nav_R_body[0, 1] * rate[1] + state.nav_R_body[0, 2] * rate[2]
-    north = state.nav_R_body[1, 0] * rate[0] + state.nav_R_body[1, 1] * rate[1] + state.nav_R_body[1, 2] * rate[2]
-    expected = (north * stance.height, -east * stance.height, 0.0)
+    expected = _rolling_velocity(state.nav_R_body, rate, stance)
     variance = (stance.floor + stance.rolling * np.dot(rate, rate)) / h
+    if stance.unsteady > 0.0:
+        variance += stance.unsteady * (np.sqrt(np.dot(acc, acc)) - stance.gravity) ** 2 / h
     nis = 0.0
     for axis in range(3):
         z = state.velocity[axis] - expected[axis]
-        nis += correct_component(P, x, VELOCITY + axis, z, variance) ** 2
+        nis += correct_component_traced(P, x, VELOCITY + axis, z, variance, traces[axis]) ** 2
     return nis
+
+
+@njit(cache=True)
+def _rolling_velocity(R: Floats, w: Floats, stance: StanceNoise) -> tuple[float, float, float]:
+    """Velocity (3,) m/s, nav, of the sensor on a foot that rolls with the rate `w` (3,)."""
+    x, y, z = stance.lever[0], stance.lever[1], stance.lever[2]
+    vx, vy, vz = w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x
+    east = R[0, 0] * w[0] + R[0, 1] * w[1] + R[0, 2] * w[2]
+    north = R[1, 0] * w[0] + R[1, 1] * w[1] + R[1, 2] * w[2]
+    return (
+        R[0, 0] * vx + R[0, 1] * vy + R[0, 2] * vz + north * stance.height,
+        R[1, 0] * vx + R[1, 1] * vy + R[1, 2] * vz - east * stance.height,
+        R[2, 0] * vx + R[2, 1] * vy + R[2, 2] * vz,
+    )

@@ -86,6 +86,11 @@ class FootfallField:
         return heading_of_field(self.level_field)
 
     @cached_property
+    def force_heading(self) -> Floats:
+        """(F,) rad, the magnetic heading levelled by the stance's mean specific force, as the papers have it."""
+        return heading_of_field(levelled_field(self.body_field, self.body_force))
+
+    @cached_property
     def gyro_heading(self) -> Floats:
         """(F,) rad of the body's x axis by the gyroscope, clockwise from where the attitude has its north."""
         return heading_of(self.nav_R_body)

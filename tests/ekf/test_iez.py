@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.ekf import OPENSHOE, IezParameters, run_iez
-from fg_nav.ekf.iez import filter_walk
+from fg_nav.ekf.core import filter_walk
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import align, evaluate, similarity_scale
 from fg_nav.frames import heading_of, yaw_rotation

@@ -1,0 +1,156 @@
+"""Errors of a walk as the papers name them, at the footfalls.
+
+With p_k the estimated and q_k the true place of the sensor at footfall k, from the first, 0, to the last, K:
+
+====================== ======= ======================================================================================
+end_m                  m       final position error, over the ground: |R (p_K - p_0) - (q_K - q_0)|, the start laid on
+                               the start. Where the walk ends where it began this is the closure (Ma 2018, Figure 10;
+                               Zhang 2017, Table I)
+end_height_m           m       the same upward
+end_percent            %       of the total distance travelled, TTD (Zhang 2017, Table I)
+heading_deg            deg     final heading error: that of the heading's change from first to last footfall, clockwise
+                               (Ma 2018, section 5.2: "difference between the initial and final heading")
+mean_m, max_m          m       over the ground, of all footfalls (Ma 2018, Figure 12: "maximum trajectory error")
+length_percent         %       by how much the way from footfall to footfall is too long: what each stride is worth,
+                               whatever the heading does
+scale_percent          %       by how much the path is too large: the best similarity over the ground. On an open path
+                               this is the error of scale; a closed loop hides it from the end error
+====================== ======= ======================================================================================
+
+R is the alignment (`fg_nav.evaluation.alignment`), and two are of use. Ma and Zhang do not say which one is theirs.
+
+====== ==============================================================================================================
+origin as started. The filter was given its place and heading at the start, as in use, and is left with its errors.
+       Only fair where all filters were given the same heading: a compass finds its own later on, a gyroscope cannot
+yaw    best yaw and shift over all footfalls: what shape the walk has, whatever heading it began with. It favours who
+       has no compass, for the heading at the start is then fitted to the truth
+====== ==============================================================================================================
+
+The end error has the start on the start in both, and turned by R. On a closed walk it does not depend on R at all.
+
+Of surveyed footprints only those count that were found; the distance is then the estimate's. Without a truth a walk
+has a closure, which is an error if it ended where it began.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EvaluationError
+from fg_nav.evaluation.alignment import similarity_scale
+from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.frames import wrap
+from fg_nav.recording import Truth
+from fg_nav.solution import Solution
+
+AS_STARTED, BEST_YAW = "origin", "yaw"
+"""The two alignments of use."""
+
+CLOSURE = "closure"
+"""In place of an alignment: there was no truth."""
+
+
+@dataclass(frozen=True)
+class WalkErrors:
+    """See the table above; None where the truth, or the lack of one, does not tell."""
+
+    alignment: str
+    distance_m: float
+    end_m: float
+    end_height_m: float | None = None
+    heading_deg: float | None = None
+    mean_m: float | None = None
+    max_m: float | None = None
+    length_percent: float | None = None
+    scale_percent: float | None = None
+
+    @property
+    def end_percent(self) -> float:
+        """End error in percent of the distance; NaN for a walk that went nowhere."""
+        return 100.0 * self.end_m / self.distance_m if self.distance_m > 0.0 else float("nan")
+
+
+def at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
+    """Lay the footfalls of a solution on a truth; rows of the comparison are footfalls.
+
+    Raises
+    ------
+    EvaluationError
+        As `fg_nav.evaluation.compare`.
+    """
+    stances = solution.stances
+    return compare(
+        replace(
+            solution,
+            t=stances.t,
+            position=stances.position,
+            velocity=solution.velocity[stances.sample],
+            nav_R_body=stances.nav_R_body,
+        ),
+        truth,
+        mode,
+    )
+
+
+def walk_errors(solution: Solution, truth: Truth | None = None, mode: str = AS_STARTED) -> WalkErrors:
+    """Measure a walk at its footfalls.
+
+    Parameters
+    ----------
+    solution : Solution
+    truth : None where there is none: then only distance and closure are known.
+    mode : alignment, "origin" (as started) or "yaw"; "none" and "se3" are taken too.
+
+    Raises
+    ------
+    EvaluationError
+        Where solution and truth cannot be compared, or there is no footfall.
+    """
+    if truth is None:
+        return _closure(solution.stances.position)
+    return errors_of(at_footfalls(solution, truth, mode), way_m(solution.stances.position))
+
+
+def errors_of(found: Comparison, walked_m: float) -> WalkErrors:
+    """Errors of footfalls that were laid on the truth; `walked_m` is the distance where the truth does not tell it."""
+    over_ground = np.linalg.norm(found.error[:, :2], axis=1)
+    end = found.error[-1] - found.error[0]
+    scale = similarity_scale(found.estimate, found.truth)
+    true_way = way_m(found.truth)
+    return WalkErrors(
+        alignment=found.alignment.mode,
+        distance_m=walked_m if found.planar else true_way,
+        end_m=float(np.hypot(end[0], end[1])),
+        end_height_m=None if found.planar else float(end[2]),
+        heading_deg=_final_heading(found.yaw_error),
+        mean_m=float(over_ground.mean()),
+        max_m=float(over_ground.max()),
+        length_percent=None if found.planar else _too_much(way_m(found.estimate), true_way),
+        scale_percent=_too_much(1.0, scale),
+    )
+
+
+def way_m(position: Floats) -> float:
+    """Sum of the straight moves, in space, between places (K, 3) m."""
+    return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
+
+
+def _too_much(estimate: float, truth: float) -> float | None:
+    return 100.0 * (estimate / truth - 1.0) if truth > 0.0 else None
+
+
+def _final_heading(yaw_error: Floats | None) -> float | None:
+    """Change of the yaw error (K,) rad, about up, from first to last, as degrees clockwise."""
+    if yaw_error is None:
+        return None
+    return float(np.rad2deg(wrap(yaw_error[0] - yaw_error[-1])))
+
+
+def _closure(position: Floats) -> WalkErrors:
+    if len(position) == 0:
+        raise EvaluationError("the solution has no stance, so it has no end: check the stance detection.")
+    east, north, up = position[-1] - position[0]
+    return WalkErrors(CLOSURE, way_m(position), float(np.hypot(east, north)), float(up))

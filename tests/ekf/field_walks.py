@@ -1,0 +1,40 @@
+"""Walks in closed form with a magnetometer, in a field that is the Earth's but where it is told otherwise."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fg_nav.frames import heading_of, wrap
+from fg_nav.magnetic import footfall_field
+from fg_nav.recording import Recording
+from tests.ekf.motion import Walk
+
+NAV_FIELD = np.array([0.0, 21.0, -43.0])
+RATE = 100.0
+
+
+def walked(walk, turned_deg=None, gyro_bias_deg_s=0.0, from_s=0.0):
+    """Recording, stances, field and the true headings (N,).
+
+    The field points north, turned by `turned_deg` (t) clockwise; the gyro is biased about up from `from_s` on.
+    """
+    inertial, stances = walk.recording(RATE)
+    t, attitude = inertial.t, walk.attitude(inertial.t)
+    turned = np.zeros(len(t)) if turned_deg is None else turned_deg(t)
+    field = Rotation.from_euler("z", -turned[:, None], degrees=True).apply(NAV_FIELD)
+    bias = np.where(t >= from_s, np.radians(gyro_bias_deg_s), 0.0)
+    recording = Recording(
+        t=t,
+        acc=inertial.acc,
+        gyr=inertial.gyr + attitude[:, 2] * bias[:, None],
+        mag=np.einsum("nji,nj->ni", attitude, field),
+    )
+    headings = heading_of(attitude)
+    return recording, stances, footfall_field(recording, stances, float(headings[0])), headings
+
+
+def off_deg(solution, headings):
+    """Heading errors (N,) in degrees."""
+    return np.degrees(wrap(heading_of(solution.nav_R_body) - headings))
+
+
+STRAIGHT = Walk(strides=60, turn=0.0, pitch=0.3)

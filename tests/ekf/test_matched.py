@@ -1,0 +1,103 @@
+"""The fair opponent: the same beliefs as the factor graph, and a lever that the filter uses as it should."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.calibration import rolling_lever
+from fg_nav.ekf import IezParameters, run_iez
+from fg_nav.ekf.core import noises
+from fg_nav.ekf.matched import FORCE_SHARE, MATCHED, TIE_SPACING_S, MatchedParameters, run_matched
+from fg_nav.ekf.presets import parameters_of
+from fg_nav.ekf.zero_velocity import correct_in_stance
+from fg_nav.errors import EstimationError
+from fg_nav.mechanisation import NavState
+from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.parameters import SmootherParameters
+from tests.ekf.motion import Walk
+
+THERE = SmootherParameters()
+
+
+def test_it_believes_what_the_graph_believes():
+    same = (
+        "acc_density",
+        "gyr_relative_density",
+        "saturated_share",
+        "roll_sigma_m",
+        "unsteady_s",
+        "gyro_bias_sigma_deg_s",
+        "gyro_bias_walk_deg_s",
+        "acc_bias_sigma",
+        "acc_bias_walk",
+        "tilt_sigma_deg",
+        "gravity",
+        "rest",
+    )
+    assert {name: getattr(MATCHED, name) for name in same} == {name: getattr(THERE, name) for name in same}
+    assert MATCHED.gyr_density_deg == THERE.gyr_density_deg_s
+    assert MATCHED.acc_relative_density == FORCE_SHARE * THERE.acc_relative_density
+    assert MATCHED.tilt_sigma_rest_deg == THERE.tilt_sigma_deg
+    assert parameters_of("matched").lever == THERE.lever
+
+
+def test_a_stance_tells_it_as_much_as_the_ties_tell_the_graph():
+    """Of a stance as long as those of the simulated walks: sum of 1 / sigma^2 over the ties, and over the samples."""
+    recording, stances = Walk(strides=10, stance_s=0.24).recording(200.0)
+    ties = place_nodes(recording, stances, THERE)
+    walking = ties.interval > 0
+    told_there = np.count_nonzero(walking) / THERE.velocity_sigma**2
+    _, noise = noises(MATCHED)
+    samples = np.count_nonzero(stances.mask[stances.start[1] :])
+    assert samples * recording.period_s / noise.floor == pytest.approx(told_there, rel=0.1)
+    assert noise.rolling / noise.floor == pytest.approx((THERE.roll_sigma_m / THERE.velocity_sigma) ** 2)
+    assert noise.unsteady / noise.floor == pytest.approx((THERE.unsteady_s / THERE.velocity_sigma) ** 2)
+    assert TIE_SPACING_S == 0.08
+
+
+def test_a_body_lever_that_points_up_is_the_height_on_a_level_foot():
+    recording, stances = Walk(roll=0.3, height=0.08, pitch=0.0).recording()
+    up = replace(IezParameters(), roll_height_m=0.08)
+    body = replace(IezParameters(), roll_height_m=0.3, rolling_lever_m=(0.0, 0.0, 0.08))
+    a, b = (run_iez(recording, stances, p) for p in (up, body))
+    assert np.abs(a.position - b.position).max() < 0.02
+    assert not np.array_equal(a.position, b.position)
+
+
+def test_the_lever_gives_the_velocity_that_the_foot_has():
+    """v = R (w x l) of a foot that is turned every way: no innovation is left, and with the sign turned much is."""
+    rng = np.random.default_rng(3)
+    R = Walk().attitude(np.array([2.3]))[0]
+    w, lever = rng.standard_normal(3), np.array([0.02, -0.04, 0.09])
+    state = NavState(np.zeros(3), R @ np.cross(w, lever), R, np.zeros(3), np.zeros(3))
+    acc = np.array([0.0, 0.0, 9.80665])
+
+    def nis(sign):
+        _, noise = noises(replace(MATCHED, rolling_lever_m=tuple((sign * lever).tolist()), roll_sigma_m=0.0))
+        P = 1e-8 * np.eye(15)
+        return correct_in_stance(state, P, np.zeros(15), acc, w, 0.005, noise, np.empty((3, 17)))
+
+    assert nis(1) == pytest.approx(0.0, abs=1e-20)
+    assert nis(-1) > 10.0
+
+
+def test_a_foot_that_is_pushed_is_doubted_more():
+    state = NavState(np.zeros(3), np.array([0.02, 0.0, 0.0]), np.eye(3), np.zeros(3), np.zeros(3))
+    _, noise = noises(replace(MATCHED, rolling_lever_m=(0.0, 0.0, 0.0)))
+
+    def nis(force):
+        P = 1e-8 * np.eye(15)
+        return correct_in_stance(
+            state, P, np.zeros(15), np.array([0, 0, force]), np.zeros(3), 0.005, noise, np.empty((3, 17))
+        )
+
+    assert nis(9.80665 + 1.0) == pytest.approx(nis(9.80665) * noise.floor / (noise.floor + noise.unsteady), rel=0.02)
+    assert nis(9.80665 - 1.0) == pytest.approx(nis(9.80665 + 1.0))
+
+
+def test_it_needs_a_field_and_takes_the_lever_of_the_recording():
+    recording, stances = Walk(strides=12, roll=0.4, height=0.09).recording()
+    with pytest.raises(EstimationError, match="matched needs a magnetometer"):
+        run_matched(recording, stances, None, MatchedParameters(parameters_of("ma2018").detector))
+    assert rolling_lever(recording, stances).lever[2] == pytest.approx(0.09, abs=0.02)

@@ -1,0 +1,254 @@
+"""The way back over a pass: against a dense smoother that inverts, against truth, and for what it must not do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.ekf import core
+from fg_nav.ekf.adjoint import carry_adjoint, carry_information, undo_step
+from fg_nav.ekf.core import filter_walk, initial_belief
+from fg_nav.ekf.covariance import SIZE, VELOCITY, carry
+from fg_nav.ekf.evidence import no_evidence
+from fg_nav.ekf.noise import densities_in_motion
+from fg_nav.ekf.parameters import IezParameters
+from fg_nav.ekf.presets import RTS, parameters_of
+from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
+from fg_nav.estimators import ESTIMATORS, FILTERS
+from fg_nav.frames import heading_of, wrap
+from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.start import starting_point
+from tests.ekf.errors import random_covariance
+from tests.ekf.motion import Walk
+
+WALK = Walk(strides=4, rest_s=0.6, roll=0.3, height=0.06)
+START_SIGMA = np.radians(5.0)
+
+
+def noisy(walk, rate_hz, rng, gap=None):
+    """Recording with noise, a biased gyroscope and, an eighth of a second missing; its stances."""
+    recording, stances = walk.recording(rate_hz)
+    acc = recording.acc + 0.05 * rng.standard_normal(recording.acc.shape)
+    gyr = recording.gyr + np.radians(0.3) * rng.standard_normal(recording.gyr.shape) + np.radians([0.1, -0.1, 0.15])
+    noisy = replace(recording, acc=acc, gyr=gyr)
+    if gap is None:
+        return noisy, stances
+    kept = np.r_[0:gap, gap + round(rate_hz / 8) : len(recording)]
+    return replace(noisy, t=noisy.t[kept], acc=acc[kept], gyr=gyr[kept]), type(stances).from_mask(stances.mask[kept])
+
+
+def evidence_of(recording, rows, walk, rng):
+    """Compass, up and a steady course, as a sensor on this walk would measure them, with noise."""
+    attitude, k = walk.attitude(recording.t[rows]), len(rows)
+    nav_field = np.array([0.0, 20.0, -45.0])
+    vectors = [np.einsum("kji,j->ki", attitude, v) for v in (nav_field, np.array([0.0, 0.0, 9.8]))]
+    field, force = (v + 0.02 * np.linalg.norm(v[0]) * rng.standard_normal(v.shape) for v in vectors)
+    compass = np.where(np.arange(k) % 2 == 0, np.radians(3.0) ** 2, np.nan)
+    return no_evidence(k)._replace(
+        body_field=field,
+        body_force=force,
+        compass_variance=compass,
+        tilt_variance=np.full(k, np.radians(1.0) ** 2),
+        course_variance=np.full(k, np.radians(4.0) ** 2),
+        course_limit=1.0,
+        course_strides=1,
+    )
+
+
+def both(recording, stances, evidence=None, parameters=IezParameters(), wrong_heading=0.0, walk=WALK):
+    """Track of the filter and of the smoother over it, and the footfalls' samples."""
+    rows = stances.stillest(recording.gyr)
+    start = starting_point(recording, stances, float(heading_of(walk.attitude(np.zeros(1))[0])) + wrong_heading)
+    runs = [
+        filter_walk(recording, stances.mask, rows, start, replace(parameters, smoothed=s), evidence, START_SIGMA)
+        for s in (False, True)
+    ]
+    return (*runs, rows, start)
+
+
+def dense_step(turn, push, h):
+    F = np.eye(SIZE)
+    carry(F, SIZE, turn, push, h)
+    return F
+
+
+def test_the_adjoint_of_a_step_is_its_transpose_and_its_inverse_undoes_it():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        turn, push, h = 0.02 * rng.standard_normal((3, 3)), 0.3 * rng.standard_normal(3), 0.01
+        F = dense_step(turn, push, h)
+        X = rng.standard_normal((SIZE, 4))
+        carried = X.copy()
+        carry_adjoint(carried, 0, 4, turn, push, h)
+        np.testing.assert_allclose(carried, F.T @ X, atol=1e-14)
+        information = random_covariance(rng)
+        moved = information.copy()
+        carry_information(moved, turn, push, h)
+        np.testing.assert_allclose(moved, F.T @ information @ F, atol=1e-12)
+        assert np.array_equal(moved, moved.T)
+        e = F @ X[:, 0]
+        undo_step(e, turn, push, h)
+        np.testing.assert_allclose(e, X[:, 0], atol=1e-14)
+
+
+def tape_of(monkeypatch, *arguments):
+    """What the way back is given of a pass: its arguments, path and tape as the filter left them."""
+    seen = []
+    monkeypatch.setattr(core, "smooth_back", lambda *given: seen.append(given))
+    both(*arguments)
+    monkeypatch.undo()
+    return seen[0]
+
+
+def rows_of(i, stands, rows, tape, stood):
+    """The corrections at a sample as (h, s, nu), in their order."""
+    found = []
+    if stands[i]:
+        found += [(np.eye(SIZE)[VELOCITY + a], t[VARIANCE], t[INNOVATION]) for a, t in enumerate(tape.stance[stood])]
+    for k in np.flatnonzero(rows == i):
+        found += [(t[ROW:], t[VARIANCE], t[INNOVATION]) for t in tape.footfall[k] if t[VARIANCE] > 0.0]
+    return found
+
+
+def dense_smoother(P, first, samples, stands, rows, noise, gravity, track, tape):
+    """Errors (N, 15) left in the filter's states and their covariances, by a gain with an inverse at each step.
+
+    `P` at the start. Only the path, and h, s, nu of the corrections are the filter's.
+    """
+    h, acc, gyr, acc_doubt, gyr_doubt = samples
+    turn, push, stood = np.empty((3, 3)), np.empty(3), 0
+    steps = []  # covariance before the corrections of a sample, what they took off, covariance after, F of the step
+    for i in range(first, len(h)):
+        before, taken = P.copy(), np.zeros(SIZE)
+        for row, s, nu in rows_of(i, stands, rows, tape, stood):
+            gain = P @ row / s
+            taken += gain * nu
+            P = P - np.outer(gain, gain) * s
+        stood += stands[i]
+        bias = tape.bias[i].copy()
+        state = NavState(np.zeros(3), np.zeros(3), track.nav_R_body[i].copy(), bias[:3], bias[3:])
+        strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+        F = dense_step(turn, push, h[i])
+        steps.append((before, taken, P, F))
+        P = F @ P @ F.T + np.diag(np.repeat([0.0, *densities_in_motion(noise, gyr[i], push, h[i], gravity)], 3) * h[i])
+        P[3:6, 3:6] += turn @ np.diag(acc_doubt[i] ** 2) @ turn.T
+        P[6:9, 6:9] += turn @ np.diag(gyr_doubt[i] ** 2) @ turn.T
+    error, covariance = np.zeros((len(h), SIZE)), np.zeros((len(h), SIZE, SIZE))
+    covariance[-1] = steps[-1][2]
+    for i in range(len(h) - 2, first - 1, -1):
+        _, _, P, F = steps[i - first]
+        predicted, taken, _, _ = steps[i + 1 - first]
+        gain = np.linalg.solve(predicted, F @ P).T
+        error[i] = gain @ (error[i + 1] + taken)
+        covariance[i] = P + gain @ (covariance[i + 1] - predicted) @ gain.T
+    return error, covariance
+
+
+def difference(filtered, smoothed):
+    """What the smoother took off the filter's position, velocity and attitude, (N, 9)."""
+    turn = Rotation.from_matrix(filtered.nav_R_body @ np.swapaxes(smoothed.nav_R_body, 1, 2)).as_rotvec()
+    return np.hstack([filtered.position - smoothed.position, filtered.velocity - smoothed.velocity, turn])
+
+
+@pytest.mark.parametrize("gap", [None, 110])
+def test_a_dense_smoother_that_inverts_agrees(monkeypatch, gap):
+    rng = np.random.default_rng(5)
+    recording, stances = noisy(WALK, 50.0, rng, gap)
+    p = replace(IezParameters(), acc_density=0.05, gyr_density_deg=0.1)
+    told = evidence_of(recording, stances.stillest(recording.gyr), WALK, rng)
+    given = (recording, stances, told, p, np.radians(6.0))
+    filtered, smoothed, rows, start = both(*given)
+    _, P = initial_belief(start, p, START_SIGMA)
+    error, covariance = dense_smoother(P, *tape_of(monkeypatch, *given))
+    assert np.abs(error[:, :9]).max() > 0.02
+    np.testing.assert_allclose(difference(filtered, smoothed), error[:, :9], atol=1e-9)
+    np.testing.assert_allclose(filtered.gyro_bias - smoothed.gyro_bias, error[rows, 9:12], atol=1e-9)
+    sigma = np.sqrt(np.diagonal(covariance[rows], axis1=1, axis2=2))
+    scaled = (smoothed.covariance - covariance[rows]) / (sigma[:, :, None] * sigma[:, None, :])
+    assert np.abs(scaled).max() < 1e-6
+
+
+def test_the_walk_ends_where_the_filter_ends_and_nowhere_is_it_less_sure():
+    rng = np.random.default_rng(6)
+    recording, stances = noisy(WALK, 100.0, rng)
+    told = evidence_of(recording, stances.stillest(recording.gyr), WALK, rng)
+    filtered, smoothed, rows, _ = both(recording, stances, told, wrong_heading=np.radians(4.0))
+    for end in (-1, rows[-1]):  # nothing was measured after the last stance but standing still
+        np.testing.assert_allclose(smoothed.position[end], filtered.position[end], atol=2e-3)
+    assert np.array_equal(smoothed.position[-1], filtered.position[-1])
+    assert np.array_equal(smoothed.nav_R_body[-1], filtered.nav_R_body[-1])
+    before, after = (np.diagonal(t.covariance, axis1=1, axis2=2) for t in (filtered, smoothed))
+    assert (after > 0.0).all()
+    assert (after <= before * (1 + 1e-9)).all()
+    assert (after[0, 6:9] < 0.5 * before[0, 6:9]).any()
+    assert all(np.linalg.eigvalsh(P / np.sqrt(np.outer(np.diag(P), np.diag(P)))).min() > 0 for P in smoothed.covariance)
+
+
+def test_the_path_has_no_steps_where_the_filter_has_them():
+    """The filter jumps when a compass corrects it; what is left of the smoothed path is h v from sample to sample."""
+    rng = np.random.default_rng(7)
+    recording, stances = noisy(WALK, 100.0, rng)
+    told = evidence_of(recording, stances.stillest(recording.gyr), WALK, rng)
+    filtered, smoothed, rows, _ = both(recording, stances, told, wrong_heading=np.radians(8.0))
+
+    def steps(track):
+        h = np.diff(recording.t)[:, None]
+        return np.linalg.norm(np.diff(track.position, axis=0) - h * track.velocity[:-1], axis=1)
+
+    in_stance = stances.mask[:-1] & stances.mask[1:]
+    assert steps(filtered)[in_stance].max() > 10 * steps(smoothed)[in_stance].max()
+    assert steps(smoothed)[in_stance].max() < 1e-4
+    turned = np.swapaxes(smoothed.nav_R_body[:-1], 1, 2) @ smoothed.nav_R_body[1:]
+    rate = Rotation.from_matrix(turned).as_rotvec() / np.diff(recording.t)[:, None]
+    assert np.abs(rate[rows[:-1]] - recording.gyr[rows[:-1]]).max() < np.radians(2.0)
+
+
+def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
+    rng = np.random.default_rng(8)
+    recording, stances = noisy(WALK, 100.0, rng)
+    cut = int((WALK.rest_s + 0.3) * 100)
+    part, stood = recording.slice(cut, len(recording)), stances.from_mask(stances.mask[cut:])
+    told = evidence_of(part, stood.stillest(part.gyr), WALK, rng)
+    _, smoothed, _, start = both(part, stood, told, wrong_heading=np.radians(8.0))
+    assert start.row > 10
+    about = slice(start.row - 10, start.row + 1)
+    moved = np.diff(smoothed.position[about], axis=0) / 0.01
+    assert np.abs(moved - smoothed.velocity[about][:-1]).max() < 0.1
+    assert np.isfinite(smoothed.position).all()
+
+
+def test_a_heading_known_late_turns_the_beginning():
+    rng, walk = np.random.default_rng(9), replace(WALK, strides=10)
+    recording, stances = noisy(walk, 100.0, rng)
+    told = evidence_of(recording, stances.stillest(recording.gyr), walk, rng)
+    late = np.where(np.arange(11) >= 6, np.radians(3.0) ** 2, np.nan)
+    told = told._replace(compass_variance=late, course_variance=np.full(11, np.nan))
+    filtered, smoothed, rows, _ = both(recording, stances, told, wrong_heading=np.radians(8.0), walk=walk)
+    truth = heading_of(walk.attitude(recording.t[rows]))
+    before, after = (np.degrees(np.abs(wrap(heading_of(t.nav_R_body[rows]) - truth))) for t in (filtered, smoothed))
+    assert before[:6].min() > 6.0
+    assert (after < 3 * np.degrees(np.sqrt(smoothed.covariance[:, 8, 8]))).all()
+    assert after[:6].max() < 0.6 * before[:6].min()
+    there = [np.arctan2(*p[:2]) for p in (t.position[rows[5]] for t in (filtered, smoothed))]
+    aside = np.abs(there - np.arctan2(*walk.position(recording.t[rows[5]])[:2]))
+    assert aside[1] < 0.6 * aside[0]
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_any_filter_goes_back_by_its_name_and_is_otherwise_the_same(name):
+    plain, back = parameters_of(name), parameters_of(name + RTS)
+    assert name + RTS in ESTIMATORS
+    core = back if isinstance(back, IezParameters) else back.inertial
+    assert core.smoothed
+    again = replace(core, smoothed=False)
+    assert plain == (again if isinstance(back, IezParameters) else replace(back, inertial=again))
+
+
+def test_the_solution_of_a_smoother_bears_its_name_and_says_so_in_its_parameters():
+    recording, stances = noisy(WALK, 100.0, np.random.default_rng(10))
+    found = {name: ESTIMATORS[name](recording, stances, None, None, None, "physical") for name in ("iez", "iez-rts")}
+    assert found["iez-rts"].method == "iez-rts"
+    assert [solution.parameters["smoothed"] for solution in found.values()] == [False, True]
+    assert found["iez"].notes == found["iez-rts"].notes
+    assert (found["iez-rts"].stances.heading_sigma <= found["iez"].stances.heading_sigma).all()

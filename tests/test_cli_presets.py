@@ -1,0 +1,116 @@
+"""`--preset`: the filters of the papers from the command line."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fg_nav.ekf import tuned
+from fg_nav.ekf.aiez import AiezParameters
+from fg_nav.ekf.gated_compass import GatedCompassParameters
+from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, parameters_of
+from fg_nav.errors import EstimationError
+from fg_nav.io import write_canonical
+from fg_nav.magnetic.quasi_static import DETECTORS
+from fg_nav.session import Session, prepare, solve
+from fg_nav.simulation import simulate
+from tests.command_line import FgNav
+
+FILTERS = ("iez", *GATED, "aiez")
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return prepare(simulate("demo", 5).recording)
+
+
+@pytest.fixture(scope="module")
+def walk(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recordings") / "walk.csv"
+    write_canonical(session.recording, path)
+    return path
+
+
+def used(folder: Path) -> dict[str, object]:
+    content = json.loads((folder / "config.json").read_text())
+    parameters = content["parameters"]
+    assert isinstance(parameters, dict)
+    return parameters
+
+
+@pytest.mark.parametrize("method", FILTERS)
+def test_each_filter_runs_in_each_preset(session: Session, method: str) -> None:
+    ends = set()
+    for preset in PRESETS:
+        outcome = solve(replace(session, options=replace(session.options, preset=preset)), method)
+        said = preset == AS_PRINTED and method in NOT_RUN
+        assert (NOT_RUN.get(method) in outcome.solution.notes) == said
+        ends.add(tuple(outcome.solution.position[-1]))
+    assert len(ends) >= 2
+
+
+def test_compare_takes_filters_beside_the_smoother_which_has_no_presets(fg_nav: FgNav, walk: Path) -> None:
+    ran = fg_nav("compare", walk, "--methods", "smoother,aiez", "--preset", "as-printed", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert used(Path("out/aiez"))["curve_is_zero"] is True
+
+
+def test_run_takes_a_preset_and_says_what_of_it_is_not_run(fg_nav: FgNav, walk: Path) -> None:
+    ran = fg_nav("run", walk, "--method", "ma2018", "--preset", "as-printed", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert used(Path("out"))["levelled_by_force"] is True
+    assert NOT_RUN["ma2018"] in json.loads(Path("out/summary.json").read_text())["notes"]
+
+
+def test_a_preset_that_there_is_not_is_refused_before_anything_is_read(fg_nav: FgNav) -> None:
+    ran = fg_nav("run", "none.csv", "--method", "iez", "--preset", "magic")
+    assert ran.refused("no preset 'magic'", *PRESETS)
+
+
+def test_a_filter_without_a_magnetometer_is_refused(fg_nav: FgNav, walk: Path) -> None:
+    assert fg_nav("run", walk, "--method", "aiez", "--no-mag").refused("aiez needs a magnetometer")
+
+
+def test_tuned_is_the_default_and_physical_where_nothing_is_tuned() -> None:
+    for method in FILTERS:
+        assert parameters_of(method) == parameters_of(method, TUNED)
+        assert (parameters_of(method, TUNED) == parameters_of(method, PHYSICAL)) == (method not in tuned.TUNED)
+
+
+def test_unknown_filters_and_presets_are_refused() -> None:
+    with pytest.raises(EstimationError, match=r"no preset 'physical' of 'smoother': .*aiez, matched"):
+        parameters_of("smoother", PHYSICAL)
+    with pytest.raises(EstimationError, match=r"no preset 'as-printed' of 'matched-rts': .*aiez\."):
+        parameters_of("matched-rts", AS_PRINTED)
+    with pytest.raises(EstimationError, match="no preset 'best'"):
+        parameters_of("iez", "best")
+
+
+def test_as_printed_has_the_figures_of_the_papers() -> None:
+    ma, zhang = parameters_of("ma2018", AS_PRINTED), parameters_of("aiez", AS_PRINTED)
+    assert isinstance(ma, GatedCompassParameters)
+    assert ma.detector.threshold == 170.0
+    assert ma.detector.window == 3
+    assert ma.compass_sigma_deg == pytest.approx(3.84, abs=0.01)  # 0.067 rad
+    assert isinstance(zhang, AiezParameters)
+    assert zhang.curve_is_zero
+    assert not zhang.course_by_path
+    assert not zhang.detector.laying.in_test
+
+
+def test_physical_believes_what_its_detector_of_the_same_name_passes() -> None:
+    for method in GATED:
+        parameters = parameters_of(method, PHYSICAL)
+        assert isinstance(parameters, GatedCompassParameters)
+        assert parameters.detector == DETECTORS[method]
+
+
+def test_aiez_tests_the_compass_with_the_sigma_it_takes_it_in_with() -> None:
+    parameters = parameters_of("aiez", PHYSICAL)
+    assert isinstance(parameters, AiezParameters)
+    offset, strength_rate = parameters.detector.channels
+    assert np.degrees(offset.sigma) == pytest.approx(parameters.compass_sigma_deg)
+    assert np.degrees(offset.sigma * np.sqrt(parameters.detector.threshold)) == pytest.approx(25.0, abs=0.5)
+    assert strength_rate in DETECTORS["aiez"].channels
