@@ -1,6 +1,6 @@
 """How long the estimators take, as ratios within one run: absolute times differ from machine to machine.
 
-    python scripts/benchmark.py [--long] [--real FILE] [--repeats N] [--json FILE]
+    python scripts/benchmark.py [--long] [--filters] [--real FILE] [--repeats N] [--json FILE]
 
 The yardstick is the bare loop that hands every sample to `integrateMeasurement` of the preintegration class which
 the smoother uses, and does nothing else. Each repeat runs all calls on all walks, one after the other, so that what
@@ -14,6 +14,9 @@ smooth            `smooth(recording, stances)`: everything from the lever to the
 detect + smooth   `detect_stances(recording)` as well
 IEZ               `run_iez(recording, stances)`, compiled before
 doubling          cost of a walk over the cost of one half as long
+filters           each filter in its default preset, on half an hour at 400 Hz; stances and field are found before, and
+                  the field is a homogeneous one laid about the walk, so that the compass is taken in at every footfall;
+                  each runs in one thread and is judged by the time of the processor
 stages            where the time of `smooth` goes, by the modules whose functions it calls, timed from outside
 ================= ==============================================================================================
 
@@ -27,8 +30,8 @@ import argparse
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
-from functools import wraps
+from dataclasses import dataclass, field, replace
+from functools import partial, wraps
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter, process_time
@@ -45,14 +48,24 @@ from long_walk import long_walk
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
+from fg_nav.ekf.presets import TUNED, run_filter
 from fg_nav.evaluation import evaluate
 from fg_nav.io import read
+from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic.attitude import inertial_attitude
 from fg_nav.recording import Recording
 from fg_nav.report.terminal import progress
+from fg_nav.simulation.fields import SITES
 from fg_nav.smoother import SmootherParameters, batch, smooth
 
 SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 2.5, 2.3, 2.5
 """What is asked: smoother over bare loop, cost over that of half the walk, microseconds a sample."""
+
+FILTER_US, FILTER_S = 4.0, 4.0
+"""What is asked of a filter: microseconds a sample, and seconds for half an hour at 400 Hz."""
+
+FILTERS = ("iez", "qsf", "iqsf", "ma2018", "aiez")
+FILTER_MINUTES, FILTER_RATE_HZ = 30.0, 400.0
 
 MINUTES, LONG_MINUTES = (10.0, 20.0), (7.5, 15.0, 30.0, 60.0, 120.0)
 SEED = 1
@@ -86,6 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     figures = print_costs(some, repeats)
     stages = print_stages(some, chosen.repeats)
     print_found(some)
+    if chosen.filters:
+        figures += print_filters(long_walk(FILTER_MINUTES, SEED, FILTER_RATE_HZ), chosen.repeats)
     fig.print_verdict(figures)
     if chosen.json:
         times = [{walk: {call: vars(t) for call, t in of.items()} for walk, of in r.items()} for r in repeats]
@@ -96,6 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Time the estimators against the bare preintegration loop.")
     parser.add_argument("--long", action="store_true", help="walks of 7.5 minutes to 2 hours, doubling each time")
+    parser.add_argument("--filters", action="store_true", help="each filter on half an hour at 400 Hz as well")
     parser.add_argument("--real", type=Path, metavar="FILE", help="a recording in place of the simulated walks")
     parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="how often all is run (5)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
@@ -220,6 +236,29 @@ def _doublings(half: str, name: str, repeats: Sequence[Repeat]) -> list[Figure]:
         Figure(name, f"{words}, processor", "smoother", cpu, high=DOUBLING_RATIO),
         Figure(name, f"{words}, wall", "smoother", wall),
     ]
+
+
+def print_filters(recording: Recording, repeats: int) -> list[Figure]:
+    """Print what each filter costs, and figures."""
+    stances = detect_stances(recording)
+    attitude = inertial_attitude(recording, stances)
+    mag = np.einsum("nji,j->ni", attitude, SITES["munich"].vector)
+    known = footfall_field(replace(recording, mag=mag), stances, nav_R_body=attitude)
+    figures = []
+    for method in FILTERS:
+        run = partial(run_filter, method, TUNED, recording, stances, known, 0.0)
+        run()  # compiled
+        taken = [timed(run)[0] for _ in range(repeats)]
+        wall, cpu = (float(np.median([getattr(time, of) for time in taken])) for of in ("wall", "cpu"))
+        a_sample, half_an_hour = 1e6 / len(recording), 60 * FILTER_MINUTES * FILTER_RATE_HZ / len(recording)
+        figures += [
+            Figure("filters", "us a sample, processor", method, cpu * a_sample, high=FILTER_US),
+            Figure("filters", "half an hour at 400 Hz, processor (s)", method, cpu * half_an_hour, high=FILTER_S),
+            Figure("filters", "the same, wall (s)", method, wall * half_an_hour),
+        ]
+    fig.print_heading(f"Filters: {len(recording)} samples, medians over {repeats} repeats")
+    fig.print_figures(figures)
+    return figures
 
 
 REST = "batch"

@@ -77,7 +77,7 @@ def vicon_detected(data: Path) -> list[Walk]:
 
 def gdin(data: Path, numbers: Sequence[int] = GDIN) -> list[Walk]:
     """Indoor walks by number."""
-    return [_detected(f"gdin {number}", _gdin_path(data, number)) for number in numbers]
+    return [_detected(f"gdin {number}", gdin_path(data, number)) for number in numbers]
 
 
 def loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
@@ -101,6 +101,7 @@ def _vicon_paths(data: Path) -> list[Path]:
     return paths
 
 
-def _gdin_path(data: Path, number: int) -> Path:
+def gdin_path(data: Path, number: int) -> Path:
+    """File of an indoor walk."""
     folder = "own" if number > NEWEST_OBSOLETE else "own_obsolete"
     return data / "gdin" / folder / f"SensorConnectData_{number}.csv"

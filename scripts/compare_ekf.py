@@ -1,0 +1,277 @@
+"""The filters of the papers and our smoother on the papers' walks, by the papers' own figures, side by side.
+
+    python scripts/compare_ekf.py --out DIR [--methods NAME ...] [--scenarios NAME ...] [--fields LEVEL ...]
+        [--seeds N] [--first SEED] [--magnetometer loop|perfect|walk|raw ...] [--real gdin openshoe] [--jobs N]
+
+NAME may have a preset behind it, `ma2018:as-printed`; without one it is `tuned`. Fields are the simulator's `smooth`
+and `indoor`, and `between`, 0.65 of the first and 0.35 of the second (`field_roc`): a compass that waits for a quiet
+field often finds it in the first and hardly ever in the second.
+
+Every result is a file in DIR (`kept`): a run makes what is missing or has other parameters, and prints and draws all
+that was asked for. What other code made is joined and told; `--renew` makes that anew. All
+methods on a walk share recording, stances and field, and are told the heading at the start, the true one; Munich has
+no declination, so that a compass and the truth have the same north. Seeds begin at 101: filters are tuned below 100.
+
+============ ===================================================================================================
+magnetometer what was known of the iron on the shoe
+============ ===================================================================================================
+loop         what the scenario `calibration-loop` told, walked before with the same shoe and sensor (the ellipse,
+             `fg_nav.calibration.ellipse`): as Ma did it, and the default
+perfect      all of it: there is none
+walk         what the walk itself told (`fg_nav.calibration.walk`); where that refuses, nothing. So are real walks
+             unless they are to be `raw`: they have no loop
+raw          nothing
+============ ===================================================================================================
+
+Figures are medians over the walks (5 % to 95 %), of their size where they have a sign. A method that fails on a walk
+is infinitely wrong there. `as started` and `yaw` are two ways to lay a path on the truth, see
+`fg_nav.evaluation.walked`; the papers' figures stand below ours, and the papers do not say which of the two is theirs.
+Real walks have no true heading at the start and are laid by the best yaw (gdin, surveyed footprints), or have no truth
+but that they end where they began (openshoe).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import figures as fig
+import kept
+import walks
+from compare_tables import BUILDING, MALL, OFFICE, Case, by_case, judged, print_case, print_remarks, print_speed
+from kept import Key, Result
+from walked_by import (
+    GDIN,
+    LOOP,
+    MAGNETOMETERS,
+    MIXTURES,
+    OPENSHOE,
+    RAW,
+    REAL_WALKS,
+    WALK,
+    jobs_of,
+    made,
+    name_and_preset,
+    solved,
+)
+
+from fg_nav.calibration.ellipse import EllipseParameters
+from fg_nav.calibration.walk_model import WalkCalibrationParameters
+from fg_nav.detection import StanceParameters
+from fg_nav.errors import EstimationError, OutputError, SimulationError
+from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
+from fg_nav.plain import plain
+from fg_nav.report import style
+from fg_nav.report.methods import plot_detection_maps, plot_error_over_distance, plot_paths
+from fg_nav.report.terminal import progress
+from fg_nav.session import Options, Session, prepare
+from fg_nav.simulation import Choices, scenario, simulate
+from fg_nav.simulation.scenarios import FIELDS
+
+FIRST_SEED, SEEDS = 101, 20
+REAL_FIELD = "real"
+
+METHODS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched", "matched-rts", "smoother")
+"""Where nothing else is said."""
+
+PROBE = ("demo", 1)
+"""A short walk on which a method tells its effective parameters before it is asked for long ones."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What was asked for."""
+
+    methods: Sequence[str]
+    scenarios: Sequence[str]
+    fields: Sequence[str]
+    magnetometers: Sequence[str]
+    seeds: Sequence[int]
+    real: Sequence[str]
+    out: Path
+    jobs: int = 2
+    renew: bool = False
+    data: Path | None = None
+    reference: str | None = None
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make what is missing, print, draw."""
+    chosen = _checked(_parse(arguments))
+    keys = all_keys(chosen)
+    settings = {key: settings_of(key) for key in keys}
+    holds = found(chosen.out, settings)
+    if chosen.renew:
+        holds = {key: result for key, result in holds.items() if result.code == kept.code_sum()}
+    make([key for key in keys if key not in holds], settings, chosen)
+    results = found(chosen.out, settings)
+    cases = by_case([results[key] for key in keys])
+    for name, case in cases.items():
+        print_case(name, case, chosen.reference)
+        draw_case(chosen.out, name, case)
+    print_speed(list(results.values()))
+    figures = judged(cases)
+    if figures:
+        fig.print_heading("What was asked")
+        fig.print_figures([replace(one, name=f"{one.section}: {one.name}") for one in figures])
+        fig.print_verdict(figures)
+    print_remarks(list(results.values()))
+
+
+def _parse(arguments: Sequence[str] | None) -> Chosen:
+    parser = argparse.ArgumentParser(description="The papers' filters and our smoother on the papers' walks.")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results and pictures")
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="NAME[:PRESET]")
+    parser.add_argument("--scenarios", nargs="*", default=[OFFICE, BUILDING, MALL], metavar="NAME")
+    parser.add_argument("--fields", nargs="+", default=["smooth", "between", "indoor"], metavar="LEVEL")
+    parser.add_argument("--magnetometer", nargs="+", default=[LOOP], choices=MAGNETOMETERS)
+    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"walks of a scenario ({SEEDS})")
+    parser.add_argument("--first", type=int, default=FIRST_SEED, metavar="SEED", help=f"the first ({FIRST_SEED})")
+    parser.add_argument("--real", nargs="*", default=[], choices=(GDIN, OPENSHOE), help="real walks (none)")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the real walks")
+    parser.add_argument("--reference", metavar="NAME", help="method that the reduction refers to")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
+    parser.add_argument("--renew", action="store_true", help="make anew what other code made")
+    given = parser.parse_args(arguments)
+    return Chosen(
+        methods=given.methods,
+        scenarios=given.scenarios,
+        fields=given.fields,
+        magnetometers=given.magnetometer,
+        seeds=range(given.first, given.first + given.seeds),
+        real=given.real,
+        out=given.out,
+        jobs=given.jobs,
+        renew=given.renew,
+        data=given.data,
+        reference=given.reference,
+    )
+
+
+def _checked(chosen: Chosen) -> Chosen:
+    """Refuse what cannot be before anything is simulated."""
+    for method in chosen.methods:
+        name_and_preset(method)
+    for name in chosen.scenarios:
+        scenario(name)
+    for level in chosen.fields:
+        if level not in (*FIELDS, *MIXTURES):
+            raise SimulationError(f"there is no field '{level}': choose one of {', '.join((*FIELDS, *MIXTURES))}.")
+    if chosen.real:
+        walks.data_folder(chosen.data)
+    if not chosen.out.is_dir():
+        raise OutputError(f"there is no folder {chosen.out} to keep results in: make it, or name another with --out.")
+    return chosen
+
+
+def all_keys(chosen: Chosen) -> list[Key]:
+    """Everything asked for, method by method within a case."""
+    simulated = [
+        Key(name, level, str(seed), magnetometer, method)
+        for name in chosen.scenarios
+        for level in chosen.fields
+        for magnetometer in chosen.magnetometers
+        for method in chosen.methods
+        for seed in chosen.seeds
+    ]
+    magnetometers = list(dict.fromkeys(one if one == RAW else WALK for one in chosen.magnetometers))
+    real = [
+        Key(group, REAL_FIELD, walk, magnetometer, method)
+        for group in chosen.real
+        for magnetometer in magnetometers
+        for method in chosen.methods
+        for walk in REAL_WALKS[group]
+    ]
+    return simulated + real
+
+
+def settings_of(key: Key) -> dict[str, Any]:
+    """What a result is made with, as JSON has it; a result that was made with something else does not hold."""
+    made_with = {
+        "method": parameters_of(key.method),
+        "stances": StanceParameters(),
+        "magnetometer": {LOOP: EllipseParameters(), WALK: WalkCalibrationParameters()}.get(key.magnetometer),
+        "walk": None if key.group in REAL_WALKS else _scenario_in_words(key.group, key.field),
+    }
+    return dict(plain(made_with))
+
+
+@cache
+def parameters_of(method: str) -> Any:
+    """Effective parameters of a method, or why it has none, as it tells them after a short walk."""
+    try:
+        return plain(solved(_probe(), method).solution.parameters)
+    except EstimationError as error:
+        return str(error)
+
+
+@cache
+def _probe() -> Session:
+    return replace(prepare(simulate(*PROBE).recording, Options(heading_deg=0.0)), truth=None)
+
+
+@cache
+def _scenario_in_words(name: str, level: str) -> dict[str, Any]:
+    one = Choices(field=level).applied_to(scenario(name))
+    told = {
+        "worn": one.worn,
+        "site": one.site,
+        "field": (level, MIXTURES.get(level)),
+        "magnets": one.magnets,
+        "sensor": one.prior,
+    }
+    return dict(plain(told))
+
+
+def found(folder: Path, settings: Mapping[Key, Mapping[str, Any]]) -> dict[Key, Result]:
+    """Results that are there and hold."""
+    read_in = {key: kept.kept(folder, key, made_with) for key, made_with in settings.items()}
+    return {key: result for key, result in read_in.items() if result is not None}
+
+
+def make(missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]], chosen: Chosen) -> None:
+    """Make results, a walk at a time in each process."""
+    jobs = jobs_of(missing, settings)
+    if not jobs:
+        return
+    work = partial(made, folder=chosen.out, code=kept.code_sum(), data=chosen.data)
+    with progress(f"{len(jobs)} walks") as report, ProcessPoolExecutor(min(chosen.jobs, len(jobs))) as pool:
+        for done, future in enumerate(as_completed([pool.submit(work, job) for job in jobs]), start=1):
+            future.result()
+            report(done / len(jobs))
+
+
+def draw_case(folder: Path, name: str, case: Case) -> None:
+    """Draw paths, detection and errors; the first walk stands for all in the maps."""
+    mode, words = _drawn_mode(case)
+    tracks = {
+        method: [result.track(mode) for result in results if mode in result.estimate]
+        for method, results in case.items()
+    }
+    tracks = {method: some for method, some in tracks.items() if some}
+    if not tracks:
+        return
+    first = [some[0] for some in tracks.values()]
+    stem = name.replace(", magnetometer", "").replace(", ", "_").replace(" ", "_")
+    walk = next(iter(case.values()))[0].key.walk
+    style.save(plot_paths(first, f"{name}, walk {walk}, {words}"), folder / f"{stem}_paths.png")
+    style.save(plot_detection_maps(first, f"{name}, walk {walk}"), folder / f"{stem}_detection.png")
+    if all(track.every for some in tracks.values() for track in some):
+        style.save(plot_error_over_distance(tracks, f"{name}, {words}"), folder / f"{stem}_errors.png")
+
+
+def _drawn_mode(case: Case) -> tuple[str, str]:
+    known = {mode for results in case.values() for result in results for mode in result.estimate}
+    for mode, words in ((AS_STARTED, "as started"), (BEST_YAW, "best yaw")):
+        if mode in known:
+            return mode, words
+    return CLOSURE, "own frames"
+
+
+if __name__ == "__main__":
+    fig.leave_with(main)

@@ -1,0 +1,290 @@
+"""Results of methods in tables, the papers' figures below ours, and what was asked of them.
+
+Figures are medians over the walks (5 % to 95 %), of their size where they have a sign; a reduction is that of one walk,
+and keeps its sign. A method that fails on a walk is infinitely wrong there; one that fails on all has no figures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+import figures as fig
+import kept
+import numpy as np
+from figures import Figure
+from kept import Result
+from walked_by import WALK, name_and_preset
+
+from fg_nav.arrays import Floats
+from fg_nav.evaluation.landmarks import error_reduction_percent
+from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
+from fg_nav.report.terminal import console
+from fg_nav.wording import counted
+
+OFFICE, MALL, BUILDING = "office", "mall", "teaching-building"
+
+REFERENCE = {MALL: "iqsf"}
+"""Method whose errors the others reduce, as in the paper; elsewhere the first of these."""
+
+OTHER_REFERENCE = "iez"
+
+
+@dataclass(frozen=True)
+class Paper:
+    """What a paper prints of a method, by the names of the columns."""
+
+    words: str
+    printed: Mapping[str, str]
+
+
+PAPERS: Mapping[tuple[str, str], Paper] = {
+    (OFFICE, "iez"): Paper("Ma 2018, pure ZUPT", {"end": "2", "heading": "14"}),
+    (OFFICE, "iqsf"): Paper("Ma 2018, iQSF", {"end": "<= 0.5"}),
+    (OFFICE, "ma2018"): Paper("Ma 2018, proposed", {"end": "<= 0.5"}),
+    (MALL, "iqsf"): Paper("Ma 2018, iQSF", {"at landmarks, mean": "11.3", "max": "51"}),
+    (MALL, "ma2018"): Paper(
+        "Ma 2018, proposed", {"at landmarks, mean": "1.5", "max": "3", "at landmarks, reduction": "85"}
+    ),
+    (BUILDING, "iez"): Paper("Zhang 2017, IEZ", {"end": "9.49", "TTD": "1.84"}),
+    (BUILDING, "qsf-stance"): Paper("Zhang 2017, + classical QMD", {"end": "7.09", "TTD": "1.38"}),
+    (BUILDING, "aiez"): Paper("Zhang 2017, AIEZ", {"end": "0.79", "TTD": "0.15"}),
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A figure of a result (None where it has none), by the name that the papers' figures go by.
+
+    `failed` is the figure of a walk on which the method failed: the worst there is, or None to leave the walk out.
+    """
+
+    head: str
+    paper: str
+    value: Callable[[Result, Result | None], float | None]
+    failed: float | None = math.inf
+
+
+Case: TypeAlias = Mapping[str, Sequence[Result]]
+"""Results by method, of one group, field and magnetometer."""
+
+
+def by_case(results: Sequence[Result]) -> dict[str, Case]:
+    """Results of each case by method, in the order in which they come."""
+    cases: dict[str, dict[str, list[Result]]] = {}
+    for result in results:
+        key = result.key
+        name = ", ".join((key.group, key.field, f"magnetometer {key.magnetometer}"))
+        cases.setdefault(name, {}).setdefault(key.method, []).append(result)
+    return dict(cases)
+
+
+def _figure(mode: str, name: str, result: Result, _: Result | None = None) -> float | None:
+    errors = result.errors.get(mode)
+    value = None if errors is None else getattr(errors, name)
+    return None if value is None else float(abs(value))
+
+
+def _at_landmarks(mode: str, of: Callable[[Sequence[float]], float], result: Result, _: Result | None) -> float | None:
+    errors = result.landmark_m.get(mode)
+    return None if not errors else float(of(errors))
+
+
+def _reduction(
+    value: Callable[[Result, Result | None], float | None], result: Result, reference: Result | None
+) -> float | None:
+    if reference is None or reference is result:
+        return None
+    ours, theirs = value(result, None), value(reference, None)
+    if ours is None or not theirs:
+        return None
+    return error_reduction_percent(ours, theirs)
+
+
+def _used_percent(result: Result, _: Result | None) -> float | None:
+    return 100.0 * result.used.count(kept.USED) / len(result.used) if result.used else None
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
+
+
+STARTED_MEAN = partial(_figure, AS_STARTED, "mean_m")
+STARTED_AT_LANDMARKS = partial(_at_landmarks, AS_STARTED, _mean)
+
+END = Column("end, as started (m)", "end", partial(_figure, AS_STARTED, "end_m"))
+TTD = Column("TTD (%)", "TTD", partial(_figure, AS_STARTED, "end_percent"))
+HEADING = Column("heading (deg)", "heading", partial(_figure, AS_STARTED, "heading_deg"))
+REDUCED = "reduction of the mean (%)"
+REDUCTION = Column(REDUCED, "at landmarks, reduction", partial(_reduction, STARTED_AT_LANDMARKS), -math.inf)
+
+TABLES: Mapping[str, Sequence[Column]] = {
+    "At the end": (
+        END,
+        TTD,
+        HEADING,
+        Column("height (m)", "", partial(_figure, AS_STARTED, "end_height_m")),
+        Column("end, yaw (m)", "", partial(_figure, BEST_YAW, "end_m")),
+        Column("TTD, yaw (%)", "", partial(_figure, BEST_YAW, "end_percent")),
+        Column("closure (m)", "", partial(_figure, CLOSURE, "end_m")),
+        Column("TTD, closure (%)", "", partial(_figure, CLOSURE, "end_percent")),
+    ),
+    "Along the walk, at the footfalls": (
+        Column("mean, as started (m)", "", STARTED_MEAN),
+        Column("max, as started (m)", "max", partial(_figure, AS_STARTED, "max_m")),
+        Column("mean, yaw (m)", "", partial(_figure, BEST_YAW, "mean_m")),
+        Column("max, yaw (m)", "", partial(_figure, BEST_YAW, "max_m")),
+        Column(REDUCED, "", partial(_reduction, STARTED_MEAN), -math.inf),
+        Column("scale of strides (%)", "", partial(_figure, BEST_YAW, "length_percent")),
+        Column("scale of path (%)", "", partial(_figure, BEST_YAW, "scale_percent")),
+        Column("field used (%)", "", _used_percent, None),
+    ),
+    "At the landmarks": (
+        Column("mean, as started (m)", "at landmarks, mean", STARTED_AT_LANDMARKS),
+        Column("max, as started (m)", "", partial(_at_landmarks, AS_STARTED, max)),
+        Column("mean, yaw (m)", "", partial(_at_landmarks, BEST_YAW, _mean)),
+        Column("max, yaw (m)", "", partial(_at_landmarks, BEST_YAW, max)),
+        REDUCTION,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What was asked of the median of a method: `low <= median <= high`."""
+
+    group: str
+    method: str
+    column: Column
+    high: float = math.inf
+    low: float = -math.inf
+
+
+SAME_ORDER = 3.0
+"""Within this factor of the paper's figure a drift is of the same order, as in `simulated_drift`."""
+
+ASKED = (
+    Asked(OFFICE, "iez", END, 2.0 * SAME_ORDER, 2.0 / SAME_ORDER),
+    Asked(OFFICE, "iez", HEADING, 14.0 * SAME_ORDER, 14.0 / SAME_ORDER),
+    Asked(OFFICE, "iqsf", END, 0.5),
+    Asked(OFFICE, "ma2018", END, 0.5),
+    Asked(MALL, "ma2018", REDUCTION, low=85.0),
+    Asked(BUILDING, "iez", TTD, 1.84 * SAME_ORDER, 1.84 / SAME_ORDER),
+    Asked(BUILDING, "qsf-stance", TTD, 1.38 * SAME_ORDER, 1.38 / SAME_ORDER),
+    Asked(BUILDING, "aiez", TTD, 0.15 * SAME_ORDER),
+)
+"""The papers' figures; what a paper gives as drift is asked for by its order only."""
+
+
+def print_case(name: str, case: Case, reference: str | None = None) -> None:
+    """Print the tables of a case; one that would be empty is left out, and so is a column."""
+    group = next(iter(case.values()))[0].key.group
+    against = reference or REFERENCE.get(group, OTHER_REFERENCE)
+    count = max(len(results) for results in case.values())
+    fig.print_heading(f"{name}: {counted(count, 'walk')}, median (5 % to 95 %)")
+    first = next(iter(case.values()))
+    if first[0].key.magnetometer == WALK:
+        print(f"the walk told of its iron on {sum(map(_was_calibrated, first))} of {len(first)} walks")
+    for title, columns in TABLES.items():
+        heads, rows = table(columns, case, group, against)
+        if len(heads) > 1:
+            told = f"; the reduction is against {against}, each preset against its own" if REDUCED in heads else ""
+            print(f"\n{title}{told}")
+            fig.print_table(heads, rows)
+
+
+def _was_calibrated(result: Result) -> bool:
+    return any(note.startswith("corrected by the calibration") for note in result.notes)
+
+
+def table(columns: Sequence[Column], case: Case, group: str, against: str) -> tuple[list[str], list[list[str]]]:
+    """Head and rows; the paper's row below the method's."""
+    values = {
+        column: {
+            method: _values(column, results, _reference(case, method, against)) for method, results in case.items()
+        }
+        for column in columns
+    }
+    shown = [column for column in columns if any(len(some) for some in values[column].values())]
+    rows = []
+    for method in case:
+        rows.append([method, *(spread(values[column][method]) for column in shown)])
+        paper = PAPERS.get((group, name_and_preset(method)[0]))
+        if paper is not None and any(column.paper in paper.printed for column in shown):
+            rows.append([f"  {paper.words}", *(paper.printed.get(column.paper, "") for column in shown)])
+    return ["method", *(column.head for column in shown)], rows
+
+
+def _reference(case: Case, method: str, against: str) -> dict[str, Result]:
+    """Results by walk of the method that this one is held against: in its own preset, if there are any."""
+    name, preset = name_and_preset(method)
+    alike = against if name == method else f"{against}:{preset}"
+    return {result.key.walk: result for result in case.get(alike, case.get(against, ()))}
+
+
+def _values(column: Column, results: Sequence[Result], reference: Mapping[str, Result]) -> Floats:
+    """Figures (W,) of the walks that have one, the worst where the method failed; none where it never has one."""
+    some = [column.value(result, reference.get(result.key.walk)) for result in results if not result.failed]
+    known = [value for value in some if value is not None]
+    failures = 0 if column.failed is None or not known else len(results) - len(some)
+    return np.array(known + [column.failed] * failures, dtype=np.float64)
+
+
+def spread(values: Floats) -> str:
+    """Median and the 5th and 95th percentile, in words; a figure that is not finite is a failure."""
+    if not len(values):
+        return "-"
+    how = "linear" if np.isfinite(values).all() else "higher" if np.isposinf(values).any() else "lower"
+    low, middle, high = np.percentile(values, [5, 50, 95], method=how)  # type: ignore[call-overload]
+    return f"{_short(middle)} ({_short(low)} to {_short(high)})" if len(values) > 1 else _short(middle)
+
+
+def _short(value: float) -> str:
+    """Three digits, without an exponent."""
+    if not math.isfinite(value):
+        return "failed"
+    digits = 2 if abs(value) < 10 else 1 if abs(value) < 100 else 0
+    return f"{value:.{digits}f}"
+
+
+def judged(cases: Mapping[str, Case]) -> list[Figure]:
+    """Figures that were asked for, of the cases and methods that there are."""
+    figures = []
+    for name, case in cases.items():
+        group = next(iter(case.values()))[0].key.group
+        for method, results in case.items():
+            base = name_and_preset(method)[0]
+            reference = _reference(case, method, REFERENCE.get(group, OTHER_REFERENCE))
+            for asked in (one for one in ASKED if (one.group, one.method) == (group, base)):
+                values = _values(asked.column, results, reference)
+                middle = float(np.median(values)) if len(values) else math.inf
+                figures.append(Figure(name, asked.column.head, method, middle, asked.low, asked.high, "{:.2f}"))
+    return figures
+
+
+def print_speed(results: Sequence[Result]) -> None:
+    """Print what a sample costs each method."""
+    costs: dict[str, list[float]] = {}
+    for result in results:
+        if result.samples:
+            costs.setdefault(result.key.method, []).append(result.us_per_sample)
+    fig.print_heading("Microseconds a sample, of all walks: the least is what a method costs on an idle machine")
+    rows = [(name, _short(min(some)), spread(np.array(some))) for name, some in costs.items()]
+    fig.print_table(("method", "least", "median (5 % to 95 %)"), rows)
+
+
+def print_remarks(results: Sequence[Result]) -> None:
+    """Print failures by their reason, and how many results are of other code."""
+    out = console()
+    failed = [result for result in results if result.failed]
+    for result in failed[:10]:
+        out.print(f"failed: {', '.join((result.key.group, result.key.walk, result.key.method))}: {result.failed}")
+    if len(failed) > 10:
+        out.print(f"and {len(failed) - 10} more failed")
+    old = [result.key.method for result in results if result.code != kept.code_sum()]
+    if old:
+        methods = ", ".join(dict.fromkeys(old))
+        out.print(f"{len(old)} of {len(results)} results were made by other code ({methods}): --renew makes them anew")

@@ -1,0 +1,172 @@
+"""Results of methods on walks, one small JSON file each, so that later runs join what earlier ones made.
+
+A result holds as long as what it was made with, its settings, is the same: the parameters of the method, of the walk,
+of the stances and of the calibration. Settings that differ make it anew. Code that differs does not: each result keeps
+a sum over the sources that made it (`code_sum`), so that who prints it can tell, or make it anew.
+
+Places are kept to the centimetre, errors to the last bit.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import factors
+import fg_nav
+from fg_nav.errors import OutputError
+from fg_nav.evaluation.walked import WalkErrors
+from fg_nav.plain import plain
+from fg_nav.report.methods import Track
+
+FORM = 1
+"""Of the files: a result of another form is none."""
+
+SEEN_ONLY = ("report", "cli.py")
+"""Of the packages' sources what changes no result."""
+
+MAKES_RESULTS = "walked_by.py"
+"""Of the scripts' sources what does."""
+
+
+@dataclass(frozen=True, order=True)
+class Key:
+    """Which result: of a group (scenario, or set of real walks) in a field, a walk (seed or number) and a method."""
+
+    group: str
+    field: str
+    walk: str
+    magnetometer: str
+    method: str
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        words = (self.group, self.field, self.magnetometer, self.method, self.walk)
+        return "_".join(word.replace(" ", "-").replace(":", "-") for word in words) + ".json"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one method made of one walk.
+
+    Attributes
+    ----------
+    key, settings, code : what it is of, and what it was made with.
+    failed : why there is no more; empty where there is.
+    errors : by alignment (`fg_nav.evaluation.walked`).
+    landmark : names, one a crossing.
+    landmark_m : error at each crossing, by alignment.
+    estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment; `every` as of a `Track`.
+    used : (K,) whether the method believed the field.
+    samples, runtime_s : of the method.
+    parameters : effective ones of the method.
+    notes : remarks.
+    """
+
+    key: Key
+    settings: Mapping[str, Any]
+    code: str
+    failed: str = ""
+    errors: Mapping[str, WalkErrors] = field(default_factory=dict)
+    landmark: Sequence[str] = ()
+    landmark_m: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    estimate: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
+    truth: Sequence[Sequence[float]] = ()
+    every: bool = True
+    used: str = ""
+    samples: int = 0
+    runtime_s: float = 0.0
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+    @property
+    def us_per_sample(self) -> float:
+        """Runtime of the method alone."""
+        return 1e6 * self.runtime_s / max(self.samples, 1)
+
+    def track(self, mode: str) -> Track:
+        """Return the walk to be drawn, laid on the truth by this alignment."""
+        truth = np.array(self.truth, dtype=np.float64).reshape(-1, 2)
+        used = np.array([mark == USED for mark in self.used], dtype=bool)
+        return Track(self.key.method, np.array(self.estimate[mode], dtype=np.float64), used, truth, self.every)
+
+
+USED, NOT_USED = "u", "-"
+"""Marks of a footfall in the file."""
+
+
+def marks(used: Sequence[bool]) -> str:
+    """One mark a footfall."""
+    return "".join(USED if one else NOT_USED for one in used)
+
+
+def keep(folder: Path, result: Result) -> None:
+    """Write a result; another process may write at the same time.
+
+    Raises
+    ------
+    OutputError
+        Where the system refuses.
+    """
+    path = folder / result.key.file
+    beside = path.with_suffix(f".{os.getpid()}.part")
+    try:
+        beside.write_text(json.dumps({"form": FORM, **plain(result)}) + "\n", encoding="utf-8")
+        beside.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path} could not be written ({error.strerror}): name another folder.") from error
+
+
+def kept(folder: Path, key: Key, settings: Mapping[str, Any]) -> Result | None:
+    """Read a result; None where there is none, or it was made with other settings, or the file is damaged."""
+    try:
+        content = json.loads((folder / key.file).read_text(encoding="utf-8"))
+        found = _result(content)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return found if found.key == key and found.settings == plain(settings) else None
+
+
+def _result(content: dict[str, Any]) -> Result:
+    if content.pop("form") != FORM:
+        raise ValueError("another form")
+    content["key"] = Key(**content["key"])
+    content["errors"] = {mode: WalkErrors(**errors) for mode, errors in content["errors"].items()}
+    return Result(**content)
+
+
+@cache
+def code_sum() -> str:
+    """Sum over the sources that make a result."""
+    total = hashlib.sha256()
+    for package in (fg_nav, factors):
+        root = Path(str(package.__file__)).parent
+        for path in sorted(root.rglob("*.py")):
+            if path.relative_to(root).parts[0] not in SEEN_ONLY:
+                total.update(what_runs(path.read_text(encoding="utf-8")).encode())
+    total.update(what_runs((Path(__file__).parent / MAKES_RESULTS).read_text(encoding="utf-8")).encode())
+    return total.hexdigest()[:16]
+
+
+def what_runs(source: str) -> str:
+    """Return a source without what changes no result: comments, layout, and texts that stand alone."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            body[:] = [one for one in body if not _is_text(one)]
+    return ast.dump(tree)
+
+
+def _is_text(statement: ast.AST) -> bool:
+    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)

@@ -1,0 +1,469 @@
+"""Tune the filters on simulated walks: the preset `tuned` of `fg_nav.ekf.tuned`.
+
+    python scripts/tune_filters.py --cache DIR [--seeds N] [--methods NAME ...] [--jobs N]
+    python scripts/tune_filters.py --cache DIR --core          what all share: sensor and foot
+    python scripts/tune_filters.py --cache DIR --start         sigma of a start that the compass tells
+    python scripts/tune_filters.py --cache DIR --held-out      `tuned` and `physical` on seeds not tuned on
+
+One preset a method for all scenarios and fields, for a user does not know the field. Calibrated magnetometer, true
+heading at the start, position and heading of the start laid on the truth. On every walk
+
+    e = rmse over the ground at the footfalls + error over the ground at the last, m
+    loss of a walk = ln(e / e of the IEZ in its physical preset on that walk)
+    loss = mean over scenarios and fields of the mean over the seeds
+
+so exp(loss) is a geometric mean of ratios in which every scenario and field weighs alike; an estimate that does nothing
+with the field has 1, and a single walk that goes wrong costs more than a median would show.
+
+The search goes along one parameter after the other over a fixed grid, from each of two starts, until a round changes
+nothing. It ends with every value of every parameter tried beside the best, and that is the table printed: how flat it
+is, and whether the best lies at an edge. The largest sigma of the compass all but turns it off, so that no method can
+be tuned to be worse than the IEZ.
+
+Tuned at 100 Hz, samples averaged, for that is a quarter of the work; held-out walks keep their rate. The errors of
+single walks differ between the two as much as between seeds.
+
+Walks (seeds 1 to 12) and results are kept in the cache and taken up again by the next run. Empty it after a change
+of a filter. Seeds 31 to 36 are held out of the tuning; those from 101 on are left to the reports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import figures as fig
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.detection import detect_stances
+from fg_nav.ekf import IezParameters, run_iez
+from fg_nav.ekf.aiez import AiezParameters, run_aiez
+from fg_nav.ekf.gated_compass import run_gated_compass
+from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, parameters_of
+from fg_nav.ekf.tuned import allowing
+from fg_nav.errors import OutputError
+from fg_nav.frames import heading_of
+from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.simulation import Choices, simulate
+from fg_nav.solution import Solution
+from fg_nav.stances import Stances
+
+SCENARIOS, FIELDS = ("teaching-building", "office", "mall"), ("smooth", "indoor")
+FIRST_SEED, SEEDS, MOST_SEEDS = 1, 3, 12
+HELD_OUT = 31
+RATE_HZ = 100.0
+BASELINE = "iez"
+
+Point: TypeAlias = Mapping[str, float]
+"""Parameter -> value; what is not named is as in the physical preset."""
+
+Grid: TypeAlias = Mapping[str, tuple[float, ...]]
+
+SIGMAS_DEG = (5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
+ALLOWANCES = (0.7, 1.0, 1.4, 2.0, 4.0, 8.0, 16.0, 32.0)
+
+COMPASS_GRID: Grid = {"compass_sigma_deg": SIGMAS_DEG, "allowance": ALLOWANCES, "window": (1, 2, 3, 5)}
+GRIDS: Mapping[str, Grid] = {
+    "qsf": COMPASS_GRID,
+    "iqsf": COMPASS_GRID,
+    "ma2018": COMPASS_GRID,
+    "qsf-stance": COMPASS_GRID,
+    "aiez": {
+        "compass_sigma_deg": SIGMAS_DEG,
+        "course_sigma_deg": (2.0, 4.0, 8.0, 16.0, 90.0),
+        "course_limit_deg": (1.2, 2.5, 5.0),
+        "allowance": (0.5, *ALLOWANCES),
+    },
+}
+"""Beside the physical preset's values. `allowance` and `window` are the detector's (`fg_nav.ekf.tuned.allowing`), the
+others are named as in the parameters."""
+
+CORE_GRID: Grid = {
+    "zero_velocity_density": (3e-4, 1e-3, 3e-3),
+    "roll_sigma_m": (0.025, 0.05, 0.1),
+    "gyr_relative_density": (2.5e-4, 5e-4, 1e-3, 2e-3),
+    "gyro_bias_walk_deg_s": (3e-5, 1e-4, 1e-3),
+}
+STARTS: Sequence[Point] = ({}, {"allowance": 8.0, "compass_sigma_deg": 20.0})
+"""Where the search begins, beside the physical values: there, and with a gate that passes nearly all and a compass that
+is trusted less, for the two make valleys of their own."""
+
+START_GRID: Grid = {"start_sigma_deg": (2.5, 5.0, 10.0, 20.0, 40.0, 80.0)}
+
+HELD_OUT_COLUMNS = ("method", "preset", "rmse (m)", "end (m)", "over the IEZ's", "least", "greatest")
+
+FLAT = 0.02
+"""Losses that differ by less are alike: 2 % of the error."""
+
+DETECTORS_OWN = frozenset({"allowance", "window"})
+INERTIAL = frozenset(field.name for field in fields(IezParameters))
+
+
+@dataclass(frozen=True)
+class Walked:
+    """A simulated walk as a filter sees it, in each field; `truth` (F, 2) m at the footfalls, `heading` rad."""
+
+    recording: Recording
+    stances: Stances
+    fields: Mapping[str, FootfallField]
+    truth: Floats
+    heading: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A method with some of its parameters otherwise; `told` is whether it is told the heading at the start."""
+
+    method: str
+    point: tuple[tuple[str, float], ...] = ()
+    preset: str = PHYSICAL
+    told: bool = True
+
+    @classmethod
+    def at(cls, method: str, point: Point, told: bool = True) -> Trial:
+        """Of the physical preset."""
+        return cls(method, tuple(sorted(point.items())), told=told)
+
+    @property
+    def key(self) -> str:
+        """Under which its result is kept."""
+        return json.dumps([self.method, self.preset, self.told, self.point])
+
+
+@dataclass(frozen=True)
+class Case:
+    """A walk in a field."""
+
+    scenario: str
+    seed: int
+    field: str
+
+
+Errors: TypeAlias = Mapping[Case, tuple[float, float]]
+"""Case -> rmse at the footfalls and error at the last, m, over the ground."""
+
+Star: TypeAlias = Mapping[str, Mapping[float, float]]
+"""Parameter -> value -> loss, the other parameters being at their best."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Tune, print, and keep what was computed."""
+    chosen = _parse(arguments)
+    first = HELD_OUT if chosen.held_out else FIRST_SEED
+    with ProcessPoolExecutor(chosen.jobs) as pool:
+        rate = np.inf if chosen.held_out else RATE_HZ
+        bench = Bench(chosen.cache, pool, tuple(chosen.scenarios), range(first, first + chosen.seeds), rate)
+        if chosen.held_out:
+            print_held_out(bench, chosen.methods)
+        else:
+            tune(bench, chosen)
+
+
+def tune(bench: Bench, chosen: argparse.Namespace) -> None:
+    """Search, and print how flat it is about the best."""
+    best: dict[str, Point] = {}
+    for method in chosen.methods:
+        grid = with_physical(method, GRIDS[method])
+        point = best[method] = tuned(bench, method, grid, chosen.rounds)
+        print_star(bench, {method: point}, grid, method)
+        if chosen.start:
+            print_star(bench, {method: point}, START_GRID, f"{method}, heading from the compass", told=False)
+    if chosen.core:
+        print_star(bench, {BASELINE: {}}, CORE_GRID, f"core of {BASELINE}")
+        if best:
+            print_star(bench, best, CORE_GRID, f"core of {', '.join(best)}")
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Tune the filters on simulated walks.")
+    parser.add_argument("--cache", type=Path, required=True, metavar="DIR", help="folder of walks and results")
+    parser.add_argument("--seeds", type=int, choices=range(1, MOST_SEEDS + 1), default=SEEDS, metavar="N", help="1-12")
+    parser.add_argument("--scenarios", nargs="+", choices=SCENARIOS, default=SCENARIOS)
+    parser.add_argument("--methods", nargs="*", choices=tuple(GRIDS), default=tuple(GRIDS))
+    parser.add_argument("--rounds", type=int, default=4, metavar="N", help="at most so many rounds of the search (4)")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
+    parser.add_argument("--core", action="store_true", help="sensor and foot as well")
+    parser.add_argument("--start", action="store_true", help="sigma of a start that the compass tells as well")
+    parser.add_argument("--held-out", action="store_true", help="measure `tuned` on seeds 31 to 36 instead")
+    return parser.parse_args(arguments)
+
+
+# --- the walks -------------------------------------------------------------------------------------------------------
+
+
+def walked(folder: Path, scenario: str, seed: int, rate_hz: float = RATE_HZ) -> Walked:
+    """Return a walk out of the folder, or simulate it and put it there."""
+    path = folder / f"{scenario}-{seed}.npz"
+    if not path.exists():
+        _write(path, _simulated(scenario, seed, rate_hz))
+    return _read(path)
+
+
+def _simulated(scenario: str, seed: int, rate_hz: float) -> Walked:
+    walks = {name: simulate(scenario, seed, Choices(calibrated=True, field=name)).recording for name in FIELDS}
+    walks = {name: averaged(recording, rate_hz) for name, recording in walks.items()}
+    first = walks[FIELDS[0]]
+    truth = first.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    stances = detect_stances(first)
+    heading = float(heading_of(truth.nav_R_body[0]))
+    at_footfalls = {}
+    for name, recording in walks.items():
+        assert np.array_equal(recording.gyr, first.gyr)  # a seed has the same steps and noise in every field
+        at_footfalls[name] = footfall_field(recording, stances, heading)
+    there = truth.position[stances.stillest(first.gyr), :2]
+    return Walked(replace(first, mag=None, truth=None), stances, at_footfalls, there, heading)
+
+
+def averaged(recording: Recording, rate_hz: float) -> Recording:
+    """Return the recording with neighbouring samples averaged, down to about this rate; none for an infinite one."""
+    size = max(1, round(1.0 / (rate_hz * recording.period_s)))
+    truth, blocks = recording.truth, len(recording) // size
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    assert recording.mag is not None
+    first = slice(0, blocks * size, size)
+    acc, gyr, mag = (
+        values[: blocks * size].reshape(blocks, size, 3) for values in (recording.acc, recording.gyr, recording.mag)
+    )
+    count = np.isfinite(mag).sum(axis=1)
+    mean = np.nansum(mag, axis=1) / np.where(count == 0, np.nan, count)
+    there = TrajectoryTruth(recording.t[first], truth.position[first], truth.nav_R_body[first])
+    return Recording(recording.t[first], acc.mean(axis=1), gyr.mean(axis=1), mean, there)
+
+
+def _write(path: Path, walk: Walked) -> None:
+    recording, stances = walk.recording, walk.stances
+    assert stances.statistic is not None
+    columns: dict[str, Any] = {"t": recording.t, "acc": recording.acc, "gyr": recording.gyr, "truth": walk.truth}
+    columns |= {name: getattr(stances, name) for name in ("start", "stop", "footfall", "statistic")}
+    for name, field in walk.fields.items():
+        columns |= {f"{name}.{column.name}": getattr(field, column.name) for column in fields(field)}
+    unfinished = path.with_suffix(f".{id(walk)}.npz")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(unfinished, heading=walk.heading, **columns)
+        unfinished.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path} could not be written ({error.strerror}): name another --cache.") from error
+
+
+def _read(path: Path) -> Walked:
+    with np.load(path) as kept:
+        recording = Recording(t=kept["t"], acc=kept["acc"], gyr=kept["gyr"])
+        intervals = {name: kept[name] for name in ("start", "stop", "footfall", "statistic")}
+        stances = Stances(n_samples=len(recording), **intervals)
+        columns = [column.name for column in fields(FootfallField)]
+        at_footfalls = {name: FootfallField(*(kept[f"{name}.{column}"] for column in columns)) for name in FIELDS}
+        return Walked(recording, stances, at_footfalls, kept["truth"], float(kept["heading"]))
+
+
+# --- one run ---------------------------------------------------------------------------------------------------------
+
+
+def errors_m(trial: Trial, walk: Walked, field: str) -> tuple[float, float]:
+    """Rmse over the footfalls and error at the last; over the ground, the first footfall laid on the truth."""
+    apart = solved(trial, walk, field).stances.position[:, :2] - walk.truth
+    error = np.linalg.norm(apart - apart[0], axis=1)
+    return float(np.sqrt(np.mean(error**2))), float(error[-1])
+
+
+def solved(trial: Trial, walk: Walked, field: str) -> Solution:
+    """Run the filter."""
+    parameters = moved(parameters_of(trial.method, trial.preset), dict(trial.point))
+    seen, heading = (walk.recording, walk.stances), walk.heading if trial.told else None
+    if isinstance(parameters, IezParameters):
+        return run_iez(*seen, parameters, walk.heading)
+    if isinstance(parameters, AiezParameters):
+        return run_aiez(*seen, walk.fields[field], parameters, heading)
+    return run_gated_compass(*seen, walk.fields[field], parameters, heading)
+
+
+def moved(parameters: Parameters, point: Point) -> Parameters:
+    """Return the parameters with those of the point in their place."""
+    inertial: dict[str, Any] = {name: value for name, value in point.items() if name in INERTIAL}
+    if isinstance(parameters, IezParameters):
+        return replace(parameters, **inertial)
+    window = point.get("window")
+    detector = allowing(parameters.detector, point.get("allowance", 1.0), None if window is None else int(window))
+    own: dict[str, Any] = {name: value for name, value in point.items() if name not in INERTIAL | DETECTORS_OWN}
+    core = replace(parameters.inertial, **inertial)
+    return replace(parameters, detector=detector, inertial=core, **own)
+
+
+# --- many runs -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Runs trials on all its walks, in processes, and keeps the results in a folder."""
+
+    folder: Path
+    pool: ProcessPoolExecutor
+    scenarios: Sequence[str]
+    seeds: range
+    rate_hz: float = RATE_HZ
+
+    @property
+    def cases(self) -> list[Case]:
+        """All walks in all fields."""
+        return [Case(name, seed, field) for name in self.scenarios for seed in self.seeds for field in FIELDS]
+
+    def losses(self, trials: Sequence[Trial]) -> list[float]:
+        """Loss of each trial."""
+        iez, *found = self.errors([Trial(BASELINE), *trials])
+        return [float(np.mean([log_ratio(errors[case], iez[case]) for case in self.cases])) for errors in found]
+
+    def errors(self, trials: Sequence[Trial]) -> Sequence[Errors]:
+        """Errors of each trial on all cases."""
+        walks = [(name, seed) for name in self.scenarios for seed in self.seeds]
+        found: list[dict[Case, tuple[float, float]]] = [{} for _ in trials]
+        todo = [self.pool.submit(on_walk, self.folder, *walk, self.rate_hz, list(trials)) for walk in walks]
+        for done in todo:
+            for errors, of_trial in zip(found, done.result(), strict=True):
+                errors.update(of_trial)
+        return found
+
+
+def log_ratio(errors: tuple[float, float], iez: tuple[float, float]) -> float:
+    """Loss of a walk."""
+    return float(np.log(sum(errors) / sum(iez)))
+
+
+def on_walk(
+    folder: Path, scenario: str, seed: int, rate_hz: float, trials: Sequence[Trial]
+) -> list[dict[Case, tuple[float, float]]]:
+    """Errors of each trial on one walk in all fields: those kept in the folder, and the others computed and kept."""
+    path = folder / f"{scenario}-{seed}.jsonl"
+    kept: dict[str, list[list[float]]] = {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            kept |= json.loads(line)
+    todo = [trial for trial in dict.fromkeys(trials) if trial.key not in kept]
+    if todo:
+        walk = walked(folder, scenario, seed, rate_hz)
+        with path.open("a", encoding="utf-8") as file:
+            for trial in todo:
+                kept[trial.key] = [list(errors_m(trial, walk, field)) for field in FIELDS]
+                file.write(json.dumps({trial.key: kept[trial.key]}) + "\n")
+    cases = [Case(scenario, seed, field) for field in FIELDS]
+    return [{case: (rmse, end) for case, (rmse, end) in zip(cases, kept[trial.key], strict=True)} for trial in trials]
+
+
+# --- the search ------------------------------------------------------------------------------------------------------
+
+
+def tuned(bench: Bench, method: str, grid: Grid, rounds: int) -> Point:
+    """Search from each start, and return the better end."""
+    begin = physical(method, grid)
+    ends = [descended(bench, method, grid, {**begin, **start}, rounds) for start in STARTS]
+    losses = bench.losses([Trial.at(method, end) for end in ends])
+    return ends[int(np.argmin(losses))]
+
+
+def descended(bench: Bench, method: str, grid: Grid, point: Point, rounds: int) -> Point:
+    """Search along one parameter after the other until a round changes nothing."""
+    for _ in range(rounds):
+        before = point
+        for name in grid:
+            loss = along(bench, {method: point}, name, grid[name])
+            point = {**point, name: min(loss, key=lambda value: loss[value])}
+        if point == before:
+            break
+    return point
+
+
+def with_physical(method: str, grid: Grid) -> Grid:
+    """Return the grid with the physical preset's values in it."""
+    return {name: tuple(sorted({*grid[name], value})) for name, value in physical(method, grid).items()}
+
+
+def physical(method: str, grid: Grid) -> Point:
+    """Where the grid's parameters are in the physical preset."""
+    parameters = parameters_of(method, PHYSICAL)
+    return {name: value_of(parameters, name) for name in grid}
+
+
+def value_of(parameters: Parameters, name: str) -> float:
+    """One of a grid's parameters."""
+    if isinstance(parameters, IezParameters):
+        return float(getattr(parameters, name))
+    if name in INERTIAL:
+        return value_of(parameters.inertial, name)
+    if name == "window":
+        return parameters.detector.window
+    value: float = 1.0 if name == "allowance" else getattr(parameters, name)
+    return value
+
+
+def along(
+    bench: Bench, points: Mapping[str, Point], name: str, values: Sequence[float], told: bool = True
+) -> dict[float, float]:
+    """Loss at each value of one parameter, the mean over the methods."""
+    trials = [Trial.at(method, {**point, name: value}, told) for value in values for method, point in points.items()]
+    losses = np.reshape(bench.losses(trials), (len(values), len(points)))
+    return dict(zip(values, losses.mean(axis=1).tolist(), strict=True))
+
+
+# --- tables ----------------------------------------------------------------------------------------------------------
+
+
+def print_star(bench: Bench, points: Mapping[str, Point], grid: Grid, words: str, told: bool = True) -> None:
+    """Print the ratio to the IEZ's error at each value of each parameter; the best is marked, and where it lies."""
+    fig.print_heading(f"{words}: error over the IEZ's (geometric mean of {len(bench.cases)} walks)")
+    rows = []
+    for name, values in grid.items():
+        loss = along(bench, points, name, values, told)
+        at = min(loss, key=lambda value: loss[value])
+        shown = [f"{value:g}: {np.exp(loss[value]):.3f}{'*' if value == at else ''}" for value in values]
+        rows.append([name, where(list(loss.values())), "  ".join(shown)])
+    fig.print_table(("parameter", "best", "value: ratio"), rows)
+
+
+def where(losses: Sequence[float]) -> str:
+    """Whether the least of the losses along a grid lies on a plateau (a neighbour within 2 %), or at an edge."""
+    best = int(np.argmin(losses))
+    near = [losses[k] - losses[best] < FLAT for k in (best - 1, best + 1) if 0 <= k < len(losses)]
+    shape = "plateau" if all(near) else "slope" if any(near) else "peak"
+    return f"{shape}, at the edge" if best in (0, len(losses) - 1) else shape
+
+
+def print_held_out(bench: Bench, methods: Sequence[str]) -> None:
+    """Print `physical` and `tuned` on walks that were not tuned on."""
+    trials = [Trial(method, preset=preset) for method in (BASELINE, *methods) for preset in (PHYSICAL, TUNED)]
+    errors = dict(zip(trials, bench.errors(trials), strict=True))
+    iez = errors[Trial(BASELINE)]
+    for scenario in bench.scenarios:
+        for field in FIELDS:
+            cases = [case for case in bench.cases if (case.scenario, case.field) == (scenario, field)]
+            fig.print_heading(f"{scenario}, {field}: medians over seeds {bench.seeds[0]} to {bench.seeds[-1]}")
+            fig.print_table(HELD_OUT_COLUMNS, [_row(trial, errors[trial], iez, cases) for trial in trials])
+    fig.print_heading("all")
+    fig.print_table(HELD_OUT_COLUMNS, [_row(trial, errors[trial], iez, bench.cases) for trial in trials])
+
+
+def _row(trial: Trial, errors: Errors, iez: Errors, cases: Sequence[Case]) -> list[str]:
+    rmse, end = np.median([errors[case] for case in cases], axis=0)
+    ratio = np.exp([log_ratio(errors[case], iez[case]) for case in cases])
+    middle = float(np.exp(np.mean(np.log(ratio))))
+    return [
+        trial.method,
+        trial.preset,
+        f"{rmse:.2f}",
+        f"{end:.2f}",
+        f"{middle:.3f}",
+        f"{ratio.min():.3f}",
+        f"{ratio.max():.3f}",
+    ]
+
+
+if __name__ == "__main__":
+    fig.leave_with(main)

@@ -1,0 +1,160 @@
+"""Errors at the footfalls: walks whose errors are known because they were put in."""
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import EvaluationError
+from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, at_footfalls, walk_errors
+from fg_nav.frames import yaw_rotation
+from fg_nav.recording import FootprintTruth, TrajectoryTruth
+from tests.evaluation.walks import solution
+
+SIDE = 25
+SQUARE = np.array(
+    [(k, 0, 0) for k in range(SIDE)]
+    + [(SIDE, k, 0) for k in range(SIDE)]
+    + [(SIDE - k, SIDE, 0) for k in range(SIDE)]
+    + [(0, SIDE - k, 0) for k in range(SIDE + 1)],
+    dtype=float,
+)
+"""Footfalls (101, 3) m round a square, one a metre, back to the start."""
+
+LINE = np.column_stack([np.zeros(201), np.arange(201.0), np.zeros(201)])
+"""Footfalls north, ending far from the start."""
+
+
+def walked(estimate, truth, attitude=None, true_attitude=None):
+    """Solution and truth, one sample a footfall."""
+    t = np.arange(float(len(truth)))
+    true_attitude = np.broadcast_to(np.eye(3), (len(truth), 3, 3)) if true_attitude is None else true_attitude
+    found = solution(t, estimate, nav_R_body=attitude)
+    if attitude is not None:
+        object.__setattr__(found.stances, "nav_R_body", attitude)
+    return found, TrajectoryTruth(t, truth, true_attitude)
+
+
+def yawing(angle):
+    return np.array([yaw_rotation(one) for one in angle])
+
+
+def drifted(steps_of, rate):
+    """Heading drifts counter-clockwise by `rate` rad a stride: each stride is turned by what has come together."""
+    steps = np.diff(steps_of, axis=0)
+    turned = np.einsum("kij,kj->ki", yawing(rate * np.arange(len(steps))), steps)
+    return np.vstack([steps_of[0], steps_of[0] + np.cumsum(turned, axis=0)])
+
+
+def best_scale(estimate, truth):
+    """Scale, turn and shift in the plane by plain least squares: q = a p + b J p + c, scale hypot(a, b)."""
+    x, y, one, zero = *estimate[:, :2].T, np.ones(len(truth)), np.zeros(len(truth))
+    design = np.vstack([np.column_stack([x, -y, one, zero]), np.column_stack([y, x, zero, one])])
+    a, b, *_ = np.linalg.lstsq(design, truth[:, :2].T.ravel(), rcond=None)[0]
+    return np.hypot(a, b)
+
+
+def test_end_error_of_a_closed_walk_is_its_closure_in_any_alignment():
+    missed = SQUARE + np.linspace(0.0, 1.0, len(SQUARE))[:, None] * [0.3, -0.4, 1.2]
+    for mode in (AS_STARTED, BEST_YAW):
+        errors = walk_errors(*walked(missed @ yaw_rotation(0.4).T + 7.0, SQUARE), mode)
+        assert errors.distance_m == pytest.approx(100.0)
+        assert errors.end_m == pytest.approx(0.5)
+        assert errors.end_percent == pytest.approx(0.5)
+        assert errors.end_height_m == pytest.approx(1.2)
+
+
+def test_zhang_s_percentages_follow_from_his_metres():
+    for end_m, percent in ((9.49, 1.84), (7.09, 1.38), (0.79, 0.15)):
+        path = LINE * 515.5 / 200
+        missed = path + np.linspace(0.0, 1.0, len(path))[:, None] * [end_m, 0.0, 0.0]
+        assert walk_errors(*walked(missed, path)).end_percent == pytest.approx(percent, abs=0.005)
+
+
+def test_start_is_laid_on_the_start_and_the_heading_is_left_as_it_was():
+    turn = 0.1
+    found, truth = walked((LINE - LINE[0]) @ yaw_rotation(turn).T + [5.0, -3.0, 2.0], LINE)
+    started, best = (walk_errors(found, truth, mode) for mode in (AS_STARTED, BEST_YAW))
+    chord = 2 * np.sin(turn / 2)
+    assert started.end_m == pytest.approx(200.0 * chord)
+    assert started.max_m == pytest.approx(200.0 * chord)
+    assert started.mean_m == pytest.approx(100.0 * chord)
+    assert (started.end_height_m, started.alignment) == (pytest.approx(0.0), "origin")
+    assert max(best.end_m, best.max_m) < 1e-9
+
+
+def test_final_heading_error_is_that_of_the_change_clockwise():
+    drift = np.deg2rad(-14.0) * np.linspace(0.0, 1.0, len(SQUARE))  # clockwise
+    turning = np.linspace(0.0, 3 * 2 * np.pi, len(SQUARE))
+    found, truth = walked(SQUARE, SQUARE, yawing(turning + drift + 0.7), yawing(turning))
+    for mode in (AS_STARTED, BEST_YAW):
+        assert walk_errors(found, truth, mode).heading_deg == pytest.approx(14.0)
+    assert walk_errors(found, TrajectoryTruth(truth.t, truth.position), "yaw").heading_deg is None
+
+
+def test_final_heading_error_goes_the_short_way_round():
+    drift = np.deg2rad(190.0) * np.linspace(0.0, 1.0, len(SQUARE))
+    found, truth = walked(SQUARE, SQUARE, yawing(drift))
+    assert walk_errors(found, truth).heading_deg == pytest.approx(170.0)
+
+
+def test_only_first_and_last_footfall_make_the_final_heading_error():
+    drift = np.zeros(len(SQUARE))
+    drift[1:-1] = 1.0
+    found, truth = walked(SQUARE, SQUARE, yawing(drift))
+    assert walk_errors(found, truth).heading_deg == pytest.approx(0.0)
+
+
+def test_a_closed_loop_hides_scale_from_the_end_error_and_an_open_path_does_not():
+    for path, end_m in ((SQUARE, 0.0), (LINE, 4.0)):
+        errors = walk_errors(*walked(1.02 * path, path))
+        assert errors.end_m == pytest.approx(end_m, abs=1e-9)
+        assert errors.scale_percent == pytest.approx(2.0)
+        assert errors.length_percent == pytest.approx(2.0)
+
+
+def test_drift_of_heading_shortens_the_path_but_not_the_strides():
+    errors = walk_errors(*walked(drifted(LINE, 0.005), LINE))
+    assert errors.length_percent == pytest.approx(0.0, abs=1e-9)
+    assert errors.scale_percent == pytest.approx(100.0 * (1.0 / best_scale(drifted(LINE, 0.005), LINE) - 1.0))
+    assert errors.scale_percent < -0.5
+    # Under a constant rate the end is off by the integral of the heading error.
+    angle = np.arange(200) * 0.005
+    expected = np.hypot(-np.sin(angle).sum(), np.cos(angle).sum() - 200.0)
+    assert errors.end_m == pytest.approx(expected)
+
+
+def test_footfalls_count_and_not_the_swings():
+    t = np.linspace(0.0, 100.0, 1001)
+    path = np.column_stack([np.interp(t, np.arange(101.0), axis) for axis in SQUARE.T])
+    estimate = path.copy()
+    stance = np.arange(0, 1001, 10)
+    swing = np.setdiff1d(np.arange(1001), stance)
+    estimate[swing] += 30.0
+    errors = walk_errors(solution(t, estimate, stance), TrajectoryTruth(t, path))
+    assert errors.max_m == pytest.approx(0.0, abs=1e-9)
+    assert len(at_footfalls(solution(t, estimate, stance), TrajectoryTruth(t, path), "yaw").row) == 101
+
+
+def test_without_a_truth_there_is_the_closure():
+    missed = SQUARE + np.linspace(0.0, 1.0, len(SQUARE))[:, None] * [0.6, 0.8, -0.5]
+    errors = walk_errors(walked(missed, SQUARE)[0])
+    assert (errors.alignment, errors.mean_m, errors.heading_deg) == ("closure", None, None)
+    assert errors.end_m == pytest.approx(1.0)
+    assert errors.end_height_m == pytest.approx(-0.5)
+    assert errors.end_percent == pytest.approx(100.0 / errors.distance_m)
+
+
+def test_surveyed_footprints_are_taken_with_the_best_yaw_only():
+    surveyed = FootprintTruth(np.arange(0, 101, 5), SQUARE[::5, :2], 100)
+    missed = SQUARE @ yaw_rotation(1.0).T
+    found = walked(missed, SQUARE)[0]
+    errors = walk_errors(found, surveyed, BEST_YAW)
+    assert errors.max_m < 1e-9
+    assert errors.distance_m == pytest.approx(100.0)
+    assert (errors.end_height_m, errors.length_percent) == (None, None)
+    with pytest.raises(EvaluationError, match="use 'yaw'"):
+        walk_errors(found, surveyed, AS_STARTED)
+
+
+def test_no_footfall_is_an_error_in_words():
+    with pytest.raises(EvaluationError, match="no stance"):
+        walk_errors(solution(np.arange(101.0), SQUARE, np.array([], dtype=int)))
