@@ -13,7 +13,9 @@ from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibr
 from fg_nav.calibration.file import Calibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS
-from fg_nav.cli import app
+from fg_nav.cli import METHOD_NAMES, PRESET_NAMES, app
+from fg_nav.ekf.presets import PRESETS
+from fg_nav.estimators import ESTIMATORS, FILTERS
 from fg_nav.io import FORMATS, write_canonical
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.field_survey import SURVEYED
@@ -24,6 +26,7 @@ from fg_nav.smoother import SmootherParameters
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
+FILTERS_PAGE = ROOT / "docs/filters.md"
 PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
 
 
@@ -31,6 +34,13 @@ def rows_of(page: Path) -> list[list[str]]:
     """Cells of every row of every table."""
     lines = page.read_text(encoding="utf-8").splitlines()
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+
+
+def names_of(page: Path, head: str) -> list[str]:
+    """Names in the first column of the tables with this head."""
+    tables = re.findall(r"^(?:\|.*\n)+", page.read_text(encoding="utf-8"), re.MULTILINE)
+    rows = [row for table in tables if table.startswith(f"| {head} |") for row in table.splitlines()[2:]]
+    return [name for row in rows for name in re.findall(r"`([\w-]+)`", row.split("|")[1])]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -123,9 +133,8 @@ def test_every_field_and_level_is_explained() -> None:
 
 
 def test_every_detector_and_method_of_calibration_has_its_row() -> None:
-    first = [name for row in rows_of(README) for name in re.findall(r"`([\w-]+)`", row[0])]
-    assert [name for name in first if name in SURVEYED] == list(SURVEYED)
-    assert [name for name in first if name in METHODS] == list(METHODS)
+    assert names_of(README, "detector") == list(SURVEYED)
+    assert names_of(README, "`--method`") == list(METHODS)
     assert f"| `{DEFAULT}` |" in README.read_text(encoding="utf-8")
 
 
@@ -134,3 +143,31 @@ def test_every_key_of_a_calibration_file_is_told() -> None:
     parts = (Calibration, MagnetometerCalibration, GyroscopeCalibration, AccelerometerCalibration)
     keys = {"format", "version", "made_by"} | {f.name for part in parts for f in fields(part)}
     assert not [key for key in keys if f"`{key}`" not in text]
+
+
+def test_help_and_tables_have_every_method_and_preset() -> None:
+    assert re.findall(r"[a-z][\w-]*", METHOD_NAMES.partition(";")[0].replace(" or ", ", ")) == ["smoother", *FILTERS]
+    assert set(ESTIMATORS) == {"smoother", *FILTERS, *(f"{name}-rts" for name in FILTERS)}
+    assert tuple(PRESET_NAMES.replace(" or ", ", ").split(", ")) == PRESETS
+    assert set(names_of(README, "method")) == {"smoother", *FILTERS, "-rts", "iez-rts"}
+    assert names_of(FILTERS_PAGE, "method") == list(FILTERS)
+    for page in (README, FILTERS_PAGE):
+        assert names_of(page, "preset") == list(PRESETS)
+
+
+def test_each_misprint_names_the_tests_that_show_it() -> None:
+    text = FILTERS_PAGE.read_text(encoding="utf-8")
+    files = [ROOT / name for name in re.findall(r"`(tests/\w+/\w+\.py)`", text)]
+    known = {name for file in files for name in re.findall(r"^def (test_\w+)", file.read_text("utf-8"), re.MULTILINE)}
+    told = [
+        re.findall(r"`(test_\w+)`", row[3]) for row in rows_of(FILTERS_PAGE) if row[0].startswith(("Ma ", "Zhang "))
+    ]
+    assert len(told) > 10
+    assert all(names and set(names) <= known for names in told)
+
+
+def test_pages_of_the_filters_exist() -> None:
+    text = FILTERS_PAGE.read_text(encoding="utf-8")
+    modules = re.findall(r"`(?:fg_nav/)?((?:ekf|magnetic|evaluation)/\w+\.py)`", text)
+    assert modules
+    assert not [name for name in modules if not (ROOT / "fg_nav" / name).exists()]
