@@ -27,6 +27,9 @@ _TURNS_UNWRAPPED = 5.0
 
 _MAX_DOTS = 400
 
+_GAUGE_RAD = 0.02
+"""A heading surer than this at the start was given, or zero by definition; a compass does not know it as well."""
+
 _STEEP = float(np.sin(np.deg2rad(60.0)))
 """An axis steeper than this has hardly a heading."""
 
@@ -142,8 +145,9 @@ def _broken(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats
 
 
 def _draw_heading_error(axes: Axes, view: View, heading_error: Floats) -> None:
-    """Heading at the start is a gauge, so claim and error are both counted from the first stance."""
+    """Where heading at the start is a gauge, claim and error are both counted from the first stance."""
     stances = view.solution.stances
+    gauge = len(stances) == 0 or stances.heading_sigma[0] < _GAUGE_RAD
     half_deg = 1.96 * np.rad2deg(stances.heading_sigma)
     band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.2, "linewidth": 0, "label": "95 % claimed"}
     axes.fill_between(stances.t, -half_deg, half_deg, **band)
@@ -151,9 +155,9 @@ def _draw_heading_error(axes: Axes, view: View, heading_error: Floats) -> None:
     error = wrap(heading_error[stances.sample])
     known = np.flatnonzero(np.isfinite(error))
     if len(known):
-        since_start_deg = np.rad2deg(wrap(error - error[known[0]]))
+        counted_deg = np.rad2deg(wrap(error - error[known[0]]) if gauge else error)
         line: dict[str, Any] = {"color": style.BLUE, "markersize": 3, "linewidth": 0.8, "label": "error"}
-        axes.plot(stances.t, since_start_deg, ".-", **line)
+        axes.plot(stances.t, counted_deg, ".-", **line)
     axes.set_ylim(*np.clip(axes.get_ylim(), -180.0, 180.0))
-    axes.set_ylabel("since the start (deg)")
+    axes.set_ylabel("since the start (deg)" if gauge else "heading (deg)")
     style.head(axes, "Uncertainty and error at the stances" if len(known) else "Uncertainty at the stances")

@@ -7,12 +7,13 @@ touched beyond the `styled` block, and no window system is needed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -30,6 +31,8 @@ SHADE = "#DCE9F2"
 """Background of a stance."""
 
 WIDTH_IN = 8.0
+_LINE_LETTERS, _HANDLE_LETTERS = 105, 5
+"""Letters of a legend over the width of a picture, and what the sign before a label takes of them."""
 DPI = 150
 
 _RC: dict[Any, Any] = {
@@ -92,6 +95,7 @@ def save(figure: Figure, path: Path) -> None:
 def head(axes: Axes, title: str, columns: int = 6) -> None:
     """Put the title above the axes and the legend, if anything is labelled, in rows between the two."""
     handles, labels = axes.get_legend_handles_labels()
+    columns = _columns_that_fit(labels, columns)
     rows = -(-len(handles) // columns)
     axes.set_title(title, pad=8.0 + 15.0 * rows)
     if handles:
@@ -102,3 +106,13 @@ def head(axes: Axes, title: str, columns: int = 6) -> None:
             "borderaxespad": 0.0,
         }
         axes.legend(handles, labels, **place, handlelength=1.6, columnspacing=1.6)
+
+
+def _columns_that_fit(labels: Sequence[str], most: int) -> int:
+    """How many columns of a legend stand side by side over a picture; they are filled from top to bottom."""
+    for columns in range(min(most, len(labels)), 1, -1):
+        lengths = np.array_split([len(label) for label in labels], columns)
+        widest = (column.max() for column in lengths)
+        if sum(_HANDLE_LETTERS + letters for letters in widest) <= _LINE_LETTERS:
+            return columns
+    return 1

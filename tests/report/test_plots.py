@@ -116,6 +116,26 @@ def test_heading_error_is_counted_from_the_start(session: Session) -> None:
     assert np.asarray(error)[-1] == pytest.approx(expected_deg, abs=1e-6)
 
 
+def test_the_heading_error_of_a_compass_is_counted_as_it_stands(session: Session) -> None:
+    drawn = view(session, drift_deg=3.0)
+    stances = replace(drawn.solution.stances, heading_sigma=np.full(len(drawn.solution.stances), 0.2))
+    unsure = replace(drawn, solution=replace(drawn.solution, stances=stances))
+    given, found = (plot_heading(one).axes[1].lines[-1].get_ydata() for one in (drawn, unsure))
+    np.testing.assert_allclose(np.asarray(found) - found[0], given, atol=1e-9)
+    assert abs(found[0]) > 0.2  # aligned as a whole, the walk begins with an error
+
+
+@pytest.mark.parametrize(("letters", "columns"), [(5, 5), (20, 4), (30, 3), (60, 1)])
+def test_a_legend_keeps_within_the_picture(letters: int, columns: int) -> None:
+    axes = style.new_figure(3.0).subplots()
+    for number in range(5):
+        axes.plot([0, 1], [0, number], label=f"{number}" * letters)
+    style.head(axes, "title")
+    legend = axes.get_legend()
+    assert legend is not None
+    assert legend._ncols == columns
+
+
 def test_two_hours_are_drawn_quickly(tmp_path: Path, session: Session) -> None:
     long, outcome = lengthened(session, 115)
     assert len(outcome.solution.t) > 1_400_000
