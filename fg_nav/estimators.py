@@ -8,6 +8,7 @@ second to load.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from fg_nav.errors import EstimationError
@@ -19,42 +20,45 @@ from fg_nav.stances import Stances
 Progress: TypeAlias = Callable[[float], None]
 """Told from time to time what fraction of the work is done."""
 
-Estimator: TypeAlias = Callable[
-    [Recording, Stances, FootfallField | None, float | None, Progress | None, str], Solution
-]
-"""Called with recording, stances, the field at the footfalls (None where it is unknown), the heading at the start in
-rad (None where it is unknown: then zero, or what the compass says), progress, and the preset of a filter."""
+
+@dataclass(frozen=True)
+class Given:
+    """What every estimator is given of a walk.
+
+    Attributes
+    ----------
+    recording, stances : of one walk.
+    field : at its footfalls; None where it is unknown.
+    heading : rad clockwise from north, of the body's x axis at the start; None where it is unknown: then zero, or what
+        the compass says.
+    preset : of a filter's parameters (`fg_nav.ekf.presets`).
+    """
+
+    recording: Recording
+    stances: Stances
+    field: FootfallField | None = None
+    heading: float | None = None
+    preset: str = "tuned"
+
+
+Estimator: TypeAlias = Callable[[Given, Progress | None], Solution]
 
 
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 """Each also as `-rts`: with the way back over its pass."""
 
 
-def _smoother(
-    recording: Recording,
-    stances: Stances,
-    field: FootfallField | None,
-    heading: float | None,
-    progress: Progress | None,
-    preset: str,
-) -> Solution:
+def _smoother(given: Given, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
-    return smooth(recording, stances, heading=heading or 0.0, progress=progress)
+    return smooth(given.recording, given.stances, heading=given.heading or 0.0, progress=progress)
 
 
 def _filter(method: str) -> Estimator:
-    def run(
-        recording: Recording,
-        stances: Stances,
-        field: FootfallField | None,
-        heading: float | None,
-        progress: Progress | None,
-        preset: str,
-    ) -> Solution:
+    def run(given: Given, progress: Progress | None) -> Solution:
         from fg_nav.ekf.presets import run_filter
 
-        return run_filter(method, preset, recording, stances, field, heading)
+        return run_filter(method, given.preset, given.recording, given.stances, given.field, given.heading)
 
     return run
 

@@ -18,7 +18,7 @@ import numpy as np
 from fg_nav.calibration.file import Calibration, read_calibration
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.estimators import Progress, estimator
+from fg_nav.estimators import Given, Progress, estimator
 from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.io import read, read_truth
@@ -190,8 +190,9 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         If the solution cannot be compared with a truth that the user named. A truth that merely came with the
         recording is then left out, with a note.
     """
-    run, options = estimator(method), session.options
-    found = run(session.recording, session.stances, session.field, _heading(options), progress, options.preset)
+    options = session.options
+    given = Given(session.recording, session.stances, session.field, _heading(options), options.preset)
+    found = estimator(method)(given, progress)
     used = any(word != UNKNOWN for word in found.stances.field)
     solution = _with_verdicts(found, session)
     if session.truth is None:
