@@ -19,8 +19,9 @@ aside from P until a compass is believed (`turned_about_start`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
+from time import perf_counter
 
 import numpy as np
 from numba import njit
@@ -50,9 +51,10 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
-from fg_nav.solution import StanceTable
+from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.start import Start, starting_point
+from fg_nav.tails import hold_tails
 
 GAUGE_SIGMA = 1e-4
 """Position (m) and heading (rad) at the start are known by definition; a trace keeps P invertible."""
@@ -266,6 +268,31 @@ def stance_table(t: Floats, rows: Ints, track: Track, field: Sequence[str], reas
         gyro_bias_sigma=np.sqrt(variance[:, GYRO_BIAS : GYRO_BIAS + 3]),
         field=tuple(field),
         field_reason=tuple(reason),
+    )
+
+
+def solution_of(
+    recording: Recording,
+    stances: Stances,
+    track: Track,
+    field: tuple[Sequence[str], Sequence[str]],
+    parameters: Mapping[str, object],
+    method: str,
+    began: float,
+    note: str,
+) -> Solution:
+    """Put the solution of a pass that `began` (perf_counter) together; `field` are verdicts and reasons, (K,) each."""
+    tails = hold_tails(recording.t, stances, track.position, track.velocity)
+    return Solution(
+        method=method,
+        t=recording.t,
+        position=track.position,
+        velocity=track.velocity,
+        nav_R_body=track.nav_R_body,
+        stances=stance_table(recording.t, stances.stillest(recording.gyr), track, *field),
+        runtime_s=perf_counter() - began,
+        parameters=parameters,
+        notes=(note, *tails),
     )
 
 

@@ -24,7 +24,7 @@ from time import perf_counter
 import numpy as np
 
 from fg_nav.arrays import Bools
-from fg_nav.ekf.core import GAUGE_SIGMA, compiled, filter_walk, stance_table, start_note
+from fg_nav.ekf.core import GAUGE_SIGMA, compiled, filter_walk, solution_of, start_note
 from fg_nav.ekf.evidence import Evidence, no_evidence
 from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.track import Track
@@ -35,7 +35,6 @@ from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.start import Start, starting_point
-from fg_nav.tails import hold_tails
 
 
 @dataclass(frozen=True)
@@ -119,19 +118,8 @@ def solved(
     began: float,
 ) -> Solution:
     """Put the solution of a pass that `began` (perf_counter) together."""
-    rows = stances.stillest(recording.gyr)
-    tails = hold_tails(recording.t, stances, track.position, track.velocity)
-    return Solution(
-        method=method,
-        t=recording.t,
-        position=track.position,
-        velocity=track.velocity,
-        nav_R_body=track.nav_R_body,
-        stances=stance_table(recording.t, rows, track, verdicts.words, verdicts.reason),
-        runtime_s=perf_counter() - began,
-        parameters=asdict(parameters),
-        notes=(start_note(recording, start, parameters.inertial), *tails),
-    )
+    told, note = (verdicts.words, verdicts.reason), start_note(recording, start, parameters.inertial)
+    return solution_of(recording, stances, track, told, asdict(parameters), method, began, note)
 
 
 def needed(field: FootfallField | None, method: str) -> FootfallField:

@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from time import perf_counter
 
-from fg_nav.ekf.core import compiled, filter_walk, stance_table, start_note
+from fg_nav.ekf.core import compiled, filter_walk, solution_of, start_note
 from fg_nav.ekf.parameters import IezParameters
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.start import starting_point
-from fg_nav.tails import hold_tails
 
 UNUSED = "the filter does not use the magnetometer"
 
@@ -49,15 +48,5 @@ def run_iez(
     start = starting_point(recording, stances, heading, parameters.rest)
     rows = stances.stillest(recording.gyr)
     track = filter_walk(recording, stances.mask, rows, start, parameters)
-    tails = hold_tails(recording.t, stances, track.position, track.velocity)
-    return Solution(
-        method="iez",
-        t=recording.t,
-        position=track.position,
-        velocity=track.velocity,
-        nav_R_body=track.nav_R_body,
-        stances=stance_table(recording.t, rows, track, ("none",) * len(rows), (UNUSED,) * len(rows)),
-        runtime_s=perf_counter() - began,
-        parameters=asdict(parameters),
-        notes=(start_note(recording, start, parameters), *tails),
-    )
+    note, unused = start_note(recording, start, parameters), (("none",) * len(rows), (UNUSED,) * len(rows))
+    return solution_of(recording, stances, track, unused, asdict(parameters), "iez", began, note)
