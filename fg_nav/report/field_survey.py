@@ -17,6 +17,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap
 from fg_nav.magnetic import FieldVerdicts, FootfallField
+from fg_nav.magnetic.compass import true_heading
 from fg_nav.magnetic.disturbance import FEWEST, DisturbanceParameters, judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge
 from fg_nav.recording import Recording
@@ -70,7 +71,7 @@ class FieldSurvey:
     @property
     def compass_heading(self) -> Floats:
         """(F,) rad clockwise from true north, or from magnetic north where the place is not known."""
-        return wrap(self.field.magnetic_heading + self.declination)
+        return true_heading(self.field.magnetic_heading, self.declination)
 
     @property
     def difference(self) -> Floats:
