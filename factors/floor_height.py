@@ -1,0 +1,99 @@
+"""All footfalls on one floor of a building are at one height.
+
+Each floor has its height Z (1-vector, m) as a variable, each footfall on it the residual
+
+    e = z - Z,    de/dpose = [0, e_z^T nav_R_body],    de/dZ = -1,
+
+z the height of the sensor (navigation frame, z up). The sensor is not at the same height above the floor in each
+stance, by a centimetre or so; that is the noise. A kerb or a mat calls for a robust one. No floor's height is known
+before, so a floor that is visited once gets flat, and nothing else; one that is visited again also gets its height
+back.
+
+Which footfall is on which floor, `floor_labels` proposes from heights that were smoothed before: footfalls in a row
+without a step between them are a level stretch, a stretch joins the floor nearest in height if that is near, and else
+makes a new one. Footfalls on stairs belong to none. A ramp looks like drift: where there are ramps, leave this factor
+out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.guarded import Array, guarded_factor
+
+
+def floor_height_residual(height: Array | float, floor_height: Array | float) -> Array:
+    """Residual (..., 1) m: heights (...) of footfalls and of their floors (...)."""
+    return np.asarray(np.asarray(height) - np.asarray(floor_height))[..., None]
+
+
+def floor_height_jacobian(nav_R_body: Array) -> Array:
+    """Derivative (..., 1, 6) of the residual by the pose, attitude (..., 3, 3); that by the floor's height is -1."""
+    by_pose = np.zeros((*nav_R_body.shape[:-2], 1, 6))
+    by_pose[..., 0, 3:] = nav_R_body[..., 2, :]
+    return by_pose
+
+
+def floor_height_factor(pose_key: int, floor_key: int, noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
+    """Tie the height of a footfall to that of its floor.
+
+    Parameters
+    ----------
+    pose_key, floor_key
+        Keys of nav_T_body (Pose3) and of the floor's height (1-vector, m).
+    noise
+        Of dimension 1, m, robust or not.
+    """
+    by_floor = -np.eye(1)
+
+    def residual(values: gtsam.Values, with_jacobians: bool) -> tuple[Array, Sequence[Array]]:
+        pose = values.atPose3(pose_key)
+        e = floor_height_residual(pose.z(), float(values.atVector(floor_key)[0]))
+        return e, [floor_height_jacobian(pose.rotation().matrix()), by_floor] if with_jacobians else []
+
+    return guarded_factor("floor height", [pose_key, floor_key], [6, 1], noise, residual)
+
+
+@dataclass(frozen=True)
+class FloorParameters:
+    """What is a step, and what is another floor."""
+
+    step_m: float = 0.1
+    """Height between successive footfalls of one foot above which they are on stairs: a riser is 0.15 to 0.19 m, and
+    a foot climbs one or two at a time; the drift of a stride is centimetres."""
+    storey_m: float = 1.5
+    """Height from a floor above which a level stretch is another: half of the lowest storey, so that heights may drift
+    by as much between two visits."""
+    fewest: int = 4
+    """Footfalls of a level stretch: a landing has two or three."""
+
+
+def floor_labels(height: Array, parameters: FloorParameters = FloorParameters()) -> NDArray[np.intp]:
+    """Propose the floor (K,) of each footfall, 0, 1, ... in the order they are found; -1 where it is on none.
+
+    Parameters
+    ----------
+    height : (K,) m
+        Of the footfalls of one foot, in order.
+    """
+    p = parameters
+    label = np.full(len(height), -1, dtype=np.intp)
+    levels: list[float] = []
+    cuts = np.flatnonzero(np.abs(np.diff(height)) > p.step_m) + 1
+    for stretch in np.split(np.arange(len(height)), cuts):
+        if len(stretch) >= p.fewest:
+            label[stretch] = _floor_of(float(height[stretch[0]]), levels, p.storey_m)
+            levels[label[stretch[0]]] = float(height[stretch[-1]])
+    return label
+
+
+def _floor_of(level: float, levels: list[float], storey_m: float) -> int:
+    """Index of the floor last seen nearest to the level; a new one, added to the levels, if none is near."""
+    apart = np.abs(np.array(levels) - level)
+    if len(levels) and apart.min() < storey_m:
+        return int(apart.argmin())
+    levels.append(level)
+    return len(levels) - 1

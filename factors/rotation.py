@@ -1,0 +1,102 @@
+"""Rotation vectors and their matrices, for many at once.
+
+    [v]x w = v x w,     Exp(t) = exp([t]x),     Exp(t + d) = Exp(Jl(t) d) Exp(t) to first order in d.
+
+With x = |t|, a = sin x / x, b = (1 - cos x) / x^2, c = (x - sin x) / x^3,
+
+    Exp = cos x I + a [t]x + b t t^T,     Jl = a I + b [t]x + c t t^T.
+
+Samples of a gyro with bias b, each held over its period h, make the rotation from the body frame of sample t to that
+of the first,
+
+    dR_t(b) = Exp(t_0) ... Exp(t_t-1),     t_k = (w_k - b) h_k,
+    dR_t(b0 + d) = dR_t(b0) Exp(J_t d) to first order,     dR_t J_t = -sum_{k<t} dR_k Jl(t_k) h_k:
+
+seen from the first frame, later rotations leave an earlier disturbance alone, so that the disturbances add up.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.guarded import Array
+
+Ints = NDArray[np.int64]
+
+
+def skew(v: Array) -> Array:
+    """Matrices (..., 3, 3) of the cross product with the vectors (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 2, 1] = out[..., 1, 2] = v[..., 0]
+    out[..., 0, 2] = out[..., 2, 0] = v[..., 1]
+    out[..., 1, 0] = out[..., 0, 1] = v[..., 2]
+    out[..., 1, 2] *= -1
+    out[..., 2, 0] *= -1
+    out[..., 0, 1] *= -1
+    return out
+
+
+def rotation_exp(t: Array) -> Array:
+    """Rotations (..., 3, 3) by the rotation vectors (..., 3) rad."""
+    x, a, b = _coefficients(t)
+    return _sum_of(t, np.cos(x), a, b)
+
+
+def left_jacobian(t: Array) -> Array:
+    """Left Jacobians (..., 3, 3) of Exp at the rotation vectors (..., 3) rad."""
+    x, a, b = _coefficients(t)
+    far = x > 0.05
+    c = np.where(far, (1.0 - a) / np.where(far, x, 1.0) ** 2, 1.0 / 6.0 - x**2 / 120.0 + x**4 / 5040.0)
+    return _sum_of(t, a, b, c)
+
+
+def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array) -> tuple[Array, Array]:
+    """Rotations of each sample of each stretch to its first, and their derivatives by the gyro bias.
+
+    Parameters
+    ----------
+    rates : (T, 3) rad/s
+        Each held over its period.
+    periods : (T,) s
+    segment : (T,) int
+        Stretch of each sample, in ascending order.
+    bias : (3,) or (S, 3) rad/s
+        b0, one for all or one a stretch.
+
+    Returns
+    -------
+    rotations, bias_jacobians : (T, 3, 3) and (T, 3, 3) s
+        dR_t(b0) and J_t: the identity and zero at each first sample.
+    """
+    first = np.searchsorted(segment, segment)
+    turn = (rates - (bias if bias.ndim == 1 else bias[segment])) * periods[:, None]
+    before = np.roll(rotation_exp(turn), 1, axis=0)
+    position = np.arange(len(segment)) - first
+    before[position == 0] = np.eye(3)
+    rotations = _running_products(before, position)
+    by_bias = rotations @ (left_jacobian(turn) * periods[:, None, None])
+    total = np.cumsum(by_bias, axis=0) - by_bias
+    return rotations, np.swapaxes(rotations, -1, -2) @ (total[first] - total)
+
+
+def _coefficients(t: Array) -> tuple[Array, Array, Array]:
+    """x, a and b of the formulas above, each (...,)."""
+    x = np.sqrt((t**2).sum(axis=-1))
+    return x, np.sinc(x / np.pi), 0.5 * np.sinc(x / (2.0 * np.pi)) ** 2
+
+
+def _sum_of(t: Array, one: Array, cross: Array, outer: Array) -> Array:
+    """One I + cross [t]x + outer t t^T, (..., 3, 3)."""
+    out = skew(cross[..., None] * t) + (outer[..., None] * t)[..., :, None] * t[..., None, :]
+    out[..., range(3), range(3)] += one[..., None]
+    return np.asarray(out)
+
+
+def _running_products(factors: Array, position: Ints) -> Array:
+    """Products (T, 3, 3) of all rotations from a stretch's first to each, by doubling: log2 of the longest passes."""
+    out = factors.copy()
+    width = 1
+    while width <= position.max(initial=0):
+        far = np.flatnonzero(position >= width)
+        out[far] = out[far - width] @ out[far]
+        width *= 2
+    return out
