@@ -8,7 +8,7 @@ second to load.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from fg_nav.errors import EstimationError
@@ -51,7 +51,13 @@ FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 def _smoother(given: Given, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
-    return smooth(given.recording, given.stances, heading=given.heading or 0.0, progress=progress)
+    return smooth(given.recording, given.stances, heading=given.heading, progress=progress, field=given.field)
+
+
+def _inertial(given: Given, progress: Progress | None) -> Solution:
+    from fg_nav.smoother import smooth
+
+    return replace(smooth(given.recording, given.stances, heading=given.heading, progress=progress), method="inertial")
 
 
 def _filter(method: str) -> Estimator:
@@ -65,6 +71,7 @@ def _filter(method: str) -> Estimator:
 
 ESTIMATORS: dict[str, Estimator] = {
     "smoother": _smoother,
+    "inertial": _inertial,
     **{method: _filter(method) for method in FILTERS},
     **{method + "-rts": _filter(method + "-rts") for method in FILTERS},
 }

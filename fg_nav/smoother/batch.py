@@ -4,8 +4,9 @@ rests   -> gyro bias to start from, and its sigma
 stances -> lever of the rolling foot
 stances -> nodes; samples between nodes -> inertial measurements
 strides -> factors, one stride after the other
-dead reckoning -> initial values; Gauss-Newton -> solution; marginals -> sigmas
-nodes -> dense trajectory
+dead reckoning -> initial values; Gauss-Newton -> solution
+solution and field -> solution with the field (`field_rounds`)
+marginals -> sigmas; nodes -> dense trajectory
 """
 
 from __future__ import annotations
@@ -17,21 +18,24 @@ from time import perf_counter
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, V, X
+from gtsam.symbol_shorthand import B, X
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration import RollingLever, rolling_lever
 from fg_nav.detection import Rest
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.magnetic import FootfallField
+from fg_nav.magnetic.verdicts import UNKNOWN
 from fg_nav.recording import Recording
 from fg_nav.smoother.covariances import marginal_covariances
-from fg_nav.smoother.dense import dense_trajectory
+from fg_nav.smoother.dense import trajectory_of
+from fg_nav.smoother.field_rounds import FieldProblem, FieldVerdict, solve_with_field, unusable
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import Solved, solve, time_order
-from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, strides_of
+from fg_nav.smoother.solver import Native, Part, Solved, solve, time_order
+from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, gauge, strides_of
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.start import starting_point
@@ -53,22 +57,26 @@ def smooth(
     recording: Recording,
     stances: Stances,
     parameters: SmootherParameters = SmootherParameters(),
-    heading: float = 0.0,
+    heading: float | None = 0.0,
     progress: Callable[[float], None] | None = None,
+    field: FootfallField | None = None,
 ) -> Solution:
     """Smooth a walk.
 
     Parameters
     ----------
     recording : Recording
-        The magnetometer is not used.
+        Its magnetometer is used where `field` is given.
     stances : Stances
         When the foot stood, on this recording.
     parameters : SmootherParameters
-    heading : float
-        Of the body's x axis at the first stance, rad clockwise from north.
+    heading : float or None
+        Of the body's x axis at the first stance, rad clockwise from north; None where it is unknown: then zero, or
+        with a field so that the walk's mean field points north.
     progress
         Told from time to time which fraction is done.
+    field : FootfallField
+        The field at the footfalls; None to do without.
 
     Raises
     ------
@@ -76,26 +84,40 @@ def smooth(
         With stances of another recording, or where the solution cannot be found.
     """
     _compile()
-    return _smooth(recording, stances, parameters, heading, progress)
+    return _smooth(recording, stances, parameters, heading, progress, field)
 
 
 def _smooth(
     recording: Recording,
     stances: Stances,
     p: SmootherParameters,
-    heading: float,
+    heading: float | None,
     progress: Callable[[float], None] | None,
+    field: FootfallField | None,
 ) -> Solution:
     began = perf_counter()
-    start = starting_point(recording, stances, heading, p.rest)
+    start = starting_point(recording, stances, heading or 0.0, p.rest)
     known = _known(recording, stances, start.rests, p)
     nodes = place_nodes(recording, stances, p)
-    graph, ties = _graph(recording, stances, nodes, known, start.nav_R_body, p, progress)
+    graph, ties = _graph(recording, stances, nodes, known, p, progress)
     initial = initial_values(recording, stances, nodes, start.nav_R_body, known.gyro_bias, p.gravity)
-    solved = solve(graph, ties, initial, time_order(nodes), p.convergence, p.largest_steps)
-    position, velocity, nav_R_body = _dense(recording, nodes, solved.values, p)
+    told = Native(gauge(start.nav_R_body, p.gauge_sigma, p))
+    solved = solve(graph, [ties, told], initial, time_order(nodes), p.convergence, p.largest_steps)
+
+    def minimise(part: Part, values: gtsam.Values, ordering: gtsam.Ordering, towards_north: Floats | None) -> Solved:
+        began_there = told
+        if towards_north is not None:
+            began_there = Native(gauge(towards_north, np.radians(p.unknown_heading_deg), p))
+        return solve(graph, [ties, began_there, part], values, ordering, p.convergence, p.largest_steps)
+
+    reason = unusable(field, p.magnetic)
+    verdict = FieldVerdict((UNKNOWN,) * len(nodes.result), (reason,) * len(nodes.result), ())
+    if field is not None and not reason:
+        problem = FieldProblem(recording, nodes, field, heading is not None, p.gravity, minimise)
+        solved, verdict = solve_with_field(problem, solved, p.magnetic)
+    position, velocity, nav_R_body = trajectory_of(recording, nodes, solved.values, p.gravity)
     tails = hold_tails(recording.t, stances, position, velocity)
-    table = _table(recording.t, nodes, solved)
+    table = _table(recording.t, nodes, solved, verdict)
     if progress is not None:
         progress(1.0)
     return Solution(
@@ -107,7 +129,7 @@ def _smooth(
         stances=table,
         runtime_s=perf_counter() - began,
         parameters=asdict(p),
-        notes=(*_notes(known, solved.steps), *tails),
+        notes=(*_notes(known, solved.steps), *verdict.notes, *tails),
     )
 
 
@@ -117,7 +139,7 @@ def _compile() -> None:
     t = np.arange(200) / 100.0
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
     stances = Stances.from_mask(np.ones(200, dtype=np.bool_))
-    _smooth(rest, stances, SmootherParameters(), 0.0, None)
+    _smooth(rest, stances, SmootherParameters(), 0.0, None, None)
 
 
 def _known(recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters) -> Known:
@@ -147,39 +169,20 @@ def _graph(
     stances: Stances,
     nodes: Nodes,
     known: Known,
-    start: Floats,
     p: SmootherParameters,
     progress: Callable[[float], None] | None,
 ) -> tuple[gtsam.NonlinearFactorGraph, VelocityTies]:
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
     measurements = preintegrate(recording, nodes.sample, bias, p, progress)
     graph, ties = gtsam.NonlinearFactorGraph(), VelocityTies()
-    add_start(graph, start, known.gyro_bias_sigma, p)
+    add_start(graph, known.gyro_bias_sigma, p)
     lever = known.lever.lever
     for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, known.rests, p):
         add_stride(graph, ties, stride, p)
     return graph, ties
 
 
-def _dense(
-    recording: Recording, nodes: Nodes, values: gtsam.Values, p: SmootherParameters
-) -> tuple[Floats, Floats, Floats]:
-    poses = [values.atPose3(X(j)) for j in range(len(nodes))]
-    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(nodes.bias[-1] + 1)])
-    bias = bias[nodes.bias[nodes.footfall]]
-    return dense_trajectory(
-        recording,
-        nodes.sample,
-        np.array([pose.translation() for pose in poses]),
-        np.array([values.atVector(V(j)) for j in range(len(nodes))]),
-        np.array([pose.rotation().matrix() for pose in poses]),
-        np.ascontiguousarray(bias[:, 3:]),
-        np.ascontiguousarray(bias[:, :3]),
-        p.gravity,
-    )
-
-
-def _table(t: Floats, nodes: Nodes, solved: Solved) -> StanceTable:
+def _table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
     pose_keys = [X(j) for j in nodes.result]
     bias_keys = [B(k) for k in nodes.bias]
@@ -199,8 +202,8 @@ def _table(t: Floats, nodes: Nodes, solved: Solved) -> StanceTable:
         position_cov=position_cov,
         heading_sigma=np.sqrt(rotation_cov[:, 2, 2]),
         gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
-        field=("none",) * len(poses),
-        field_reason=("the magnetometer was not used",) * len(poses),
+        field=verdict.words,
+        field_reason=verdict.reason,
     )
 
 

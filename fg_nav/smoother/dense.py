@@ -11,12 +11,43 @@ after the last there is nothing to meet: the samples are integrated, backward an
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B, V, X
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import NavState, rotate_in_body, strapdown
 from fg_nav.recording import Recording
+from fg_nav.smoother.nodes import Nodes
+
+
+class Trajectory(NamedTuple):
+    """Position (N, 3) m, velocity (N, 3) m/s and attitude (N, 3, 3) at every sample."""
+
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+
+
+def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
+    """Return the trajectory of a solved walk at the recording's rate."""
+    poses = [values.atPose3(X(j)) for j in range(len(nodes))]
+    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(nodes.bias[-1] + 1)])
+    bias = bias[nodes.bias[nodes.footfall]]
+    track = dense_trajectory(
+        recording,
+        nodes.sample,
+        np.array([pose.translation() for pose in poses]),
+        np.array([values.atVector(V(j)) for j in range(len(nodes))]),
+        np.array([pose.rotation().matrix() for pose in poses]),
+        np.ascontiguousarray(bias[:, 3:]),
+        np.ascontiguousarray(bias[:, :3]),
+        gravity,
+    )
+    return Trajectory(*track)
 
 
 def dense_trajectory(

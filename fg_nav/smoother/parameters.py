@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from fg_nav.calibration import RollingLeverParameters
 from fg_nav.detection import RestParameters
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.smoother.field_parameters import FieldParameters
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,11 @@ class SmootherParameters:
     rest: RestParameters = field(default_factory=RestParameters)
     gravity: float = GRAVITY_M_S2
     """m/s^2."""
+
+    unknown_heading_deg: float = 60.0
+    """Sigma of the heading at the start about what the walk's mean field says, where nobody told it."""
+    magnetic: FieldParameters = field(default_factory=FieldParameters)
+    """The magnetic field."""
 
     convergence: float = 5e-4
     """The solver stops when the error differs from what the linear model promised by less than this per variable: by

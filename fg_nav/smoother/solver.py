@@ -11,28 +11,63 @@ a chain is as good as any ordering and leaves the last footfall at the root.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, V, X
+from gtsam.symbol_shorthand import B, M, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.smoother.nodes import Nodes
-from fg_nav.smoother.strides import VelocityTies
 
 MOST_HALVINGS = 6
 
 
-def time_order(nodes: Nodes) -> gtsam.Ordering:
-    """Order in which the variables are eliminated: node by node, a bias after the last node that uses it."""
+class Part(Protocol):
+    """A part of the graph that is linearised in numpy, many factors of a kind together."""
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
+        """Yield its factors, linearised at these values."""
+
+
+class Native:
+    """Factors of gtsam that are not in the graph of the walk."""
+
+    def __init__(self, *factors: gtsam.NonlinearFactor) -> None:
+        self._graph = gtsam.NonlinearFactorGraph()
+        for factor in factors:
+            self._graph.push_back(factor)
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        return float(self._graph.error(values))
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
+        """Yield its factors, linearised at these values."""
+        linear = self._graph.linearize(values)
+        return (linear.at(i) for i in range(linear.size()))
+
+
+def time_order(nodes: Nodes, with_field: bool = False) -> gtsam.Ordering:
+    """Order in which the variables are eliminated: node by node, a bias after the last node that uses it.
+
+    With the field its state M at each footfall follows the node of the footfall's result.
+    """
     ordering = gtsam.Ordering()
     bias = nodes.bias[nodes.footfall]
+    footfall = {int(j): k for k, j in enumerate(nodes.result)} if with_field else {}
     for j in range(len(nodes)):
         if j > 0 and bias[j] != bias[j - 1]:
             ordering.push_back(B(bias[j - 1]))
         ordering.push_back(X(j))
         ordering.push_back(V(j))
+        if j in footfall:
+            ordering.push_back(M(footfall[j]))
     ordering.push_back(B(bias[-1]))
     return ordering
 
@@ -48,13 +83,13 @@ class Solved:
 
 def solve(
     graph: gtsam.NonlinearFactorGraph,
-    ties: VelocityTies,
+    parts: Sequence[Part],
     values: gtsam.Values,
     ordering: gtsam.Ordering,
     convergence: float,
     largest_steps: int,
 ) -> Solved:
-    """Minimise the error of the graph and the ties.
+    """Minimise the error of the graph and its parts.
 
     Parameters
     ----------
@@ -68,8 +103,8 @@ def solve(
     """
     error = np.inf
     for steps in range(1, largest_steps + 1):
-        tree, step, promised = _solve_linear(graph, ties, values, ordering)
-        values, error = _descend(graph, ties, values, step, error)
+        tree, step, promised = _solve_linear(graph, parts, values, ordering)
+        values, error = _descend(graph, parts, values, step, error)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * ordering.size():
@@ -81,13 +116,14 @@ def solve(
 
 
 def _solve_linear(
-    graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, values: gtsam.Values, ordering: gtsam.Ordering
+    graph: gtsam.NonlinearFactorGraph, parts: Sequence[Part], values: gtsam.Values, ordering: gtsam.Ordering
 ) -> tuple[gtsam.GaussianBayesTree, gtsam.VectorValues, float]:
     """Bayes tree of the linearised graph, its minimum, and the error there."""
     try:
         linear = graph.linearize(values)
-        for tie in ties.linearize(values):
-            linear.push_back(tie)
+        for part in parts:
+            for factor in part.linearize(values):
+                linear.push_back(factor)
         tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
         step = tree.optimize()
     except RuntimeError as error:
@@ -99,7 +135,7 @@ def _solve_linear(
 
 def _descend(
     graph: gtsam.NonlinearFactorGraph,
-    ties: VelocityTies,
+    parts: Sequence[Part],
     values: gtsam.Values,
     step: gtsam.VectorValues,
     before: float,
@@ -107,7 +143,7 @@ def _descend(
     """Values after the step, halved as often as it takes not to raise the error `before` it, and their error."""
     for _ in range(MOST_HALVINGS):
         moved = values.retract(step)
-        error = graph.error(moved) + ties.error(moved)
+        error = graph.error(moved) + sum(part.error(moved) for part in parts)
         if error <= before:
             return moved, error
         step = step.scale(0.5)

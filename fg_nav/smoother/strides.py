@@ -12,8 +12,8 @@ the swing that led to it. It adds
 The velocity tie is `factors.rolling_stance_factor`. There are thousands in a walk, and each costs a call from C++ into
 Python at every linearisation; `VelocityTies` holds them all, and linearises them together in numpy.
 
-The first footfall has in place of the swing the gauge: position and heading by definition, tilt from gravity, and a
-prior on the bias.
+The first footfall has in place of the swing a prior on the bias, and the gauge: position and heading by definition,
+tilt from gravity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from factors import rolling_stance_jacobian, rolling_stance_residual
+from factors import rolling_stance_jacobian, rolling_stance_residual, zero_rate_factor
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
 from fg_nav.recording import Recording
@@ -148,26 +148,25 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: St
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
     for rest in stride.rests:
-        graph.addPriorConstantBias(B(stride.bias), _bias(rest.rate), _bias_noise(UNKNOWN_ACC_BIAS, rest.sigma))
+        graph.push_back(zero_rate_factor(B(stride.bias), rest.rate, rest.sigma))
 
 
-def add_start(
-    graph: gtsam.NonlinearFactorGraph, nav_R_body: Floats, gyro_bias_sigma: float, p: SmootherParameters
-) -> None:
-    """Fix the gauge at the first node (position zero, this attitude), and add the prior on the bias."""
-    pose = gtsam.Pose3(gtsam.Rot3(nav_R_body), np.zeros(3))
-    tilt = np.radians(p.tilt_sigma_deg)
-    nav_rotation = np.diag([tilt, tilt, p.gauge_sigma]) ** 2
-    covariance = np.eye(6) * p.gauge_sigma**2
-    covariance[:3, :3] = nav_R_body.T @ nav_rotation @ nav_R_body
-    graph.addPriorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
+def add_start(graph: gtsam.NonlinearFactorGraph, gyro_bias_sigma: float, p: SmootherParameters) -> None:
+    """Add the prior on the bias."""
     graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(p.acc_bias_sigma, gyro_bias_sigma))
 
 
-NO_CHANGE = gtsam.imuBias.ConstantBias()
+def gauge(nav_R_body: Floats, heading_sigma: float, p: SmootherParameters) -> gtsam.PriorFactorPose3:
+    """Fix the gauge at the first node: position zero, this attitude, its heading with a sigma in rad."""
+    pose = gtsam.Pose3(gtsam.Rot3(nav_R_body), np.zeros(3))
+    tilt = np.radians(p.tilt_sigma_deg)
+    nav_rotation = np.diag([tilt, tilt, heading_sigma]) ** 2
+    covariance = np.eye(6) * p.gauge_sigma**2
+    covariance[:3, :3] = nav_R_body.T @ nav_rotation @ nav_R_body
+    return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
-UNKNOWN_ACC_BIAS = 10.0
-"""m/s^2: a rest shows nothing of it here, its levelling is in the inertial factors."""
+
+NO_CHANGE = gtsam.imuBias.ConstantBias()
 
 
 def _bias(gyro: Floats) -> gtsam.imuBias.ConstantBias:

@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import B, V, X
 from factors import guarded_factor
 from fg_nav.errors import EstimationError
 from fg_nav.smoother.solver import MOST_HALVINGS, Solved, solve
-from tests.smoother.walks import DEFAULT, NoTies, demo, minimum, node_arrays, problem
+from tests.smoother.walks import DEFAULT, demo, minimum, node_arrays, problem
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
 
@@ -43,7 +43,7 @@ def run(
     largest_steps: int = 25,
 ) -> Solved:
     """Solve a graph that is no walk."""
-    return solve(graph, NoTies(), values, ordering(*keys), convergence, largest_steps)
+    return solve(graph, [], values, ordering(*keys), convergence, largest_steps)
 
 
 def test_a_walk_takes_few_steps_to_its_minimum() -> None:

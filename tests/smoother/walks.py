@@ -22,7 +22,7 @@ from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import Solved, solve, time_order
-from fg_nav.smoother.strides import Stride, VelocityTies, add_start, add_stride, strides_of
+from fg_nav.smoother.strides import Stride, VelocityTies, add_start, add_stride, gauge, strides_of
 from fg_nav.stances import Stances
 from tests.real_data import DATA
 from tests.simulated import IDEAL, QUIET, corridor
@@ -128,7 +128,8 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: VelocityTies | No
     measurements = preintegrate(recording, nodes.sample, gtsam.imuBias.ConstantBias(np.zeros(3), bias), p)
     graph = gtsam.NonlinearFactorGraph()
     ties = VelocityTies() if ties is None else ties
-    add_start(graph, start, np.radians(p.gyro_bias_sigma_deg_s), p)
+    graph.push_back(gauge(start, p.gauge_sigma, p))
+    add_start(graph, np.radians(p.gyro_bias_sigma_deg_s), p)
     strides = list(strides_of(recording, stances, nodes, measurements, bias, lever, rests, p))
     for stride in strides:
         add_stride(graph, ties, stride, p)
@@ -149,7 +150,7 @@ def with_exact_factors(walk: Walk) -> Problem:
 
 def minimum(one: Problem, convergence: float = DEFAULT.convergence) -> Solved:
     """Solve a problem as the smoother does."""
-    return solve(one.graph, one.ties, one.initial, one.ordering, convergence, DEFAULT.largest_steps)
+    return solve(one.graph, [one.ties], one.initial, one.ordering, convergence, DEFAULT.largest_steps)
 
 
 def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:

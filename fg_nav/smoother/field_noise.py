@@ -1,0 +1,88 @@
+"""How rough the field of a walk is, measured on the walk itself.
+
+At footfall k the field deviates from the walk's mean, across it by delta (uT) and in potential by phi (uT m). Each is
+taken for a stationary process along the way,
+
+    x_k = a_k x_{k-1} + w_k,    a_k = exp(-distance_k / length),    sd(w_k) = sigma sqrt(1 - a_k^2):
+
+a smooth field keeps its deviation for metres, a reinforced floor for less than a stride, and a foot that stands on one
+spot sees one and the same deviation for as long as it stands. `sigma` is a robust spread and `length` follows from the
+correlation of neighbours:
+
+    rho = sum x_k x_{k-1} / sum x_k^2,     length = -mean distance / ln rho.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats
+
+MAD_TO_SIGMA = 1.4826
+"""Median absolute deviation to standard deviation, of a normal distribution."""
+
+CLIP_SIGMAS = 4.0
+"""Beyond which a deviation counts as if it were there: an outlier shall not set the scale."""
+
+LEAST_STEP_M = 0.2
+"""Moves that count in the mean distance; shorter ones are no strides."""
+
+MOST_CORRELATED = 0.98
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Of a deviation along the way: spread `sigma` (its unit) and correlation length, m."""
+
+    sigma: float
+    length_m: float
+
+    def left(self, distance_m: Floats) -> Floats:
+        """Share a of a deviation that is left after a distance."""
+        return np.exp(-distance_m / self.length_m)
+
+    def innovation(self, distance_m: Floats) -> Floats:
+        """Standard deviation of what is new after a distance; never none at all."""
+        return self.sigma * np.sqrt(1.0 - np.minimum(self.left(distance_m), 1.0 - LEAST_NEW) ** 2)
+
+
+LEAST_NEW = 1e-4
+"""Of a deviation that is new at a footfall on the same spot: keeps the equations well conditioned."""
+
+
+def robust_sigma(values: Floats) -> float:
+    """Spread about zero without the tails."""
+    return MAD_TO_SIGMA * float(np.median(np.abs(values)))
+
+
+def roughness(values: Floats, seen: Bools, distance_m: Floats, least_sigma: float) -> Roughness:
+    """Measure the roughness.
+
+    Parameters
+    ----------
+    values : (F,) deviations at the footfalls.
+    seen : (F,) where they are known.
+    distance_m : (F-1,) from footfall to footfall.
+    least_sigma : unit of the values, below which a spread is the sensor's noise.
+    """
+    limit = CLIP_SIGMAS * max(robust_sigma(values[seen]), least_sigma)
+    x = np.clip(values, -limit, limit)
+    strides = seen[1:] & seen[:-1] & (distance_m > LEAST_STEP_M)
+    variance = float(np.mean(x[seen] ** 2)) if seen.any() else 0.0
+    if strides.sum() < FEWEST or variance <= least_sigma**2:
+        return Roughness(max(np.sqrt(variance), least_sigma), NOTHING_KNOWN_M)
+    rho = float(np.mean(x[1:][strides] * x[:-1][strides])) / variance
+    rho = float(np.clip(rho, LEAST_CORRELATED, MOST_CORRELATED))
+    return Roughness(float(np.sqrt(variance)), -float(distance_m[strides].mean()) / np.log(rho))
+
+
+FEWEST = 5
+"""Strides without which a correlation is not measured."""
+
+NOTHING_KNOWN_M = 1.0
+"""Correlation length where none is measured: about a stride's."""
+
+LEAST_CORRELATED = 0.02
+"""A correlation below is taken for this one: white from stride to stride."""

@@ -1,0 +1,51 @@
+"""What the smoother believes of the magnetic field, of the magnetometer, and of what it reads.
+
+How rough the field is, and over what distance, no parameter says: it is measured on the walk (`field_noise`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FieldParameters:
+    """Defaults for a magnetometer on a shoe; `docs/magnetic.md` tells how each was chosen."""
+
+    compass: bool = True
+    """Use the direction of the field at each footfall."""
+    potential: bool = True
+    """Use the line integral of the field along the way."""
+    rounds: int = 2
+    """How often noise and verdicts are taken anew from the smoothed walk: the first time from a walk without the field,
+    whose heading has drifted."""
+    gate: str | None = None
+    """A detector of a quasi-static field (`fg_nav.magnetic.quasi_static`) that a footfall has to pass; None for the
+    walk's own spread alone."""
+    outside_gate: float = 3.0
+    """By how much larger the compass's noise is where the detector does not pass the field; infinite: not used."""
+    outlier_sigmas: float = 5.0
+    """A footfall is disturbed where its field is off by more than this many robust sigmas of the walk's own spread: of
+    a field with the heavy tails of real ones (kurtosis 6) one in a thousand."""
+
+    reference_sigma_deg: float = 2.0
+    """How well compass and given heading have the same north, deg: declination, mounting, soft iron."""
+    strength_sigma_uT: float = 5.0
+    """Horizontal strength of the field about the walk's median, uT."""
+    regional_sigma_uT: float = 0.003
+    """By how much the field's mean changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
+    hard_iron_level_uT: float = 0.3
+    """Hard iron left in the stance's level plane after a calibration, uT."""
+    hard_iron_up_uT: float = 15.0
+    """The same upward: a calibration from footfalls cannot see it, and in a swing it turns forward."""
+    hard_iron_walk_uT: float = 1e-3
+    """Its random walk from stride to stride, uT."""
+
+    compass_sigma_uT: float = 0.3
+    """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
+    way_sigma_uT_m: float = 0.1
+    """Noise of the line integral over a stride, uT m: sampling, and what scale errors leave."""
+    coarsest_m: float = 0.4
+    """Longest move between two samples of the field that a line integral passes over: the floor's steel is as near."""
+    least_strength_uT: float = 3.0
+    """Horizontal strength below which there is no compass."""

@@ -1,0 +1,260 @@
+"""The walk with its magnetic field: rounds of looking at the field along the smoothed walk and smoothing anew.
+
+    repeat a few times
+        trajectory     -> line integrals of the field; field at each footfall, in nav
+        its deviations -> roughness of the field, and which footfalls are disturbed
+        walk and field -> solution
+
+The first trajectory is that of the walk without the field. Its heading has drifted, so the first verdicts rest on
+strength and inclination alone, and strength stands in for the deviation across; from the second round on the smoothed
+heading is used as well, but never alone, so that it cannot talk itself into a wrong field.
+
+Where nobody told the heading at the start, north is where the walk's mean field points: the start is turned there, with
+a wide sigma, and the field's direction is held. Where it was told, the field's direction is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import V, X
+
+from fg_nav.arrays import Bools, Floats
+from fg_nav.frames import yaw_rotation
+from fg_nav.magnetic import FootfallField
+from fg_nav.magnetic.quasi_static import NO_FIELD, judge
+from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.recording import Recording
+from fg_nav.smoother.dense import Trajectory, trajectory_of
+from fg_nav.smoother.field_noise import Roughness, robust_sigma, roughness
+from fg_nav.smoother.field_parameters import FieldParameters
+from fg_nav.smoother.field_state import (
+    E_H,
+    IRON,
+    PHI,
+    FieldPrior,
+    FieldSeen,
+    FieldTies,
+    across_field,
+)
+from fg_nav.smoother.field_way import FieldWay, field_way
+from fg_nav.smoother.nodes import Nodes
+from fg_nav.smoother.solver import Part, Solved, time_order
+
+LEAST_SIGMA_UT = 0.2
+"""Spread of the field below which a walk's differences are the magnetometer's."""
+
+POTENTIAL_PER_FIELD_M = 1.5
+"""Potential over field before it is measured: the reach of the steel of a building."""
+
+
+@dataclass(frozen=True)
+class FieldProblem:
+    """What a walk with its field is solved from.
+
+    Attributes
+    ----------
+    recording, nodes, gravity : of the walk.
+    field : at its footfalls.
+    heading_known : whether the heading at the start was told.
+    minimise : solves the walk with another part, from these values, with start attitude and heading sigma.
+    """
+
+    recording: Recording
+    nodes: Nodes
+    field: FootfallField
+    heading_known: bool
+    gravity: float
+    minimise: Callable[[Part, gtsam.Values, gtsam.Ordering, Floats | None], Solved]
+
+
+@dataclass(frozen=True)
+class FieldVerdict:
+    """What the smoother made of the field at the footfalls: `words` and `reason` as in a stance table, and notes."""
+
+    words: tuple[str, ...]
+    reason: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What a round sees.
+
+    The way; deviations (F, 3) of the field across, along and up, uT, NaN where it was not seen; the largest of them
+    over its threshold (F,); roughness; and the horizontal field (F, 2) they are taken from.
+    """
+
+    way: FieldWay
+    deviation: Floats
+    statistic: Floats
+    across: Roughness
+    potential: Roughness
+    reference: Floats
+
+
+def unusable(field: FootfallField | None, p: FieldParameters) -> str:
+    """Why the field of a walk tells no heading; empty where it does."""
+    if field is None:
+        return "the magnetometer was not used"
+    seen = np.isfinite(field.strength)
+    if seen.sum() < FEWEST:
+        return f"the field was seen at {seen.sum()} footfalls only"
+    level = float(np.median(np.hypot(field.level_field[seen, 0], field.level_field[seen, 1])))
+    if level < p.least_strength_uT:
+        return f"the field is {level:.1f} uT over ground, which is too little for a compass"
+    return ""
+
+
+FEWEST = 4
+"""Footfalls with a field without which it is not used."""
+
+
+def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) -> tuple[Solved, FieldVerdict]:
+    """Smooth a walk that was solved without its field together with it."""
+    values, start = _towards_north(problem, solved.values)
+    ordering = time_order(problem.nodes, with_field=True)
+    look = _look(problem, values, None, p)
+    ties = _ties(problem, look, p)
+    ties.insert(values)
+    solved = problem.minimise(ties, values, ordering, start)
+    for _ in range(p.rounds - 1):
+        look = _look(problem, solved.values, ties.states(solved.values), p)
+        ties = _ties(problem, look, p)
+        solved = problem.minimise(ties, solved.values, ordering, start)
+    return solved, _verdict(look, ties.states(solved.values))
+
+
+def _ties(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldTies:
+    return FieldTies(_seen(problem, look, p), look.way, _prior(problem, look, p), look.across, look.potential, p)
+
+
+def _towards_north(problem: FieldProblem, values: gtsam.Values) -> tuple[gtsam.Values, Floats | None]:
+    """Turn the walk so that its mean field points north, and return the attitude at the start; None if it was told."""
+    values = gtsam.Values(values)
+    if problem.heading_known:
+        return values, None
+    field = _nav_field(problem, values)
+    east, north, _ = np.nanmean(field, axis=0)
+    turn = yaw_rotation(float(np.arctan2(east, north)))
+    _turn(values, problem.nodes, turn)
+    return values, values.atPose3(X(0)).rotation().matrix()
+
+
+def _turn(values: gtsam.Values, nodes: Nodes, turn: Floats) -> None:
+    about_up = gtsam.Pose3(gtsam.Rot3(turn), np.zeros(3))
+    for j in range(len(nodes)):
+        values.update(X(j), about_up.compose(values.atPose3(X(j))))
+        values.update(V(j), turn @ values.atVector(V(j)))
+
+
+def _nav_field(problem: FieldProblem, values: gtsam.Values) -> Floats:
+    attitude = np.array([values.atPose3(X(int(j))).rotation().matrix() for j in problem.nodes.result])
+    return np.asarray(np.einsum("kij,kj->ki", attitude, problem.field.body_field))
+
+
+def _look(problem: FieldProblem, values: gtsam.Values, states: Floats | None, p: FieldParameters) -> _Look:
+    """Look at the field along the walk; `states` (F, 7) of the last round, None before the first."""
+    track = trajectory_of(problem.recording, problem.nodes, values, problem.gravity)
+    field = _nav_field(problem, values)
+    seen = np.isfinite(field[:, 0])
+    up = float(np.median(field[seen, 2]))
+    way = _way(problem, track, up, p)
+    level = np.hypot(field[:, 0], field[:, 1])
+    if states is None:
+        reference = np.tile([0.0, float(np.median(level[seen]))], (len(field), 1))
+        deviation = np.stack([level, level, field[:, 2]], axis=1)
+    else:
+        reference = states[:, E_H]
+        along = (field[:, :2] * reference).sum(axis=1) / np.linalg.norm(reference, axis=1)
+        deviation = np.stack([across_field(field, reference), along, field[:, 2]], axis=1)
+    centre = np.nanmedian(deviation, axis=0)
+    if states is not None:
+        centre[0] = 0.0
+    deviation = deviation - centre
+    statistic = _over_threshold(deviation[:, 0 if states is not None else 1 :], seen, p)
+    across = roughness(np.nan_to_num(deviation[:, 0]), seen, way.distance_m, LEAST_SIGMA_UT)
+    return _Look(way, deviation, statistic, across, _potential(states, across, way), reference)
+
+
+def _way(problem: FieldProblem, track: Trajectory, up_uT: float, p: FieldParameters) -> FieldWay:
+    recording, nodes = problem.recording, problem.nodes
+    assert recording.mag is not None
+    footfall = nodes.sample[nodes.result]
+    return field_way(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT, p)
+
+
+def _potential(states: Floats | None, across: Roughness, way: FieldWay) -> Roughness:
+    if states is None:
+        return Roughness(POTENTIAL_PER_FIELD_M * across.sigma, POTENTIAL_PER_FIELD_M)
+    phi = states[:, PHI]
+    return roughness(phi - np.median(phi), np.ones(len(phi), dtype=bool), way.distance_m, LEAST_SIGMA_UT)
+
+
+def _over_threshold(deviation: Floats, seen: Bools, p: FieldParameters) -> Floats:
+    """(F,) the largest component of the deviations (F, c) over what the walk's own spread allows."""
+    spread = np.array([max(robust_sigma(column[seen]), LEAST_SIGMA_UT) for column in deviation.T])
+    return np.asarray(np.abs(deviation / (p.outlier_sigmas * spread)).max(axis=1))
+
+
+def _seen(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldSeen:
+    usable = np.isfinite(look.statistic)
+    disturbed = usable & (look.statistic >= 1.0)
+    sigma = np.where(usable & ~disturbed, p.compass_sigma_uT, np.inf)
+    if p.gate is not None:
+        passed = judge(problem.field, p.gate).quasi_static
+        sigma = np.where(passed, sigma, p.outside_gate * sigma)
+    body_field = np.where(usable[:, None], problem.field.body_field, 0.0)
+    return FieldSeen(problem.nodes.result, body_field, sigma, disturbed)
+
+
+def _prior(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldPrior:
+    strength = float(np.linalg.norm(np.median(look.reference, axis=0)))
+    direction = p.reference_sigma_deg if problem.heading_known else DECLINATION_SIGMA_DEG
+    sigma = np.array(
+        [
+            look.potential.sigma,
+            look.across.sigma,
+            np.radians(direction) * strength,
+            p.strength_sigma_uT,
+            p.hard_iron_level_uT,
+            p.hard_iron_level_uT,
+            p.hard_iron_up_uT,
+        ]
+    )
+    return FieldPrior(np.array([0.0, 0.0, 0.0, strength, 0.0, 0.0, 0.0]), sigma)
+
+
+DECLINATION_SIGMA_DEG = 0.05
+"""Where nobody told the heading, north is magnetic north by definition."""
+
+
+def _verdict(look: _Look, states: Floats) -> FieldVerdict:
+    known, passed = np.isfinite(look.statistic), look.statistic < 1.0
+    words = np.where(known, np.where(passed, QUASI_STATIC, DISTURBED), UNKNOWN)
+    reasons = (_reason(deviation, s) for deviation, s in zip(look.deviation, look.statistic, strict=True))
+    return FieldVerdict(tuple(str(word) for word in words), tuple(reasons), _notes(look, states, passed.mean()))
+
+
+def _reason(deviation: Floats, statistic: float) -> str:
+    if not np.isfinite(statistic):
+        return NO_FIELD
+    across, along, up = deviation
+    return (
+        f"{across:+.1f} uT across the mean field, {along:+.1f} along, {up:+.1f} up; {statistic:.2g} times the threshold"
+    )
+
+
+def _notes(look: _Look, states: Floats, used: float) -> tuple[str, ...]:
+    east, north = np.median(states[:, E_H], axis=0)
+    forward, left, up = states[-1, IRON]
+    return (
+        f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
+        f"{100 * used:.0f} % of the footfalls are used",
+        f"it deviates by {look.across.sigma:.1f} uT over {look.across.length_m:.1f} m, "
+        f"its potential by {look.potential.sigma:.1f} uT m over {look.potential.length_m:.1f} m",
+        f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
+    )

@@ -1,0 +1,215 @@
+"""The state of the field at each footfall, and what ties it to the poses and to the state before.
+
+    m = (phi, delta, E_east, E_north, h_x, h_y, h_z)
+
+========= ===== =====================================================================================================
+phi       uT m  potential of all that is magnetised about, in place of which the field would be E everywhere
+delta     uT    deviation of the field at the footfall across E, to its right
+E         uT    horizontal field of the region: the Earth's, and what a building makes of it
+h         uT    hard iron left in the stance's axes (`field_way`), carried along
+========= ===== =====================================================================================================
+
+With n = R (y - L^T h) the field in nav at footfall k, R d = p_{k+1} - p_k, u and s the line integral and the way:
+
+    across      (n_E E_N - n_N E_E) / |E| - delta                    = 0 +- compass noise
+    along the way   E . (R d) + h . s - u - (phi_{k+1} - phi_k)      = 0 +- way noise
+    m_{k+1}     = diag(a_phi, a_delta, 1, 1, 1, 1, 1) m_k            +- innovations (`field_noise`)
+
+Both act on the yaw of the pose alone, about up: the field must not tilt anybody. With psi the yaw,
+
+    d across / d psi = -(n_N E_N + n_E E_E) / |E|,      d along / d psi = E_N (R d)_E - E_E (R d)_N.
+
+`delta` and `phi` are the local field as a variable, reduced to what yaw can learn from it: with an innovation of none
+they are one unknown for a whole stretch (field differences), with a spread of none the field is known everywhere
+(absolute heading). A magnet moves delta and phi where it lies, and not the heading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import M, X
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.smoother.field_noise import Roughness
+from fg_nav.smoother.field_parameters import FieldParameters
+from fg_nav.smoother.field_way import FieldWay
+
+SIZE = 7
+PHI, DELTA = 0, 1
+E_H = slice(2, 4)
+IRON = slice(4, 7)
+
+
+@dataclass(frozen=True)
+class FieldSeen:
+    """The field at F footfalls as the magnetometer has it, and how much each is worth.
+
+    ================ ======= =========================================================================
+    node             (F,)    of the graph, at the footfall
+    body_field       (F, 3)  uT; anything where it was not seen
+    compass_sigma_uT (F,)    noise of the compass; infinite where it is not used
+    disturbed        (F,)    where potential and deviation are not those of the walk
+    ================ ======= =========================================================================
+    """
+
+    node: Ints
+    body_field: Floats
+    compass_sigma_uT: Floats
+    disturbed: Bools
+
+
+@dataclass(frozen=True)
+class FieldPrior:
+    """The first state (7,) and its sigmas (7,)."""
+
+    mean: Floats
+    sigma: Floats
+
+
+DISTURBED_FACTOR = 30.0
+"""By how much more than usual deviation and potential may change into a disturbed footfall and out of it."""
+
+
+class FieldTies:
+    """All factors of the field of a walk, linearised together."""
+
+    def __init__(
+        self,
+        seen: FieldSeen,
+        way: FieldWay,
+        prior: FieldPrior,
+        across: Roughness,
+        potential: Roughness,
+        p: FieldParameters,
+    ) -> None:
+        self._pose = [X(int(j)) for j in seen.node]
+        self._state = [M(k) for k in range(len(seen.node))]
+        self._seen, self._way, self._prior = seen, way, prior
+        self._compass = _weight(seen.compass_sigma_uT) if p.compass else np.zeros(len(seen.node))
+        self._along = _weight(way.sigma_uT_m) if p.potential else np.zeros(len(way.u))
+        self._keep, self._innovation = _transition(seen, way, across, potential, p)
+
+    def insert(self, values: gtsam.Values) -> None:
+        """Put the first state at all footfalls."""
+        for key in self._state:
+            values.insert(key, self._prior.mean)
+
+    def states(self, values: gtsam.Values) -> Floats:
+        """(F, 7)."""
+        return np.array([values.atVector(key) for key in self._state])
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        m, nav_R_body = self.states(values), self._attitudes(values)
+        across, _ = self._across(m, nav_R_body)
+        along, _ = self._along_the_way(m, nav_R_body)
+        first = (m[0] - self._prior.mean) / self._prior.sigma
+        return 0.5 * float(sum((e**2).sum() for e in (across, along, first, self._changes(m))))
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
+        """Yield two factors a footfall: what was measured, and the change to the next state."""
+        m, nav_R_body = self.states(values), self._attitudes(values)
+        yield from self._measured(m, nav_R_body)
+        yield from self._carried(m)
+
+    def _attitudes(self, values: gtsam.Values) -> Floats:
+        return np.array([values.atPose3(key).rotation().matrix() for key in self._pose])
+
+    def _across(self, m: Floats, nav_R_body: Floats) -> tuple[Floats, Floats]:
+        """Residuals (F,) over sigma and the field in nav (F, 3)."""
+        iron = m[:, IRON] @ self._way.level_R_body
+        n = np.einsum("kij,kj->ki", nav_R_body, self._seen.body_field - iron)
+        across = across_field(n, m[:, E_H])
+        return (across - m[:, DELTA]) * self._compass, n
+
+    def _along_the_way(self, m: Floats, nav_R_body: Floats) -> tuple[Floats, Floats]:
+        """Residuals (F-1,) over sigma and the moves over ground (F-1, 2)."""
+        move = np.einsum("kij,kj->ki", nav_R_body[:-1], self._way.body_move)[:, :2]
+        expected = (m[:-1, E_H] * move).sum(axis=1) + (m[:-1, IRON] * self._way.level_way).sum(axis=1)
+        return (expected - self._way.u - np.diff(m[:, PHI])) * self._along, move
+
+    def _changes(self, m: Floats) -> Floats:
+        """(F-1, 7) over sigma."""
+        return np.asarray((m[1:] - self._keep * m[:-1]) / self._innovation)
+
+    def _measured(self, m: Floats, nav_R_body: Floats) -> Iterator[gtsam.GaussianFactor]:
+        across, n = self._across(m, nav_R_body)
+        along, move = self._along_the_way(m, nav_R_body)
+        strength = np.linalg.norm(m[:, E_H], axis=1)
+        by_yaw = np.zeros((len(m), 2))
+        by_yaw[:, 0] = -(n[:, :2] * m[:, E_H]).sum(axis=1) / strength * self._compass
+        by_yaw[:-1, 1] = (m[:-1, 3] * move[:, 0] - m[:-1, 2] * move[:, 1]) * self._along
+        by_pose = np.zeros((len(m), 2, 6))
+        by_pose[:, :, :3] = by_yaw[:, :, None] * nav_R_body[:, None, 2]
+        by_state = self._by_state(m, nav_R_body, n, move)
+        by_next = np.zeros((2, SIZE))
+        right = -np.stack([across, np.append(along, 0.0)], axis=1)
+        unit = gtsam.noiseModel.Unit.Create(2)
+        for k, (A, S, b) in enumerate(zip(by_pose[:-1], by_state[:-1], right[:-1], strict=True)):
+            by_next[1, PHI] = -self._along[k]
+            yield gtsam.JacobianFactor(self._pose[k], A, self._state[k], S, self._state[k + 1], by_next, b, unit)
+        yield gtsam.JacobianFactor(self._pose[-1], by_pose[-1], self._state[-1], by_state[-1], right[-1], unit)
+
+    def _by_state(self, m: Floats, nav_R_body: Floats, n: Floats, move: Floats) -> Floats:
+        """(F, 2, 7): rows across and along the way."""
+        by_state = np.zeros((len(m), 2, SIZE))
+        by_state[:, 0, DELTA] = -self._compass
+        by_state[:, 0, E_H] = across_by_reference(n, m[:, E_H]) * self._compass[:, None]
+        right = across_direction(m[:, E_H])
+        across_body = np.einsum("ki,kij->kj", right, nav_R_body[:, :2])
+        by_state[:, 0, IRON] = -across_body @ self._way.level_R_body.T * self._compass[:, None]
+        by_state[:-1, 1, PHI] = self._along
+        by_state[:-1, 1, E_H] = move * self._along[:, None]
+        by_state[:-1, 1, IRON] = self._way.level_way * self._along[:, None]
+        return by_state
+
+    def _carried(self, m: Floats) -> Iterator[gtsam.GaussianFactor]:
+        unit = gtsam.noiseModel.Unit.Create(SIZE)
+        first = 1.0 / self._prior.sigma
+        yield gtsam.JacobianFactor(self._state[0], np.diag(first), -(m[0] - self._prior.mean) * first, unit)
+        changes = self._changes(m)
+        after = 1.0 / self._innovation
+        for k, change in enumerate(changes):
+            before = np.diag(-self._keep[k] * after[k])
+            yield gtsam.JacobianFactor(self._state[k], before, self._state[k + 1], np.diag(after[k]), -change, unit)
+
+
+def across_direction(reference: Floats) -> Floats:
+    """(F, 2) unit vectors over ground, at right angles to the horizontal field (F, 2), to its right."""
+    right = np.stack([reference[:, 1], -reference[:, 0]], axis=1)
+    return np.asarray(right / np.linalg.norm(reference, axis=1)[:, None])
+
+
+def across_field(nav_field: Floats, reference: Floats) -> Floats:
+    """(F,) uT, the part of a field (F, 3) across a horizontal one (F, 2), to its right."""
+    return np.asarray((nav_field[:, :2] * across_direction(reference)).sum(axis=1))
+
+
+def across_by_reference(nav_field: Floats, reference: Floats) -> Floats:
+    """(F, 2) derivative of `across_field` by the reference: it turns, its length makes no difference."""
+    strength = np.linalg.norm(reference, axis=1)
+    along = (nav_field[:, :2] * reference).sum(axis=1) / strength
+    return np.asarray(-(along / strength)[:, None] * across_direction(reference))
+
+
+def _weight(sigma: Floats) -> Floats:
+    """One over sigma, none where that is infinite."""
+    return np.asarray(1.0 / sigma)
+
+
+def _transition(
+    seen: FieldSeen, way: FieldWay, across: Roughness, potential: Roughness, p: FieldParameters
+) -> tuple[Floats, Floats]:
+    """Share (F-1, 7) of each state that is left a stride later, and sigma of what is new."""
+    d = way.distance_m
+    keep, new = np.ones((len(d), SIZE)), np.empty((len(d), SIZE))
+    new[:, E_H], new[:, IRON] = p.regional_sigma_uT, p.hard_iron_walk_uT
+    about = seen.disturbed[1:] | seen.disturbed[:-1]
+    for column, rough in ((PHI, potential), (DELTA, across)):
+        keep[:, column] = rough.left(d)
+        new[:, column] = rough.innovation(d) * np.where(about, DISTURBED_FACTOR, 1.0)
+    return keep, new

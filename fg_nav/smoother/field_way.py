@@ -1,0 +1,99 @@
+"""The field along the way: what each stride's line integral of the body field measured.
+
+With y the body field and nav_T_body the trajectory, between footfalls k and k+1
+
+    u_k = int (y - R^T e_z E_up) . R^T dp,      s_k = L int R^T dp,      d_k = R_k^T (p_{k+1} - p_k).
+
+E_up is the median vertical field at the footfalls, so that a trajectory that climbs falsely adds nothing; L turns the
+body axes into those of a stance: x forward as far as level, z up. A stride whose samples of the field lie too far apart
+measured nothing.
+
+The trajectory must be good within a stride; where it is and which way it heads makes no difference to u, s and d.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.smoother.field_parameters import FieldParameters
+
+
+@dataclass(frozen=True)
+class FieldWay:
+    """Of F footfalls and the F - 1 strides between them.
+
+    ============== ============ =============================================================================
+    u              (F-1,)       uT m, line integral of the body field less the vertical part
+    level_way      (F-1, 3)     m, the way in the stance's axes
+    body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
+    sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
+    distance_m     (F-1,)       from footfall to footfall
+    level_R_body   (3, 3)       stance's axes from the body's
+    ============== ============ =============================================================================
+    """
+
+    u: Floats
+    level_way: Floats
+    body_move: Floats
+    sigma_uT_m: Floats
+    distance_m: Floats
+    level_R_body: Floats
+
+
+def field_way(
+    t: Floats, mag: Floats, position: Floats, nav_R_body: Floats, footfall: Ints, up_uT: float, p: FieldParameters
+) -> FieldWay:
+    """Integrate the field along a walk.
+
+    Parameters
+    ----------
+    t, mag : (N,) s, (N, 3) uT; NaN rows where there was no sample.
+    position, nav_R_body : (N, 3) m, (N, 3, 3), at every sample.
+    footfall : (F,) their samples.
+    up_uT : vertical field of the walk.
+    """
+    row = np.flatnonzero(np.isfinite(mag[:, 0]))
+    nav_field = np.einsum("nij,nj->ni", nav_R_body[row], mag[row]) - [0.0, 0.0, up_uT]
+    move = np.diff(position[row], axis=0)
+    integral = _cumulated(((nav_field[1:] + nav_field[:-1]) / 2 * move).sum(axis=1)[:, None])
+    way = _cumulated(np.einsum("nji,nj->ni", nav_R_body[row][:-1], move))
+    u, body_way = (_between(t[footfall], t[row], values) for values in (integral, way))
+    level = _level_R_body(nav_R_body[footfall])
+    straight = np.diff(position[footfall], axis=0)
+    return FieldWay(
+        u=u[:, 0],
+        level_way=body_way @ level.T,
+        body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
+        sigma_uT_m=np.where(_coarsest(move, row, footfall) <= p.coarsest_m, p.way_sigma_uT_m, np.inf),
+        distance_m=np.linalg.norm(straight, axis=1),
+        level_R_body=level,
+    )
+
+
+def _cumulated(steps: Floats) -> Floats:
+    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def _between(instant: Floats, t: Floats, values: Floats) -> Floats:
+    """(F-1, d) by how much the values (M, d) at times `t` grow from each instant (F,) to the next."""
+    return np.diff(np.stack([np.interp(instant, t, column) for column in values.T], axis=1), axis=0)
+
+
+def _coarsest(move: Floats, row: Ints, footfall: Ints) -> Floats:
+    """(F-1,) m, the longest move (M-1, 3) between samples of the field `row` (M,) in each stride."""
+    size = np.append(np.linalg.norm(move, axis=1), 0.0)
+    first = np.clip(np.searchsorted(row, footfall, side="right") - 1, 0, None)
+    return np.maximum.reduceat(size, first)[:-1] if len(size) > 1 else np.full(len(footfall) - 1, np.inf)
+
+
+def _level_R_body(nav_R_body: Floats) -> Floats:
+    """Stance's axes from the body's: z is the median up of the footfalls, x the body's x as far as it is level."""
+    up = np.median(nav_R_body[:, 2], axis=0)
+    up /= np.linalg.norm(up)
+    nearest = np.eye(3)[np.argmin(np.abs(up))]
+    forward = nearest - up * (up @ nearest)
+    forward /= np.linalg.norm(forward)
+    return np.stack([forward, np.cross(up, forward), up])
