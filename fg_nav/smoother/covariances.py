@@ -20,7 +20,7 @@ from numba import njit
 
 from fg_nav.arrays import Floats, Ints
 
-DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("m"): 7}
+DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("m"): 8}
 """Of the tangent space of a pose, a velocity, a bias and a state of the field, by the letter in the key."""
 
 _LETTER_SHIFT = 56

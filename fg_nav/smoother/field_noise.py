@@ -48,6 +48,15 @@ class Roughness:
         return self.sigma * np.sqrt(1.0 - np.minimum(self.left(distance_m), 1.0 - LEAST_NEW) ** 2)
 
 
+@dataclass(frozen=True)
+class FieldRoughness:
+    """Of a walk: potential (uT m), deviation across the field at a footfall, and that of its region (uT)."""
+
+    potential: Roughness
+    across: Roughness
+    regional: Roughness
+
+
 LEAST_NEW = 1e-4
 """Of a deviation that is new at a footfall on the same spot: keeps the equations well conditioned."""
 
@@ -76,6 +85,38 @@ def roughness(values: Floats, seen: Bools, distance_m: Floats, least_sigma: floa
     rho = float(np.mean(x[1:][strides] * x[:-1][strides])) / variance
     rho = float(np.clip(rho, LEAST_CORRELATED, MOST_CORRELATED))
     return Roughness(float(np.sqrt(variance)), -float(distance_m[strides].mean()) / np.log(rho))
+
+
+def regional(
+    values: Floats, own: Floats, seen: Bools, distance_m: Floats, assumed: Roughness, reach_m: float, weight: float
+) -> Roughness:
+    """Measure how much whole regions deviate, beginning from an assumption that is worth `weight` regions.
+
+    The walk is cut into pieces as long as a region. The mean of a piece has the variance of its region, and what the
+    footfalls' own deviations leave of it: own^2 2 reach / length. A short walk learns little and keeps to what was
+    assumed; a long one finds its own.
+
+    Parameters
+    ----------
+    values : (F, c) deviations at the footfalls, of components that are alike.
+    own : (c,) their spreads.
+    seen : (F,) where they are known.
+    distance_m : (F-1,) from footfall to footfall.
+    assumed : before the walk has shown it.
+    reach_m : correlation length of the footfalls' own deviations.
+    weight : how many regions the assumption is worth.
+    """
+    region = np.concatenate([[0], np.floor(np.cumsum(distance_m) / assumed.length_m)]).astype(np.int64)[seen]
+    count = np.bincount(region)
+    found = []
+    for column, sigma in zip(values[seen].T, own, strict=True):
+        limit = CLIP_SIGMAS * sigma
+        mean = np.bincount(region, np.clip(column, -limit, limit))[count > 0] / count[count > 0]
+        left = sigma**2 * min(1.0, 2.0 * reach_m / assumed.length_m)
+        found.append(max(float(np.sum(mean**2 - left)), 0.0))
+    regions = int((count > 0).sum())
+    variance = (weight * assumed.sigma**2 + np.mean(found)) / (weight + regions)
+    return Roughness(float(np.sqrt(variance)), assumed.length_m)
 
 
 FEWEST = 5

@@ -32,8 +32,15 @@ class FieldParameters:
     """How well compass and given heading have the same north, deg: declination, mounting, soft iron."""
     strength_sigma_uT: float = 5.0
     """Horizontal strength of the field about the walk's median, uT."""
-    regional_sigma_uT: float = 0.003
-    """By how much the field's mean changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
+    mean_walk_uT: float = 0.003
+    """By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
+    regional_share: float = 1.0
+    """What rooms and wings of a building do to the compass, as a share of how the field differs from footfall to
+    footfall, before the walk has shown it: as much again, and nothing in a homogeneous field."""
+    regional_length_m: float = 20.0
+    """For how long."""
+    regional_weight: float = 5.0
+    """How many regions' worth of evidence this assumption is: a walk through more of them learns its own value."""
     hard_iron_level_uT: float = 0.3
     """Hard iron left in the stance's level plane after a calibration, uT."""
     hard_iron_up_uT: float = 15.0
@@ -45,6 +52,9 @@ class FieldParameters:
     """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
     way_sigma_uT_m: float = 0.1
     """Noise of the line integral over a stride, uT m: sampling, and what scale errors leave."""
+    potential_least_way_m: float = 300.0
+    """Shorter walks do without the line integral: they cannot tell how far the building's potential reaches, and take
+    too little for it (ten real walks of 35 to 150 m, `scripts/real_walks.py`)."""
     coarsest_m: float = 0.4
     """Longest move between two samples of the field that a line integral passes over: the floor's steel is as near."""
     least_strength_uT: float = 3.0

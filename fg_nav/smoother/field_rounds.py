@@ -16,7 +16,7 @@ a wide sigma, and the field's direction is held. Where it was told, the field's 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -29,7 +29,7 @@ from fg_nav.magnetic.quasi_static import NO_FIELD, judge
 from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense import Trajectory, trajectory_of
-from fg_nav.smoother.field_noise import Roughness, robust_sigma, roughness
+from fg_nav.smoother.field_noise import FieldRoughness, Roughness, regional, robust_sigma, roughness
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.field_state import (
     E_H,
@@ -49,6 +49,10 @@ LEAST_SIGMA_UT = 0.2
 
 POTENTIAL_PER_FIELD_M = 1.5
 """Potential over field before it is measured: the reach of the steel of a building."""
+
+
+LEAST_POTENTIAL_PER_FIELD_M = 1.0
+"""And at least: a smoothed heading takes some of the potential for its own."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +95,7 @@ class _Look:
     way: FieldWay
     deviation: Floats
     statistic: Floats
-    across: Roughness
-    potential: Roughness
+    rough: FieldRoughness
     reference: Floats
 
 
@@ -116,6 +119,7 @@ FEWEST = 4
 def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) -> tuple[Solved, FieldVerdict]:
     """Smooth a walk that was solved without its field together with it."""
     values, start = _towards_north(problem, solved.values)
+    p = _for_this_way(problem, values, p)
     ordering = time_order(problem.nodes, with_field=True)
     look = _look(problem, values, None, p)
     ties = _ties(problem, look, p)
@@ -128,8 +132,15 @@ def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) 
     return solved, _verdict(look, ties.states(solved.values))
 
 
+def _for_this_way(problem: FieldProblem, values: gtsam.Values, p: FieldParameters) -> FieldParameters:
+    """Leave the line integral out on a short walk."""
+    place = np.array([values.atPose3(X(int(j))).translation() for j in problem.nodes.result])
+    way_m = float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
+    return p if way_m >= p.potential_least_way_m else replace(p, potential=False)
+
+
 def _ties(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldTies:
-    return FieldTies(_seen(problem, look, p), look.way, _prior(problem, look, p), look.across, look.potential, p)
+    return FieldTies(_seen(problem, look, p), look.way, _prior(problem, look, p), look.rough, p)
 
 
 def _towards_north(problem: FieldProblem, values: gtsam.Values) -> tuple[gtsam.Values, Floats | None]:
@@ -176,8 +187,21 @@ def _look(problem: FieldProblem, values: gtsam.Values, states: Floats | None, p:
         centre[0] = 0.0
     deviation = deviation - centre
     statistic = _over_threshold(deviation[:, 0 if states is not None else 1 :], seen, p)
-    across = roughness(np.nan_to_num(deviation[:, 0]), seen, way.distance_m, LEAST_SIGMA_UT)
-    return _Look(way, deviation, statistic, across, _potential(states, across, way), reference)
+    return _Look(way, deviation, statistic, _roughness(deviation, states, seen, way, p), reference)
+
+
+def _roughness(
+    deviation: Floats, states: Floats | None, seen: Bools, way: FieldWay, p: FieldParameters
+) -> FieldRoughness:
+    """Of deviations (F, 3) across, along and up, and of the potential where it is known from a round before."""
+    deviation = np.nan_to_num(deviation)
+    across = roughness(deviation[:, 0], seen, way.distance_m, LEAST_SIGMA_UT)
+    # Along and up no heading can hide: they stand for the deviation across as well.
+    steady = deviation[:, 1:]
+    own = np.array([max(robust_sigma(column[seen]), LEAST_SIGMA_UT) for column in steady.T])
+    assumed = Roughness(p.regional_share * across.sigma, p.regional_length_m)
+    region = regional(steady, own, seen, way.distance_m, assumed, across.length_m, p.regional_weight)
+    return FieldRoughness(_potential(states, across, way), across, region)
 
 
 def _way(problem: FieldProblem, track: Trajectory, up_uT: float, p: FieldParameters) -> FieldWay:
@@ -191,7 +215,8 @@ def _potential(states: Floats | None, across: Roughness, way: FieldWay) -> Rough
     if states is None:
         return Roughness(POTENTIAL_PER_FIELD_M * across.sigma, POTENTIAL_PER_FIELD_M)
     phi = states[:, PHI]
-    return roughness(phi - np.median(phi), np.ones(len(phi), dtype=bool), way.distance_m, LEAST_SIGMA_UT)
+    found = roughness(phi - np.median(phi), np.ones(len(phi), dtype=bool), way.distance_m, LEAST_SIGMA_UT)
+    return replace(found, sigma=max(found.sigma, LEAST_POTENTIAL_PER_FIELD_M * across.sigma))
 
 
 def _over_threshold(deviation: Floats, seen: Bools, p: FieldParameters) -> Floats:
@@ -216,8 +241,9 @@ def _prior(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldPrior
     direction = p.reference_sigma_deg if problem.heading_known else DECLINATION_SIGMA_DEG
     sigma = np.array(
         [
-            look.potential.sigma,
-            look.across.sigma,
+            look.rough.potential.sigma,
+            look.rough.across.sigma,
+            look.rough.regional.sigma,
             np.radians(direction) * strength,
             p.strength_sigma_uT,
             p.hard_iron_level_uT,
@@ -225,7 +251,7 @@ def _prior(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldPrior
             p.hard_iron_up_uT,
         ]
     )
-    return FieldPrior(np.array([0.0, 0.0, 0.0, strength, 0.0, 0.0, 0.0]), sigma)
+    return FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, strength, 0.0, 0.0, 0.0]), sigma)
 
 
 DECLINATION_SIGMA_DEG = 0.05
@@ -254,7 +280,11 @@ def _notes(look: _Look, states: Floats, used: float) -> tuple[str, ...]:
     return (
         f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
         f"{100 * used:.0f} % of the footfalls are used",
-        f"it deviates by {look.across.sigma:.1f} uT over {look.across.length_m:.1f} m, "
-        f"its potential by {look.potential.sigma:.1f} uT m over {look.potential.length_m:.1f} m",
+        f"it deviates by {_in_words(look.rough.across, 'uT')}, by region {_in_words(look.rough.regional, 'uT')}, "
+        f"its potential by {_in_words(look.rough.potential, 'uT m')}",
         f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
     )
+
+
+def _in_words(rough: Roughness, unit: str) -> str:
+    return f"{rough.sigma:.1f} {unit} over {rough.length_m:.1f} m"

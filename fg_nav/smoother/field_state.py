@@ -1,19 +1,20 @@
 """The state of the field at each footfall, and what ties it to the poses and to the state before.
 
-    m = (phi, delta, E_east, E_north, h_x, h_y, h_z)
+    m = (phi, delta, rho, E_east, E_north, h_x, h_y, h_z)
 
 ========= ===== =====================================================================================================
 phi       uT m  potential of all that is magnetised about, in place of which the field would be E everywhere
 delta     uT    deviation of the field at the footfall across E, to its right
-E         uT    horizontal field of the region: the Earth's, and what a building makes of it
+rho       uT    the same of the region: what a room or a wing of the building does to the compass for tens of metres
+E         uT    horizontal field of the building
 h         uT    hard iron left in the stance's axes (`field_way`), carried along
 ========= ===== =====================================================================================================
 
 With n = R (y - L^T h) the field in nav at footfall k, R d = p_{k+1} - p_k, u and s the line integral and the way:
 
-    across      (n_E E_N - n_N E_E) / |E| - delta                    = 0 +- compass noise
+    across      (n_E E_N - n_N E_E) / |E| - delta - rho              = 0 +- compass noise
     along the way   E . (R d) + h . s - u - (phi_{k+1} - phi_k)      = 0 +- way noise
-    m_{k+1}     = diag(a_phi, a_delta, 1, 1, 1, 1, 1) m_k            +- innovations (`field_noise`)
+    m_{k+1}     = diag(a_phi, a_delta, a_rho, 1, 1, 1, 1, 1) m_k     +- innovations (`field_noise`)
 
 Both act on the yaw of the pose alone, about up: the field must not tilt anybody. With psi the yaw,
 
@@ -34,14 +35,14 @@ import numpy as np
 from gtsam.symbol_shorthand import M, X
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.smoother.field_noise import Roughness
+from fg_nav.smoother.field_noise import FieldRoughness
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.field_way import FieldWay
 
-SIZE = 7
-PHI, DELTA = 0, 1
-E_H = slice(2, 4)
-IRON = slice(4, 7)
+SIZE = 8
+PHI, DELTA, RHO = 0, 1, 2
+E_H = slice(3, 5)
+IRON = slice(5, 8)
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class FieldSeen:
 
 @dataclass(frozen=True)
 class FieldPrior:
-    """The first state (7,) and its sigmas (7,)."""
+    """The first state (8,) and its sigmas (8,)."""
 
     mean: Floats
     sigma: Floats
@@ -82,8 +83,7 @@ class FieldTies:
         seen: FieldSeen,
         way: FieldWay,
         prior: FieldPrior,
-        across: Roughness,
-        potential: Roughness,
+        rough: FieldRoughness,
         p: FieldParameters,
     ) -> None:
         self._pose = [X(int(j)) for j in seen.node]
@@ -91,7 +91,7 @@ class FieldTies:
         self._seen, self._way, self._prior = seen, way, prior
         self._compass = _weight(seen.compass_sigma_uT) if p.compass else np.zeros(len(seen.node))
         self._along = _weight(way.sigma_uT_m) if p.potential else np.zeros(len(way.u))
-        self._keep, self._innovation = _transition(seen, way, across, potential, p)
+        self._keep, self._innovation = _transition(seen, way, rough, p)
 
     def insert(self, values: gtsam.Values) -> None:
         """Put the first state at all footfalls."""
@@ -99,7 +99,7 @@ class FieldTies:
             values.insert(key, self._prior.mean)
 
     def states(self, values: gtsam.Values) -> Floats:
-        """(F, 7)."""
+        """(F, 8)."""
         return np.array([values.atVector(key) for key in self._state])
 
     def error(self, values: gtsam.Values) -> float:
@@ -124,7 +124,7 @@ class FieldTies:
         iron = m[:, IRON] @ self._way.level_R_body
         n = np.einsum("kij,kj->ki", nav_R_body, self._seen.body_field - iron)
         across = across_field(n, m[:, E_H])
-        return (across - m[:, DELTA]) * self._compass, n
+        return (across - m[:, DELTA] - m[:, RHO]) * self._compass, n
 
     def _along_the_way(self, m: Floats, nav_R_body: Floats) -> tuple[Floats, Floats]:
         """Residuals (F-1,) over sigma and the moves over ground (F-1, 2)."""
@@ -133,7 +133,7 @@ class FieldTies:
         return (expected - self._way.u - np.diff(m[:, PHI])) * self._along, move
 
     def _changes(self, m: Floats) -> Floats:
-        """(F-1, 7) over sigma."""
+        """(F-1, 8) over sigma."""
         return np.asarray((m[1:] - self._keep * m[:-1]) / self._innovation)
 
     def _measured(self, m: Floats, nav_R_body: Floats) -> Iterator[gtsam.GaussianFactor]:
@@ -142,7 +142,8 @@ class FieldTies:
         strength = np.linalg.norm(m[:, E_H], axis=1)
         by_yaw = np.zeros((len(m), 2))
         by_yaw[:, 0] = -(n[:, :2] * m[:, E_H]).sum(axis=1) / strength * self._compass
-        by_yaw[:-1, 1] = (m[:-1, 3] * move[:, 0] - m[:-1, 2] * move[:, 1]) * self._along
+        east, north = m[:-1, E_H].T
+        by_yaw[:-1, 1] = (north * move[:, 0] - east * move[:, 1]) * self._along
         by_pose = np.zeros((len(m), 2, 6))
         by_pose[:, :, :3] = by_yaw[:, :, None] * nav_R_body[:, None, 2]
         by_state = self._by_state(m, nav_R_body, n, move)
@@ -155,9 +156,9 @@ class FieldTies:
         yield gtsam.JacobianFactor(self._pose[-1], by_pose[-1], self._state[-1], by_state[-1], right[-1], unit)
 
     def _by_state(self, m: Floats, nav_R_body: Floats, n: Floats, move: Floats) -> Floats:
-        """(F, 2, 7): rows across and along the way."""
+        """(F, 2, 8): rows across and along the way."""
         by_state = np.zeros((len(m), 2, SIZE))
-        by_state[:, 0, DELTA] = -self._compass
+        by_state[:, 0, DELTA] = by_state[:, 0, RHO] = -self._compass
         by_state[:, 0, E_H] = across_by_reference(n, m[:, E_H]) * self._compass[:, None]
         right = across_direction(m[:, E_H])
         across_body = np.einsum("ki,kij->kj", right, nav_R_body[:, :2])
@@ -201,15 +202,14 @@ def _weight(sigma: Floats) -> Floats:
     return np.asarray(1.0 / sigma)
 
 
-def _transition(
-    seen: FieldSeen, way: FieldWay, across: Roughness, potential: Roughness, p: FieldParameters
-) -> tuple[Floats, Floats]:
-    """Share (F-1, 7) of each state that is left a stride later, and sigma of what is new."""
+def _transition(seen: FieldSeen, way: FieldWay, rough: FieldRoughness, p: FieldParameters) -> tuple[Floats, Floats]:
+    """Share (F-1, 8) of each state that is left a stride later, and sigma of what is new."""
     d = way.distance_m
     keep, new = np.ones((len(d), SIZE)), np.empty((len(d), SIZE))
-    new[:, E_H], new[:, IRON] = p.regional_sigma_uT, p.hard_iron_walk_uT
+    new[:, E_H], new[:, IRON] = p.mean_walk_uT, p.hard_iron_walk_uT
     about = seen.disturbed[1:] | seen.disturbed[:-1]
-    for column, rough in ((PHI, potential), (DELTA, across)):
-        keep[:, column] = rough.left(d)
-        new[:, column] = rough.innovation(d) * np.where(about, DISTURBED_FACTOR, 1.0)
+    for column, one in ((PHI, rough.potential), (DELTA, rough.across), (RHO, rough.regional)):
+        keep[:, column] = one.left(d)
+        new[:, column] = one.innovation(d)
+    new[:, [PHI, DELTA]] *= np.where(about, DISTURBED_FACTOR, 1.0)[:, None]
     return keep, new
