@@ -102,7 +102,9 @@ def _smooth(
     graph, ties = _graph(recording, stances, nodes, known, p, progress)
     initial = initial_values(recording, stances, nodes, start.nav_R_body, known.gyro_bias, p.gravity)
     told = Native(gauge(start.nav_R_body, p.gauge_sigma, p))
-    solved = solve(graph, [ties, told], initial, time_order(nodes), p.convergence, p.largest_steps)
+    reason = unusable(field, p.magnetic)
+    near_enough = p.convergence if reason else p.magnetic.first_convergence
+    solved = solve(graph, [ties, told], initial, time_order(nodes), near_enough, p.largest_steps)
 
     def minimise(part: Part, values: gtsam.Values, ordering: gtsam.Ordering, towards_north: Floats | None) -> Solved:
         began_there = told
@@ -110,7 +112,6 @@ def _smooth(
             began_there = Native(gauge(towards_north, np.radians(p.unknown_heading_deg), p))
         return solve(graph, [ties, began_there, part], values, ordering, p.convergence, p.largest_steps)
 
-    reason = unusable(field, p.magnetic)
     verdict = FieldVerdict((UNKNOWN,) * len(nodes.result), (reason,) * len(nodes.result), ())
     if field is not None and not reason:
         problem = FieldProblem(recording, nodes, field, heading is not None, p.gravity, minimise)

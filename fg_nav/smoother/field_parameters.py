@@ -19,6 +19,9 @@ class FieldParameters:
     rounds: int = 2
     """How often noise and verdicts are taken anew from the smoothed walk: the first time from a walk without the field,
     whose heading has drifted."""
+    first_convergence: float = 0.05
+    """How near its minimum the walk without the field has to be to look at the field along it, as `convergence` of the
+    smoother: by then it is millimetres and thousandths of a degree a stride from there."""
     gate: str | None = None
     """A detector of a quasi-static field (`fg_nav.magnetic.quasi_static`) that a footfall has to pass; None for the
     walk's own spread alone."""

@@ -1,7 +1,8 @@
 """The walk with its magnetic field: rounds of looking at the field along the smoothed walk and smoothing anew.
 
+    trajectory         -> line integrals of the field over the strides, which no heading changes
     repeat a few times
-        trajectory     -> line integrals of the field; field at each footfall, in nav
+        attitudes      -> field at each footfall, in nav
         its deviations -> roughness of the field, and which footfalls are disturbed
         walk and field -> solution
 
@@ -28,7 +29,7 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import NO_FIELD, judge
 from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording
-from fg_nav.smoother.dense import Trajectory, trajectory_of
+from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field_noise import FieldRoughness, Roughness, regional, robust_sigma, roughness
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.field_state import (
@@ -88,10 +89,11 @@ class FieldVerdict:
 class _Look:
     """What a round sees.
 
-    The way; deviations (F, 3) of the field across, along and up, uT, NaN where it was not seen; the largest of them
-    over its threshold (F,); roughness; and the horizontal field (F, 2) they are taken from.
+    Attitudes (F, 3, 3); the way; deviations (F, 3) of the field across, along and up, uT, NaN where it was not seen; the
+    largest of them over its threshold (F,); roughness; and the horizontal field (F, 2) they are taken from.
     """
 
+    nav_R_body: Floats
     way: FieldWay
     deviation: Floats
     statistic: Floats
@@ -121,12 +123,13 @@ def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) 
     values, start = _towards_north(problem, solved.values)
     p = _for_this_way(problem, values, p)
     ordering = time_order(problem.nodes, with_field=True)
-    look = _look(problem, values, None, p)
+    way = _way(problem, values, p)
+    look = _look(problem, values, way, None, p)
     ties = _ties(problem, look, p)
     ties.insert(values)
     solved = problem.minimise(ties, values, ordering, start)
     for _ in range(p.rounds - 1):
-        look = _look(problem, solved.values, ties.states(solved.values), p)
+        look = _look(problem, solved.values, way, ties.states(solved.values), p)
         ties = _ties(problem, look, p)
         solved = problem.minimise(ties, solved.values, ordering, start)
     return solved, _verdict(look, ties.states(solved.values))
@@ -148,7 +151,7 @@ def _towards_north(problem: FieldProblem, values: gtsam.Values) -> tuple[gtsam.V
     values = gtsam.Values(values)
     if problem.heading_known:
         return values, None
-    field = _nav_field(problem, values)
+    field = _nav_field(problem, _attitudes(problem, values))
     east, north, _ = np.nanmean(field, axis=0)
     turn = yaw_rotation(float(np.arctan2(east, north)))
     _turn(values, problem.nodes, turn)
@@ -162,18 +165,21 @@ def _turn(values: gtsam.Values, nodes: Nodes, turn: Floats) -> None:
         values.update(V(j), turn @ values.atVector(V(j)))
 
 
-def _nav_field(problem: FieldProblem, values: gtsam.Values) -> Floats:
-    attitude = np.array([values.atPose3(X(int(j))).rotation().matrix() for j in problem.nodes.result])
-    return np.asarray(np.einsum("kij,kj->ki", attitude, problem.field.body_field))
+def _attitudes(problem: FieldProblem, values: gtsam.Values) -> Floats:
+    return np.array([values.atPose3(X(int(j))).rotation().matrix() for j in problem.nodes.result])
 
 
-def _look(problem: FieldProblem, values: gtsam.Values, states: Floats | None, p: FieldParameters) -> _Look:
-    """Look at the field along the walk; `states` (F, 7) of the last round, None before the first."""
-    track = trajectory_of(problem.recording, problem.nodes, values, problem.gravity)
-    field = _nav_field(problem, values)
+def _nav_field(problem: FieldProblem, nav_R_body: Floats) -> Floats:
+    return np.asarray(np.einsum("kij,kj->ki", nav_R_body, problem.field.body_field))
+
+
+def _look(
+    problem: FieldProblem, values: gtsam.Values, way: FieldWay, states: Floats | None, p: FieldParameters
+) -> _Look:
+    """Look at the field along the walk; `states` (F, 8) of the last round, None before the first."""
+    nav_R_body = _attitudes(problem, values)
+    field = _nav_field(problem, nav_R_body)
     seen = np.isfinite(field[:, 0])
-    up = float(np.median(field[seen, 2]))
-    way = _way(problem, track, up, p)
     level = np.hypot(field[:, 0], field[:, 1])
     if states is None:
         reference = np.tile([0.0, float(np.median(level[seen]))], (len(field), 1))
@@ -187,7 +193,8 @@ def _look(problem: FieldProblem, values: gtsam.Values, states: Floats | None, p:
         centre[0] = 0.0
     deviation = deviation - centre
     statistic = _over_threshold(deviation[:, 0 if states is not None else 1 :], seen, p)
-    return _Look(way, deviation, statistic, _roughness(deviation, states, seen, way, p), reference)
+    rough = _roughness(deviation, states, seen, way, p)
+    return _Look(nav_R_body, way, deviation, statistic, rough, reference)
 
 
 def _roughness(
@@ -204,9 +211,11 @@ def _roughness(
     return FieldRoughness(_potential(states, across, way), across, region)
 
 
-def _way(problem: FieldProblem, track: Trajectory, up_uT: float, p: FieldParameters) -> FieldWay:
+def _way(problem: FieldProblem, values: gtsam.Values, p: FieldParameters) -> FieldWay:
     recording, nodes = problem.recording, problem.nodes
     assert recording.mag is not None
+    track = trajectory_of(recording, nodes, values, problem.gravity)
+    up_uT = float(np.nanmedian(_nav_field(problem, _attitudes(problem, values))[:, 2]))
     footfall = nodes.sample[nodes.result]
     return field_way(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT, p)
 
@@ -230,7 +239,7 @@ def _seen(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldSeen:
     disturbed = usable & (look.statistic >= 1.0)
     sigma = np.where(usable & ~disturbed, p.compass_sigma_uT, np.inf)
     if p.gate is not None:
-        passed = judge(problem.field, p.gate).quasi_static
+        passed = judge(replace(problem.field, nav_R_body=look.nav_R_body), p.gate).quasi_static
         sigma = np.where(passed, sigma, p.outside_gate * sigma)
     body_field = np.where(usable[:, None], problem.field.body_field, 0.0)
     return FieldSeen(problem.nodes.result, body_field, sigma, disturbed)
