@@ -20,6 +20,14 @@ from factors.differential_field import (
     differential_field_jacobians,
     differential_field_residual,
 )
+from factors.field_potential import (
+    WayIntegral,
+    field_potential_factor,
+    field_potential_jacobians,
+    field_potential_residual,
+    field_potential_sigma,
+    way_integral,
+)
 from factors.floor_height import FloorParameters, floor_height_factor, floor_height_residual, floor_labels
 from factors.gravity import gravity_factor, gravity_sigma
 from factors.guarded import guarded_factor
@@ -58,11 +66,16 @@ __all__ = [
     "FloorParameters",
     "StraightParameters",
     "SwingQuadratics",
+    "WayIntegral",
     "differential_field_covariance",
     "differential_field_factor",
     "differential_field_jacobians",
     "differential_field_residual",
     "earth_field_prior",
+    "field_potential_factor",
+    "field_potential_jacobians",
+    "field_potential_residual",
+    "field_potential_sigma",
     "field_tie_coefficients",
     "field_tie_factor",
     "field_tie_residual",
@@ -96,6 +109,7 @@ __all__ = [
     "student_t_noise",
     "swing_field_factor",
     "swing_field_quadratics",
+    "way_integral",
     "with_gyro_errors",
     "zero_rate_factor",
     "zero_rate_sigma",

@@ -33,6 +33,7 @@ import gtsam
 import numpy as np
 
 from factors.guarded import Array, guarded_factor
+from factors.rotation import turn_about_up
 
 
 def magnetic_heading_residual(
@@ -43,7 +44,7 @@ def magnetic_heading_residual(
     nav_field = np.einsum("...ab,...b->...a", level, body_field)
     e = np.arctan2(nav_field[..., 0], nav_field[..., 1]) - declination
     if nav_R_level is not None:
-        e = e - _turn_about_up(nav_R_body @ np.swapaxes(nav_R_level, -1, -2))
+        e = e - turn_about_up(nav_R_body @ np.swapaxes(nav_R_level, -1, -2))
     return np.asarray((e + np.pi) % (2.0 * np.pi) - np.pi)
 
 
@@ -109,8 +110,3 @@ def magnetic_heading_factor(
         return e, [by_pose]
 
     return guarded_factor("magnetic heading", [pose_key], [6], noise, residual)
-
-
-def _turn_about_up(turn: Array) -> Array:
-    """Angle (...,) rad about up, counter-clockwise, of rotations (..., 3, 3) in the navigation frame."""
-    return np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1])

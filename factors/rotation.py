@@ -49,6 +49,11 @@ def left_jacobian(t: Array) -> Array:
     return _sum_of(t, a, b, c)
 
 
+def turn_about_up(turn: Array) -> Array:
+    """Angle (...,) rad about up, counter-clockwise, of rotations (..., 3, 3) in the navigation frame."""
+    return np.asarray(np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1]))
+
+
 def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array) -> tuple[Array, Array]:
     """Rotations of each sample of each stretch to its first, and their derivatives by the gyro bias.
 

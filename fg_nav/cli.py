@@ -94,6 +94,14 @@ TruthPath = Annotated[
     Path | None,
     typer.Option("--truth", metavar="FILE", help="True path or footprints. \\[default: what the recording carries]"),
 ]
+FixesPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--fixes",
+        metavar="FILE",
+        help="Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start.",
+    ),
+]
 AlignmentMode = Annotated[
     Literal["yaw", "none", "origin", "se3"],
     typer.Option("--alignment", help="How the solution is laid on the truth before errors are counted."),
@@ -158,6 +166,7 @@ def run(
     calibration: CalibrationPath = None,
     detector: Detector = None,
     preset: Preset = "tuned",
+    fixes: FixesPath = None,
     format: FormatName = None,
     alignment: AlignmentMode = "yaw",
     out: OutDir = None,
@@ -169,7 +178,8 @@ def run(
     from fg_nav.report.writing import write_run_folder
     from fg_nav.session import load
 
-    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration, preset))
+    options = _options(no_mag, heading, alignment, truth, detector, calibration, preset, fixes)
+    session = load(recording, format, options)
     outcomes = _solved(session, [method])
     with _folder(out, force, f"{recording.stem}-{method}") as (place, folder):
         write_run_folder(folder, session, outcomes[method])
@@ -405,6 +415,7 @@ def _options(
     detector: str | None,
     calibration: Path | None,
     preset: str = "tuned",
+    fixes: Path | None = None,
 ) -> Options:
     """What was asked for; refuses a preset or a detector that there is not, or that would have nothing to judge."""
     from fg_nav.ekf.presets import check_preset
@@ -415,7 +426,7 @@ def _options(
     check_preset(preset)
     if no_mag and detector is not None:
         raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")
-    return Options(not no_mag, heading, alignment, truth, detector or DEFAULT, calibration, preset)
+    return Options(not no_mag, heading, alignment, truth, detector or DEFAULT, calibration, preset, fixes)
 
 
 def _earth(place: str | None) -> EarthField | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from fg_nav.errors import EstimationError
+from fg_nav.fixes import Fix
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
@@ -32,6 +33,7 @@ class Given:
     heading : rad clockwise from north, of the body's x axis at the start; None where it is unknown: then zero, or what
         the compass says.
     preset : of a filter's parameters (`fg_nav.ekf.presets`).
+    fixes : positions known from elsewhere; of use to the smoother only.
     """
 
     recording: Recording
@@ -39,10 +41,14 @@ class Given:
     field: FootfallField | None = None
     heading: float | None = None
     preset: str = "tuned"
+    fixes: tuple[Fix, ...] = ()
 
 
 Estimator: TypeAlias = Callable[[Given, Progress | None], Solution]
 
+
+WITH_FIXES = ("smoother", "inertial")
+"""Those that make use of fixes."""
 
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 """Each also as `-rts`: with the way back over its pass."""
@@ -51,13 +57,16 @@ FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 def _smoother(given: Given, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
-    return smooth(given.recording, given.stances, heading=given.heading, progress=progress, field=given.field)
+    recording, stances = given.recording, given.stances
+    return smooth(recording, stances, heading=given.heading, progress=progress, field=given.field, fixes=given.fixes)
 
 
 def _inertial(given: Given, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
-    return replace(smooth(given.recording, given.stances, heading=given.heading, progress=progress), method="inertial")
+    recording, stances = given.recording, given.stances
+    found = smooth(recording, stances, heading=given.heading, progress=progress, fixes=given.fixes)
+    return replace(found, method="inertial")
 
 
 def _filter(method: str) -> Estimator:

@@ -18,10 +18,10 @@ import numpy as np
 from fg_nav.calibration.file import Calibration, read_calibration
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.estimators import Given, Progress, estimator
+from fg_nav.estimators import WITH_FIXES, Given, Progress, estimator
 from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
-from fg_nav.io import read, read_truth
+from fg_nav.io import read, read_fixes, read_truth
 from fg_nav.magnetic import FieldVerdicts, FootfallField, footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, detector_named, judge
 from fg_nav.magnetic.verdicts import UNKNOWN
@@ -44,6 +44,7 @@ class Options:
     field_detector : which detector of a quasi-static field the verdicts come from (`fg_nav.magnetic.quasi_static`).
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     preset : of the filters (`fg_nav.ekf.presets`).
+    fixes_path : file with fixes of the position for the smoother; None without.
     """
 
     use_magnetometer: bool = True
@@ -53,6 +54,7 @@ class Options:
     field_detector: str = DEFAULT
     calibration_path: Path | None = None
     preset: str = "tuned"
+    fixes_path: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,12 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         recording is then left out, with a note.
     """
     options = session.options
-    given = Given(session.recording, session.stances, session.field, _heading(options), options.preset)
+    if options.fixes_path is not None and method not in WITH_FIXES:
+        raise EstimationError(
+            f"{method} makes no use of fixes: leave --fixes out, or choose {' or '.join(WITH_FIXES)}."
+        )
+    fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
+    given = Given(session.recording, session.stances, session.field, _heading(options), options.preset, fixes)
     found = estimator(method)(given, progress)
     used = any(word != UNKNOWN for word in found.stances.field)
     solution = _with_verdicts(found, session)

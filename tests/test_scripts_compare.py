@@ -28,7 +28,8 @@ SETTINGS = {"method": {"sigma": 0.1, "names": ["a", "b"]}, "walk": None}
 
 def result(key=KEY, end_m=3.0, at_landmarks=(1.0, 2.0), failed="", heading_deg=-5.0):
     """Stand in for a method's walk of 100 m."""
-    errors = WalkErrors(AS_STARTED, 100.0, end_m, -0.2, heading_deg, 0.5 * end_m, 2 * end_m, 0.1, 0.2)
+    errors = WalkErrors(AS_STARTED, 100.0, end_m, -0.2, heading_deg, 0.5 * end_m, 2 * end_m)
+    errors = replace(errors, rmse_m=0.7 * end_m, heading_laid_deg=-4.0, heading_rmse_deg=2.0, scale_percent=0.2)
     path = [[0.0, 0.0], [0.0, 50.0], [end_m, 100.0]]
     blank = kept.Result(key, SETTINGS, "code", failed)
     if failed:
@@ -113,7 +114,7 @@ def test_medians_stand_over_the_paper_and_the_reduction_is_walk_by_walk(capsys):
     script.print_case("mall", {"iqsf": theirs, "ma2018": ours})
     printed = capsys.readouterr().out
     assert "against iqsf, each preset against its own" in printed
-    landmarks = printed[printed.index("At the landmarks") :]
+    landmarks = printed[printed.index("At the landmarks") :].partition("Error over")[0]
     [row] = rows_of(landmarks, "ma2018")
     # means 1.5 and 10 against 10 and 40: 85 and 75 percent
     assert row.split()[:2] == ["ma2018", "5.75"]
@@ -313,6 +314,63 @@ def test_figures_that_were_asked_for_are_judged():
     assert not script.judged({"demo": {"ma2018": [result(replace(KEY, group="demo"))]}})
     failed = [result(replace(KEY, group="office"), failed="no such walk.")]
     assert script.judged({"office": {"ma2018": failed}})[0].mark == "short"
+
+
+def smoothers(group, level, **errors):
+    """Three walks of the smoother, and of the filters that it is held against."""
+    sizes = {"smoother": 1.0, "ma2018": 4.0, "matched": 2.0, "matched-rts": 1.6, **errors}
+    return {
+        method: [
+            result(
+                replace(KEY, group=group, field=level, method=method, walk=str(k)),
+                end_m=k * size,
+                at_landmarks=(0.5 * k * size, 1.5 * k * size),
+            )
+            for k in (1, 2, 3)
+        ]
+        for method, size in sizes.items()
+    }
+
+
+def judged_by_name(case):
+    return {f.name: f for f in script.judged({"case": case}) if f.method == "smoother"}
+
+
+def test_the_smoother_is_judged_on_both_fields_and_on_the_rough_one_within_a_factor():
+    smooth, indoor = (judged_by_name(smoothers("mall", level)) for level in ("smooth", "indoor"))
+    assert smooth.keys() == indoor.keys()
+    mean = "mean, as started (m) (issue 6; Ma 2018 1.5)"
+    assert (smooth[mean].measured, smooth[mean].high, indoor[mean].high) == (2.0, 0.75, 1.5 * 0.75)
+    assert smooth[mean].mark == indoor[mean].mark == "short"
+    assert smooth["heading rmse (deg) (issue 6)"].measured == 2.0
+    assert (smooth["heading rmse (deg) (issue 6)"].mark, indoor["heading rmse (deg) (issue 6)"].mark) == ("short", "ok")
+    assert not judged_by_name(smoothers("mall", "between"))
+
+
+def test_ratios_are_those_of_the_same_walk_and_those_of_the_medians():
+    case = smoothers("mall", "smooth")
+    case["ma2018"] = [
+        replace(one, landmark_m={AS_STARTED: [size]}) for one, size in zip(case["ma2018"], (10, 8, 4), strict=True)
+    ]
+    found = judged_by_name(case)
+    each = found["mean, as started (m), over ma2018, walk by walk (issue 6)"]
+    assert (each.measured, each.mark) == (pytest.approx(2 / 8), "ok")
+    of_medians = found["mean, as started (m), over ma2018, of medians (issue 6)"]
+    assert of_medians.measured == pytest.approx(2 / 8)
+    case["ma2018"][1] = replace(case["ma2018"][1], landmark_m={AS_STARTED: [1.0]})  # ratios 0.1, 2, 0.75
+    found = judged_by_name(case)
+    assert found["mean, as started (m), over ma2018, walk by walk (issue 6)"].measured == pytest.approx(0.75)
+    assert found["mean, as started (m), over ma2018, of medians (issue 6)"].measured == pytest.approx(0.5)
+    assert found["mean, as started (m), over matched-rts, walk by walk (for information)"].mark == ""
+    assert not any("over ma2018" in name for name in judged_by_name({"smoother": case["smoother"]}))
+
+
+def test_errors_over_those_of_others_are_printed_walk_by_walk(capsys):
+    script.print_case("office, smooth", smoothers("office", "smooth"))
+    ratios = capsys.readouterr().out.partition("Error over that of others")[2]
+    assert rows_of(ratios, "smoother")[0].split()[1] == "0.25"
+    assert "over ma2018" in ratios
+    assert "over inertial" not in ratios
 
 
 def straight(method, sideways_m, used):

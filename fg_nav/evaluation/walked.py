@@ -10,7 +10,9 @@ end_height_m           m       the same upward
 end_percent            %       of the total distance travelled, TTD (Zhang 2017, Table I)
 heading_deg            deg     final heading error: that of the heading's change from first to last footfall, clockwise
                                (Ma 2018, section 5.2: "difference between the initial and final heading")
-mean_m, max_m          m       over the ground, of all footfalls (Ma 2018, Figure 12: "maximum trajectory error")
+heading_laid_deg       deg     heading error at the last footfall, clockwise, as laid on the truth
+heading_rmse_deg       deg     root mean square of the heading error, as laid, over all footfalls
+mean_m, max_m, rmse_m  m       over the ground, of all footfalls (Ma 2018, Figure 12: "maximum trajectory error")
 length_percent         %       by how much the way from footfall to footfall is too long: what each stride is worth,
                                whatever the heading does
 scale_percent          %       by how much the path is too large: the best similarity over the ground. On an open path
@@ -27,6 +29,7 @@ yaw    best yaw and shift over all footfalls: what shape the walk has, whatever 
 ====== ==============================================================================================================
 
 The end error has the start on the start in both, and turned by R. On a closed walk it does not depend on R at all.
+Headings as laid are those of the attitude turned by R: laid as started, they have the error at the start in them.
 
 Of surveyed footprints only those count that were found; the distance is then the estimate's. Without a truth a walk
 has a closure, which is an error if it ended where it began.
@@ -64,6 +67,9 @@ class WalkErrors:
     heading_deg: float | None = None
     mean_m: float | None = None
     max_m: float | None = None
+    rmse_m: float | None = None
+    heading_laid_deg: float | None = None
+    heading_rmse_deg: float | None = None
     length_percent: float | None = None
     scale_percent: float | None = None
 
@@ -128,6 +134,9 @@ def errors_of(found: Comparison, walked_m: float) -> WalkErrors:
         heading_deg=_final_heading(found.yaw_error),
         mean_m=float(over_ground.mean()),
         max_m=float(over_ground.max()),
+        rmse_m=float(np.sqrt(np.mean(over_ground**2))),
+        heading_laid_deg=None if found.yaw_error is None else -float(np.rad2deg(found.yaw_error[-1])),
+        heading_rmse_deg=None if found.yaw_error is None else float(np.rad2deg(np.sqrt(np.mean(found.yaw_error**2)))),
         length_percent=None if found.planar else _too_much(way_m(found.estimate), true_way),
         scale_percent=_too_much(1.0, scale),
     )

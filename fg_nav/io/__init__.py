@@ -4,6 +4,7 @@
 inspection of broken files.
 """
 
+from fg_nav.io.fixes import read_fixes
 from fg_nav.io.formats import FORMATS, Format, read, read_raw
 from fg_nav.io.pyshoe import read_pyshoe_labels
 from fg_nav.io.truth import read_truth
@@ -13,6 +14,7 @@ __all__ = [
     "FORMATS",
     "Format",
     "read",
+    "read_fixes",
     "read_pyshoe_labels",
     "read_raw",
     "read_truth",

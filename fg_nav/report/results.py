@@ -119,6 +119,7 @@ def recording_facts(session: Session) -> dict[str, object]:
         "format": recording.provenance.format,
         "samples": len(recording),
         "rate_hz": 1.0 / recording.period_s,
+        "fixes": _text(options.fixes_path),
         "truth": _text(options.truth_path) or ("in the recording" if session.truth is not None else None),
         "heading_deg": options.heading_deg,
         "use_magnetometer": options.use_magnetometer,

@@ -11,8 +11,8 @@ marginals -> sigmas; nodes -> dense trajectory
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from time import perf_counter
 
@@ -23,6 +23,7 @@ from gtsam.symbol_shorthand import B, X
 from fg_nav.arrays import Floats
 from fg_nav.calibration import RollingLever, rolling_lever
 from fg_nav.detection import Rest
+from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.verdicts import UNKNOWN
@@ -32,10 +33,13 @@ from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field_rounds import FieldProblem, FieldVerdict, solve_with_field, unusable
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
+from fg_nav.smoother.noise_level import SwingNoise, swing_noise
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import Native, Part, Solved, solve, time_order
 from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, gauge, strides_of
+from fg_nav.smoother.walk_fixes import free_heading, pin_fixes
+from fg_nav.smoother.walk_ties import walk_ties
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.start import starting_point
@@ -60,6 +64,7 @@ def smooth(
     heading: float | None = 0.0,
     progress: Callable[[float], None] | None = None,
     field: FootfallField | None = None,
+    fixes: Sequence[Fix] = (),
 ) -> Solution:
     """Smooth a walk.
 
@@ -77,14 +82,16 @@ def smooth(
         Told from time to time which fraction is done.
     field : FootfallField
         The field at the footfalls; None to do without.
+    fixes
+        Positions known from elsewhere, in the walk's own frame (`walk_fixes`).
 
     Raises
     ------
     EstimationError
-        With stances of another recording, or where the solution cannot be found.
+        With stances of another recording, a fix that is not on the walk, or where the solution cannot be found.
     """
     _compile()
-    return _smooth(recording, stances, parameters, heading, progress, field)
+    return _smooth(recording, stances, parameters, heading, progress, field, fixes)
 
 
 def _smooth(
@@ -94,27 +101,41 @@ def _smooth(
     heading: float | None,
     progress: Callable[[float], None] | None,
     field: FootfallField | None,
+    fixes: Sequence[Fix],
 ) -> Solution:
     began = perf_counter()
     start = starting_point(recording, stances, heading or 0.0, p.rest)
     known = _known(recording, stances, start.rests, p)
+    noise = _swing_noise(recording, stances, known, p)
+    p = replace(p, gyr_relative_density=noise.gyr_relative_density)
     nodes = place_nodes(recording, stances, p)
+    pinned = pin_fixes(fixes, recording.t, nodes, p.walk)
     graph, ties = _graph(recording, stances, nodes, known, p, progress)
     initial = initial_values(recording, stances, nodes, start.nav_R_body, known.gyro_bias, p.gravity)
     told = Native(gauge(start.nav_R_body, p.gauge_sigma, p))
     reason = unusable(field, p.magnetic)
     near_enough = p.convergence if reason else p.magnetic.first_convergence
     solved = solve(graph, [ties, told], initial, time_order(nodes), near_enough, p.largest_steps)
+    freed = free_heading(pinned, heading is not None, solved.values, nodes, p)
+    if freed is not None:
+        told = Native(gauge(freed.turn @ start.nav_R_body, freed.sigma, p))
+    believed = walk_ties(nodes, solved.values, p.walk, *([pinned.factors()] if fixes else []))
+    if believed.parts:
+        parts: list[Part] = [ties, told, *believed.parts]
+        ordering = believed.ordering(time_order(nodes))
+        solved = solve(graph, parts, solved.values, ordering, near_enough, p.largest_steps)
 
     def minimise(part: Part, values: gtsam.Values, ordering: gtsam.Ordering, towards_north: Floats | None) -> Solved:
         began_there = told
         if towards_north is not None:
             began_there = Native(gauge(towards_north, np.radians(p.unknown_heading_deg), p))
-        return solve(graph, [ties, began_there, part], values, ordering, p.convergence, p.largest_steps)
+        parts: list[Part] = [ties, began_there, part, *believed.parts]
+        return solve(graph, parts, values, believed.ordering(ordering), p.convergence, p.largest_steps)
 
     verdict = FieldVerdict((UNKNOWN,) * len(nodes.result), (reason,) * len(nodes.result), ())
     if field is not None and not reason:
-        problem = FieldProblem(recording, nodes, field, heading is not None, p.gravity, minimise)
+        known_north = heading is not None or freed is not None
+        problem = FieldProblem(recording, nodes, field, known_north, p.gravity, minimise)
         solved, verdict = solve_with_field(problem, solved, p.magnetic)
     position, velocity, nav_R_body = trajectory_of(recording, nodes, solved.values, p.gravity)
     tails = hold_tails(recording.t, stances, position, velocity)
@@ -130,7 +151,7 @@ def _smooth(
         stances=table,
         runtime_s=perf_counter() - began,
         parameters=asdict(p),
-        notes=(*_notes(known, solved.steps), *verdict.notes, *tails),
+        notes=(*_notes(known, solved.steps), noise.note, *verdict.notes, *tails),
     )
 
 
@@ -140,7 +161,7 @@ def _compile() -> None:
     t = np.arange(200) / 100.0
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
     stances = Stances.from_mask(np.ones(200, dtype=np.bool_))
-    _smooth(rest, stances, SmootherParameters(), 0.0, None, None)
+    _smooth(rest, stances, SmootherParameters(), 0.0, None, None, ())
 
 
 def _known(recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters) -> Known:
@@ -150,6 +171,12 @@ def _known(recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: S
     else:
         lever = rolling_lever(recording, stances, p.lever)
     return Known(bias, sigma, rests, lever)
+
+
+def _swing_noise(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> SwingNoise:
+    if not p.choose_swing_noise:
+        return SwingNoise(p.gyr_relative_density, "swing noise as told")
+    return swing_noise(recording, stances, known.gyro_bias, known.gyro_bias_sigma, known.lever.lever, p)
 
 
 def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Floats, float]:

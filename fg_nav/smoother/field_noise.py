@@ -76,10 +76,12 @@ def roughness(values: Floats, seen: Bools, distance_m: Floats, least_sigma: floa
     distance_m : (F-1,) from footfall to footfall.
     least_sigma : unit of the values, below which a spread is the sensor's noise.
     """
+    if not seen.any():
+        return Roughness(least_sigma, NOTHING_KNOWN_M)
     limit = CLIP_SIGMAS * max(robust_sigma(values[seen]), least_sigma)
     x = np.clip(values, -limit, limit)
     strides = seen[1:] & seen[:-1] & (distance_m > LEAST_STEP_M)
-    variance = float(np.mean(x[seen] ** 2)) if seen.any() else 0.0
+    variance = float(np.mean(x[seen] ** 2))
     if strides.sum() < FEWEST or variance <= least_sigma**2:
         return Roughness(max(np.sqrt(variance), least_sigma), NOTHING_KNOWN_M)
     rho = float(np.mean(x[1:][strides] * x[:-1][strides])) / variance

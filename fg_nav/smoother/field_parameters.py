@@ -31,7 +31,7 @@ class FieldParameters:
     """A footfall is disturbed where its field is off by more than this many robust sigmas of the walk's own spread: of
     a field with the heavy tails of real ones (kurtosis 6) one in a thousand."""
 
-    reference_sigma_deg: float = 2.0
+    reference_sigma_deg: float = 1.0
     """How well compass and given heading have the same north, deg: declination, mounting, soft iron."""
     strength_sigma_uT: float = 5.0
     """Horizontal strength of the field about the walk's median, uT."""
@@ -48,8 +48,9 @@ class FieldParameters:
     """Hard iron left in the stance's level plane after a calibration, uT."""
     hard_iron_up_uT: float = 15.0
     """The same upward: a calibration from footfalls cannot see it, and in a swing it turns forward."""
-    hard_iron_walk_uT: float = 1e-3
-    """Its random walk from stride to stride, uT."""
+    hard_iron_walk_uT: float = 5e-3
+    """Its random walk from stride to stride, uT: 0.16 uT in a thousand. A tilt that is wrong in every swing looks like
+    iron too, and changes with the gait."""
 
     compass_sigma_uT: float = 0.3
     """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""

@@ -89,8 +89,8 @@ class FieldVerdict:
 class _Look:
     """What a round sees.
 
-    Attitudes (F, 3, 3); the way; deviations (F, 3) of the field across, along and up, uT, NaN where it was not seen; the
-    largest of them over its threshold (F,); roughness; and the horizontal field (F, 2) they are taken from.
+    Attitudes (F, 3, 3); the way; deviations (F, 3) of the field across, along and up, uT, NaN where it was not seen;
+    the largest of them over its threshold (F,); roughness; and the horizontal field (F, 2) they are taken from.
     """
 
     nav_R_body: Floats
@@ -125,12 +125,13 @@ def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) 
     ordering = time_order(problem.nodes, with_field=True)
     way = _way(problem, values, p)
     look = _look(problem, values, way, None, p)
-    ties = _ties(problem, look, p)
+    towards = _expected_direction(problem, look, p)
+    ties = _ties(problem, look, towards, p)
     ties.insert(values)
     solved = problem.minimise(ties, values, ordering, start)
     for _ in range(p.rounds - 1):
         look = _look(problem, solved.values, way, ties.states(solved.values), p)
-        ties = _ties(problem, look, p)
+        ties = _ties(problem, look, towards, p)
         solved = problem.minimise(ties, solved.values, ordering, start)
     return solved, _verdict(look, ties.states(solved.values))
 
@@ -142,8 +143,8 @@ def _for_this_way(problem: FieldProblem, values: gtsam.Values, p: FieldParameter
     return p if way_m >= p.potential_least_way_m else replace(p, potential=False)
 
 
-def _ties(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldTies:
-    return FieldTies(_seen(problem, look, p), look.way, _prior(problem, look, p), look.rough, p)
+def _ties(problem: FieldProblem, look: _Look, towards: tuple[float, float], p: FieldParameters) -> FieldTies:
+    return FieldTies(_seen(problem, look, p), look.way, _prior(look, towards, p), look.rough, p)
 
 
 def _towards_north(problem: FieldProblem, values: gtsam.Values) -> tuple[gtsam.Values, Floats | None]:
@@ -245,22 +246,51 @@ def _seen(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldSeen:
     return FieldSeen(problem.nodes.result, body_field, sigma, disturbed)
 
 
-def _prior(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldPrior:
+def _expected_direction(problem: FieldProblem, look: _Look, p: FieldParameters) -> tuple[float, float]:
+    """Direction of the mean field, rad clockwise from north, and its sigma.
+
+    A told heading is taken to be from magnetic north, unless the first footfalls have the field where neither that nor
+    its own deviations let it be: zero is told as well by those who know no heading.
+    """
+    if not problem.heading_known:
+        return 0.0, np.radians(DECLINATION_SIGMA_DEG)
+    first = _nav_field(problem, look.nav_R_body)[look.statistic < 1.0][:FIRST_FOOTFALLS]
+    east, north, _ = first.mean(axis=0) if len(first) else (0.0, 1.0, 0.0)
+    strength = np.linalg.norm(np.median(look.reference, axis=0))
+    deviations = np.hypot(look.rough.across.sigma, look.rough.regional.sigma) / strength
+    told, found = np.radians(p.reference_sigma_deg), float(np.arctan2(east, north))
+    if abs(found) <= CONTRADICTED_SIGMAS * np.hypot(told, deviations):
+        return 0.0, told
+    return found, np.radians(FOUND_SIGMA_DEG)
+
+
+FIRST_FOOTFALLS = 10
+"""At which the heading is still the one that was told."""
+
+CONTRADICTED_SIGMAS = 3.0
+"""By how much the field there has to be off for the heading not to be from magnetic north."""
+
+FOUND_SIGMA_DEG = 60.0
+"""Sigma of the field's direction where only the field tells it."""
+
+
+def _prior(look: _Look, towards: tuple[float, float], p: FieldParameters) -> FieldPrior:
     strength = float(np.linalg.norm(np.median(look.reference, axis=0)))
-    direction = p.reference_sigma_deg if problem.heading_known else DECLINATION_SIGMA_DEG
+    azimuth, direction_sigma = towards
+    east, north = strength * np.sin(azimuth), strength * np.cos(azimuth)
     sigma = np.array(
         [
             look.rough.potential.sigma,
             look.rough.across.sigma,
             look.rough.regional.sigma,
-            np.radians(direction) * strength,
+            direction_sigma * strength,
             p.strength_sigma_uT,
             p.hard_iron_level_uT,
             p.hard_iron_level_uT,
             p.hard_iron_up_uT,
         ]
     )
-    return FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, strength, 0.0, 0.0, 0.0]), sigma)
+    return FieldPrior(np.array([0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
 
 
 DECLINATION_SIGMA_DEG = 0.05

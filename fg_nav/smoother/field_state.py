@@ -65,7 +65,11 @@ class FieldSeen:
 
 @dataclass(frozen=True)
 class FieldPrior:
-    """The first state (8,) and its sigmas (8,)."""
+    """The first state (8,) and its sigmas (8,).
+
+    In place of those of E_east and E_north: of E across the mean, by its direction, and along, by its strength. They
+    are kept apart, for a field that is not where it was expected would otherwise shrink instead of turning.
+    """
 
     mean: Floats
     sigma: Floats
@@ -107,7 +111,7 @@ class FieldTies:
         m, nav_R_body = self.states(values), self._attitudes(values)
         across, _ = self._across(m, nav_R_body)
         along, _ = self._along_the_way(m, nav_R_body)
-        first = (m[0] - self._prior.mean) / self._prior.sigma
+        first = self._first(m[0])
         return 0.5 * float(sum((e**2).sum() for e in (across, along, first, self._changes(m))))
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
@@ -131,6 +135,19 @@ class FieldTies:
         move = np.einsum("kij,kj->ki", nav_R_body[:-1], self._way.body_move)[:, :2]
         expected = (m[:-1, E_H] * move).sum(axis=1) + (m[:-1, IRON] * self._way.level_way).sum(axis=1)
         return (expected - self._way.u - np.diff(m[:, PHI])) * self._along, move
+
+    def _first(self, m: Floats) -> Floats:
+        """Residuals (8,) of the first state over sigma."""
+        off = m - self._prior.mean
+        off[E_H] = _turned_and_longer(m[E_H], self._prior.mean[E_H])
+        return np.asarray(off / self._prior.sigma)
+
+    def _by_first(self, m: Floats) -> Floats:
+        """Derivative (8, 8) of `_first`."""
+        by_state, strength = np.eye(SIZE), np.linalg.norm(m[E_H])
+        turned = across_direction(m[None, E_H])[0] * np.linalg.norm(self._prior.mean[E_H]) / strength
+        by_state[E_H, E_H] = turned, m[E_H] / strength
+        return np.asarray(by_state / self._prior.sigma[:, None])
 
     def _changes(self, m: Floats) -> Floats:
         """(F-1, 8) over sigma."""
@@ -170,8 +187,7 @@ class FieldTies:
 
     def _carried(self, m: Floats) -> Iterator[gtsam.GaussianFactor]:
         unit = gtsam.noiseModel.Unit.Create(SIZE)
-        first = 1.0 / self._prior.sigma
-        yield gtsam.JacobianFactor(self._state[0], np.diag(first), -(m[0] - self._prior.mean) * first, unit)
+        yield gtsam.JacobianFactor(self._state[0], self._by_first(m[0]), -self._first(m[0]), unit)
         changes = self._changes(m)
         after = 1.0 / self._innovation
         for k, change in enumerate(changes):
@@ -195,6 +211,13 @@ def across_by_reference(nav_field: Floats, reference: Floats) -> Floats:
     strength = np.linalg.norm(reference, axis=1)
     along = (nav_field[:, :2] * reference).sum(axis=1) / strength
     return np.asarray(-(along / strength)[:, None] * across_direction(reference))
+
+
+def _turned_and_longer(field: Floats, mean: Floats) -> Floats:
+    """(2,) by how much a horizontal field (2,) is turned to the right of another, as an arc, and longer than it, uT."""
+    length = np.linalg.norm(mean)
+    turn = np.arctan2(across_direction(mean[None])[0] @ field, mean @ field / length)
+    return np.array([turn * length, np.linalg.norm(field) - length])
 
 
 def _weight(sigma: Floats) -> Floats:

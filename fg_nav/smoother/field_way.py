@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.frames import levelled
 from fg_nav.smoother.field_parameters import FieldParameters
 
 
@@ -59,7 +60,8 @@ def field_way(
     nav_field = np.einsum("nij,nj->ni", nav_R_body[row], mag[row]) - [0.0, 0.0, up_uT]
     move = np.diff(position[row], axis=0)
     integral = _cumulated(((nav_field[1:] + nav_field[:-1]) / 2 * move).sum(axis=1)[:, None])
-    way = _cumulated(np.einsum("nji,nj->ni", nav_R_body[row][:-1], move))
+    attitude = nav_R_body[row]
+    way = _cumulated(np.einsum("nji,nj->ni", (attitude[1:] + attitude[:-1]) / 2, move))
     u, body_way = (_between(t[footfall], t[row], values) for values in (integral, way))
     level = _level_R_body(nav_R_body[footfall])
     straight = np.diff(position[footfall], axis=0)
@@ -83,17 +85,17 @@ def _between(instant: Floats, t: Floats, values: Floats) -> Floats:
 
 
 def _coarsest(move: Floats, row: Ints, footfall: Ints) -> Floats:
-    """(F-1,) m, the longest move (M-1, 3) between samples of the field `row` (M,) in each stride."""
-    size = np.append(np.linalg.norm(move, axis=1), 0.0)
-    first = np.clip(np.searchsorted(row, footfall, side="right") - 1, 0, None)
-    return np.maximum.reduceat(size, first)[:-1] if len(size) > 1 else np.full(len(footfall) - 1, np.inf)
+    """(F-1,) m, the longest move (M-1, 3) between samples of the field `row` (M,) that a stride has a part in.
+
+    Endless before the first sample and after the last.
+    """
+    endless = [np.inf]
+    size = np.concatenate([endless, np.linalg.norm(move, axis=1), endless, endless])  # one more, for `reduceat` to end
+    first = np.searchsorted(row, footfall[:-1], side="right")
+    stop = np.searchsorted(row, footfall[1:], side="left") + 1
+    return np.asarray(np.maximum.reduceat(size, np.stack([first, stop], axis=1).ravel())[::2])
 
 
 def _level_R_body(nav_R_body: Floats) -> Floats:
     """Stance's axes from the body's: z is the median up of the footfalls, x the body's x as far as it is level."""
-    up = np.median(nav_R_body[:, 2], axis=0)
-    up /= np.linalg.norm(up)
-    nearest = np.eye(3)[np.argmin(np.abs(up))]
-    forward = nearest - up * (up @ nearest)
-    forward /= np.linalg.norm(forward)
-    return np.stack([forward, np.cross(up, forward), up])
+    return levelled(np.median(nav_R_body[:, 2], axis=0), heading=np.pi / 2)

@@ -13,6 +13,7 @@ from fg_nav.calibration import RollingLeverParameters
 from fg_nav.detection import RestParameters
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.smoother.field_parameters import FieldParameters
+from fg_nav.smoother.walk_parameters import WalkParameters
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class SmootherParameters:
     """White error of the angular rate in stance, deg/s/sqrt(Hz); data sheets have 0.005 to 0.015."""
     gyr_relative_density: float = 0.001
     """The same per rad/s of rate, 1/sqrt(Hz): scale, misalignment, jitter."""
+    choose_swing_noise: bool = True
+    """Let the walk tell `gyr_relative_density` (`noise_level`); the value above is for walks too short to tell."""
     saturated_share: float = 0.1
     """What a peak cut at the end of the range may hide, one sigma, as a share of the range."""
     position_density: float = 1e-3
@@ -76,6 +79,8 @@ class SmootherParameters:
     """Sigma of the heading at the start about what the walk's mean field says, where nobody told it."""
     magnetic: FieldParameters = field(default_factory=FieldParameters)
     """The magnetic field."""
+    walk: WalkParameters = field(default_factory=WalkParameters)
+    """People and buildings."""
 
     convergence: float = 5e-4
     """The solver stops when the error differs from what the linear model promised by less than this per variable: by

@@ -26,6 +26,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
 from factors import rolling_stance_jacobian, rolling_stance_residual, zero_rate_factor
+from factors.rotation import skew
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
 from fg_nav.recording import Recording
@@ -117,14 +118,19 @@ class VelocityTies:
         return 0.5 * float((residual**2).sum())
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
-        """Yield the linearised ties: de/dpose = [R [u]x, 0], de/dV = I, all over sigma."""
+        """Yield the linearised ties: r = R^T e / sigma, dr/dpose = [R^T (R [u]x / sigma) + [r]x, 0], dr/dV = R^T/sigma.
+
+        The residual is turned into the body's axes, which leaves its square as it is. In navigation axes a residual
+        turns with the heading, and Gauss-Newton, which has no second derivative to set against that, takes it for a
+        measurement of the heading: each tie would add one over a radian squared.
+        """
         residual, attitude = self._residuals(values)
-        weight = 1.0 / np.array(self._sigma)
+        weight = attitude.transpose(0, 2, 1) / np.array(self._sigma)[:, None, :]
+        turned = np.einsum("kji,kj->ki", attitude, residual)
         by_pose = np.zeros((len(weight), 3, 6))
-        by_pose[:, :, :3] = weight[:, :, None] * rolling_stance_jacobian(attitude, np.array(self._body_velocity))
-        by_velocity = weight[:, :, None] * np.eye(3)
+        by_pose[:, :, :3] = weight @ rolling_stance_jacobian(attitude, np.array(self._body_velocity)) + skew(turned)
         unit = gtsam.noiseModel.Unit.Create(3)
-        for j, A, B_, b in zip(self._node, by_pose, by_velocity, -residual, strict=True):
+        for j, A, B_, b in zip(self._node, by_pose, weight, -turned, strict=True):
             yield gtsam.JacobianFactor(X(j), A, V(j), B_, b, unit)
 
     def _residuals(self, values: gtsam.Values) -> tuple[Floats, Floats]:

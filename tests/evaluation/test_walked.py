@@ -90,6 +90,35 @@ def test_final_heading_error_is_that_of_the_change_clockwise():
     assert walk_errors(found, TrajectoryTruth(truth.t, truth.position), "yaw").heading_deg is None
 
 
+def test_headings_as_laid_have_the_error_at_the_start_in_them():
+    drift = np.deg2rad(np.concatenate([np.full(50, -3.0), np.full(51, 5.0)]))  # about up: clockwise is minus
+    turning = np.linspace(0.0, 2 * np.pi, len(SQUARE))
+    found, truth = walked(SQUARE, SQUARE, yawing(turning + drift), yawing(turning))
+    errors = walk_errors(found, truth)
+    assert errors.heading_deg == pytest.approx(-8.0)
+    assert errors.heading_laid_deg == pytest.approx(-5.0)
+    assert errors.heading_rmse_deg == pytest.approx(np.sqrt((50 * 9.0 + 51 * 25.0) / 101))
+    bare = walk_errors(found, TrajectoryTruth(truth.t, truth.position))
+    assert (bare.heading_laid_deg, bare.heading_rmse_deg) == (None, None)
+
+
+def test_the_best_yaw_takes_a_wrong_heading_at_the_start_off():
+    turned = yaw_rotation(0.3)
+    found, truth = walked(LINE @ turned.T, LINE, np.broadcast_to(turned, (len(LINE), 3, 3)))
+    assert walk_errors(found, truth, BEST_YAW).heading_rmse_deg == pytest.approx(0.0, abs=1e-9)
+    started = walk_errors(found, truth)
+    assert started.heading_rmse_deg == pytest.approx(np.rad2deg(0.3))
+    assert started.heading_laid_deg == pytest.approx(-np.rad2deg(0.3))
+
+
+def test_rmse_over_the_ground_is_of_all_footfalls_and_leaves_height_out():
+    off = np.zeros_like(LINE)
+    off[1::2] = [3.0, -4.0, 50.0]
+    errors = walk_errors(*walked(LINE + off, LINE))
+    assert errors.rmse_m == pytest.approx(5.0 * np.sqrt(100 / 201))
+    assert errors.mean_m == pytest.approx(5.0 * 100 / 201)
+
+
 def test_final_heading_error_goes_the_short_way_round():
     drift = np.deg2rad(190.0) * np.linspace(0.0, 1.0, len(SQUARE))
     found, truth = walked(SQUARE, SQUARE, yawing(drift))

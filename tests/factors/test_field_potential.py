@@ -1,0 +1,361 @@
+"""The field along the way: magnetostatics under a walking foot, its derivatives, and what it knows of heading."""
+
+import time
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import M, X
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad_vec
+
+from factors.field_potential import (
+    field_potential_factor,
+    field_potential_jacobians,
+    field_potential_residual,
+    field_potential_sigma,
+    way_integral,
+)
+from factors.rotation import rotation_exp
+from fg_nav.frames import yaw_rotation
+from fg_nav.simulation.fields import Circuit, Cylinders, Sum, draw_floor, earth_field, magnet
+from tests.factors.attitudes import attitude, information, pose, values_of, vectors
+from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians
+
+MU_0 = 0.4 * np.pi
+"""uT m / A."""
+
+EARTH = earth_field(48.0, 64.0, 12.0)
+H = float(np.hypot(*EARTH.vector[:2]))
+IRON = np.array([3.0, -2.0, 9.0])
+STRIDE_M, STRIDE_S, SWING_S = 1.4, 1.1, 0.45
+MAGNET = magnet(np.array([3.0, 0.7, 0.1]), np.array([20.0, -30.0, 40.0]))
+
+FIELDS = {
+    "earth": EARTH,
+    "floor": Sum((EARTH, draw_floor(np.random.default_rng(3)))),
+    "magnet": Sum((EARTH, MAGNET)),
+    "cylinder": Cylinders(np.array([[2.5, 0.8]]), np.array([0.3]), EARTH),
+    "cable": Sum((EARTH, Circuit(np.array([[-5.0, 1, 0.5], [9, 1, 0.5], [9, 3, 2.5], [-5, 3, 2.5]]), 8.0))),
+}
+
+
+def footfalls(strides):
+    """Instants in the middle of the stances."""
+    return STRIDE_S * np.arange(strides + 1) + 0.3
+
+
+def walking(t, courses):
+    """Attitudes and positions of a sensor on a foot that makes a stride on each course (rad, from east to north)."""
+    courses = np.asarray(courses, dtype=float)
+    k = np.clip((t // STRIDE_S).astype(int), 0, len(courses) - 1)
+    share = np.clip((t - k * STRIDE_S - 0.6) / SWING_S, 0.0, 1.0)
+    forward = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    direction = np.stack([np.cos(courses), np.sin(courses)], axis=1)
+    starts = STRIDE_M * np.vstack([np.zeros(2), np.cumsum(direction, axis=0)])[: len(courses)]
+    over_ground = starts[k] + STRIDE_M * forward[:, None] * direction[k]
+    position = np.column_stack([over_ground, 0.09 + 0.12 * np.sin(np.pi * share) ** 2])
+    before = np.concatenate((courses[:1], courses[:-1]))[k]
+    yaw = before + forward * (courses[k] - before)
+    pitch = -0.9 * np.sin(2.0 * np.pi * share) * np.sin(np.pi * share)
+    return rotation_exp(yaw[:, None] * np.array([0.0, 0.0, 1.0])) @ rotation_exp(
+        pitch[:, None] * np.array([0.0, 1.0, 0.0]) + 0.1
+    ), position
+
+
+def recorded(field, courses, rate=100.0, iron=IRON, noise=0.0, seed=0):
+    """Instants, attitudes, positions and body fields of a walk."""
+    t = np.arange(0.0, STRIDE_S * len(courses) + 0.5, 1.0 / rate)
+    R, p = walking(t, courses)
+    y = np.einsum("nba,nb->na", R, field.at(p)) + iron
+    return t, R, p, y + np.random.default_rng(seed).normal(0.0, noise, y.shape)
+
+
+def straight_integral(field, a, b):
+    """Integral of the field over the straight line from a to b."""
+    along = lambda x: field.at((a + x * (b - a))[None])[0] @ (b - a)  # noqa: E731
+    return quad_vec(along, 0.0, 1.0, epsabs=1e-7)[0]
+
+
+def integrals(walk, strides, **options):
+    """What `way_integral` makes of each stride: u, s, and the squares."""
+    found = way_integral(*walk, footfalls(strides), **options)
+    return np.diff(found.u), np.diff(found.s, axis=0), np.diff(found.square_m2)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_foot_in_the_air_sums_the_field_of_the_straight_line(name):
+    """Without curl every way has the same integral; what is left is second order in the period."""
+    courses = np.array([0.0, 0.1, 0.1, -0.2])
+    ends = walking(footfalls(4), courses)[1]
+    straight = np.array([straight_integral(FIELDS[name], a, b) for a, b in pairwise(ends)])
+    left = []
+    for rate in (50.0, 100.0, 200.0):
+        u, s, _ = integrals(recorded(FIELDS[name], courses, rate), 4)
+        left.append(np.sqrt(np.mean((u - s @ IRON - straight) ** 2)))
+    assert left[1] < 0.02
+    assert left[2] < 1e-3 or left[2] < 0.5 * left[0] / 4.0
+
+
+def test_between_its_ends_lie_the_earth_and_a_difference_of_potentials():
+    """With B = E - grad phi, the potential of a magnet being SCALE m.r / r^3, the residual is zero."""
+    t, R, p, y = recorded(FIELDS["magnet"], np.zeros(4), 400.0)
+    found = way_integral(t, R, p, y, footfalls(4), vertical_uT=float(EARTH.vector[2]))
+    nav_R_body, ends = walking(footfalls(4), np.zeros(4))
+    r = ends - MAGNET.position
+    phi = 0.1 * (r @ MAGNET.moment[0]) / np.linalg.norm(r, axis=1) ** 3  # mu_0 / 4 pi is 0.1 uT m / A
+    d = np.einsum("kba,kb->ka", nav_R_body[:-1], np.diff(ends, axis=0))
+    pairs = np.stack([phi[:-1], phi[1:]], axis=1)
+    e = field_potential_residual(
+        nav_R_body[:-1], d, EARTH.vector[:2], IRON, pairs, np.diff(found.u), np.diff(found.s, axis=0)
+    )
+    assert np.abs(np.diff(phi)).max() > 1.0
+    np.testing.assert_allclose(e, 0.0, atol=5e-3)
+    other_sign = field_potential_residual(
+        nav_R_body[:-1], d, EARTH.vector[:2], IRON, -pairs, np.diff(found.u), np.diff(found.s, axis=0)
+    )
+    assert np.abs(other_sign).max() > 2.0
+
+
+@given(yaw=st.floats(-3.0, 3.0))
+@settings(max_examples=10, deadline=None)
+def test_the_heading_of_the_trajectory_is_of_no_consequence(yaw):
+    t, R, p, y = recorded(FIELDS["floor"], [0.0, 0.5, 1.0])
+    turn = yaw_rotation(yaw)
+    for vertical in (0.0, -43.0):
+        straight, turned = (
+            way_integral(t, A @ R, p @ A.T, y, footfalls(3), vertical_uT=vertical) for A in (np.eye(3), turn)
+        )
+        np.testing.assert_allclose(turned.u, straight.u, atol=1e-9)
+        np.testing.assert_allclose(turned.s, straight.s, atol=1e-12)
+
+
+def test_a_heading_that_drifts_is_of_no_consequence_and_a_tilt_is():
+    """The trajectory's steps turn as its attitude does; a tilt of 1 deg lays the vertical field along the way."""
+    t, R, p, y = recorded(EARTH, [0.0, 0.5, 1.0], iron=np.zeros(3))
+    drift = rotation_exp(np.radians(2.0) * t[:, None] * np.array([0.0, 0.0, 1.0]))
+    middle = rotation_exp(np.radians(2.0) * (t[:-1, None] + 0.005) * np.array([0.0, 0.0, 1.0]))
+    drifted = np.vstack([np.zeros(3), np.cumsum(np.einsum("nab,nb->na", middle, np.diff(p, axis=0)), axis=0)])
+    right = integrals((t, R, p, y), 3)[0]
+    np.testing.assert_allclose(integrals((t, drift @ R, drifted, y), 3)[0], right, atol=1e-3)
+    nods = rotation_exp(np.radians(1.0) * np.array([0.0, 1.0, 0.0]))
+    off = integrals((t, nods @ R, p, y), 3)[0] - right
+    assert off[0] == pytest.approx(np.radians(1.0) * EARTH.vector[2] * STRIDE_M, rel=0.02)
+
+
+def test_a_loop_sums_to_nothing_unless_a_current_passes_through_it():
+    square = np.repeat([0.0, np.pi / 2, np.pi, -np.pi / 2], 3)
+    assert np.linalg.norm(np.diff(walking(footfalls(12), square)[1][[0, -1]], axis=0)) < 1e-9
+    floor = FIELDS["floor"]
+    through = np.array([[2.1, 2.1, -20.0], [2.1, 2.1, 20.0], [30.0, 2.1, 20.0], [30.0, 2.1, -20.0]])
+    for current in (0.0, 5.0, -5.0):
+        walk = recorded(Sum((floor, Circuit(through, current))), square)
+        u, s, _ = integrals(walk, 12)
+        assert (u - s @ IRON).sum() == pytest.approx(MU_0 * current, abs=0.1)
+    beside = through + np.array([4.0, 0.0, 0.0])
+    u, s, _ = integrals(recorded(Sum((floor, Circuit(beside, 5.0))), square), 12)
+    assert (u - s @ IRON).sum() == pytest.approx(0.0, abs=0.1)
+
+
+def test_only_what_was_measured_counts():
+    t, R, p, y = recorded(FIELDS["floor"], np.zeros(4), 200.0)
+    every_second = y.copy()
+    every_second[1::2] = np.nan
+    held = np.repeat(y[::2], 2, axis=0)[: len(y)]
+    all_of_them, half, stale = (integrals((t, R, p, f), 4)[0] for f in (y, every_second, held))
+    fewer = integrals((t[::2], R[::2], p[::2], y[::2]), 4)[0]
+    np.testing.assert_allclose(half, fewer, atol=2e-3)  # footfalls are between samples, and the foot is nearly still
+    assert np.abs(half - all_of_them).max() < 0.05 < 3.0 * np.abs(stale - all_of_them).max()
+
+
+def test_a_stride_without_field_is_told_by_its_squares():
+    t, R, p, y = recorded(FIELDS["floor"], np.zeros(4))
+    whole = integrals((t, R, p, y), 4)[2]
+    y[(t > STRIDE_S + 0.4) & (t < STRIDE_S + 1.2)] = np.nan
+    torn = integrals((t, R, p, y), 4)[2]
+    assert torn[1] > 0.9 * STRIDE_M**2 > 9 * whole.max()
+    np.testing.assert_allclose(torn[[0, 2, 3]], whole[[0, 2, 3]], atol=1e-3)
+
+
+@pytest.mark.parametrize("rows", [slice(0, 250), slice(250, None)], ids=["late", "early"])
+def test_before_the_first_and_after_the_last_the_field_stays_as_it_is(rows):
+    t, R, p, y = recorded(EARTH, [0.0, 0.3, 0.3, -0.4], iron=np.zeros(3))
+    y[rows] = np.nan
+    ends = walking(footfalls(4), [0.0, 0.3, 0.3, -0.4])[1]
+    u, _, squares = integrals((t, R, p, y), 4)
+    seen = squares < 0.5
+    assert seen.sum() == 2
+    np.testing.assert_allclose(u[seen], (np.diff(ends, axis=0) @ EARTH.vector)[seen], atol=0.05)
+    assert way_integral(t, R, p, y, t[-1:]).u == pytest.approx((p[-1] - p[0]) @ EARTH.vector, abs=1e-6)
+
+
+def test_no_field_at_all_is_refused():
+    t, R, p, y = recorded(EARTH, [0.0])
+    with pytest.raises(ValueError, match="no field"):
+        way_integral(t, R, p, np.full_like(y, np.nan), footfalls(1))
+
+
+def test_it_takes_no_time():
+    """0.04 s where nothing else runs; the bound leaves room for a busy machine, and none for a loop in Python."""
+    t, R, p, y = (np.tile(x, (1000, *[1] * (x.ndim - 1))) if x.ndim > 1 else x for x in recorded(EARTH, [0.0, 0.0]))
+    t = 0.01 * np.arange(len(y))
+    assert len(t) > 200_000
+    cost = []
+    for _ in range(5):
+        begun = time.process_time()
+        way_integral(t[:200_000], R[:200_000], p[:200_000], y[:200_000], t[:200_000:100])
+        cost.append(time.process_time() - begun)
+    assert min(cost) < 0.25
+
+
+def test_a_wrong_length_costs_the_deviation_only():
+    """Way and field are summed over the same displacements: 2 % too long, and E falls out."""
+    t, R, p, y = recorded(FIELDS["floor"], np.zeros(6), 200.0, iron=np.zeros(3))
+    ends = walking(footfalls(6), np.zeros(6))[1]
+    level = np.broadcast_to(np.eye(3), (6, 3, 3))
+    e = []
+    for scale in (1.0, 1.02):
+        u, s, _ = integrals((t, R, scale * p, y), 6)
+        d = scale * np.diff(ends, axis=0)
+        e.append(field_potential_residual(level, d, EARTH.vector[:2], np.zeros(3), np.zeros((6, 2)), u, s))
+    np.testing.assert_allclose(e[1], 1.02 * e[0], atol=1e-9)  # phi_k+1 - phi_k, 2 % larger
+    against_another_length = 0.02 * STRIDE_M * H
+    assert np.sqrt(np.mean((e[1] - e[0]) ** 2)) < 0.3 * against_another_length
+
+
+def test_soft_iron_is_another_earth_and_iron_along_the_way():
+    courses = np.repeat([0.0, 0.5, np.pi / 2, 2.0, np.pi, -2.0, -np.pi / 2], 6)
+    t, R, p, y = recorded(EARTH, courses, iron=np.zeros(3))
+    bent = y @ (np.eye(3) + np.random.default_rng(5).normal(0.0, 0.05, (3, 3)))
+    ends = walking(footfalls(len(courses)), courses)[1]
+    off, left = [], []
+    for field in (y, bent):
+        found = way_integral(t, R, p, field, footfalls(len(courses)))
+        off.append(found.u)
+        columns = np.column_stack([ends[:, :2], found.s, np.ones(len(ends))])
+        left.append(np.std(found.u - columns @ np.linalg.lstsq(columns, found.u, rcond=None)[0]))
+    assert left[1] < 1.0 < 0.05 * np.abs(off[1] - off[0]).max()
+
+
+def test_the_sigma_is_that_of_white_noise():
+    noise, trials = 1.5, 400
+    courses = np.zeros(2)
+    without = integrals(recorded(EARTH, courses, 50.0), 2)[0]
+    with_noise = [integrals(recorded(EARTH, courses, 50.0, noise=noise, seed=i), 2) for i in range(trials)]
+    off = np.array([u - without for u, _, _ in with_noise])
+    sigma = field_potential_sigma(with_noise[0][2], noise)
+    # A trapezoid shares a measurement between two pieces, which makes it less than the bound, and never more.
+    assert (off.std(axis=0) < 1.1 * sigma).all()
+    assert (off.std(axis=0) > 0.75 * sigma).all()
+    assert field_potential_sigma(0.0, 1.0, 0.02, 5.0, 0.1) == pytest.approx(np.hypot(0.1, 0.1))
+
+
+def factor_at(R, d, u, s, level):
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, 0.2)
+    return field_potential_factor(X(0), M(0), M(1), d, u, s, noise, level)
+
+
+STATES = st.lists(st.floats(-30.0, 30.0), min_size=7, max_size=7).map(np.array)
+
+
+@given(turn=vectors, yaw=st.floats(-1.0, 1.0), d=vectors, s=vectors, before=STATES, after=STATES)
+@settings(max_examples=30, deadline=None)
+def test_with_a_level_the_jacobians_are_derivatives(turn, yaw, d, s, before, after):
+    level = attitude(turn)
+    values = values_of({X(0): pose(yaw_rotation(yaw) @ level), M(0): before, M(1): after})
+    assert_jacobians_are_derivatives(factor_at(level, d, 1.0, s, level), values, atol=1e-4)
+
+
+@given(turn=vectors, d=vectors, s=vectors, before=STATES)
+@settings(max_examples=30, deadline=None)
+def test_without_a_level_the_derivative_is_that_of_turns_about_up(turn, d, s, before):
+    R = attitude(turn)
+    by_pose, by_earth = field_potential_jacobians(R, d, before[2:4])
+    step = 1e-6
+    at = [
+        field_potential_residual(yaw_rotation(x) @ R, d, before[2:4], before[4:], np.zeros(2), np.array(0.0), s)
+        for x in (-step, step)
+    ]
+    up = R[2]  # in the body frame
+    assert by_pose @ up == pytest.approx((at[1] - at[0]) / (2 * step), abs=1e-5)
+    np.testing.assert_allclose(np.cross(by_pose, up), 0.0, atol=1e-12)  # nothing about level axes
+    np.testing.assert_allclose(by_earth, (R @ d)[:2], atol=1e-12)
+    stated = jacobians(factor_at(R, d, 0.0, s, None), values_of({X(0): pose(R), M(0): before, M(1): before}))
+    np.testing.assert_allclose(stated[X(0)], 5.0 * np.hstack([by_pose, np.zeros(3)])[None], atol=1e-9)
+
+
+@given(turn=vectors, tilt=st.floats(-0.3, 0.3))
+@settings(max_examples=20, deadline=None)
+def test_tilt_does_not_leak(turn, tilt):
+    level, d = attitude(turn), np.array([0.3, 0.2, 1.1])
+    tilted = rotation_exp(np.array([tilt, 0.5 * tilt, 0.0])) @ level
+    args = d, np.array([5.0, 20.0]), np.zeros(3), np.zeros(2), np.array(1.0), np.zeros(3)
+    e = [float(field_potential_residual(R, *args, level)) for R in (level, tilted)]
+    assert e[1] == pytest.approx(e[0], abs=1e-9)
+
+
+PHI_SIGMA, NORTH = 3.0, np.array([0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0])
+
+
+def leg(course, strides, known):
+    """Graph of a leg under one attitude, and its variables: phi has its sigma at the footfalls in `known`."""
+    graph, step = gtsam.NonlinearFactorGraph(), STRIDE_M * np.array([np.cos(course), np.sin(course), 0.0])
+    exact = gtsam.noiseModel.Isotropic.Sigma(1, 1e-3)
+    for k in range(strides):
+        graph.add(field_potential_factor(X(0), M(k), M(k + 1), step, 20.0 * step[1], np.zeros(3), exact))
+    for k in range(strides + 1):
+        sigmas = np.array([PHI_SIGMA if k in known else 1e3, *[1e-4] * 6])
+        graph.add(gtsam.PriorFactorVector(M(k), NORTH, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
+    loose = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-4, 1e-4, 10.0, 1.0, 1.0, 1.0]))
+    graph.add(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), loose))
+    return graph, {X(0): gtsam.Pose3(), **{M(k): NORTH for k in range(strides + 1)}}
+
+
+def heading_sigma_of(course, strides, known):
+    graph, variables = leg(course, strides, known)
+    covariance = np.linalg.inv(information(graph, variables, list(variables)))
+    return float(np.sqrt(covariance[2, 2]))
+
+
+@pytest.mark.parametrize("strides", [10, 40])
+def test_a_leg_across_the_field_tells_heading(strides):
+    length = STRIDE_M * strides
+    by_ends = heading_sigma_of(0.0, strides, (0, strides))
+    assert by_ends == pytest.approx(np.sqrt(2.0) * PHI_SIGMA / (20.0 * length), rel=0.01)
+    by_all = heading_sigma_of(0.0, strides, range(strides + 1))
+    assert by_all == pytest.approx(np.sqrt(12.0 / strides) * PHI_SIGMA / (20.0 * length), rel=0.2)
+
+
+def test_a_leg_along_the_field_does_not():
+    assert heading_sigma_of(np.pi / 2, 40, (0, 40)) == pytest.approx(10.0, rel=0.01)  # its prior
+
+
+def test_an_optimiser_finds_the_heading():
+    """From 20 deg off, along a real foot's way over a rough floor and by a magnetometer with iron that is found too."""
+    courses = np.concatenate((np.zeros(20), np.full(10, np.pi / 2), np.full(15, np.pi)))
+    K = len(courses)
+    t, R, p, y = recorded(FIELDS["floor"], courses, iron=np.array([0.0, 0.0, 8.0]))
+    found = way_integral(t, R, p, y, footfalls(K), vertical_uT=float(EARTH.vector[2]))
+    ends = walking(footfalls(K), courses)[1]
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    off = yaw_rotation(np.radians(20.0))
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, 0.1)
+    earth = np.array([0.0, 0.0, *EARTH.vector[:2], 0.0, 0.0, 0.0])
+    for k in range(K):
+        d, u, s = ends[k + 1] - ends[k], np.diff(found.u)[k], np.diff(found.s, axis=0)[k]
+        graph.add(field_potential_factor(X(0), M(k), M(k + 1), d, u, s, noise))
+        tie = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e3, *[1e-4] * 6]))
+        graph.add(gtsam.BetweenFactorVector(M(k), M(k + 1), np.zeros(7), tie))
+    for k in range(K + 1):
+        sigmas = np.array([6.0, *([1.0, 1e-3, 1e-3, 0.1, 0.1, 15.0] if k == 0 else [1e3] * 6)])
+        graph.add(gtsam.PriorFactorVector(M(k), earth, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
+        values.insert(M(k), earth)
+    values.insert(X(0), pose(off))
+    graph.add(
+        gtsam.PriorFactorPose3(X(0), pose(off), gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-4, 1e-4, 1, 1, 1, 1])))
+    )
+    result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    assert np.degrees(result.atPose3(X(0)).rotation().yaw()) == pytest.approx(0.0, abs=1.5)
+    assert result.atVector(M(0))[6] == pytest.approx(8.0, abs=2.0)

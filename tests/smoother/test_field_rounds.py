@@ -1,0 +1,353 @@
+"""A walk and its magnetic field together: a minute round a corridor in fields that are known."""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fg_nav.arrays import Bools, Floats
+from fg_nav.detection import RestParameters
+from fg_nav.errors import MagneticError
+from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap
+from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.magnetic.quasi_static import NO_FIELD
+from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.simulation.fields import magnet
+from fg_nav.simulation.fields.dipole import Dipoles
+from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother.field_parameters import FieldParameters
+from fg_nav.smoother.field_rounds import FEWEST
+from fg_nav.solution import Solution
+from fg_nav.stances import Stances
+from tests.smoother.walks import DEFAULT, demo
+
+STRENGTH, UP = 20.0, -43.0
+NOT_RESTED = replace(
+    DEFAULT, rest=RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf), gyro_bias_sigma_deg_s=0.3
+)
+"""Without a rest the gyro bias is what the walk shows of it."""
+FIELD = FieldParameters()
+
+
+def earth(azimuth: float = 0.0) -> Floats:
+    return np.array([STRENGTH * np.sin(azimuth), STRENGTH * np.cos(azimuth), UP])
+
+
+def truth_of(recording: Recording) -> TrajectoryTruth:
+    assert isinstance(recording.truth, TrajectoryTruth)
+    assert recording.truth.nav_R_body is not None
+    return recording.truth
+
+
+def in_field(
+    field: Floats | Callable[[Floats], Floats], seed: int = 0, bias_deg_s: float = 0.0, iron: Floats = np.zeros(3)
+) -> Recording:
+    """The demonstration with a perfect magnetometer in a field of place, and a gyroscope that drifts about up."""
+    recording = demo(seed).recording
+    truth = truth_of(recording)
+    there = field(truth.position) if callable(field) else np.broadcast_to(field, truth.position.shape)
+    mag = np.einsum("nji,nj->ni", truth.nav_R_body, there) + iron
+    drift = np.radians(bias_deg_s) * truth.nav_R_body[:, 2]
+    return replace(recording, mag=mag, gyr=recording.gyr + drift)
+
+
+def smoothed(
+    recording: Recording,
+    heading: float | None = 0.0,
+    p: SmootherParameters = DEFAULT,
+    seed: int = 0,
+    field: FootfallField | None = None,
+) -> Solution:
+    stances = demo(seed).stances
+    return smooth(recording, stances, p, heading, field=footfall_field(recording, stances) if field is None else field)
+
+
+def inertial(recording: Recording, heading: float = 0.0, p: SmootherParameters = DEFAULT, seed: int = 0) -> Solution:
+    return smooth(recording, demo(seed).stances, p, heading)
+
+
+def with_field(p: SmootherParameters = DEFAULT, **changes: object) -> SmootherParameters:
+    return replace(p, magnetic=replace(p.magnetic, **changes))
+
+
+def heading_error_deg(found: Solution, seed: int = 0) -> Floats:
+    true = truth_of(demo(seed).recording).nav_R_body[found.stances.sample]
+    return np.degrees(wrap(heading_of(found.stances.nav_R_body) - heading_of(true)))
+
+
+def place_of_footfall(k: int, seed: int = 0) -> Floats:
+    recording, stances = demo(seed).recording, demo(seed).stances
+    return truth_of(recording).position[stances.stillest(recording.gyr)[k]]
+
+
+def footfalls(word: str, found: Solution) -> list[int]:
+    return [k for k, each in enumerate(found.stances.field) if each == word]
+
+
+def assert_same(found: Solution, expected: Solution) -> None:
+    np.testing.assert_array_equal(found.position, expected.position)
+    np.testing.assert_array_equal(found.nav_R_body, expected.nav_R_body)
+    np.testing.assert_array_equal(found.stances.heading_sigma, expected.stances.heading_sigma)
+
+
+@cache
+def plain() -> Recording:
+    return in_field(earth())
+
+
+# ---------------------------------------------------------------------------------------------- a homogeneous field
+
+
+@pytest.mark.parametrize("heading", [0.0, None], ids=["told", "not told"])
+@pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
+def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None, way_m: float) -> None:
+    drifting = in_field(earth(), bias_deg_s=0.2)
+    found = smoothed(drifting, heading, with_field(NOT_RESTED, potential_least_way_m=way_m))
+    assert np.abs(heading_error_deg(found)).max() < 0.4
+    without = inertial(drifting, p=NOT_RESTED)
+    assert np.abs(heading_error_deg(without)).max() > 15.0
+    assert set(found.stances.field) == {QUASI_STATIC}
+
+
+def test_its_gyro_bias_is_found() -> None:
+    drifting = in_field(earth(), bias_deg_s=0.2)
+    about_up = [
+        np.einsum("ki,ki->k", found.stances.nav_R_body[:, 2], found.stances.gyro_bias)[30]
+        for found in (smoothed(in_field(earth()), None, NOT_RESTED), smoothed(drifting, None, NOT_RESTED))
+    ]
+    assert np.degrees(about_up[1] - about_up[0]) == pytest.approx(0.2, abs=0.02)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 70.0, -135.0, 180.0])
+def test_a_heading_that_nobody_told_is_that_from_magnetic_north(azimuth_deg: float) -> None:
+    found = smoothed(in_field(earth(np.radians(azimuth_deg))), None)
+    off = wrap(np.radians(heading_error_deg(found) + azimuth_deg))
+    np.testing.assert_allclose(np.degrees(off), 0.0, atol=0.4)
+    north = truth_of(plain()).position @ rotation(azimuth_deg).T
+    np.testing.assert_allclose(found.position, north - north[0], atol=0.5)
+
+
+def rotation(degrees: float) -> Floats:
+    """Counter-clockwise about up."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("azimuth_deg", [2.0, -3.0, 12.0, 30.0, -90.0, 150.0, 180.0])
+def test_where_the_heading_is_told_the_field_s_direction_is_found(azimuth_deg: float) -> None:
+    """However far from north it points: a wrong told heading turns the walk, and must not bend it."""
+    found = smoothed(in_field(earth(np.radians(azimuth_deg))))
+    np.testing.assert_allclose(heading_error_deg(found), 0.0, atol=1.0)
+    strength, direction = field_in_notes(found)
+    assert strength == pytest.approx(STRENGTH, abs=0.5)
+    assert np.degrees(wrap(np.radians(direction - azimuth_deg))) == pytest.approx(0.0, abs=1.0)
+
+
+def field_in_notes(found: Solution) -> tuple[float, float]:
+    """Strength over ground, uT, and direction, deg clockwise from north."""
+    (numbers,) = re.findall(r"field over ground ([\d.]+) uT, ([+-][\d.]+) deg", " ".join(found.notes))
+    return float(numbers[0]), float(numbers[1])
+
+
+def roughened(recording: Recording, seed: int) -> FootfallField:
+    """The field at its footfalls, and 3 uT a component that are new at each of them."""
+    field, rng = footfall_field(recording, demo(seed).stances), np.random.default_rng(seed)
+    return replace(field, body_field=field.body_field + 3.0 * rng.standard_normal(field.body_field.shape))
+
+
+def test_where_the_field_is_rough_a_told_heading_has_a_say() -> None:
+    """Eight degrees from where it was told to be: in a homogeneous field that would be a contradiction."""
+    recording = in_field(earth(np.radians(8.0)))
+    directions = [field_in_notes(smoothed(recording, field=field))[1] for field in (None, roughened(recording, 0))]
+    assert directions[0] == pytest.approx(8.0, abs=0.3)
+    assert 0.0 < directions[1] < 4.0
+
+
+def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
+    """In a field that is another at each footfall, 3 uT a component: 8 deg of compass."""
+    normed, claimed = [], []
+    for seed in range(8):
+        recording = in_field(earth(), seed, 0.1)
+        found = smoothed(recording, None, NOT_RESTED, seed, roughened(recording, seed))
+        some = [0, 15, 30, 45, -1]
+        normed.append(heading_error_deg(found, seed)[some] / np.degrees(found.stances.heading_sigma[some]))
+        claimed.append(np.degrees(found.stances.heading_sigma[some]))
+    assert 0.3 < np.sqrt(np.mean(np.square(normed))) < 1.4
+    assert np.max(claimed) < 8.6  # of one compass alone
+
+
+def test_hard_iron_upward_is_found_in_the_swing() -> None:
+    """The line integral sees it, and takes it for a part of the field where it may not be."""
+    recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
+    asked, told_none = (
+        np.abs(heading_error_deg(smoothed(recording, 0.0, with_field(potential_least_way_m=0.0, hard_iron_up_uT=up))))
+        for up in (15.0, 1e-3)
+    )
+    assert asked.max() < min(0.8 * told_none.max(), 0.6)
+
+
+def test_the_same_walk_is_smoothed_the_same() -> None:
+    recording = in_field(lambda x: earth() + near(20).at(x))
+    assert_same(smoothed(recording, None), smoothed(recording, None))
+
+
+# ------------------------------------------------------------------------------------------------------------ magnets
+
+
+def near(k: int, strength: float = 1.0) -> Dipoles:
+    """A magnet a hand's breadth from a footfall."""
+    return magnet(place_of_footfall(k) + np.array([0.25, 0.1, -0.1]), strength * np.array([3.0, -2.0, 1.0]))
+
+
+def jump_at(k: int, error: Floats) -> float:
+    """Largest change of the error from a stride to the next about a footfall."""
+    return float(np.abs(np.diff(error))[k - 2 : k + 2].max())
+
+
+@pytest.mark.parametrize("heading", [0.0, None], ids=["told", "not told"])
+@pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
+def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None, way_m: float) -> None:
+    recording = in_field(lambda x: earth() + near(20).at(x))
+    found = smoothed(recording, heading, with_field(potential_least_way_m=way_m))
+    assert footfalls(DISTURBED, found) == [20]
+    assert "times the threshold" in found.stances.field_reason[20]
+    error = heading_error_deg(found)
+    assert np.abs(np.diff(error)).max() < 0.1
+    assert np.abs(error).max() < 0.5
+    blind = with_field(potential_least_way_m=way_m, outlier_sigmas=1e6)
+    assert jump_at(20, heading_error_deg(smoothed(recording, heading, blind))) > 2.0 * jump_at(20, error)
+
+
+def box(k: int, there: Floats) -> Callable[[Floats], Floats]:
+    """Another field within a step of a footfall."""
+    at = place_of_footfall(k)
+    return lambda x: np.where((np.linalg.norm(x - at, axis=1) < 0.3)[:, None], there, earth())
+
+
+def test_a_field_that_is_only_turned_is_told_by_the_smoothed_heading() -> None:
+    """Strength and inclination are right, so that the first round lets it pass."""
+    recording = in_field(box(20, earth(np.radians(10.0))))
+    once, twice = (smoothed(recording, p=with_field(rounds=rounds)) for rounds in (1, 2))
+    assert footfalls(DISTURBED, once) == []
+    assert footfalls(DISTURBED, twice) == [20]
+    across = float(twice.stances.field_reason[20].split()[0])
+    assert across == pytest.approx(STRENGTH * np.sin(np.radians(10.0)), abs=0.6)
+
+
+def test_reasons_tell_the_deviation_on_its_three_axes() -> None:
+    found = smoothed(in_field(box(20, earth() + np.array([0.0, 6.0, -9.0]))))
+    numbers = re.findall(r"[+-]\d+\.\d", found.stances.field_reason[20])
+    np.testing.assert_allclose(np.array(numbers, dtype=float), [0.0, 6.0, -9.0], atol=0.25)
+
+
+# ------------------------------------------------------------------------------------------- where there is no field
+
+
+def unseen(recording: Recording, rows: Bools) -> Recording:
+    assert recording.mag is not None
+    return replace(recording, mag=np.where(rows[:, None], np.nan, recording.mag))
+
+
+@pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
+@pytest.mark.parametrize("part", ["begin", "end", "middle"])
+def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, way_m: float) -> None:
+    drifting = in_field(earth(), bias_deg_s=0.2)
+    t = drifting.t
+    from_s, to_s = {"begin": (-1.0, 20.0), "end": (45.0, 99.0), "middle": (25.0, 40.0)}[part]
+    recording = unseen(drifting, (t > from_s) & (t < to_s))
+    found = smoothed(recording, None, with_field(NOT_RESTED, potential_least_way_m=way_m))
+    dark = (found.stances.t > from_s + 0.5) & (found.stances.t < to_s - 0.5)
+    assert dark.sum() > 10
+    assert {found.stances.field[k] for k in np.flatnonzero(dark)} == {UNKNOWN}
+    assert {found.stances.field_reason[k] for k in np.flatnonzero(dark)} == {NO_FIELD}
+    assert len(footfalls(QUASI_STATIC, found)) + len(footfalls(UNKNOWN, found)) == len(found.stances.field)
+    assert np.abs(heading_error_deg(found)).max() < 2.0
+
+
+def test_without_a_field_it_is_the_inertial_walk_and_says_so() -> None:
+    found = inertial(plain())
+    assert set(found.stances.field) == {UNKNOWN}
+    assert set(found.stances.field_reason) == {"the magnetometer was not used"}
+    assert len(found.stances.field) == len(found.stances.t)
+
+
+def test_too_few_fields_are_left_alone() -> None:
+    stances = demo().stances
+    last = stances.stop[np.flatnonzero(stances.footfall < FEWEST - 1)[-1]]
+    recording = unseen(plain(), np.arange(len(plain().t)) >= last)
+    found = smoothed(recording)
+    assert set(found.stances.field) == {UNKNOWN}
+    assert set(found.stances.field_reason) == {f"the field was seen at {FEWEST - 1} footfalls only"}
+    assert_same(found, inertial(plain()))
+
+
+def test_near_the_magnetic_pole_there_is_no_compass() -> None:
+    found = smoothed(in_field(np.array([1.0, 2.0, -58.0])))
+    (reason,) = set(found.stances.field_reason)
+    assert reason == "the field is 2.2 uT over ground, which is too little for a compass"
+    assert set(found.stances.field) == {UNKNOWN}
+    assert_same(found, inertial(plain()))
+    assert set(smoothed(in_field(np.array([2.0, 4.0, -58.0]))).stances.field) == {QUASI_STATIC}
+
+
+def test_a_foot_that_only_stands_keeps_its_heading() -> None:
+    n, rng = 3000, np.random.default_rng(0)
+    acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1)) + 0.01 * rng.standard_normal((n, 3))
+    gyr = 1e-4 * rng.standard_normal((n, 3)) + np.radians([0.0, 0.0, 0.05])
+    body_field = np.array([12.0, 16.0, UP])
+    still = Recording(np.arange(n) / 100.0, acc, gyr, np.tile(body_field, (n, 1)))
+    stances = Stances.from_mask(np.arange(n) % 300 < 250)
+    assert stances.n_footfalls >= FEWEST
+    found = smooth(still, stances, heading=None, field=footfall_field(still, stances))
+    np.testing.assert_allclose(np.degrees(heading_of(found.nav_R_body)), np.degrees(np.arctan2(16, 12)), atol=0.2)
+    assert np.isfinite(found.stances.heading_sigma).all()
+
+
+# -------------------------------------------------------------------------------------------------------- parameters
+
+
+def test_a_short_walk_leaves_the_potential_out() -> None:
+    recording = in_field(lambda x: earth() + near(20, 20.0).at(x))
+    short = smoothed(recording)
+    assert_same(short, smoothed(recording, p=with_field(potential=False)))
+    long_enough = smoothed(recording, p=with_field(potential_least_way_m=50.0))
+    assert np.abs(long_enough.position - short.position).max() > 1e-3
+    assert_same(smoothed(recording, p=with_field(potential_least_way_m=100.0)), short)  # it is 76 m long
+
+
+def test_the_potential_alone_holds_a_heading() -> None:
+    drifting = in_field(earth(), bias_deg_s=0.2)
+    found = smoothed(drifting, 0.0, with_field(NOT_RESTED, compass=False, potential_least_way_m=0.0))
+    assert np.abs(heading_error_deg(found)).max() < 1.5
+
+
+def test_neither_of_the_two_is_the_inertial_walk() -> None:
+    found = smoothed(plain(), p=with_field(compass=False, potential=False))
+    expected = inertial(plain())
+    np.testing.assert_allclose(found.position, expected.position, atol=0.01)
+    np.testing.assert_allclose(found.stances.heading_sigma, expected.stances.heading_sigma, rtol=0.01)
+
+
+GATE = "ma2018"
+
+
+def test_a_detector_may_weaken_the_compass_or_silence_it() -> None:
+    drifting = in_field(lambda x: earth() + near(20).at(x), bias_deg_s=0.2)
+
+    def found(gate: str | None, outside: float) -> Solution:
+        return smoothed(drifting, None, with_field(NOT_RESTED, gate=gate, outside_gate=outside))
+
+    ungated = found(None, 3.0)
+    assert_same(found(GATE, 1.0), ungated)
+    sigma = [one.stances.heading_sigma[30] for one in (ungated, found(GATE, 30.0), found(GATE, np.inf))]
+    assert sigma[0] < sigma[1] < sigma[2]
+
+
+def test_a_detector_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(MagneticError, match="there is no detector 'sextant'"):
+        smoothed(plain(), p=with_field(gate="sextant"))

@@ -1,0 +1,469 @@
+"""The ties of the field: their derivatives, what they leave alone, and the factors that are their limits."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import M, X
+from scipy.spatial.transform import Rotation
+
+from factors.differential_field import differential_field_factor
+from factors.magnetic_heading import heading_sigma, magnetic_heading_factor
+from fg_nav.arrays import Floats
+from fg_nav.frames import yaw_rotation
+from fg_nav.smoother import field_noise
+from fg_nav.smoother.field_noise import FieldRoughness, Roughness
+from fg_nav.smoother.field_parameters import FieldParameters
+from fg_nav.smoother.field_state import (
+    DELTA,
+    E_H,
+    IRON,
+    PHI,
+    RHO,
+    SIZE,
+    FieldPrior,
+    FieldSeen,
+    FieldTies,
+    across_by_reference,
+    across_direction,
+    across_field,
+)
+from fg_nav.smoother.field_way import FieldWay
+from tests.factors.attitudes import eliminated, pose, values_of
+
+P = FieldParameters()
+EARTH = np.array([3.0, 20.0, -43.0])
+STRENGTH = float(np.hypot(3.0, 20.0))
+ROUGH = FieldRoughness(Roughness(4.0, 2.0), Roughness(5.0, 1.5), Roughness(2.0, 20.0))
+FIRST = FieldPrior(
+    np.array([0.0, 0.0, 0.0, *EARTH[:2], 0.0, 0.0, 0.0]), np.array([4.0, 5.0, 2.0, 1.0, 5.0, 0.3, 0.3, 15.0])
+)
+NEVER = 1e-4
+"""Sigma of what is as good as known."""
+STEP = 1e-5
+
+
+def attitudes(rng: np.random.Generator, count: int, tilt: float = 0.3) -> Floats:
+    yaw = rng.uniform(-np.pi, np.pi, count)
+    tilted = Rotation.from_rotvec(tilt * rng.standard_normal((count, 3)) * [1.0, 1.0, 0.0]).as_matrix()
+    return np.array([yaw_rotation(a) for a in yaw]) @ tilted
+
+
+def way_of(position: Floats, nav_R_body: Floats, u: Floats, level_way: Floats, level: Floats = np.eye(3)) -> FieldWay:
+    move = np.diff(position, axis=0)
+    return FieldWay(
+        u=u,
+        level_way=level_way,
+        body_move=np.einsum("nji,nj->ni", nav_R_body[:-1], move),
+        sigma_uT_m=np.full(len(move), P.way_sigma_uT_m),
+        distance_m=np.linalg.norm(move, axis=1),
+        level_R_body=level,
+    )
+
+
+class Walked:
+    """Footfalls in a field, their ties, and values at which to linearise them."""
+
+    def __init__(
+        self,
+        seed: int = 0,
+        count: int = 4,
+        tilt: float = 0.3,
+        deviation: Floats | None = None,
+        rough: FieldRoughness = ROUGH,
+        first: FieldPrior = FIRST,
+        p: FieldParameters = P,
+        disturbed: Floats | None = None,
+        used: Floats | None = None,
+        stride_m: float = 1.3,
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        self.nav_R_body = attitudes(rng, count, tilt)
+        heading = rng.uniform(-np.pi, np.pi, count)
+        steps = stride_m * np.stack([np.sin(heading), np.cos(heading), 0.05 * rng.standard_normal(count)], axis=1)
+        self.position = np.cumsum(steps, axis=0)
+        field = EARTH + (np.zeros((count, 3)) if deviation is None else deviation)
+        level = Rotation.random(rng=rng).as_matrix()
+        u = np.diff(self.position, axis=0)[:, :2] @ EARTH[:2]
+        self.way = way_of(self.position, self.nav_R_body, u, rng.standard_normal((count - 1, 3)), level)
+        disturbed = np.zeros(count, dtype=bool) if disturbed is None else disturbed
+        sigma = np.where(disturbed, np.inf, P.compass_sigma_uT)
+        sigma = sigma if used is None else np.where(used, sigma, np.inf)
+        body_field = np.einsum("nji,nj->ni", self.nav_R_body, field)
+        self.seen = FieldSeen(2 * np.arange(count), body_field, sigma, disturbed)
+        self.ties = FieldTies(self.seen, self.way, first, rough, p)
+        self.rng, self.count = rng, count
+
+    def values(self, off: float = 0.0) -> gtsam.Values:
+        """The truth; or, with `off`, states and attitudes that differ from it at random."""
+        poses = {}
+        for k, (R, at) in enumerate(zip(self.nav_R_body, self.position, strict=True)):
+            turn = Rotation.from_rotvec(0.1 * off * self.rng.standard_normal(3)).as_matrix()
+            poses[X(2 * k)] = pose(R @ turn, at)
+        values = values_of(poses)
+        self.ties.insert(values)
+        for k in range(self.count):
+            values.update(M(k), values.atVector(M(k)) + off * self.rng.standard_normal(SIZE))
+        return values
+
+    def order(self) -> gtsam.Ordering:
+        """Poses, then states."""
+        ordering = gtsam.Ordering()
+        for key in [*(X(2 * k) for k in range(self.count)), *(M(k) for k in range(self.count))]:
+            ordering.push_back(key)
+        return ordering
+
+    def linear(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+        graph = gtsam.GaussianFactorGraph()
+        for factor in self.ties.linearize(values):
+            graph.push_back(factor)
+        return graph
+
+    def of_yaws(self, values: gtsam.Values) -> Floats:
+        """(F, F) information on the headings once the states of the field are eliminated."""
+        information = self.linear(values).hessian(self.order())[0]
+        of_poses = eliminated(information, 6 * self.count)
+        turn = np.zeros((6 * self.count, self.count))
+        for k in range(self.count):
+            turn[6 * k : 6 * k + 3, k] = values.atPose3(X(2 * k)).rotation().matrix()[2]
+        return turn.T @ of_poses @ turn
+
+
+def about_up(values: gtsam.Values, key: int, angle: float) -> gtsam.Values:
+    """Values with one pose turned about up, on the spot."""
+    moved = gtsam.Values(values)
+    one = values.atPose3(key)
+    moved.update(key, gtsam.Pose3(gtsam.Rot3(yaw_rotation(angle) @ one.rotation().matrix()), one.translation()))
+    return moved
+
+
+def slopes(walked: Walked, values: gtsam.Values) -> tuple[Floats, Floats]:
+    """Slope of the error by the heading (F,) of each pose and by each number of the states (F, 8)."""
+
+    def between(before: gtsam.Values, after: gtsam.Values) -> float:
+        return (walked.ties.error(after) - walked.ties.error(before)) / (2 * STEP)
+
+    yaw = [between(about_up(values, X(2 * k), -STEP), about_up(values, X(2 * k), STEP)) for k in range(walked.count)]
+    state = np.zeros((walked.count, SIZE))
+    for k, i in np.ndindex(state.shape):
+        ends = []
+        for step in (-STEP, STEP):
+            moved, m = gtsam.Values(values), values.atVector(M(k)).copy()
+            m[i] += step
+            moved.update(M(k), m)
+            ends.append(moved)
+        state[k, i] = between(*ends)
+    return np.array(yaw), state
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("part", ["both", "compass", "potential"])
+def test_jacobians_are_the_derivatives_of_the_error(seed: int, part: str) -> None:
+    p = replace(P, compass=part != "potential", potential=part != "compass")
+    walked = Walked(seed, p=p)
+    values = walked.values(off=1.0)
+    gradient = walked.linear(values).gradientAtZero()
+    by_yaw, by_state = slopes(walked, values)
+    turned = [values.atPose3(X(2 * k)).rotation().matrix() @ gradient.at(X(2 * k))[:3] for k in range(walked.count)]
+    scale = np.abs(by_yaw).max()
+    np.testing.assert_allclose(np.array(turned)[:, 2], by_yaw, atol=1e-5 * scale)
+    np.testing.assert_allclose(np.array(turned)[:, :2], 0.0, atol=1e-9 * scale)
+    stated = np.array([gradient.at(M(k)) for k in range(walked.count)])
+    np.testing.assert_allclose(stated, by_state, atol=1e-5 * np.abs(by_state).max())
+    assert scale > 1.0
+    assert (np.abs(by_state).max(axis=0) > 1e-3).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_field_tilts_and_shifts_nobody(seed: int) -> None:
+    """What the ties know of a pose is one direction: the turn about up."""
+    walked = Walked(seed)
+    values = walked.values(off=1.0)
+    information = walked.linear(values).hessian(walked.order())[0]
+    for k in range(walked.count):
+        of_pose = information[6 * k : 6 * k + 6, 6 * k : 6 * k + 6]
+        up = np.concatenate([values.atPose3(X(2 * k)).rotation().matrix()[2], np.zeros(3)])
+        known = up @ of_pose @ up
+        assert known > 1.0
+        np.testing.assert_allclose(of_pose, known * np.outer(up, up), atol=1e-9 * known)
+
+
+def test_the_truth_has_no_error() -> None:
+    walked = Walked()
+    assert walked.ties.error(walked.values()) < 1e-18
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_error_of_the_linear_graph_is_the_error(seed: int) -> None:
+    walked = Walked(seed, disturbed=np.array([False, True, False, False]))
+    values = walked.values(off=1.0)
+    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(walked.ties.error(values), rel=1e-9)
+
+
+def _zeros(walked: Walked) -> gtsam.VectorValues:
+    zeros = gtsam.VectorValues()
+    for k in range(walked.count):
+        zeros.insert(X(2 * k), np.zeros(6))
+        zeros.insert(M(k), np.zeros(SIZE))
+    return zeros
+
+
+def test_residuals_are_in_units_of_their_sigmas() -> None:
+    """One sigma off, each alone, is an error of one half."""
+    walked = Walked(count=2)
+    true = walked.values()
+    for part, off in {PHI: P.way_sigma_uT_m, DELTA: P.compass_sigma_uT, RHO: P.compass_sigma_uT}.items():
+        changed = gtsam.Values(true)
+        m = true.atVector(M(1)).copy()
+        m[part] += off
+        changed.update(M(1), m)
+        d = walked.way.distance_m
+        rough = (ROUGH.potential, ROUGH.across, ROUGH.regional)[part]
+        new = rough.sigma * np.sqrt(1 - np.exp(-2 * d[0] / rough.length_m))
+        assert walked.ties.error(changed) == pytest.approx(0.5 + 0.5 * (off / new) ** 2, rel=1e-6)
+
+
+def test_a_heading_wrong_by_an_angle_is_seen_across_and_along_the_way() -> None:
+    walked = Walked(count=2, seed=3)
+    angle = 1e-3
+    error = walked.ties.error(about_up(walked.values(), X(0), angle))
+    east, north = np.diff(walked.position, axis=0)[0, :2]
+    along = (EARTH[1] * east - EARTH[0] * north) * angle / P.way_sigma_uT_m
+    across = STRENGTH * angle / P.compass_sigma_uT
+    assert error == pytest.approx(0.5 * (across**2 + along**2), rel=2e-3)
+    assert abs(along) > 1e-3
+
+
+def test_a_deviation_across_the_field_is_delta_and_a_wrong_heading() -> None:
+    """The same residual: 2 uT to the right of the field, or a body that has turned by as much to the left."""
+    right = np.array([EARTH[1], -EARTH[0], 0.0]) / STRENGTH
+    walked = Walked(count=2, deviation=np.tile(2.0 * right, (2, 1)))
+    values = walked.values()
+    told = gtsam.Values(values)
+    for k in range(2):
+        m = values.atVector(M(k)).copy()
+        m[DELTA] = 2.0
+        told.update(M(k), m)
+    compass = replace(P, potential=False)
+    ties = FieldTies(walked.seen, walked.way, FIRST, _held(ROUGH), compass)
+    assert ties.error(told) == pytest.approx(0.5 * (2.0 / 5.0) ** 2, rel=1e-6)
+    turned = values
+    for k in range(2):
+        turned = about_up(turned, X(2 * k), np.arctan2(2.0, STRENGTH))
+    assert ties.error(turned) < 1e-12
+
+
+def _held(rough: FieldRoughness) -> FieldRoughness:
+    return replace(rough, across=replace(rough.across, length_m=1e9))
+
+
+def test_hard_iron_is_that_of_the_stance_s_axes() -> None:
+    walked, iron = Walked(count=3), np.array([0.2, -0.1, 5.0])
+    body_iron = walked.way.level_R_body.T @ iron
+    seen = replace(walked.seen, body_field=walked.seen.body_field + body_iron)
+    way = replace(walked.way, u=walked.way.u + walked.way.level_way @ iron)
+    ties = FieldTies(seen, way, FIRST, ROUGH, P)
+    values = walked.values()
+    assert ties.error(values) > 1.0
+    for k in range(3):
+        m = values.atVector(M(k)).copy()
+        m[IRON] = iron
+        values.update(M(k), m)
+    of_prior = 0.5 * float(((iron / FIRST.sigma[IRON]) ** 2).sum())
+    assert ties.error(values) == pytest.approx(of_prior, rel=1e-9)
+
+
+def solved(walked: Walked, values: gtsam.Values, heading_sigma_rad: float) -> gtsam.Values:
+    """Where the headings and states come to lie, with a gyroscope that holds the poses by so much."""
+    for _ in range(15):
+        graph = walked.linear(values)
+        for k, R in enumerate(walked.nav_R_body):
+            key = X(2 * k)
+            off = np.concatenate(
+                [
+                    Rotation.from_matrix(R.T @ values.atPose3(key).rotation().matrix()).as_rotvec(),
+                    values.atPose3(key).translation() - walked.position[k],
+                ]
+            )
+            noise = gtsam.noiseModel.Isotropic.Sigma(6, heading_sigma_rad)
+            graph.push_back(gtsam.JacobianFactor(key, np.eye(6), -off, noise))
+        values = values.retract(graph.eliminateMultifrontal(walked.order(), gtsam.EliminateQR).optimize())
+    return values
+
+
+def headings_off(walked: Walked, values: gtsam.Values) -> Floats:
+    turn = [values.atPose3(X(2 * k)).rotation().matrix() @ R.T for k, R in enumerate(walked.nav_R_body)]
+    return np.array([Rotation.from_matrix(one).as_rotvec()[2] for one in turn])
+
+
+def beside_a_magnet(judged: bool) -> tuple[Walked, gtsam.Values]:
+    """The fourth of eight footfalls stands beside a magnet, which is judged or not."""
+    right = np.array([EARTH[1], -EARTH[0], 0.0]) / STRENGTH
+    deviation = np.zeros((8, 3))
+    deviation[3] = 60.0 * right
+    disturbed = (np.arange(8) == 3) & judged
+    smooth = FieldRoughness(Roughness(0.5, 1.5), Roughness(0.5, 1.5), Roughness(0.2, 20.0))
+    walked = Walked(count=8, tilt=0.0, deviation=deviation, rough=smooth, disturbed=disturbed)
+    # Its potential is there at that footfall and at no other: 40 uT m.
+    u = walked.way.u + np.array([0.0, 0.0, -40.0, 40.0, 0.0, 0.0, 0.0])
+    walked.way = replace(walked.way, u=u)
+    walked.ties = FieldTies(walked.seen, walked.way, FIRST, smooth, P)
+    return walked, solved(walked, walked.values(), np.radians(1.0))
+
+
+def test_a_magnet_moves_the_potential_where_it_lies_and_not_the_heading() -> None:
+    walked, values = beside_a_magnet(judged=True)
+    assert np.degrees(np.abs(headings_off(walked, values))).max() < 0.3
+    states = walked.ties.states(values)
+    assert states[3, PHI] == pytest.approx(40.0, abs=3.0)
+    assert np.abs(np.delete(states[:, PHI], 3)).max() < 2.0
+    walked, values = beside_a_magnet(judged=False)
+    assert np.degrees(np.abs(headings_off(walked, values))).max() > 1.0
+
+
+def test_a_compass_beside_a_magnet_moves_delta_where_it_may() -> None:
+    """Used as it is, but in a stride in which the deviation is not that of the walk."""
+    walked, _ = beside_a_magnet(judged=True)
+    seen = replace(walked.seen, compass_sigma_uT=np.full(8, P.compass_sigma_uT))
+    smooth = FieldRoughness(Roughness(2.0, 1.5), Roughness(2.0, 1.5), Roughness(0.2, 20.0))
+    walked.ties = FieldTies(seen, walked.way, FIRST, smooth, P)
+    values = solved(walked, walked.values(), np.radians(1.0))
+    states = walked.ties.states(values)
+    assert states[3, DELTA] == pytest.approx(60.0, abs=5.0)
+    assert np.abs(np.delete(states[:, DELTA], 3)).max() < 3.0
+    assert np.degrees(np.abs(headings_off(walked, values))).max() < 1.0
+
+
+def test_a_field_that_is_not_where_it_was_expected_turns_and_does_not_shrink() -> None:
+    """Direction and strength are priors of their own: an E of none would have no direction to be wrong by."""
+    expected = FieldPrior(
+        np.array([0.0, 0, 0, 0, STRENGTH, 0, 0, 0]), np.array([1.0, 0.3, 0.3, 0.7, 5.0, 0.3, 0.3, 15])
+    )
+    deviation = np.zeros((30, 3))
+    deviation[:, :2] = STRENGTH * np.array([np.sin(0.5), np.cos(0.5)]) - EARTH[:2]
+    smooth = FieldRoughness(NONE, NONE, NONE)
+    walked = Walked(
+        count=30, tilt=0.0, deviation=deviation, rough=smooth, first=expected, p=replace(P, potential=False)
+    )
+    states = walked.ties.states(solved(walked, walked.values(), NEVER))
+    strength = np.linalg.norm(states[:, E_H], axis=1)
+    np.testing.assert_allclose(strength, STRENGTH, atol=1.0)
+    direction = np.arctan2(*states[:, E_H].T)
+    assert 0.2 < direction.min() < direction.max() < 0.51
+
+
+KNOWN = FieldPrior(FIRST.mean, np.full(SIZE, NEVER))
+"""The Earth's field and no iron: nothing is asked."""
+STEADY = replace(P, mean_walk_uT=NEVER, hard_iron_walk_uT=NEVER, potential=False)
+NONE = Roughness(NEVER, 1.0)
+
+
+def test_without_any_deviation_it_is_a_compass() -> None:
+    """As much information on each heading as `magnetic_heading` with its honest sigma, and none that is shared."""
+    walked = Walked(rough=FieldRoughness(NONE, NONE, NONE), first=KNOWN, p=STEADY)
+    found = walked.of_yaws(walked.values())
+    expected = heading_sigma(STRENGTH, P.compass_sigma_uT) ** -2
+    np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-4, atol=1e-4 * expected)
+    north = float(np.arctan2(EARTH[0], EARTH[1]))
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, float(heading_sigma(STRENGTH, P.compass_sigma_uT)))
+    factor = magnetic_heading_factor(X(0), walked.seen.body_field[0], north, noise)
+    of_pose = factor.linearize(walked.values()).information()
+    up = np.concatenate([walked.nav_R_body[0][2], np.zeros(3)])
+    assert found[0, 0] == pytest.approx(up @ of_pose @ up, rel=1e-4)
+
+
+def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
+    own = Roughness(5.0, 1e-3)
+    walked = Walked(
+        rough=FieldRoughness(NONE, own, NONE),
+        first=replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 5.0, NEVER)),
+        p=STEADY,
+    )
+    expected = heading_sigma(STRENGTH, np.hypot(P.compass_sigma_uT, 5.0)) ** -2
+    found = walked.of_yaws(walked.values())
+    np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-3, atol=1e-3 * expected)
+
+
+@pytest.fixture
+def nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an endless deviation even the least that is new would be much."""
+    monkeypatch.setattr(field_noise, "LEAST_NEW", 0.0)
+
+
+@pytest.mark.usefixtures("nothing_new")
+def test_with_endless_deviation_that_stays_it_is_the_difference_of_two_fields() -> None:
+    """Nothing on the heading itself; on the difference of two, what `differential_field` has across the field."""
+    endless = Roughness(1e4, 1e14)
+    first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 1e4, NEVER))
+    walked = Walked(count=2, tilt=0.0, rough=FieldRoughness(NONE, endless, NONE), first=first, p=STEADY)
+    found = walked.of_yaws(walked.values())
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, np.sqrt(2.0) * P.compass_sigma_uT)
+    factor = differential_field_factor(X(0), X(2), *walked.seen.body_field, noise)
+    information = factor.linearize(walked.values()).information()
+    turn = np.zeros((12, 2))
+    turn[:3, 0], turn[6:9, 1] = walked.nav_R_body[0][2], walked.nav_R_body[1][2]
+    expected = turn.T @ information @ turn
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+    assert np.abs(found.sum(axis=1)).max() < 1e-3 * found[0, 0]
+
+
+@pytest.mark.usefixtures("nothing_new")
+def test_a_region_is_one_unknown_for_all_footfalls_in_it() -> None:
+    """The common heading is known to its deviation, however many footfalls; differences as if it were not there."""
+    first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == RHO, 2.0, NEVER))
+    for count in (4, 12):
+        region = Roughness(2.0, 1e12)
+        walked = Walked(count=count, rough=FieldRoughness(NONE, NONE, region), first=first, p=STEADY)
+        covariance = np.linalg.inv(walked.of_yaws(walked.values())) * STRENGTH**2
+        expected = 2.0**2 + P.compass_sigma_uT**2 * np.eye(count)
+        np.testing.assert_allclose(covariance, expected, rtol=1e-3)
+
+
+def test_a_footfall_without_a_field_is_passed_over() -> None:
+    walked = Walked(used=np.array([True, False, True, True]), p=replace(P, potential=False))
+    found = walked.of_yaws(walked.values())
+    np.testing.assert_allclose(found[1], 0.0, atol=1e-6 * found[0, 0])
+    assert found[0, 0] > 1.0
+    anything = replace(walked.seen, body_field=walked.seen.body_field + 1e4 * (np.arange(4) == 1)[:, None])
+    ties = FieldTies(anything, walked.way, FIRST, ROUGH, replace(P, potential=False))
+    assert ties.error(walked.values()) < 1e-18
+
+
+@pytest.mark.parametrize("used", [np.array([False, True, True, False]), np.zeros(4, dtype=bool)], ids=["ends", "all"])
+def test_equations_have_a_solution_wherever_the_field_was_not_seen(used: Floats) -> None:
+    walked = Walked(used=used)
+    walked.ties = FieldTies(walked.seen, replace(walked.way, sigma_uT_m=np.full(3, np.inf)), FIRST, ROUGH, P)
+    values = solved(walked, walked.values(off=0.1), np.radians(1.0))
+    assert np.isfinite(walked.ties.states(values)).all()
+
+
+def test_a_foot_that_only_stands_has_equations_with_a_solution() -> None:
+    walked = Walked(count=6, stride_m=0.0)
+    values = solved(walked, walked.values(off=0.1), np.radians(1.0))
+    np.testing.assert_allclose(headings_off(walked, values), 0.0, atol=1e-3)
+
+
+def test_one_footfall_alone_has_a_compass_and_no_way() -> None:
+    walked = Walked(count=1)
+    values = walked.values(off=0.5)
+    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(walked.ties.error(values), rel=1e-9)
+    assert walked.of_yaws(values)[0, 0] > 0.0
+
+
+def test_right_of_the_field_is_clockwise_from_it() -> None:
+    """Of a field to the north it is the east."""
+    reference = np.array([[0.0, 20.0], [20.0, 0.0]])
+    np.testing.assert_allclose(across_direction(reference), [[1.0, 0.0], [0.0, -1.0]], atol=1e-12)
+    np.testing.assert_allclose(across_field(np.array([[3.0, 20.0, 7.0], [20.0, -4.0, 7.0]]), reference), [3.0, 4.0])
+
+
+def test_the_length_of_the_reference_makes_no_difference() -> None:
+    rng = np.random.default_rng(0)
+    field, reference = rng.standard_normal((5, 3)), rng.standard_normal((5, 2))
+    np.testing.assert_allclose(across_field(field, 7.0 * reference), across_field(field, reference))
+    by_reference = across_by_reference(field, reference)
+    np.testing.assert_allclose((by_reference * reference).sum(axis=1), 0.0, atol=1e-12)
+    for axis in np.eye(2):
+        ends = [across_field(field, reference + sign * STEP * axis) for sign in (1, -1)]
+        np.testing.assert_allclose(by_reference @ axis, (ends[0] - ends[1]) / (2 * STEP), atol=1e-6)

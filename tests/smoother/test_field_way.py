@@ -1,0 +1,215 @@
+"""What the field integrates to along a way that is known, on a foot that swings, pitches and turns."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.frames import levelled, yaw_rotation
+from fg_nav.simulation.fields import magnet
+from fg_nav.smoother.field_parameters import FieldParameters
+from fg_nav.smoother.field_way import FieldWay, field_way
+
+P = FieldParameters()
+EARTH = np.array([3.0, 20.0, -43.0])
+STRIDES, STRIDE_M, STRIDE_S, STANDS = 12, 1.3, 1.1, 0.4
+MOUNT = Rotation.from_euler("xyz", [6.0, -15.0, 20.0], degrees=True).as_matrix()
+MOMENT = np.array([2.0, -1.0, 3.0])
+
+
+@dataclass(frozen=True)
+class Trodden:
+    """Time (N,) s, position (N, 3) m and attitude (N, 3, 3) of a foot, and its footfalls."""
+
+    t: Floats
+    position: Floats
+    nav_R_body: Floats
+    footfall: Ints
+
+    def mag(self, nav_field: Floats, hard_iron: Floats = np.zeros(3)) -> Floats:
+        """(N, 3) uT, in the body frame."""
+        return np.einsum("nji,nj->ni", self.nav_R_body, np.broadcast_to(nav_field, (len(self.t), 3))) + hard_iron
+
+    def turned(self, angle: float) -> "Trodden":
+        """As a trajectory with another heading has it."""
+        turn = yaw_rotation(angle)
+        return replace(self, position=self.position @ turn.T, nav_R_body=turn @ self.nav_R_body)
+
+
+def round_a_circle(rate_hz: float = 200.0, clearance_m: float = 0.15, mount: Floats = MOUNT) -> Trodden:
+    """Once round: the foot stands, and swings with its heel up and then its toes."""
+    n = round(STRIDES * STRIDE_S * rate_hz) + 1
+    t = np.arange(n) / rate_hz
+    stride, phase = np.divmod(t / STRIDE_S + 1e-9, 1.0)
+    swing = np.clip((phase - STANDS) / (1.0 - STANDS), 0.0, 1.0)
+    angle = 2 * np.pi * (stride + swing**2 * (3 - 2 * swing)) / STRIDES
+    radius = STRIDES * STRIDE_M / (2 * np.pi)
+    up = clearance_m * np.sin(np.pi * swing) ** 2
+    position = np.stack([radius * np.cos(angle), radius * np.sin(angle), up], axis=1)
+    ahead = Rotation.from_rotvec(np.outer(angle + np.pi / 2, [0.0, 0.0, 1.0]))
+    pitch = Rotation.from_rotvec(np.outer(0.9 * np.sin(2 * np.pi * swing), [0.0, 1.0, 0.0]))
+    attitude = ahead * pitch * Rotation.from_matrix(mount)
+    footfall = np.round(np.arange(STRIDES + 1) * STRIDE_S * rate_hz).astype(np.int64)
+    return Trodden(t, position, attitude.as_matrix(), footfall)
+
+
+def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2], p: FieldParameters = P) -> FieldWay:
+    return field_way(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT, p)
+
+
+def moves(trodden: Trodden) -> Floats:
+    return np.diff(trodden.position[trodden.footfall], axis=0)
+
+
+def test_a_homogeneous_field_integrates_to_itself_times_the_move() -> None:
+    trodden = round_a_circle()
+    way = along(trodden, trodden.mag(EARTH))
+    np.testing.assert_allclose(way.u, moves(trodden)[:, :2] @ EARTH[:2], atol=1e-9)
+    assert np.ptp(way.u) > 40.0  # there and back
+    np.testing.assert_allclose(way.distance_m, np.linalg.norm(moves(trodden), axis=1))
+    in_body = np.einsum("nij,nj->ni", trodden.nav_R_body[trodden.footfall[:-1]], way.body_move)
+    np.testing.assert_allclose(in_body, moves(trodden), atol=1e-12)
+    np.testing.assert_array_equal(way.sigma_uT_m, P.way_sigma_uT_m)
+
+
+@pytest.mark.parametrize("angle", [0.3, -2.0, np.pi])
+def test_where_the_trajectory_heads_makes_no_difference(angle: float) -> None:
+    trodden = round_a_circle()
+    mag = trodden.mag(EARTH + magnet(np.array([2.8, 0.4, -0.2]), MOMENT).at(trodden.position), np.array([1.0, 2, 5]))
+    right, wrong = along(trodden, mag), along(trodden.turned(angle), mag)
+    for name in ("u", "level_way", "body_move", "distance_m", "level_R_body"):
+        np.testing.assert_allclose(getattr(wrong, name), getattr(right, name), atol=1e-9, err_msg=name)
+    moved = along(replace(trodden, position=trodden.position + np.array([100.0, -50.0, 3.0])), mag)
+    np.testing.assert_allclose(moved.u, right.u, atol=1e-9)
+
+
+def test_a_false_climb_adds_nothing() -> None:
+    trodden = round_a_circle()
+    climb = np.outer(0.05 * trodden.t, [0.0, 0.0, 1.0])
+    climbing = replace(trodden, position=trodden.position + climb)
+    mag = trodden.mag(EARTH)
+    true = along(trodden, mag).u
+    np.testing.assert_allclose(along(climbing, mag).u, true, atol=1e-9)
+    without = along(climbing, mag, up_uT=0.0).u
+    np.testing.assert_allclose(without - true, EARTH[2] * 0.05 * STRIDE_S, atol=1e-9)
+
+
+def test_hard_iron_adds_its_part_along_the_way() -> None:
+    trodden, iron = round_a_circle(), np.array([0.5, -1.0, 15.0])
+    way = along(trodden, trodden.mag(EARTH, iron))
+    of_iron = way.u - along(trodden, trodden.mag(EARTH)).u
+    np.testing.assert_allclose(of_iron, way.level_way @ (way.level_R_body @ iron), atol=1e-9)
+    assert np.abs(of_iron).min() > 0.1
+
+
+def test_a_magnet_leaves_the_difference_of_its_potential() -> None:
+    trodden, at = round_a_circle(400.0), np.array([2.0, 1.6, -0.2])
+    way = along(trodden, trodden.mag(EARTH + magnet(at, MOMENT).at(trodden.position)))
+    r = trodden.position[trodden.footfall] - at
+    phi = 0.1 * r @ MOMENT / np.linalg.norm(r, axis=1) ** 3  # mu_0 / 4 pi, in uT m
+    of_magnet = way.u - moves(trodden)[:, :2] @ EARTH[:2]
+    np.testing.assert_allclose(of_magnet, -np.diff(phi), atol=2e-3)
+    assert np.abs(of_magnet).max() > 0.3
+    assert abs(of_magnet.sum()) < 1e-3  # once round, back to where it began
+
+
+def test_rows_without_a_sample_are_passed_over() -> None:
+    trodden = round_a_circle()
+    field = EARTH + magnet(np.array([2.9, 0.6, -0.6]), MOMENT).at(trodden.position)
+    mag = trodden.mag(field)
+    slow = np.full_like(mag, np.nan)
+    slow[::4] = mag[::4]
+    held = mag[np.arange(len(mag)) // 4 * 4]
+    whole, found, false = along(trodden, mag), along(trodden, slow), along(trodden, held)
+    np.testing.assert_allclose(found.u, whole.u, atol=0.02)
+    np.testing.assert_allclose(found.level_way, whole.level_way, atol=2e-3)
+    assert np.isfinite(found.sigma_uT_m).all()
+    assert np.abs(false.u - whole.u).max() > 0.2  # were they held
+
+
+def test_iron_adds_the_same_to_slow_samples() -> None:
+    trodden, iron = round_a_circle(), np.array([0.0, 0.0, 15.0])
+    slow = np.where((np.arange(len(trodden.t)) % 8 == 0)[:, None], trodden.mag(EARTH, iron), np.nan)
+    without = np.where(np.isfinite(slow), trodden.mag(EARTH), np.nan)
+    way = along(trodden, slow)
+    np.testing.assert_allclose(way.u - along(trodden, without).u, way.level_way @ way.level_R_body @ iron, atol=1e-9)
+
+
+def strides_unseen(trodden: Trodden, start: float, stop: float) -> Ints:
+    """Without samples of the field from stride `start` to stride `stop`."""
+    mag = trodden.mag(EARTH)
+    at = trodden.t / STRIDE_S
+    mag[(at > start) & (at < stop)] = np.nan
+    return np.flatnonzero(np.isinf(along(trodden, mag).sigma_uT_m))
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "unseen"),
+    [
+        (3.0, 4.0, [3]),  # a swing, from footfall to footfall
+        (3.6, 3.8, [3]),  # a part of a swing
+        (2.6, 5.5, [2, 3, 4, 5]),
+        (2.9, 3.7, [2, 3]),  # from swing to swing: nobody knows which of them had how much of it
+        (-1.0, 3.7, [0, 1, 2, 3]),  # the magnetometer begins late
+        (9.7, 99.0, [9, 10, 11]),  # and stops early
+        (3.05, 3.3, []),  # while the foot stands
+    ],
+)
+def test_a_stride_whose_swing_was_not_seen_measured_nothing(start: float, stop: float, unseen: list[int]) -> None:
+    assert strides_unseen(round_a_circle(), start, stop).tolist() == unseen
+
+
+def test_how_coarse_a_move_may_be_is_a_parameter() -> None:
+    trodden = round_a_circle()
+    mag = trodden.mag(EARTH)
+    mag[trodden.t % STRIDE_S > STANDS * STRIDE_S] = np.nan
+    mag[trodden.footfall] = trodden.mag(EARTH)[trodden.footfall]
+    assert np.isinf(along(trodden, mag).sigma_uT_m).all()
+    assert np.isfinite(along(trodden, mag, p=replace(P, coarsest_m=1.5)).sigma_uT_m).all()
+
+
+def test_axes_of_the_stance_are_upright_and_right_handed() -> None:
+    trodden = round_a_circle()
+    way = along(trodden, trodden.mag(EARTH))
+    np.testing.assert_allclose(way.level_R_body @ way.level_R_body.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(way.level_R_body) == pytest.approx(1.0)
+    for R in trodden.nav_R_body[trodden.footfall]:
+        np.testing.assert_allclose(way.level_R_body @ R.T @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 10.0, -40.0, 80.0])
+@pytest.mark.parametrize("roll_deg", [0.0, 3.0])
+def test_forward_is_the_body_s_x_axis_as_far_as_it_is_level(tilt_deg: float, roll_deg: float) -> None:
+    mount = Rotation.from_euler("yx", [tilt_deg, roll_deg], degrees=True).as_matrix()
+    trodden = round_a_circle(mount=mount)
+    forward, left, up = along(trodden, trodden.mag(EARTH)).level_R_body
+    R = trodden.nav_R_body[0]
+    level_x = R[:, 0] * [1.0, 1.0, 0.0]
+    np.testing.assert_allclose(R @ forward, level_x / np.linalg.norm(level_x), atol=1e-9)
+    np.testing.assert_allclose(R @ left, np.cross([0.0, 0.0, 1.0], R @ forward), atol=1e-9)
+    np.testing.assert_allclose(R @ up, [0.0, 0.0, 1.0], atol=1e-9)
+
+
+def test_an_x_axis_that_points_up_leaves_axes_all_the_same() -> None:
+    mount = levelled(np.array([1.0, 0.0, 0.0]))
+    trodden = round_a_circle(mount=mount)
+    level = along(trodden, trodden.mag(EARTH)).level_R_body
+    np.testing.assert_allclose(level @ level.T, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(level[2], [1.0, 0.0, 0.0], atol=1e-6)
+
+
+def test_standing_on_one_spot_moves_nothing() -> None:
+    n = 300
+    trodden = Trodden(np.arange(n) / 100.0, np.zeros((n, 3)), np.tile(MOUNT, (n, 1, 1)), np.array([10, 100, 290]))
+    way = along(trodden, trodden.mag(EARTH))
+    np.testing.assert_array_equal(way.u, 0.0)
+    np.testing.assert_array_equal(way.level_way, 0.0)
+    assert np.isfinite(way.sigma_uT_m).all()
+
+
+def test_one_footfall_has_no_stride() -> None:
+    trodden = replace(round_a_circle(), footfall=np.array([5]))
+    way = along(trodden, trodden.mag(EARTH))
+    assert len(way.u) == len(way.level_way) == len(way.sigma_uT_m) == len(way.distance_m) == 0

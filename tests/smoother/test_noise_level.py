@@ -1,0 +1,130 @@
+"""The swing noise chosen from a walk: it follows the noise that is there, and its evidence is a probability."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from typing import cast
+
+import gtsam
+import numpy as np
+import pytest
+
+from fg_nav.arrays import Floats
+from fg_nav.recording import Recording
+from fg_nav.smoother import noise_level
+from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.noise_level import LEVELS, choose, swing_noise
+from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.stances import Stances
+from tests.simulated import LEVER
+from tests.smoother.walks import DEFAULT, Walk, noise_free, part
+
+BIAS_SIGMA = np.radians(DEFAULT.gyro_bias_sigma_deg_s)
+
+
+def noisy(level: float, seed: int = 0, share: float = 0.0, white: float = 0.01) -> Walk:
+    """A walk whose rate has white noise of the stance (deg/s/sqrt(Hz)), and after this share of it that of a swing."""
+    walk = noise_free()
+    r, rng = walk.recording, np.random.default_rng(seed)
+    swing = level * np.linalg.norm(r.gyr, axis=1) * (np.arange(len(r)) >= share * len(r))
+    density = np.hypot(np.radians(white), swing)[:, None]
+    gyr = r.gyr + density / np.sqrt(r.period_s) * rng.standard_normal(r.gyr.shape)
+    acc = r.acc + DEFAULT.acc_density / 2 / np.sqrt(r.period_s) * rng.standard_normal(r.acc.shape)
+    return Walk(replace(r, acc=acc, gyr=gyr), walk.stances)
+
+
+def chosen(walk: Walk) -> float:
+    return swing_noise(
+        walk.recording, walk.stances, np.zeros(3), BIAS_SIGMA, np.array(LEVER), DEFAULT
+    ).gyr_relative_density
+
+
+@cache
+def whole_piece() -> noise_level._Piece:
+    walk = part(noise_free(), 12)
+    return noise_level._Piece(walk.recording, walk.stances, np.zeros(3), BIAS_SIGMA, np.array(LEVER), DEFAULT)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_follows_the_noise_of_the_swing(seed: int) -> None:
+    assert chosen(noisy(2e-3, seed)) >= 1e-3
+    assert chosen(noisy(0.0, seed)) <= 3e-4
+
+
+def test_a_part_that_is_noisier_is_not_outvoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(noise_level, "PIECE_STRIDES", 15)
+    assert chosen(noisy(3e-3, share=0.7)) >= 1e-3
+
+
+def test_what_a_piece_refutes_is_not_chosen() -> None:
+    agreed = [0.0, 30.0, 60.0, 90.0]
+    assert choose(LEVELS, np.array([agreed[::-1], agreed[::-1]])) == LEVELS[-1]
+    assert choose(LEVELS, np.array([agreed[::-1], [90.0, 0.0, 10.0, 40.0], agreed[::-1]])) == LEVELS[1]
+
+
+def test_the_largest_is_chosen_that_is_not_refuted() -> None:
+    assert choose(LEVELS, np.array([[9.0, 2.9, 0.0, 0.5]])) == LEVELS[1]
+
+
+def test_evidence_is_that_of_the_gaussian() -> None:
+    """Against a dense linear model: E + 1/2 log|A^T A| + 1/2 log|S|, the differences between levels."""
+    piece = whole_piece()
+    found, expected = [], []
+    for level in (1e-3, 1e-4):
+        found.append(piece.minus_log_evidence(level))
+        linear = piece._graph.linearize(piece._values)
+        for tie in piece._ties.linearize(piece._values):
+            linear.push_back(tie)
+        A, b = linear.jacobian(piece._order)
+        scale = np.linalg.norm(A, axis=0)
+        left, singular, _ = np.linalg.svd(A / scale, full_matrices=False)
+        error = 0.5 * (b @ b - ((left.T @ b) ** 2).sum())
+        noise = sum(np.linalg.slogdet(covariance)[1] for covariance in _noises(piece))
+        expected.append(error + np.log(singular).sum() + np.log(scale).sum() + 0.5 * noise)
+    assert np.diff(found)[0] == pytest.approx(np.diff(expected)[0], abs=0.1)
+    assert abs(np.diff(expected)[0]) > 1.0
+
+
+def _noises(piece: noise_level._Piece) -> list[Floats]:
+    """Covariances of the inertial factors as they are now."""
+    models = [cast(gtsam.GalileanImuFactor, piece._graph.at(i)).noiseModel() for i, _ in piece._inertial]
+    return [cast(gtsam.noiseModel.Gaussian, model).covariance() for model in models]
+
+
+def test_noise_of_a_level_is_that_integrated_with_it() -> None:
+    walk, piece = part(noise_free(), 12), whole_piece()
+    piece.minus_log_evidence(3e-4)
+    nodes = place_nodes(walk.recording, walk.stances, DEFAULT)
+    bias = gtsam.imuBias.ConstantBias()
+    p = replace(DEFAULT, gyr_relative_density=3e-4)
+    direct = [measured.preintMeasCov() for measured in preintegrate(walk.recording, nodes.sample, bias, p)]
+    for found, expected in zip(_noises(piece), direct, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9 * expected.max())
+
+
+def test_a_walk_too_short_keeps_its_level_and_says_so() -> None:
+    walk = part(noise_free(), 4)
+    found = swing_noise(walk.recording, walk.stances, np.zeros(3), BIAS_SIGMA, np.array(LEVER), DEFAULT)
+    assert found.gyr_relative_density == DEFAULT.gyr_relative_density
+    assert "too few strides" in found.note
+
+
+def test_pieces_are_apart_and_no_longer_than_they_may() -> None:
+    """500 strides of a second with a minute's standing in the middle."""
+    per_stride = 100
+    starts = np.arange(501) * per_stride
+    starts[250:] += 60 * 100
+    stops = starts + 40
+    stops[249] = starts[250] - 60
+    stances = Stances(starts, stops, np.arange(501), n_samples=int(stops[-1]))
+    t = np.arange(stances.n_samples) / 100.0
+    recording = Recording(t=t, acc=np.tile([0.0, 0.0, 9.81], (len(t), 1)), gyr=np.zeros((len(t), 3)))
+    pieces = list(noise_level._pieces(recording, stances))
+    assert len(pieces) == noise_level.PIECES
+    for (before, _), (after, _) in pairwise(pieces):
+        assert before.t[-1] < after.t[0]
+    for cut, its in pieces:
+        assert 8 < its.n_footfalls <= noise_level.PIECE_STRIDES + 1
+        assert cut.t[-1] - cut.t[0] <= noise_level.LONGEST_PIECE_S + noise_level.STANDING_S + 0.1
+        assert its.n_samples == len(cut)
+        np.testing.assert_array_equal(its.start[1:] - its.start[:-1] >= per_stride, True)

@@ -1,0 +1,58 @@
+"""The velocity ties say nothing of the heading: neither at the minimum nor beside it, neither truly nor linearised."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import V, X
+
+from fg_nav.smoother.strides import VelocityTies
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def some_ties(seed: int = 0, nodes: int = 5) -> tuple[VelocityTies, gtsam.Values]:
+    """Ties of nodes in any attitude, with residuals of some sigmas, and a vertical sigma of its own."""
+    rng, ties, values = np.random.default_rng(seed), VelocityTies(), gtsam.Values()
+    for j in range(nodes):
+        ties.add(j, 0.1 * rng.standard_normal(3), np.array([0.0, 0.0, -0.005]), np.array([0.02, 0.02, 0.05]))
+        values.insert(X(j), gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.standard_normal(3)), rng.standard_normal(3)))
+        values.insert(V(j), 0.1 * rng.standard_normal(3))
+    return ties, values
+
+
+def turned(values: gtsam.Values, nodes: int = 5) -> gtsam.VectorValues:
+    """The step that turns everything by a radian about the vertical, to first order."""
+    step = gtsam.VectorValues()
+    for j in range(nodes):
+        pose = values.atPose3(X(j))
+        R = pose.rotation().matrix()
+        step.insert(X(j), np.concatenate([R.T @ UP, R.T @ np.cross(UP, pose.translation())]))
+        step.insert(V(j), np.cross(UP, values.atVector(V(j))))
+    return step
+
+
+def test_a_turn_of_everything_is_not_seen() -> None:
+    ties, values = some_ties()
+    step = turned(values)
+    for tie in ties.linearize(values):
+        A, _ = tie.jacobian()
+        keys = list(tie.keys())
+        seen = A @ np.concatenate([step.at(key) for key in keys])
+        np.testing.assert_allclose(seen, 0.0, atol=1e-9)
+
+
+def test_linearised_error_has_the_slope_of_the_error() -> None:
+    ties, values = some_ties(1)
+    rng = np.random.default_rng(2)
+    step = gtsam.VectorValues()
+    for j in range(5):
+        step.insert(X(j), rng.standard_normal(6))
+        step.insert(V(j), rng.standard_normal(3))
+
+    def linear(scale: float) -> float:
+        return sum(tie.error(step.scale(scale)) for tie in ties.linearize(values))
+
+    h = 1e-6
+    slope = (ties.error(values.retract(step.scale(h))) - ties.error(values.retract(step.scale(-h)))) / (2 * h)
+    assert (linear(h) - linear(-h)) / (2 * h) == pytest.approx(slope, rel=1e-5)
+    assert linear(0.0) == pytest.approx(ties.error(values), rel=1e-12)

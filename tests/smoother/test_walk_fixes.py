@@ -1,0 +1,237 @@
+"""Fixes: where they are believed, what they do to the heading at the start, and which are refused."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import V, X
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
+from fg_nav.fixes import Fix
+from fg_nav.frames import yaw_rotation
+from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.recording import Recording
+from fg_nav.smoother import smooth
+from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.walk_fixes import free_heading, pin_fixes
+from fg_nav.smoother.walk_parameters import WalkParameters
+from fg_nav.solution import Solution
+from tests.smoother.walks import DEFAULT, Walk, demo
+
+P = WalkParameters()
+TURN_DEG = 130.0
+"""From the frame in which a walk starts with heading zero to the fixes' frame."""
+
+
+@cache
+def inertial() -> Solution:
+    return smooth(demo().recording, demo().stances, DEFAULT)
+
+
+def truth_from_start(walk: Walk) -> Floats:
+    """True path (N, 3) m in the walk's own frame: from the start, which has heading zero."""
+    sample = inertial().stances.sample[0]
+    truth = walk.recording.truth
+    x_axis = truth.nav_R_body[sample][:, 0]
+    north = yaw_rotation(np.pi / 2 - np.arctan2(x_axis[1], x_axis[0]))
+    return (truth.position - truth.position[sample]) @ north.T
+
+
+def fixes_at(
+    footfalls: Sequence[int], turn_deg: float = 0.0, sigma: float = 0.02, vertical: float = np.inf
+) -> list[Fix]:
+    """Fixes of the true path, turned as a whole."""
+    place = truth_from_start(demo()) @ yaw_rotation(np.radians(turn_deg)).T
+    table = inertial().stances
+    return [Fix(float(table.t[k]), place[table.sample[k]], sigma, vertical) for k in footfalls]
+
+
+def with_fixes(
+    fixes: Sequence[Fix], heading: float | None = None, field: FootfallField | None = None, p: WalkParameters = P
+) -> Solution:
+    recording = demo().recording if field is None else with_field(demo().recording)
+    return smooth(recording, demo().stances, replace(DEFAULT, walk=p), heading, field=field, fixes=fixes)
+
+
+def with_field(recording: Recording) -> Recording:
+    """In a homogeneous field that points to the true north of the truth's own frame."""
+    rng = np.random.default_rng(0)
+    field = recording.truth.nav_R_body.transpose(0, 2, 1) @ np.array([0.0, 20.0, -43.0])
+    return replace(recording, mag=field + rng.normal(0, 0.3, field.shape))
+
+
+def errors(found: Solution, turn_deg: float = 0.0) -> Floats:
+    """(F,) m over ground, of footfalls against the turned truth."""
+    expected = truth_from_start(demo())[found.stances.sample] @ yaw_rotation(np.radians(turn_deg)).T
+    return np.linalg.norm((found.stances.position - expected)[:, :2], axis=1)
+
+
+def last() -> int:
+    return len(inertial().stances.t) - 1
+
+
+def test_the_walk_goes_through_its_fixes_and_is_nearer_to_the_truth_between_them() -> None:
+    where = [last() // 3, 2 * last() // 3, last()]
+    found = with_fixes(fixes_at(where), heading=0.0)
+    assert errors(found)[where].max() < 0.04
+    assert np.sqrt(np.mean(errors(found) ** 2)) < 0.7 * np.sqrt(np.mean(errors(inertial()) ** 2))
+    assert np.linalg.norm(found.stances.position[0]) < 1e-3
+
+
+@pytest.mark.parametrize("turn_deg", [TURN_DEG, -50.0, 180.0])
+def test_a_heading_nobody_told_comes_from_the_fixes(turn_deg: float) -> None:
+    fixes = fixes_at([20, 30], turn_deg, sigma=0.02)
+    found = with_fixes(fixes)
+    assert errors(found, turn_deg).max() < 0.25
+    assert np.degrees(found.stances.heading_sigma[0]) < 1.0
+
+
+def test_a_heading_that_was_told_wrongly_gives_way() -> None:
+    found = with_fixes(fixes_at([20, 30], 4.0), heading=0.0)
+    assert errors(found, 4.0).max() < 0.25
+
+
+def test_a_fix_at_the_start_leaves_the_heading_as_it_is_by_definition() -> None:
+    back = Fix(float(inertial().stances.t[-1]), np.zeros(3), 0.05)
+    for heading in (None, 0.0):
+        found = with_fixes([back], heading=heading)
+        assert found.stances.heading_sigma[0] == pytest.approx(inertial().stances.heading_sigma[0], rel=0.05)
+        assert np.linalg.norm(found.stances.position[-1, :2]) < 0.1
+
+
+def test_a_vague_fix_does_not_touch_what_was_told() -> None:
+    vague = [replace(fix, horizontal_sigma_m=200.0) for fix in fixes_at([20], TURN_DEG)]
+    found = with_fixes(vague, heading=0.0)
+    assert np.abs(found.position - inertial().position).max() < 0.02
+
+
+def test_a_planar_fix_says_nothing_of_the_height() -> None:
+    wrong = [replace(fix, position=fix.position + np.array([0.0, 0.0, 50.0])) for fix in fixes_at([20])]
+    planar, spatial = (with_fixes(fixes, 0.0) for fixes in (wrong, fixes_at([20], vertical=0.01)))
+    free = inertial().stances.position_cov[20, 2, 2]
+    assert np.abs((planar.position - inertial().position)[:, 2]).max() < 0.05
+    assert planar.stances.position_cov[20, 2, 2] > 0.9 * free
+    assert spatial.stances.position_cov[20, 2, 2] < 1.01e-4
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["told", "not told"])
+def test_field_and_fixes_agree_on_north(told: bool) -> None:
+    """The field points to the truth's north, and fixes are in the truth's frame: 0.2 m at 25 m were half a degree."""
+    walk, table = with_field(demo().recording), inertial().stances
+    truth = walk.truth
+    field = footfall_field(walk, demo().stances)
+    place = truth.position - truth.position[table.sample[0]]
+    x_axis = truth.nav_R_body[table.sample[0]][:, 0]
+    heading = float(np.arctan2(x_axis[0], x_axis[1])) if told else None
+    fixes = [Fix(float(table.t[k]), place[table.sample[k]], 0.02) for k in (20, 30)]
+    found = smooth(walk, demo().stances, DEFAULT, heading, field=field, fixes=fixes)
+    assert np.linalg.norm((found.stances.position - place[table.sample])[:, :2], axis=1).max() < 0.2
+    assert any("field over ground 20" in note for note in found.notes)
+
+
+def test_where_fixes_tell_north_the_direction_of_the_field_is_found() -> None:
+    """The field points 3 deg to the west of the fixes' north, and nobody told the heading."""
+    west_deg = 3.0
+    walk = with_field(demo().recording)
+    field = footfall_field(walk, demo().stances)
+    table, turn = inertial().stances, yaw_rotation(np.radians(west_deg))
+    place = (walk.truth.position - walk.truth.position[table.sample[0]])[table.sample] @ turn.T
+    fixes = [Fix(float(table.t[k]), place[k], 0.02) for k in (20, 30)]
+    found = smooth(walk, demo().stances, DEFAULT, None, field=field, fixes=fixes)
+    assert np.linalg.norm((found.stances.position - place)[:, :2], axis=1).max() < 0.2
+    note = next(note for note in found.notes if "from north" in note)
+    assert float(note.split(",")[1].split()[0]) == pytest.approx(-west_deg, abs=0.5)
+
+
+def test_ties_of_the_walk_hold_in_the_solution_with_the_field_too() -> None:
+    walk = with_field(demo().recording)
+    field = footfall_field(walk, demo().stances)
+    p = replace(DEFAULT, walk=WalkParameters(straight=True, floors=True))
+    free, tied = (smooth(walk, demo().stances, q, None, field=field) for q in (DEFAULT, p))
+    assert np.ptp(tied.stances.position[:, 2]) < min(0.02, 0.5 * np.ptp(free.stances.position[:, 2]))
+    assert tied.stances.position_cov[-1, 2, 2] < 0.2 * free.stances.position_cov[-1, 2, 2]
+    assert np.linalg.norm((tied.position - free.position)[:, :2], axis=1).max() < 0.3
+
+
+def test_sigma_grows_by_walking_pace_between_fix_and_node() -> None:
+    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
+    t = demo().recording.t
+    node = int(nodes.first[5]) - 1
+    at, later = (Fix(float(t[nodes.sample[node]]) + dt, np.ones(3), 0.1) for dt in (0.0, 0.05))
+    pinned = pin_fixes([at, later], t, nodes, P)
+    assert list(pinned.node) == [node, node]
+    np.testing.assert_allclose(pinned.horizontal, [0.1, np.hypot(0.1, 0.05 * P.fix_speed_m_s)])
+
+
+def test_best_turn_is_that_of_the_fixes() -> None:
+    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
+    rng, t = np.random.default_rng(0), demo().recording.t
+    walked, values = rng.normal(0, 20, (len(nodes), 3)), gtsam.Values()
+    for j, p in enumerate(walked):
+        values.insert(X(j), gtsam.Pose3(gtsam.Rot3(), p))
+    turn = yaw_rotation(2.0)
+    fixes = [Fix(float(t[nodes.sample[j]]), turn @ walked[j], sigma) for j, sigma in ((10, 0.1), (40, 3.0))]
+    np.testing.assert_allclose(pin_fixes(fixes, t, nodes, P).best_turn(values), turn, atol=1e-9)
+
+
+def test_a_walk_is_turned_as_a_whole_about_its_start() -> None:
+    """Before it is solved with its fixes: positions, attitudes and velocities."""
+    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
+    rng, t, turn = np.random.default_rng(1), demo().recording.t, yaw_rotation(2.0)
+    values, expected = gtsam.Values(), []
+    for j in range(len(nodes)):
+        pose, velocity = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.normal(size=3)), rng.normal(0, 20, 3)), rng.normal(size=3)
+        values.insert(X(j), pose)
+        values.insert(V(j), velocity)
+        expected.append((turn @ pose.rotation().matrix(), turn @ pose.translation(), turn @ velocity))
+    fix = Fix(float(t[nodes.sample[10]]), expected[10][1], 0.1)
+    freed = free_heading(pin_fixes([fix], t, nodes, P), False, values, nodes, DEFAULT)
+    assert freed is not None
+    np.testing.assert_allclose(freed.turn, turn, atol=1e-9)
+    for j, (attitude, place, velocity) in enumerate(expected):
+        np.testing.assert_allclose(values.atPose3(X(j)).rotation().matrix(), attitude, atol=1e-9)
+        np.testing.assert_allclose(values.atPose3(X(j)).translation(), place, atol=1e-9)
+        np.testing.assert_allclose(values.atVector(V(j)), velocity, atol=1e-9)
+
+
+def test_doubt_of_the_heading_is_that_of_a_lever() -> None:
+    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
+    t = demo().recording.t
+    at = float(t[nodes.sample[30]])
+    one = Fix(at, np.array([3.0, 4.0, 9.0]), 0.5)
+    assert pin_fixes([one], t, nodes, P).heading_sigma == pytest.approx(0.1)
+    assert pin_fixes([one] * 4, t, nodes, P).heading_sigma == pytest.approx(0.05)
+    assert pin_fixes([], t, nodes, P).heading_sigma == np.inf
+
+
+def refused(fix: Fix, p: WalkParameters = P) -> str:
+    with pytest.raises(EstimationError) as caught:
+        with_fixes([fix], p=p)
+    assert str(caught.value).count(". ") == 0
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("time_s", [-100.0, 1000.0, np.nan])
+def test_a_fix_outside_the_walk_is_refused(time_s: float) -> None:
+    assert "outside the walk" in refused(Fix(time_s, np.zeros(3), 1.0))
+
+
+def test_a_fix_far_from_any_footfall_is_refused() -> None:
+    nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
+    t = demo().recording.t[nodes.sample]
+    gap = int(np.argmax(np.diff(t)))
+    fix = Fix(float(t[gap] + t[gap + 1]) / 2, np.zeros(3), 1.0)
+    assert "farther than a stride" in refused(fix, replace(P, fix_reach_s=0.05))
+
+
+@pytest.mark.parametrize(
+    "fix",
+    [Fix(5.0, np.full(3, np.nan), 1.0), Fix(5.0, np.zeros(3), 0.0), Fix(5.0, np.zeros(3), 1.0, -1.0)],
+    ids=["no place", "no sigma", "negative sigma"],
+)
+def test_a_fix_without_place_or_sigma_is_refused(fix: Fix) -> None:
+    assert "finite position and sigmas above zero" in refused(fix)

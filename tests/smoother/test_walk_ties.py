@@ -1,0 +1,380 @@
+"""Straight walks and floors: the factors of the ground floor, what they do to a walk, and where they keep quiet."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X, Z
+from scipy.spatial.transform import Rotation
+
+from factors import guarded_factor
+from factors.floor_height import FloorParameters, floor_height_factor, floor_labels
+from factors.straight_walk import (
+    StraightParameters,
+    straight_probability,
+    straight_triples,
+    straight_walk_factor,
+    straight_walk_noise,
+    straight_walk_residual,
+)
+from fg_nav.arrays import Floats, Ints
+from fg_nav.frames import yaw_rotation
+from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother.covariances import marginal_covariances
+from fg_nav.smoother.nodes import Nodes
+from fg_nav.smoother.solver import Part, Solved, solve
+from fg_nav.smoother.walk_parameters import WalkParameters
+from fg_nav.smoother.walk_ties import FloorTies, StraightTies, off_line, stepped, walk_ties
+from tests.smoother.walks import DEFAULT, demo
+
+STRIDE_M = 1.3
+STRAIGHT = StraightParameters()
+STRAIGHT_ONLY = WalkParameters(straight=True)
+FLOORS_ONLY = WalkParameters(floors=True)
+FIRM = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
+STOREY, RISER = 3.4, 0.34
+
+
+def one_node_a_footfall(count: int) -> Nodes:
+    each = np.arange(count)
+    return Nodes(each, each, each, np.arange(count + 1), each, np.zeros(count, dtype=np.int64))
+
+
+def poses_of(position: Floats, course: Floats) -> list[gtsam.Pose3]:
+    return [gtsam.Pose3(gtsam.Rot3(yaw_rotation(a)), p) for a, p in zip(course, position, strict=True)]
+
+
+def values_of(poses: list[gtsam.Pose3]) -> gtsam.Values:
+    values = gtsam.Values()
+    for k, pose in enumerate(poses):
+        values.insert(X(k), pose)
+    return values
+
+
+def walked(turn: Floats, climb: Floats) -> list[gtsam.Pose3]:
+    """Poses of a foot that turns by `turn` (F-1,) rad and climbs `climb` (F-1,) m in its strides."""
+    course = np.cumsum(np.concatenate([[0.0], turn]))
+    move = STRIDE_M * np.stack([np.cos(course[1:]), np.sin(course[1:]), climb / STRIDE_M], axis=1)
+    return poses_of(np.concatenate([np.zeros((1, 3)), np.cumsum(move, axis=0)]), course)
+
+
+def dead_reckoned(poses: list[gtsam.Pose3], sigma: Floats) -> gtsam.NonlinearFactorGraph:
+    """What a foot measures of its strides, from a start that is known."""
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(gtsam.PriorFactorPose3(X(0), poses[0], gtsam.noiseModel.Diagonal.Sigmas(FIRM)))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(sigma)
+    for k in range(1, len(poses)):
+        graph.push_back(gtsam.BetweenFactorPose3(X(k - 1), X(k), poses[k - 1].between(poses[k]), noise))
+    return graph
+
+
+def order(count: int) -> gtsam.Ordering:
+    ordering = gtsam.Ordering()
+    for k in range(count):
+        ordering.push_back(X(k))
+    return ordering
+
+
+def with_ties(poses: list[gtsam.Pose3], sigma: Floats, p: WalkParameters) -> Solved:
+    """A dead-reckoned walk with its ties."""
+    values = values_of(poses)
+    ties = walk_ties(one_node_a_footfall(len(poses)), values, p)
+    ordering = ties.ordering(order(len(poses)))
+    return solve(dead_reckoned(poses, sigma), ties.parts, values, ordering, 1e-6, 50)
+
+
+def anywhere(count: int, seed: int = 0) -> gtsam.Values:
+    """Values of a walk onwards with noise in all that is known of it."""
+    rng = np.random.default_rng(seed)
+    position = np.cumsum(rng.normal([1.2, 0.0, 0.02], [0.1, 0.3, 0.1], (count, 3)), axis=0)
+    attitude = Rotation.from_rotvec(0.5 * rng.standard_normal((count, 3))).as_matrix()
+    return values_of([gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(attitude, position, strict=True)])
+
+
+def steps_of(values: gtsam.Values, seed: int, size: float) -> gtsam.VectorValues:
+    rng, step = np.random.default_rng(seed), gtsam.VectorValues()
+    for key, width in values.dims().items():
+        step.insert(key, size * rng.standard_normal(width))
+    return step
+
+
+def linear(part: Part, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+    graph = gtsam.GaussianFactorGraph()
+    for factor in part.linearize(values):
+        graph.push_back(factor)
+    return graph
+
+
+def positions(values: gtsam.Values, count: int) -> Floats:
+    return np.array([values.atPose3(X(k)).translation() for k in range(count)])
+
+
+def straight_at(values: gtsam.Values, count: int) -> tuple[StraightTies, gtsam.NonlinearFactorGraph]:
+    """The ties of a walk, and the same as factors of gtsam."""
+    triples = straight_triples(positions(values, count), STRAIGHT)
+    graph = gtsam.NonlinearFactorGraph()
+    for triple in triples:
+        graph.push_back(straight_walk_factor([X(int(k)) for k in triple], straight_walk_noise(STRAIGHT)))
+    assert graph.size() > 5
+    return StraightTies(one_node_a_footfall(count), triples, STRAIGHT), graph
+
+
+def test_straight_ties_are_the_factors_with_their_mixture() -> None:
+    values = anywhere(60)
+    ties, graph = straight_at(values, 60)
+    step = steps_of(values, 1, 0.01)
+    assert len(ties) == graph.size()
+    assert ties.error(values) == pytest.approx(graph.error(values), rel=1e-9)
+    # each linearisation of gtsam's lacks the constant by which the loss is above the weighted square
+    nothing = steps_of(values, 1, 0.0)
+    found, expected = linear(ties, values), graph.linearize(values)
+    change = found.error(step) - found.error(nothing)
+    assert change == pytest.approx(expected.error(step) - expected.error(nothing), rel=1e-9)
+
+
+@pytest.mark.parametrize("p", [STRAIGHT_ONLY, FLOORS_ONLY], ids=["straight", "floors"])
+def test_linear_model_has_the_error_at_hand_and_its_slope(p: WalkParameters) -> None:
+    values = anywhere(60)
+    p = replace(p, floor=FloorParameters(step_m=1.0), straight_within_m=np.inf)
+    (part,) = walk_ties(one_node_a_footfall(60), values, p).parts
+    model = linear(part, values)
+    assert model.error(steps_of(values, 2, 0.0)) == pytest.approx(part.error(values), rel=1e-9)
+    for seed in range(5):
+        there, back = (steps_of(values, seed, size) for size in (1e-6, -1e-6))
+        slope = part.error(values.retract(there)) - part.error(values.retract(back))
+        assert slope == pytest.approx(model.error(there) - model.error(back), rel=1e-3, abs=1e-9)
+
+
+def test_linear_model_is_never_below_the_loss() -> None:
+    """Along moves of the middle footfall across the walk, for which the course is all but linear."""
+    position = np.stack([STRIDE_M * np.arange(11), np.zeros(11), np.zeros(11)], axis=1)
+    for bend_m in (0.0, 0.1, 0.3, 0.8):
+        position[5, 1] = bend_m
+        values = values_of(poses_of(position, np.zeros(11)))
+        ties = StraightTies(one_node_a_footfall(11), straight_triples(position, STRAIGHT), STRAIGHT)
+        model = linear(ties, values)
+        for across_m in np.linspace(-1.0, 1.0, 21):
+            step = gtsam.VectorValues()
+            for k in (0, 5, 10):
+                step.insert(X(k), np.array([0.0, 0.0, 0.0, 0.0, across_m if k == 5 else 0.0, 0.0]))
+            assert model.error(step) >= 0.9 * ties.error(values.retract(step)) - 0.05
+
+
+def test_nothing_is_believed_in_a_curve() -> None:
+    """Round a circle of 8 m, 47 deg each five strides: no information, on whatever."""
+    poses = walked(np.full(59, STRIDE_M / 8.0), np.zeros(59))
+    values = values_of(poses)
+    ties = StraightTies(one_node_a_footfall(60), straight_triples(positions(values, 60), STRAIGHT), STRAIGHT)
+    assert len(ties) == 10
+    assert np.abs(linear(ties, values).hessian(order(60))[0]).max() < 1e-20
+
+
+DRIFT = np.radians(0.3)
+"""Of the course, rad a stride: a gyro bias that is not known."""
+SIGMA = np.array([1e-4, 1e-4, np.radians(0.05), 0.01, 0.01, 0.005])
+"""Of a stride: rotation rad, translation m."""
+BIAS = Z(99)
+
+
+def drifting(turn: Floats, drift: float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """A foot that turns by `turn` (F-1,) and measures `drift` more, rad, which the graph has as a variable."""
+    seen = walked(turn + drift, np.zeros(len(turn)))
+    graph, values = gtsam.NonlinearFactorGraph(), values_of(seen)
+    values.insert(BIAS, np.zeros(1))
+    graph.push_back(gtsam.PriorFactorPose3(X(0), seen[0], gtsam.noiseModel.Diagonal.Sigmas(FIRM)))
+    graph.push_back(gtsam.PriorFactorVector(BIAS, np.zeros(1), gtsam.noiseModel.Isotropic.Sigma(1, DRIFT)))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(SIGMA)
+    for k in range(1, len(seen)):
+        graph.push_back(_drifting_stride(k, seen[k - 1].between(seen[k]), noise))
+    return graph, values
+
+
+def _drifting_stride(k: int, seen: gtsam.Pose3, noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
+    """The foot turns at the beginning of a stride: e = log((exp(-b) seen)^-1 (before^-1 after))."""
+
+    def factor(values: gtsam.Values, with_jacobians: bool):
+        before, after, b = values.atPose3(X(k - 1)), values.atPose3(X(k)), float(values.atVector(BIAS)[0])
+        expected = gtsam.Pose3(gtsam.Rot3(yaw_rotation(-b)), np.zeros(3)).compose(seen)
+        e = gtsam.Pose3.Logmap(expected.between(before.between(after)))
+        by_bias = expected.inverse().AdjointMap()[:, 2:3]
+        H = [-after.between(before).AdjointMap(), np.eye(6), by_bias]
+        return e, H if with_jacobians else []
+
+    return guarded_factor("drifting stride", [X(k - 1), X(k), BIAS], [6, 6, 1], noise, factor)
+
+
+def course_after(turn: Floats, drift: float) -> float:
+    """Course at the end, rad, of a walk that drifts and is tied to be straight."""
+    graph, values = drifting(turn, drift)
+    count = len(turn) + 1
+    ties = walk_ties(one_node_a_footfall(count), values, STRAIGHT_ONLY)
+    ordering = order(count)
+    ordering.push_back(BIAS)
+    solved = solve(graph, ties.parts, values, ordering, 1e-6, 50)
+    return float(solved.values.atPose3(X(count - 1)).rotation().yaw())
+
+
+@pytest.mark.parametrize("corners_deg", [(), (90.0,), (90.0, -90.0, 35.0)], ids=["none", "one", "three"])
+def test_drift_on_straight_legs_is_taken_out_and_corners_stay(corners_deg: tuple[float, ...]) -> None:
+    turn = np.zeros(60 * (len(corners_deg) + 1))
+    turn[60:-1:60] = np.radians(corners_deg)
+    error = np.angle(np.exp(1j * (course_after(turn, DRIFT) - turn.sum())))
+    assert abs(error) < 0.2 * DRIFT * len(turn)
+    assert abs(course_after(turn, 0.0) - turn.sum()) < np.radians(0.5)
+
+
+def test_a_slow_bend_is_mistaken_for_drift() -> None:
+    """Why it is off: a bend of 0.3 deg a stride, walked and measured without any drift, is straightened."""
+    assert course_after(np.full(60, DRIFT), 0.0) < 0.25 * 60 * DRIFT
+
+
+def test_a_corner_that_is_grazed_does_not_pass_for_drift() -> None:
+    """Corners of 90 deg to the right, wherever they fall among the strides, are worth nothing on the mean."""
+    turn = np.zeros(3000)
+    corner = np.arange(30, 2990, 31)
+    for share, stride in ((0.25, 0), (0.5, 1), (0.25, 2)):
+        turn[corner + stride] = -share * np.pi / 2
+    position = positions(values_of(walked(turn, np.zeros(3000))), 3001)
+    triples = straight_triples(position, STRAIGHT)
+    kept = triples[off_line(position, triples) <= WalkParameters().straight_within_m]
+
+    def believed(some: Ints) -> float:
+        change = straight_walk_residual(*np.moveaxis(position[some], 1, 0))
+        weight = straight_probability(change / STRAIGHT.sigma, STRAIGHT.odds_of_curve)
+        return float(np.degrees((weight * change).sum() / weight.sum()))
+
+    assert believed(triples) < -0.1
+    assert abs(believed(kept)) < 0.1 * abs(believed(triples))
+    assert len(kept) > 100
+
+
+def test_off_the_line_is_measured_over_ground_from_the_ends() -> None:
+    position = np.stack([np.arange(11.0), np.zeros(11), 3.0 * np.arange(11) ** 2], axis=1) @ yaw_rotation(0.7).T
+    triples = np.array([[0, 5, 10]])
+    assert off_line(position, triples)[0] == pytest.approx(0.0, abs=1e-12)
+    position[7] += yaw_rotation(0.7) @ [0.3, -0.2, 1.0]
+    assert off_line(position, triples)[0] == pytest.approx(0.2)
+    assert off_line(position, triples[:0]).shape == (0,)
+
+
+def storeys(level: int = 60, visits: tuple[int, ...] = (0, 1, 0, 2, 1, 0)) -> tuple[Floats, Ints]:
+    """True heights of footfalls on floors with stairs between them; and the floors, -1 on stairs, as they are met."""
+    height, floor = [np.zeros(level)], [np.full(level, visits[0])]
+    for a, b in pairwise(visits):
+        climb = STOREY * (a + np.sign(b - a) * np.arange(1, 10 * abs(b - a)) / 10)
+        height += [climb, np.full(level, STOREY * b)]
+        floor += [np.full(len(climb), -1), np.full(level, b)]
+    return np.concatenate(height), np.concatenate(floor)
+
+
+@pytest.mark.parametrize("drift_m", [-0.03, -0.013, 0.0, 0.013, 0.03])
+def test_floors_are_told_by_their_stairs_whatever_the_drift(drift_m: float) -> None:
+    height, floor = storeys(level=300)
+    seen = height + drift_m * np.arange(len(height)) + np.random.default_rng(0).normal(0, 0.008, len(height))
+    assert abs(seen[-1] - height[-1]) >= 50.0 * abs(drift_m)
+    label = floor_labels(stepped(seen, FloorParameters().step_m))
+    np.testing.assert_array_equal(label, floor)
+    if abs(drift_m) > 0.01:  # and the heights as they are do not tell
+        assert not np.array_equal(floor_labels(seen), floor)
+
+
+def test_steps_are_kept_and_drift_is_not() -> None:
+    np.testing.assert_allclose(stepped(np.array([5.0, 5.02, 5.3, 5.65, 5.6, 5.3]), 0.1), [0, 0, 0.28, 0.63, 0.63, 0.33])
+    assert not stepped(np.linspace(0.0, 20.0, 1000), 0.1).any()
+
+
+def test_floor_ties_are_the_factors() -> None:
+    values, rng = anywhere(30), np.random.default_rng(3)
+    label = rng.integers(-1, 3, 30)
+    ties = FloorTies(one_node_a_footfall(30), label, 0.02)
+    ties.insert(values)
+    noise, graph = gtsam.noiseModel.Isotropic.Sigma(1, 0.02), gtsam.NonlinearFactorGraph()
+    for k in np.flatnonzero(label >= 0):
+        graph.push_back(floor_height_factor(X(int(k)), Z(int(label[k])), noise))
+    step = steps_of(values, 4, 0.01)
+    assert len(ties) == 3
+    assert ties.error(values) == pytest.approx(graph.error(values), rel=1e-9)
+    assert linear(ties, values).error(step) == pytest.approx(graph.linearize(values).error(step), rel=1e-9)
+
+
+CLIMBING = np.array([1e-4, 1e-4, 1e-4, 0.01, 0.01, 0.015])
+
+
+@pytest.mark.parametrize("drift_m", [0.0, 0.013])
+def test_a_floor_that_is_visited_again_gets_its_height_back(drift_m: float) -> None:
+    height, floor = storeys()
+    seen = np.diff(height) + drift_m + np.random.default_rng(1).normal(0, 0.005, len(height) - 1)
+    solved = with_ties(walked(np.zeros(len(seen)), seen), CLIMBING, FLOORS_ONLY)
+    found = positions(solved.values, len(height))[:, 2]
+    for k in range(3):
+        assert np.ptp(found[floor == k]) < 0.05
+    floors = np.array([found[floor == k].mean() for k in range(3)])
+    np.testing.assert_allclose(floors - floors[0], STOREY * np.arange(3), atol=0.1 + 20 * drift_m)
+
+
+def test_a_walk_on_no_floor_is_left_alone() -> None:
+    poses = walked(np.zeros(20), np.full(20, 0.3))
+    values = values_of(poses)
+    ties = walk_ties(one_node_a_footfall(21), values, FLOORS_ONLY)
+    assert ties.floors == 0
+    assert ties.parts[0].error(values) == 0.0
+    assert list(ties.parts[0].linearize(values)) == []
+
+
+def test_marginals_are_those_of_the_information_matrix() -> None:
+    """With ties across ten footfalls and floors at the end of the order, down the tree as if on a chain."""
+    height, _ = storeys(level=12, visits=(0, 1, 0))
+    rng = np.random.default_rng(5)
+    poses = walked(rng.normal(0, 0.01, len(height) - 1), np.diff(height))
+    values = values_of(poses)
+    ties = walk_ties(one_node_a_footfall(len(poses)), values, WalkParameters(straight=True, floors=True))
+    ordering = ties.ordering(order(len(poses)))
+    assert ties.floors == 2
+    graph = dead_reckoned(poses, SIGMA).linearize(values)
+    for part in ties.parts:
+        for factor in part.linearize(values):
+            graph.push_back(factor)
+    full = np.linalg.inv(graph.hessian(ordering)[0])
+    keys = [*(X(k) for k in range(len(poses))), Z(0), Z(1)]
+    found = marginal_covariances(graph.eliminateMultifrontal(ordering, gtsam.EliminateQR), set(keys))
+    first = 0
+    for key in keys:
+        last = first + len(found[key])
+        np.testing.assert_allclose(found[key], full[first:last, first:last], rtol=1e-5, atol=1e-12)
+        first = last
+    assert first == len(full)
+
+
+def test_order_of_others_is_not_touched() -> None:
+    height, _ = storeys(level=12, visits=(0, 1))
+    values = values_of(walked(np.zeros(len(height) - 1), np.diff(height)))
+    ties, theirs = walk_ties(one_node_a_footfall(len(height)), values, FLOORS_ONLY), order(len(height))
+    assert ties.ordering(theirs).size() == theirs.size() + 2 == len(height) + 2
+
+
+def test_all_is_off_unless_asked_for() -> None:
+    values = anywhere(30)
+    p = SmootherParameters().walk
+    assert (p.straight, p.floors) == (False, False)
+    assert walk_ties(one_node_a_footfall(30), values, p).parts == ()
+    assert values.size() == 30
+
+
+def test_a_smoothed_walk_is_flat_with_floors_and_its_path_the_same() -> None:
+    walk = demo()
+    free = smooth(walk.recording, walk.stances, DEFAULT)
+    flat = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=FLOORS_ONLY))
+    assert np.ptp(flat.stances.position[:, 2]) < min(0.02, 0.5 * np.ptp(free.stances.position[:, 2]))
+    assert np.linalg.norm((flat.position - free.position)[:, :2], axis=1).max() < 0.1
+    assert flat.stances.position_cov[-1, 2, 2] < 0.2 * free.stances.position_cov[-1, 2, 2]
+    assert flat.parameters["walk"]["floors"] is True
+
+
+def test_a_smoothed_walk_with_straight_legs_keeps_its_corners() -> None:
+    walk = demo()
+    free = smooth(walk.recording, walk.stances, DEFAULT)
+    held = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=STRAIGHT_ONLY))
+    assert np.linalg.norm((held.position - free.position)[:, :2], axis=1).max() < 0.3
+    assert held.stances.heading_sigma[-1] < free.stances.heading_sigma[-1]
