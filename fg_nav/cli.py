@@ -37,7 +37,8 @@ PATH_METHOD = "iez"
 DEMO_METHODS = ("smoother", "iez")
 
 METHOD_NAMES = (
-    "smoother, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; all but the first also smoothed, as `iez-rts`"
+    "smoother, inertial, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
+    "all but the first two also smoothed, as `iez-rts`"
 )
 PRESET_NAMES = "tuned, physical or as-printed"
 """In words for the help, which must not load the methods; a test holds both to those that there are."""

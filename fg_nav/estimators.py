@@ -50,6 +50,9 @@ Estimator: TypeAlias = Callable[[Given, Progress | None], Solution]
 WITH_FIXES = ("smoother", "inertial")
 """Those that make use of fixes."""
 
+SMOOTHERS = ("smoother", "inertial")
+"""The factor graph with the magnetic field and without."""
+
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 """Each also as `-rts`: with the way back over its pass."""
 

@@ -28,6 +28,8 @@ class StanceTable:
     gyro_bias_sigma    (K, 3)   rad/s
     field              (K,)     verdict on the magnetic field: "none" where it was not used
     field_reason       (K,)     the verdict in words
+    pose_cov           (K, 4,4) of east, north, up (m) and yaw about up (rad) together; None
+                                where the estimator does not tell
     ================== ======== ==========================================================
     """
 
@@ -41,6 +43,7 @@ class StanceTable:
     gyro_bias_sigma: Floats
     field: tuple[str, ...]
     field_reason: tuple[str, ...]
+    pose_cov: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.sample)

@@ -43,7 +43,18 @@ from typing import Any
 import figures as fig
 import kept
 import walks
-from compare_tables import BUILDING, MALL, OFFICE, Case, by_case, judged, print_case, print_remarks, print_speed
+from compare_tables import (
+    BUILDING,
+    MALL,
+    OFFICE,
+    OFFICE_OPEN,
+    Case,
+    by_case,
+    judged,
+    print_case,
+    print_remarks,
+    print_speed,
+)
 from kept import Key, Result
 from walked_by import (
     GDIN,
@@ -76,8 +87,8 @@ from fg_nav.simulation.scenarios import FIELDS
 FIRST_SEED, SEEDS = 101, 20
 REAL_FIELD = "real"
 
-METHODS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched", "matched-rts", "smoother")
-"""Where nothing else is said."""
+METHODS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched", "matched-rts", "inertial", "smoother")
+"""Where nothing else is said; `inertial` is the smoother without the field."""
 
 PROBE = ("demo", 1)
 """A short walk on which a method tells its effective parameters before it is asked for long ones."""
@@ -102,7 +113,23 @@ class Chosen:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make what is missing, print, draw."""
-    chosen = _checked(_parse(arguments))
+    chosen = checked(_parse(arguments))
+    results = made_and_kept(chosen)
+    cases = by_case(results)
+    for name, case in cases.items():
+        print_case(name, case, chosen.reference)
+        draw_case(chosen.out, name, case)
+    print_speed(results)
+    figures = judged(cases)
+    if figures:
+        fig.print_heading("What was asked")
+        fig.print_figures([replace(one, name=f"{one.section}: {one.name}") for one in figures])
+        fig.print_verdict(figures)
+    print_remarks(results)
+
+
+def made_and_kept(chosen: Chosen) -> list[Result]:
+    """Return all results that were asked for, made now where they are missing."""
     keys = all_keys(chosen)
     settings = {key: settings_of(key) for key in keys}
     holds = found(chosen.out, settings)
@@ -110,24 +137,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         holds = {key: result for key, result in holds.items() if result.code == kept.code_sum()}
     make([key for key in keys if key not in holds], settings, chosen)
     results = found(chosen.out, settings)
-    cases = by_case([results[key] for key in keys])
-    for name, case in cases.items():
-        print_case(name, case, chosen.reference)
-        draw_case(chosen.out, name, case)
-    print_speed(list(results.values()))
-    figures = judged(cases)
-    if figures:
-        fig.print_heading("What was asked")
-        fig.print_figures([replace(one, name=f"{one.section}: {one.name}") for one in figures])
-        fig.print_verdict(figures)
-    print_remarks(list(results.values()))
+    return [results[key] for key in keys]
 
 
 def _parse(arguments: Sequence[str] | None) -> Chosen:
     parser = argparse.ArgumentParser(description="The papers' filters and our smoother on the papers' walks.")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results and pictures")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="NAME[:PRESET]")
-    parser.add_argument("--scenarios", nargs="*", default=[OFFICE, BUILDING, MALL], metavar="NAME")
+    parser.add_argument("--scenarios", nargs="*", default=[OFFICE, OFFICE_OPEN, BUILDING, MALL], metavar="NAME")
     parser.add_argument("--fields", nargs="+", default=["smooth", "between", "indoor"], metavar="LEVEL")
     parser.add_argument("--magnetometer", nargs="+", default=[LOOP], choices=MAGNETOMETERS)
     parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"walks of a scenario ({SEEDS})")
@@ -153,7 +170,7 @@ def _parse(arguments: Sequence[str] | None) -> Chosen:
     )
 
 
-def _checked(chosen: Chosen) -> Chosen:
+def checked(chosen: Chosen) -> Chosen:
     """Refuse what cannot be before anything is simulated."""
     for method in chosen.methods:
         name_and_preset(method)

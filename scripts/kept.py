@@ -28,7 +28,7 @@ from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.plain import plain
 from fg_nav.report.methods import Track
 
-FORM = 1
+FORM = 2
 """Of the files: a result of another form is none."""
 
 SEEN_ONLY = ("report", "cli.py")
@@ -66,6 +66,7 @@ class Result:
     errors : by alignment (`fg_nav.evaluation.walked`).
     landmark : names, one a crossing.
     landmark_m : error at each crossing, by alignment.
+    whitened : errors of place and heading over their claim, by part (`fg_nav.evaluation.pose_consistency`).
     estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment; `every` as of a `Track`.
     used : (K,) whether the method believed the field.
     samples, runtime_s : of the method.
@@ -80,6 +81,7 @@ class Result:
     errors: Mapping[str, WalkErrors] = field(default_factory=dict)
     landmark: Sequence[str] = ()
     landmark_m: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    whitened: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
     estimate: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
     truth: Sequence[Sequence[float]] = ()
     every: bool = True

@@ -1,6 +1,7 @@
 """How good the estimators are on real walks: each figure asked for beside the figure measured.
 
     python scripts/real_walks.py [--data DIR] [--only vicon|gdin|loops] [--per-trial] [--ablation] [--json FILE]
+    python scripts/real_walks.py --magnetometer [--data DIR] [--json FILE]
 
 ========= ==========================================================================================================
 vicon     rmse over all samples after yaw and position alignment, scale, and NEES of the stance positions, with the
@@ -8,6 +9,8 @@ vicon     rmse over all samples after yaw and position alignment, scale, and NEE
 gdin      rmse over surveyed footprints after a rigid fit, scale, and stride count
 loops     distance from the first stance to the last, in percent of the distance travelled
 ablation  what each part of the smoother brings: the same figures without it
+magnetic  gdin and the openshoe loops with the magnetometer beside without it: as recorded, and corrected by what the
+          walk tells of its iron, where it does (`fg_nav.calibration.walk`). Heading at the start unknown
 ========= ==========================================================================================================
 
 Nothing is set by walk: every walk of every set runs with the same parameters. PyShoe (Wagstaff, Peretroukhin and
@@ -28,6 +31,7 @@ import figures as fig
 import numpy as np
 import walks
 from figures import Figure
+from walked_by import GDIN, OPENSHOE, RAW, REAL_WALKS, WALK, RealWalk
 from walks import Walk
 
 from fg_nav.arrays import Floats
@@ -36,6 +40,7 @@ from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import Consistency, Metrics, evaluate, stance_nees
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console, progress
+from fg_nav.session import Session, solve
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.solution import Solution
@@ -100,6 +105,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print, and write what was asked for."""
     chosen = _parse(arguments)
     data = walks.data_folder(chosen.data)
+    if chosen.magnetometer:
+        figures = measure_magnetic(data)
+        fig.print_verdict(figures)
+        if chosen.json:
+            fig.write_json(chosen.json, {"figures": [figure.as_dict() for figure in figures]})
+        return
     sets = (chosen.only,) if chosen.only else SETS
     results, figures = measure_sets(data, sets, chosen.per_trial)
     fig.print_verdict(figures)
@@ -118,6 +129,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
     parser.add_argument("--only", choices=SETS, help="one set of walks")
     parser.add_argument("--per-trial", action="store_true", help="a table of every Vicon trial as well")
+    parser.add_argument("--magnetometer", action="store_true", help="with and without the magnetometer instead")
     parser.add_argument("--ablation", action="store_true", help="what each part of the smoother brings (slow)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
     return parser.parse_args(arguments)
@@ -348,6 +360,97 @@ def print_failures(results: Sequence[Result]) -> None:
         if result.failure:
             console().print(f"{result.walk}, {result.method}: {result.failure}")
 
+
+# --- with the magnetometer -------------------------------------------------------------------------------------------
+
+MAGNETIC_M, NO_WORSE, MAGNETIC_CLOSURE_PERCENT = 0.45, 1.10, 0.5
+"""Mean footprint rmse, m; greatest ratio of any walk's to its own without the field; median closure, %."""
+
+KNOWN_IRON: Mapping[str, str] = {RAW: "as recorded", WALK: "calibrated on the walk"}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A figure of merit of one walk without the field and with it, by what was known of the iron; infinite: failed."""
+
+    walk: str
+    without: float
+    with_field: Mapping[str, float]
+    calibrated: bool
+
+    def ratio(self, iron: str) -> float:
+        """With the field over without it."""
+        return self.with_field[iron] / self.without
+
+
+def measure_magnetic(data: Path, names: Mapping[str, Sequence[str]] = REAL_WALKS) -> list[Figure]:
+    """Measure and print; returns the figures."""
+    figures = []
+    for group, what in ((GDIN, "footprint rmse (m)"), (OPENSHOE, "closure (%)")):
+        pairs = [pair(group, walk, data) for walk in names[group]]
+        fig.print_heading(f"{group}: {what}, without the magnetometer and with it")
+        print_pairs(pairs)
+        found = [figure for iron in KNOWN_IRON for figure in pair_figures(group, pairs, iron)]
+        fig.print_figures(found)
+        figures += found
+    return figures
+
+
+def pair(group: str, walk: str, data: Path) -> Pair:
+    """One walk without the field and with it."""
+    source = RealWalk(group, walk, data)
+    sessions = {iron: source.session(iron) for iron in KNOWN_IRON}
+    return Pair(
+        f"{group} {walk}",
+        merit(sessions[RAW], "inertial"),
+        {iron: merit(session, "smoother") for iron, session in sessions.items()},
+        sessions[WALK].calibration is not None,
+    )
+
+
+def merit(session: Session, method: str) -> float:
+    """Footprint rmse in m where there is a truth, else closure in percent; infinite where the method fails."""
+    try:
+        metrics = solve(session, method).metrics
+    except (EstimationError, EvaluationError):
+        return float("inf")
+    value = metrics.closure_percent if session.truth is None else metrics.rmse_2d_m
+    return float("inf") if value is None else value
+
+
+def print_pairs(pairs: Sequence[Pair]) -> None:
+    """One row a walk."""
+    rows = [
+        (
+            one.walk,
+            f"{one.without:.3f}",
+            *(f"{one.with_field[iron]:.3f} ({one.ratio(iron):.2f})" for iron in KNOWN_IRON),
+            "yes" if one.calibrated else "no",
+        )
+        for one in pairs
+    ]
+    fig.print_table(("walk", "without", *(f"{words} (ratio)" for words in KNOWN_IRON.values()), "told its iron"), rows)
+
+
+def pair_figures(group: str, pairs: Sequence[Pair], iron: str) -> list[Figure]:
+    """What is asked with the magnetometer."""
+    some = np.array([one.with_field[iron] for one in pairs])
+    worst = max(one.ratio(iron) for one in pairs)
+    name = f"{KNOWN_IRON[iron]}: greatest ratio to without"
+    if group == OPENSHOE:
+        median = float(np.median(some))
+        words = f"{KNOWN_IRON[iron]}: closure, median (%)"
+        return [
+            Figure(group, words, "smoother", median, high=MAGNETIC_CLOSURE_PERCENT),
+            Figure(group, name, "smoother", worst, pattern="{:.2f}"),
+        ]
+    return [
+        Figure(group, f"{KNOWN_IRON[iron]}: rmse, mean (m)", "smoother", float(some.mean()), high=MAGNETIC_M),
+        Figure(group, name, "smoother", worst, high=NO_WORSE, pattern="{:.2f}"),
+    ]
+
+
+# --- the smoother's parts --------------------------------------------------------------------------------------------
 
 DEFAULT = SmootherParameters()
 

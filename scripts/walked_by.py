@@ -27,6 +27,7 @@ from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import CalibrationError, FgNavError
 from fg_nav.estimators import estimator
 from fg_nav.evaluation.landmarks import landmark_errors
+from fg_nav.evaluation.pose_consistency import whitened_errors
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, at_footfalls, errors_of, walk_errors, way_m
 from fg_nav.frames import heading_of
 from fg_nav.io import read
@@ -134,18 +135,21 @@ def measured(blank: Result, source: Source, session: Session, outcome: Outcome) 
     if truth is None:
         own = {CLOSURE: _rounded(place)}
         return replace(done, errors={CLOSURE: walk_errors(solution)}, estimate=own, every=False)
-    errors, estimate, at_landmarks = {}, {}, {}
+    errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
     modes = (AS_STARTED, BEST_YAW) if isinstance(truth, TrajectoryTruth) else (BEST_YAW,)
     for mode in modes:
         laid = at_footfalls(solution, truth, mode)
         errors[mode] = errors_of(laid, way_m(place))
         estimate[mode] = _rounded(laid.estimate if not laid.planar else laid.alignment.apply(place))
+        if mode == AS_STARTED:
+            whitened = whitened_errors(laid, solution.stances)
         if source.landmark:
             crossed = landmark_errors(solution, source.landmark, *source.passed, laid.alignment)
             at_landmarks[mode] = crossed.error_m.tolist()
     return replace(
         done,
         errors=errors,
+        whitened=whitened,
         estimate=estimate,
         truth=_rounded(laid.truth),
         every=not laid.planar,

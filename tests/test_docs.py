@@ -15,7 +15,7 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS
 from fg_nav.cli import METHOD_NAMES, PRESET_NAMES, app
 from fg_nav.ekf.presets import PRESETS
-from fg_nav.estimators import ESTIMATORS, FILTERS
+from fg_nav.estimators import ESTIMATORS, FILTERS, SMOOTHERS
 from fg_nav.io import FORMATS, write_canonical
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.field_survey import SURVEYED
@@ -146,10 +146,10 @@ def test_every_key_of_a_calibration_file_is_told() -> None:
 
 
 def test_help_and_tables_have_every_method_and_preset() -> None:
-    assert re.findall(r"[a-z][\w-]*", METHOD_NAMES.partition(";")[0].replace(" or ", ", ")) == ["smoother", *FILTERS]
-    assert set(ESTIMATORS) == {"smoother", *FILTERS, *(f"{name}-rts" for name in FILTERS)}
+    assert re.findall(r"[a-z][\w-]*", METHOD_NAMES.partition(";")[0].replace(" or ", ", ")) == [*SMOOTHERS, *FILTERS]
+    assert set(ESTIMATORS) == {*SMOOTHERS, *FILTERS, *(f"{name}-rts" for name in FILTERS)}
     assert tuple(PRESET_NAMES.replace(" or ", ", ").split(", ")) == PRESETS
-    assert set(names_of(README, "method")) == {"smoother", *FILTERS, "-rts", "iez-rts"}
+    assert set(names_of(README, "method")) == {*SMOOTHERS, *FILTERS, "-rts", "iez-rts"}
     assert names_of(FILTERS_PAGE, "method") == list(FILTERS)
     for page in (README, FILTERS_PAGE):
         assert names_of(page, "preset") == list(PRESETS)

@@ -91,9 +91,8 @@ def pose_covariance(stances: StanceTable, row: Ints) -> tuple[Floats, bool]:
 
     Without a `pose_cov` in the table the heading is taken as independent of the place, which it is not.
     """
-    joint = getattr(stances, "pose_cov", None)
-    if joint is not None:
-        return np.asarray(joint)[row], True
+    if stances.pose_cov is not None:
+        return stances.pose_cov[row], True
     blocks = np.zeros((len(row), 4, 4))
     blocks[:, :3, :3] = stances.position_cov[row]
     blocks[:, 3, 3] = stances.heading_sigma[row] ** 2

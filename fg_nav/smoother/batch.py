@@ -12,7 +12,7 @@ marginals -> sigmas; nodes -> dense trajectory
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cache
 from time import perf_counter
 
@@ -21,8 +21,6 @@ import numpy as np
 from gtsam.symbol_shorthand import B, X
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration import RollingLever, rolling_lever
-from fg_nav.detection import Rest
 from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
@@ -32,8 +30,8 @@ from fg_nav.smoother.covariances import marginal_covariances
 from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field_rounds import FieldProblem, FieldVerdict, solve_with_field, unusable
 from fg_nav.smoother.initial import initial_values
+from fg_nav.smoother.known import Known, known_before
 from fg_nav.smoother.nodes import Nodes, place_nodes
-from fg_nav.smoother.noise_level import SwingNoise, swing_noise
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import Native, Part, Solved, solve, time_order
@@ -45,16 +43,6 @@ from fg_nav.stances import Stances
 from fg_nav.start import starting_point
 from fg_nav.tails import hold_tails
 from fg_nav.wording import counted
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of sensor and mounting before the graph is built."""
-
-    gyro_bias: Floats
-    gyro_bias_sigma: float
-    rests: tuple[Rest, ...]
-    lever: RollingLever
 
 
 def smooth(
@@ -105,9 +93,8 @@ def _smooth(
 ) -> Solution:
     began = perf_counter()
     start = starting_point(recording, stances, heading or 0.0, p.rest)
-    known = _known(recording, stances, start.rests, p)
-    noise = _swing_noise(recording, stances, known, p)
-    p = replace(p, gyr_relative_density=noise.gyr_relative_density)
+    known = known_before(recording, stances, start.rests, p)
+    p = replace(p, gyr_relative_density=known.swing.gyr_relative_density)
     nodes = place_nodes(recording, stances, p)
     pinned = pin_fixes(fixes, recording.t, nodes, p.walk)
     graph, ties = _graph(recording, stances, nodes, known, p, progress)
@@ -151,7 +138,7 @@ def _smooth(
         stances=table,
         runtime_s=perf_counter() - began,
         parameters=asdict(p),
-        notes=(*_notes(known, solved.steps), noise.note, *verdict.notes, *tails),
+        notes=(*known.notes, f"solved in {counted(solved.steps, 'Gauss-Newton step')}", *verdict.notes, *tails),
     )
 
 
@@ -162,34 +149,6 @@ def _compile() -> None:
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
     stances = Stances.from_mask(np.ones(200, dtype=np.bool_))
     _smooth(rest, stances, SmootherParameters(), 0.0, None, None, ())
-
-
-def _known(recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters) -> Known:
-    bias, sigma = _bias_from_rests(rests, np.radians(p.gyro_bias_sigma_deg_s))
-    if p.known_lever is not None:
-        lever = RollingLever(np.array(p.known_lever), np.zeros((3, 3)), 0)
-    else:
-        lever = rolling_lever(recording, stances, p.lever)
-    return Known(bias, sigma, rests, lever)
-
-
-def _swing_noise(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> SwingNoise:
-    if not p.choose_swing_noise:
-        return SwingNoise(p.gyr_relative_density, "swing noise as told")
-    return swing_noise(recording, stances, known.gyro_bias, known.gyro_bias_sigma, known.lever.lever, p)
-
-
-def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Floats, float]:
-    """Bias (3,) to start from and the sigma of its prior about zero, rad/s.
-
-    Rests that show a bias far outside the prior show a sensor that was not calibrated: the prior widens to it.
-    """
-    if not rests:
-        return np.zeros(3), prior_sigma
-    weight = np.array([rest.sigma**-2 for rest in rests])
-    mean = weight @ np.array([rest.rate for rest in rests]) / weight.sum()
-    sigma = float(np.hypot(prior_sigma, np.linalg.norm(mean)))
-    return mean * sigma**2 / (sigma**2 + 1 / weight.sum()), sigma
 
 
 def _graph(
@@ -218,7 +177,7 @@ def _table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> St
     poses = [solved.values.atPose3(key) for key in pose_keys]
     attitude = np.array([pose.rotation().matrix() for pose in poses])
     body = np.array([covariance[key] for key in pose_keys])
-    rotation_cov, position_cov = (_in_nav(attitude, body[:, i : i + 3, i : i + 3]) for i in (0, 3))
+    pose_cov = _in_nav(attitude, body)
     bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
     sample = nodes.sample[nodes.result]
     return StanceTable(
@@ -227,32 +186,18 @@ def _table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> St
         position=np.array([pose.translation() for pose in poses]),
         nav_R_body=attitude,
         gyro_bias=np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys]),
-        position_cov=position_cov,
-        heading_sigma=np.sqrt(rotation_cov[:, 2, 2]),
+        position_cov=pose_cov[:, :3, :3],
+        heading_sigma=np.sqrt(pose_cov[:, 3, 3]),
         gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
         field=verdict.words,
         field_reason=verdict.reason,
+        pose_cov=pose_cov,
     )
 
 
 def _in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
-    """Covariances (F, 3, 3) from body axes to navigation axes."""
-    return nav_R_body @ body_cov @ nav_R_body.transpose(0, 2, 1)
-
-
-def _notes(known: Known, steps: int) -> tuple[str, ...]:
-    return (_bias_note(known), _lever_note(known.lever), f"solved in {counted(steps, 'Gauss-Newton step')}")
-
-
-def _bias_note(known: Known) -> str:
-    if not known.rests:
-        return "gyro bias from the walk alone, there is no rest in it"
-    bias = np.round(np.degrees(known.gyro_bias), 3).tolist()
-    return f"gyro bias {bias} deg/s from {counted(len(known.rests), 'rest')}"
-
-
-def _lever_note(lever: RollingLever) -> str:
-    if not lever.lever.any():
-        return "sensor taken to stand where the foot rolls: plain zero velocity"
-    x, y, z = lever.lever * 1000
-    return f"sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm from the point about which the foot rolls, body axes"
+    """Covariances (F, 4, 4) of place and yaw in navigation axes, from those of poses (F, 6, 6) in body axes."""
+    turn = np.zeros_like(body_cov)
+    turn[:, :3, :3] = turn[:, 3:, 3:] = nav_R_body
+    place_and_yaw = [3, 4, 5, 2]
+    return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])

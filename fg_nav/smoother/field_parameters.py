@@ -37,9 +37,10 @@ class FieldParameters:
     """Horizontal strength of the field about the walk's median, uT."""
     mean_walk_uT: float = 0.003
     """By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
-    regional_share: float = 1.0
+    regional_share: float = 3.0
     """What rooms and wings of a building do to the compass, as a share of how the field differs from footfall to
-    footfall, before the walk has shown it: as much again, and nothing in a homogeneous field."""
+    footfall, before the walk has shown it: wide, for one who is wrong here on a short walk bends it; nothing in a
+    homogeneous field."""
     regional_length_m: float = 20.0
     """For how long."""
     regional_weight: float = 5.0

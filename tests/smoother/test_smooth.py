@@ -18,6 +18,7 @@ from fg_nav.recording import Recording
 from fg_nav.simulation import simulate
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.noise_level import LEVELS
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -259,7 +260,10 @@ def test_solution_says_how_it_was_made() -> None:
     found = smoothed(0, p)
     assert found.method == "smoother"
     assert found.runtime_s > 0
-    assert found.parameters == asdict(p)
+    chosen = found.parameters["gyr_relative_density"]
+    assert chosen in LEVELS
+    assert found.parameters == asdict(replace(p, gyr_relative_density=chosen))
+    assert any("swing noise" in note for note in found.notes)
     assert len(found.notes) >= 3
     assert len(found.stances) == demo().stances.n_footfalls
     assert set(found.stances.field) == {"none"}
