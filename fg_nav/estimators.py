@@ -76,9 +76,22 @@ def _filter(method: str) -> Estimator:
     def run(given: Given, progress: Progress | None) -> Solution:
         from fg_nav.ekf.presets import run_filter
 
-        return run_filter(method, given.preset, given.recording, given.stances, given.field, given.heading)
+        density = _swing_density(given) if method.startswith("matched") else None
+        walk = (given.recording, given.stances, given.field, given.heading)
+        return run_filter(method, given.preset, *walk, density)
 
     return run
+
+
+def _swing_density(given: Given) -> float:
+    """Noise of the rate in a swing as the smoother finds it, for the filter that is to believe what it believes."""
+    from fg_nav.smoother import SmootherParameters
+    from fg_nav.smoother.known import known_before
+    from fg_nav.start import starting_point
+
+    p = SmootherParameters()
+    rests = starting_point(given.recording, given.stances, parameters=p.rest).rests
+    return known_before(given.recording, given.stances, rests, p).swing.gyr_relative_density
 
 
 ESTIMATORS: dict[str, Estimator] = {

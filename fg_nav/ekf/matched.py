@@ -10,7 +10,7 @@ velocity in stance                  a tie each 0.08 s there (nodes of walking st
                                     is here a density of sigma sqrt(0.08 s)
 rolling lever                       estimated from the recording by the same function, in the body frame
 rest                                both begin from the gyro bias of the first one; later ones only the graph knows
-rate of a swing                     its relative density told by the walk, by the same function
+rate of a swing                     its relative density told by the walk: `fg_nav.estimators` hands it over
 settling of the sole, rounding      left out: 3 mm/s downward in stance, 1 mm in a second
 =================================== ===============================================================================
 
@@ -22,8 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
-from fg_nav.calibration import RollingLeverParameters
-from fg_nav.detection import find_rests
+from fg_nav.calibration import RollingLeverParameters, rolling_lever
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.parameters import IezParameters
 from fg_nav.magnetic import FootfallField
@@ -83,18 +82,6 @@ def run_matched(
     """Estimate the lever, and navigate a walk as `fg_nav.ekf.gated_compass.run_gated_compass` does."""
     core = parameters.inertial
     if core.rolling_lever_m is None:
-        core = _as_known_before(recording, stances, core, parameters.lever)
+        x, y, z = rolling_lever(recording, stances, parameters.lever).lever.tolist()
+        core = replace(core, rolling_lever_m=(x, y, z))
     return run_gated_compass(recording, stances, field, replace(parameters, inertial=core), heading, method)
-
-
-def _as_known_before(
-    recording: Recording, stances: Stances, core: IezParameters, lever: RollingLeverParameters
-) -> IezParameters:
-    """Give the core the lever and the noise of a swing that the smoother finds before it begins."""
-    from fg_nav.smoother.known import known_before  # the graph library takes a second to load
-    from fg_nav.smoother.parameters import SmootherParameters
-
-    rests = find_rests(recording, core.rest)
-    known = known_before(recording, stances, rests, SmootherParameters(lever=lever))
-    x, y, z = known.lever.lever.tolist()
-    return replace(core, rolling_lever_m=(x, y, z), gyr_relative_density=known.swing.gyr_relative_density)

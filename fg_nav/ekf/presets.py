@@ -138,6 +138,7 @@ def run_filter(
     stances: Stances,
     field: FootfallField | None,
     heading: float | None,
+    swing_density: float | None = None,
 ) -> Solution:
     """Run a filter in a preset.
 
@@ -147,6 +148,7 @@ def run_filter(
     recording, stances : of one walk.
     field : at its footfalls; None where it is unknown.
     heading : rad clockwise from north, of the body's x axis at the start; None for zero, or what the compass says.
+    swing_density : of the rate in a swing, 1/sqrt(Hz), as the smoother finds it, for `matched` alone; None for its own.
 
     Raises
     ------
@@ -157,6 +159,9 @@ def run_filter(
     if isinstance(parameters, AiezParameters):
         solution = run_aiez(recording, stances, field, parameters, heading, method)
     elif isinstance(parameters, MatchedParameters):
+        if swing_density is not None:
+            core = replace(parameters.inertial, gyr_relative_density=swing_density)
+            parameters = replace(parameters, inertial=core)
         solution = run_matched(recording, stances, field, parameters, heading, method)
     elif isinstance(parameters, GatedCompassParameters):
         solution = run_gated_compass(recording, stances, field, parameters, heading, method)
