@@ -21,6 +21,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, X
 
 from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
@@ -79,6 +80,7 @@ def smooth(
         With stances of another recording, a fix that is not on the walk, or where the solution cannot be found.
     """
     _compile()
+    _check(recording, stances, field)
     return _smooth(recording, stances, parameters, heading, progress, field, fixes)
 
 
@@ -140,6 +142,18 @@ def _smooth(
         parameters=asdict(p),
         notes=(*known.notes, f"solved in {counted(solved.steps, 'Gauss-Newton step')}", *verdict.notes, *tails),
     )
+
+
+def _check(recording: Recording, stances: Stances, field: FootfallField | None) -> None:
+    if field is None:
+        return
+    if recording.mag is None:
+        raise EstimationError("there is a field and the recording has no magnetometer: leave the field out.")
+    if len(field) != stances.n_footfalls:
+        raise EstimationError(
+            f"the field is that of {len(field)} footfalls and the stances have {stances.n_footfalls}: "
+            "take the field at these stances."
+        )
 
 
 @cache

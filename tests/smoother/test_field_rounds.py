@@ -11,7 +11,7 @@ import pytest
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import RestParameters
-from fg_nav.errors import MagneticError
+from fg_nav.errors import EstimationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap
 from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.magnetic.quasi_static import NO_FIELD
@@ -351,3 +351,13 @@ def test_a_detector_may_weaken_the_compass_or_silence_it() -> None:
 def test_a_detector_that_does_not_exist_is_refused() -> None:
     with pytest.raises(MagneticError, match="there is no detector 'sextant'"):
         smoothed(plain(), p=with_field(gate="sextant"))
+
+
+def test_a_field_of_another_walk_or_without_a_magnetometer_is_refused() -> None:
+    recording, stances = in_field(earth()), demo().stances
+    field = footfall_field(recording, stances)
+    with pytest.raises(EstimationError, match="no magnetometer"):
+        smooth(replace(recording, mag=None), stances, field=field)
+    fewer = replace(field, **{name: value[1:] for name, value in vars(field).items()})
+    with pytest.raises(EstimationError, match="take the field at these stances"):
+        smooth(recording, stances, field=fewer)
