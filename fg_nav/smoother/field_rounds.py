@@ -48,6 +48,9 @@ from fg_nav.smoother.solver import Part, Solved, time_order
 LEAST_SIGMA_UT = 0.2
 """Spread of the field below which a walk's differences are the magnetometer's."""
 
+LEAST_REGIONAL_UT = 0.01
+"""Of a region: keeps the equations well conditioned where the field is the same everywhere."""
+
 POTENTIAL_PER_FIELD_M = 1.5
 """Potential over field before it is measured: the reach of the steel of a building."""
 
@@ -207,7 +210,8 @@ def _roughness(
     # Along and up no heading can hide: they stand for the deviation across as well.
     steady = deviation[:, 1:]
     own = np.array([max(robust_sigma(column[seen]), LEAST_SIGMA_UT) for column in steady.T])
-    assumed = Roughness(p.regional_share * across.sigma, p.regional_length_m)
+    beyond_sensor = np.sqrt(max(across.sigma**2 - LEAST_SIGMA_UT**2, LEAST_REGIONAL_UT**2))
+    assumed = Roughness(p.regional_share * float(beyond_sensor), p.regional_length_m)
     region = regional(steady, own, seen, way.distance_m, assumed, across.length_m, p.regional_weight)
     return FieldRoughness(_potential(states, across, way), across, region)
 

