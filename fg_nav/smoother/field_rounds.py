@@ -140,7 +140,9 @@ def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) 
 
 
 def _for_this_way(problem: FieldProblem, values: gtsam.Values, p: FieldParameters) -> FieldParameters:
-    """Leave the line integral out on a short walk."""
+    """Leave the line integral out on a short walk, and keep to the field where there is no other north."""
+    if not problem.heading_known:
+        p = replace(p, regional_share=p.regional_share_untold)
     place = np.array([values.atPose3(X(int(j))).translation() for j in problem.nodes.result])
     way_m = float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
     return p if way_m >= p.potential_least_way_m else replace(p, potential=False)

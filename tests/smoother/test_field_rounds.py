@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.detection import RestParameters
+from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.errors import EstimationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap
 from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.magnetic.quasi_static import NO_FIELD
 from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.simulation import simulate
 from fg_nav.simulation.fields import magnet
 from fg_nav.simulation.fields.dipole import Dipoles
 from fg_nav.smoother import SmootherParameters, smooth
@@ -362,3 +363,16 @@ def test_a_field_of_another_walk_or_without_a_magnetometer_is_refused() -> None:
     fewer = replace(field, **{name: value[1:] for name, value in vars(field).items()})
     with pytest.raises(EstimationError, match="take the field at these stances"):
         smooth(recording, stances, field=fewer)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_north_on_a_rough_floor_is_found_within_its_sigma(seed: int) -> None:
+    """A minute over a reinforced floor, iron on the shoe, nobody tells the heading: the mean field is all there is."""
+    walk = simulate("demo", seed).recording
+    stances = detect_stances(walk)
+    found = smooth(walk, stances, heading=None, field=footfall_field(walk, stances)).stances
+    truth = truth_of(walk)
+    assert truth.nav_R_body is not None
+    off = wrap(heading_of(found.nav_R_body) - heading_of(truth.nav_R_body[found.sample]))
+    assert np.abs(off).max() < 3.0 * found.heading_sigma.min()
+    assert np.degrees(found.heading_sigma.max()) < 8.0
