@@ -1,6 +1,5 @@
 """The field along the way: magnetostatics under a walking foot, its derivatives, and what it knows of heading."""
 
-import time
 from itertools import pairwise
 
 import gtsam
@@ -195,19 +194,6 @@ def test_no_field_at_all_is_refused():
     t, R, p, y = recorded(EARTH, [0.0])
     with pytest.raises(ValueError, match="no field"):
         way_integral(t, R, p, np.full_like(y, np.nan), footfalls(1))
-
-
-def test_it_takes_no_time():
-    """0.04 s where nothing else runs; the bound leaves room for a busy machine, and none for a loop in Python."""
-    t, R, p, y = (np.tile(x, (1000, *[1] * (x.ndim - 1))) if x.ndim > 1 else x for x in recorded(EARTH, [0.0, 0.0]))
-    t = 0.01 * np.arange(len(y))
-    assert len(t) > 200_000
-    cost = []
-    for _ in range(5):
-        begun = time.process_time()
-        way_integral(t[:200_000], R[:200_000], p[:200_000], y[:200_000], t[:200_000:100])
-        cost.append(time.process_time() - begun)
-    assert min(cost) < 0.25
 
 
 def test_a_wrong_length_costs_the_deviation_only():
