@@ -153,7 +153,8 @@ def lengthened(session: Session, times: int) -> tuple[Session, Outcome]:
     n = len(short.t)
     t = np.arange(times * n) * session.recording.period_s
     lap = n * np.repeat(np.arange(times), len(found))
-    table = {f.name: tiled(getattr(short.stances, f.name), times) for f in fields(StanceTable)}
+    told = (f.name for f in fields(StanceTable) if getattr(short.stances, f.name) is not None)
+    table = {name: tiled(getattr(short.stances, name), times) for name in told}
     table["sample"] = table["sample"] + lap
     table["t"] = t[table["sample"]]
     path = {name: tiled(getattr(short, name), times) for name in ("position", "velocity", "nav_R_body")}
