@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import V, X
+from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import yaw_rotation
@@ -42,6 +42,7 @@ from fg_nav.smoother.field_state import (
     across_field,
 )
 from fg_nav.smoother.field_way import FieldWay, field_way
+from fg_nav.smoother.initial import turn_walk
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.solver import Part, Solved, time_order
 
@@ -160,15 +161,8 @@ def _towards_north(problem: FieldProblem, values: gtsam.Values) -> tuple[gtsam.V
     field = _nav_field(problem, _attitudes(problem, values))
     east, north, _ = np.nanmean(field, axis=0)
     turn = yaw_rotation(float(np.arctan2(east, north)))
-    _turn(values, problem.nodes, turn)
+    turn_walk(values, problem.nodes, turn)
     return values, values.atPose3(X(0)).rotation().matrix()
-
-
-def _turn(values: gtsam.Values, nodes: Nodes, turn: Floats) -> None:
-    about_up = gtsam.Pose3(gtsam.Rot3(turn), np.zeros(3))
-    for j in range(len(nodes)):
-        values.update(X(j), about_up.compose(values.atPose3(X(j))))
-        values.update(V(j), turn @ values.atVector(V(j)))
 
 
 def _attitudes(problem: FieldProblem, values: gtsam.Values) -> Floats:

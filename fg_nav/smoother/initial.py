@@ -49,6 +49,14 @@ def initial_values(
     return values
 
 
+def turn_walk(values: gtsam.Values, nodes: Nodes, nav_R_nav: Floats) -> None:
+    """Turn the poses and velocities of a walk about its origin, in place."""
+    about = gtsam.Pose3(gtsam.Rot3(nav_R_nav), np.zeros(3))
+    for j in range(len(nodes)):
+        values.update(X(j), about.compose(values.atPose3(X(j))))
+        values.update(V(j), nav_R_nav @ values.atVector(V(j)))
+
+
 @njit(cache=True)
 def _stop_and_go(
     t: Floats,

@@ -19,13 +19,14 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import V, X
+from gtsam.symbol_shorthand import X
 
 from factors.position_fix import position_fix_factor, position_fix_noise
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
 from fg_nav.frames import yaw_rotation
+from fg_nav.smoother.initial import turn_walk
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import Native
@@ -133,13 +134,5 @@ def free_heading(
     if pinned.heading_sigma > LEAST_KNOWN_HEADING_RAD:
         return None
     turn = pinned.best_turn(values)
-    _turn_walk(values, nodes, turn)
+    turn_walk(values, nodes, turn)
     return FreedHeading(turn, float(np.radians(p.unknown_heading_deg)))
-
-
-def _turn_walk(values: gtsam.Values, nodes: Nodes, nav_R_nav: Floats) -> None:
-    """Turn the poses and velocities of a walk about its origin, in place."""
-    about = gtsam.Pose3(gtsam.Rot3(nav_R_nav), np.zeros(3))
-    for j in range(len(nodes)):
-        values.update(X(j), about.compose(values.atPose3(X(j))))
-        values.update(V(j), nav_R_nav @ values.atVector(V(j)))
