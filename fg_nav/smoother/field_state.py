@@ -16,7 +16,8 @@ With n = R (y - L^T h) the field in nav at footfall k, R d = p_{k+1} - p_k, u an
     along the way   E . (R d) + h . s - u - (phi_{k+1} - phi_k)      = 0 +- way noise
     m_{k+1}     = diag(a_phi, a_delta, a_rho, 1, 1, 1, 1, 1) m_k     +- innovations (`field_noise`)
 
-Both act on the yaw of the pose alone, about up: the field must not tilt anybody. With psi the yaw,
+The second is `factors.field_potential`. Both act on the yaw of the pose alone, about up: the field must not tilt
+anybody. With psi the yaw,
 
     d across / d psi = -(n_N E_N + n_E E_E) / |E|,      d along / d psi = E_N (R d)_E - E_E (R d)_N.
 
@@ -34,6 +35,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
+from factors.field_potential import field_potential_jacobians, field_potential_residual
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.smoother.field_noise import FieldRoughness
 from fg_nav.smoother.field_parameters import FieldParameters
@@ -110,7 +112,7 @@ class FieldTies:
         """Half the sum of squares of the residuals over their sigmas."""
         m, nav_R_body = self.states(values), self._attitudes(values)
         across, _ = self._across(m, nav_R_body)
-        along, _ = self._along_the_way(m, nav_R_body)
+        along = self._along_the_way(m, nav_R_body)
         first = self._first(m[0])
         return 0.5 * float(sum((e**2).sum() for e in (across, along, first, self._changes(m))))
 
@@ -130,11 +132,14 @@ class FieldTies:
         across = across_field(n, m[:, E_H])
         return (across - m[:, DELTA] - m[:, RHO]) * self._compass, n
 
-    def _along_the_way(self, m: Floats, nav_R_body: Floats) -> tuple[Floats, Floats]:
-        """Residuals (F-1,) over sigma and the moves over ground (F-1, 2)."""
-        move = np.einsum("kij,kj->ki", nav_R_body[:-1], self._way.body_move)[:, :2]
-        expected = (m[:-1, E_H] * move).sum(axis=1) + (m[:-1, IRON] * self._way.level_way).sum(axis=1)
-        return (expected - self._way.u - np.diff(m[:, PHI])) * self._along, move
+    def _along_the_way(self, m: Floats, nav_R_body: Floats) -> Floats:
+        """Residuals (F-1,) over sigma."""
+        way, before = self._way, m[:-1]
+        potentials = np.stack([m[:-1, PHI], m[1:, PHI]], axis=1)
+        residual = field_potential_residual(
+            nav_R_body[:-1], way.body_move, before[:, E_H], before[:, IRON], potentials, way.u, way.level_way
+        )
+        return np.asarray(residual * self._along)
 
     def _first(self, m: Floats) -> Floats:
         """Residuals (8,) of the first state over sigma."""
@@ -155,14 +160,13 @@ class FieldTies:
 
     def _measured(self, m: Floats, nav_R_body: Floats) -> Iterator[gtsam.GaussianFactor]:
         across, n = self._across(m, nav_R_body)
-        along, move = self._along_the_way(m, nav_R_body)
+        along = self._along_the_way(m, nav_R_body)
+        by_rotation, move = field_potential_jacobians(nav_R_body[:-1], self._way.body_move, m[:-1, E_H])
         strength = np.linalg.norm(m[:, E_H], axis=1)
-        by_yaw = np.zeros((len(m), 2))
-        by_yaw[:, 0] = -(n[:, :2] * m[:, E_H]).sum(axis=1) / strength * self._compass
-        east, north = m[:-1, E_H].T
-        by_yaw[:-1, 1] = (north * move[:, 0] - east * move[:, 1]) * self._along
+        across_by_yaw = -(n[:, :2] * m[:, E_H]).sum(axis=1) / strength * self._compass
         by_pose = np.zeros((len(m), 2, 6))
-        by_pose[:, :, :3] = by_yaw[:, :, None] * nav_R_body[:, None, 2]
+        by_pose[:, 0, :3] = across_by_yaw[:, None] * nav_R_body[:, 2]
+        by_pose[:-1, 1, :3] = by_rotation * self._along[:, None]
         by_state = self._by_state(m, nav_R_body, n, move)
         by_next = np.zeros((2, SIZE))
         right = -np.stack([across, np.append(along, 0.0)], axis=1)

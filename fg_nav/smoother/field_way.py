@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from factors.field_potential import way_integral
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import levelled
 from fg_nav.smoother.field_parameters import FieldParameters
@@ -57,31 +58,18 @@ def field_way(
     up_uT : vertical field of the walk.
     """
     row = np.flatnonzero(np.isfinite(mag[:, 0]))
-    nav_field = np.einsum("nij,nj->ni", nav_R_body[row], mag[row]) - [0.0, 0.0, up_uT]
     move = np.diff(position[row], axis=0)
-    integral = _cumulated(((nav_field[1:] + nav_field[:-1]) / 2 * move).sum(axis=1)[:, None])
-    attitude = nav_R_body[row]
-    way = _cumulated(np.einsum("nji,nj->ni", (attitude[1:] + attitude[:-1]) / 2, move))
-    u, body_way = (_between(t[footfall], t[row], values) for values in (integral, way))
+    integral = way_integral(t, nav_R_body, position, mag, t[footfall], up_uT)
     level = _level_R_body(nav_R_body[footfall])
     straight = np.diff(position[footfall], axis=0)
     return FieldWay(
-        u=u[:, 0],
-        level_way=body_way @ level.T,
+        u=np.diff(integral.u),
+        level_way=np.diff(integral.s, axis=0) @ level.T,
         body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
         sigma_uT_m=np.where(_coarsest(move, row, footfall) <= p.coarsest_m, p.way_sigma_uT_m, np.inf),
         distance_m=np.linalg.norm(straight, axis=1),
         level_R_body=level,
     )
-
-
-def _cumulated(steps: Floats) -> Floats:
-    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
-
-
-def _between(instant: Floats, t: Floats, values: Floats) -> Floats:
-    """(F-1, d) by how much the values (M, d) at times `t` grow from each instant (F,) to the next."""
-    return np.diff(np.stack([np.interp(instant, t, column) for column in values.T], axis=1), axis=0)
 
 
 def _coarsest(move: Floats, row: Ints, footfall: Ints) -> Floats:
