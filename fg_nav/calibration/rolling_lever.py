@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.coning import integrable
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -66,8 +67,7 @@ def rolling_lever(
     p = parameters
     normal, right, samples = _normal_equations(
         recording.t,
-        recording.acc,
-        recording.gyr,
+        *integrable(recording),
         stances.start,
         stances.stop,
         p.longest_s,

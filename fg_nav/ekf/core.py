@@ -27,6 +27,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.coning import integrable
 from fg_nav.detection import Rest
 from fg_nav.doubt import doubt
 from fg_nav.ekf.attitude_updates import correct_at_footfall, direction_at, heading_at
@@ -93,7 +94,7 @@ def filter_walk(
     track, tape = blank_track(n, k), blank_tape(n, int(stands[start.row :].sum()), k, back)
     h = np.append(np.diff(recording.t), recording.period_s)
     doubts = (doubt(sensor, h, parameters.saturated_share) for sensor in (recording.acc, recording.gyr))
-    samples = Samples(h, recording.acc, recording.gyr, *doubts)
+    samples = Samples(h, *integrable(recording), *doubts)
     state, P = initial_belief(start, parameters, heading_sigma)
     noise, stance = noises(parameters)
     if not back:

@@ -19,6 +19,7 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.coning import integrable
 from fg_nav.doubt import doubt
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
@@ -34,6 +35,7 @@ def preintegrate(
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
     acc_noise, gyr_noise = (_diagonal(variance) for variance in _interval_variances(recording, sample, p))
     period = np.diff(recording.t).tolist()
+    force, rate = integrable(recording)
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
     for k, (i, j) in enumerate(pairwise(sample)):
@@ -41,7 +43,7 @@ def preintegrate(
         params.setGyroscopeCovariance(gyr_noise[k])
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
         integrate = measurement.integrateMeasurement
-        for acc, gyr, h in zip(recording.acc[i:j], recording.gyr[i:j], period[i:j], strict=True):
+        for acc, gyr, h in zip(force[i:j], rate[i:j], period[i:j], strict=True):
             integrate(acc, gyr, h)
         if progress is not None and k % 64 == 0:
             progress(k / len(sample))
