@@ -29,7 +29,7 @@ from fg_nav.magnetic.verdicts import UNKNOWN
 from fg_nav.recording import Recording
 from fg_nav.smoother.covariances import marginal_covariances
 from fg_nav.smoother.dense import trajectory_of
-from fg_nav.smoother.field_rounds import FieldProblem, FieldVerdict, solve_with_field, unusable
+from fg_nav.smoother.field_rounds import Begun, FieldProblem, FieldVerdict, solve_with_field, unusable
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.known import Known, known_before
 from fg_nav.smoother.nodes import Nodes, place_nodes
@@ -114,10 +114,8 @@ def _smooth(
         ordering = believed.ordering(time_order(nodes))
         solved = solve(graph, parts, solved.values, ordering, near_enough, p.largest_steps)
 
-    def minimise(part: Part, values: gtsam.Values, ordering: gtsam.Ordering, towards_north: Floats | None) -> Solved:
-        began_there = told
-        if towards_north is not None:
-            began_there = Native(gauge(towards_north, np.radians(p.unknown_heading_deg), p))
+    def minimise(part: Part, values: gtsam.Values, ordering: gtsam.Ordering, begun: Begun | None) -> Solved:
+        began_there = told if begun is None else Native(_gauge_of(begun, p))
         parts: list[Part] = [ties, began_there, part, *believed.parts]
         return solve(graph, parts, values, believed.ordering(ordering), p.convergence, p.largest_steps)
 
@@ -142,6 +140,10 @@ def _smooth(
         parameters=asdict(p),
         notes=(*known.notes, f"solved in {counted(solved.steps, 'Gauss-Newton step')}", *verdict.notes, *tails),
     )
+
+
+def _gauge_of(begun: Begun, p: SmootherParameters) -> gtsam.PriorFactorPose3:
+    return gauge(begun.nav_R_body, np.radians(p.unknown_heading_deg) if begun.free else p.gauge_sigma, p)
 
 
 def _check(recording: Recording, stances: Stances, field: FootfallField | None) -> None:
@@ -191,13 +193,14 @@ def _table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> St
     poses = [solved.values.atPose3(key) for key in pose_keys]
     attitude = np.array([pose.rotation().matrix() for pose in poses])
     body = np.array([covariance[key] for key in pose_keys])
-    pose_cov = _in_nav(attitude, body)
+    position = np.array([pose.translation() for pose in poses])
+    pose_cov = _in_nav(attitude, body) + _turned_about_start(position, verdict.north_sigma)
     bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
     sample = nodes.sample[nodes.result]
     return StanceTable(
         sample=sample,
         t=t[sample],
-        position=np.array([pose.translation() for pose in poses]),
+        position=position,
         nav_R_body=attitude,
         gyro_bias=np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys]),
         position_cov=pose_cov[:, :3, :3],
@@ -215,3 +218,10 @@ def _in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     turn[:, :3, :3] = turn[:, 3:, 3:] = nav_R_body
     place_and_yaw = [3, 4, 5, 2]
     return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])
+
+
+def _turned_about_start(position: Floats, sigma: float) -> Floats:
+    """Covariances (F, 4, 4) of place and yaw where a walk may be turned about its start by `sigma` rad."""
+    lever = np.zeros((len(position), 4))
+    lever[:, 0], lever[:, 1], lever[:, 3] = -position[:, 1], position[:, 0], 1.0
+    return np.asarray(sigma**2 * lever[:, :, None] * lever[:, None, :])

@@ -41,9 +41,8 @@ class FieldParameters:
     """What rooms and wings of a building do to the compass, as a share of how the field differs from footfall to
     footfall, before the walk has shown it: wide, for one who is wrong here on a short walk bends it; nothing in a
     homogeneous field."""
-    regional_share_untold: float = 0.3
-    """The same where nobody told the heading at the start: the field is all there is to north then, and regions as wide
-    as the field itself would leave none."""
+    regional_share_of_mean: float = 0.3
+    """What of that is left in the mean field of a short walk, from which north is taken where nobody told a heading."""
     regional_length_m: float = 20.0
     """For how long."""
     regional_weight: float = 5.0

@@ -10,8 +10,15 @@ The first trajectory is that of the walk without the field. Its heading has drif
 strength and inclination alone, and strength stands in for the deviation across; from the second round on the smoothed
 heading is used as well, but never alone, so that it cannot talk itself into a wrong field.
 
-Where nobody told the heading at the start, north is where the walk's mean field points: the start is turned there, with
-a wide sigma, and the field's direction is held. Where it was told, the field's direction is found.
+Where the heading at the start was told, the field's direction is found. Where nobody told it, north is where the field
+points, and the walk is turned there first. A long walk's line integrals then show which field is the building's: its
+direction is held, and the start is free. A short walk has nothing to tell a region's field from the building's, and
+what is believed of regions bends it or leaves no north. So it is smoothed as if its start had been told, with the
+field's direction free, and turned as one piece until its mean field points north. How far a mean can be off there,
+
+    variance = sum over (footfalls, regions) of sigma^2 min(1, 2 length / way),
+
+goes into the sigmas of all its poses.
 """
 
 from __future__ import annotations
@@ -69,7 +76,8 @@ class FieldProblem:
     recording, nodes, gravity : of the walk.
     field : at its footfalls.
     heading_known : whether the heading at the start was told.
-    minimise : solves the walk with another part, from these values, with start attitude and heading sigma.
+    minimise : solves the walk with another part, from these values; begun as it was told, or where there is one at
+        another heading.
     """
 
     recording: Recording
@@ -77,16 +85,28 @@ class FieldProblem:
     field: FootfallField
     heading_known: bool
     gravity: float
-    minimise: Callable[[Part, gtsam.Values, gtsam.Ordering, Floats | None], Solved]
+    minimise: Callable[[Part, gtsam.Values, gtsam.Ordering, Begun | None], Solved]
+
+
+@dataclass(frozen=True)
+class Begun:
+    """Attitude (3, 3) at the start, and whether its heading is free to be found or so by definition."""
+
+    nav_R_body: Floats
+    free: bool
 
 
 @dataclass(frozen=True)
 class FieldVerdict:
-    """What the smoother made of the field at the footfalls: `words` and `reason` as in a stance table, and notes."""
+    """What the smoother made of the field at the footfalls: `words` and `reason` as in a stance table, and notes.
+
+    `north_sigma` rad, by how much the whole walk may be turned beyond what its marginals say.
+    """
 
     words: tuple[str, ...]
     reason: tuple[str, ...]
     notes: tuple[str, ...]
+    north_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -124,8 +144,8 @@ FEWEST = 4
 
 def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) -> tuple[Solved, FieldVerdict]:
     """Smooth a walk that was solved without its field together with it."""
-    values, start = _towards_north(problem, solved.values)
-    p = _for_this_way(problem, values, p)
+    p = _for_this_way(problem, solved.values, p)
+    values, start = _towards_north(problem, solved.values, p)
     ordering = time_order(problem.nodes, with_field=True)
     way = _way(problem, values, p)
     look = _look(problem, values, way, None, p)
@@ -134,16 +154,30 @@ def solve_with_field(problem: FieldProblem, solved: Solved, p: FieldParameters) 
     ties.insert(values)
     solved = problem.minimise(ties, values, ordering, start)
     for _ in range(p.rounds - 1):
-        look = _look(problem, solved.values, way, ties.states(solved.values), p)
+        look = _look(problem, solved.values, way, _states(problem, solved.values, ties, look, p), p)
         ties = _ties(problem, look, towards, p)
         solved = problem.minimise(ties, solved.values, ordering, start)
-    return solved, _verdict(look, ties.states(solved.values))
+    if _north_is_open(problem, p):
+        _turn_to(problem, solved.values, _mean_field(problem, solved.values, ties.states(solved.values), look))
+    north_sigma = _mean_field_sigma(look, p) if _north_is_open(problem, p) else 0.0
+    return solved, _verdict(look, _states(problem, solved.values, ties, look, p), north_sigma)
+
+
+def _north_is_open(problem: FieldProblem, p: FieldParameters) -> bool:
+    """Whether only the walk's mean field tells north."""
+    return not problem.heading_known and not p.potential
+
+
+def _states(problem: FieldProblem, values: gtsam.Values, ties: FieldTies, look: _Look, p: FieldParameters) -> Floats:
+    """(F, 8); with the mean field for the building's where regions as wide as assumed leave that open."""
+    states = ties.states(values)
+    if _north_is_open(problem, p):
+        states[:, E_H] = _mean_field(problem, values, states, look)[:2]
+    return states
 
 
 def _for_this_way(problem: FieldProblem, values: gtsam.Values, p: FieldParameters) -> FieldParameters:
-    """Leave the line integral out on a short walk, and keep to the field where there is no other north."""
-    if not problem.heading_known:
-        p = replace(p, regional_share=p.regional_share_untold)
+    """Leave the line integral out on a short walk."""
     place = np.array([values.atPose3(X(int(j))).translation() for j in problem.nodes.result])
     way_m = float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
     return p if way_m >= p.potential_least_way_m else replace(p, potential=False)
@@ -153,16 +187,44 @@ def _ties(problem: FieldProblem, look: _Look, towards: tuple[float, float], p: F
     return FieldTies(_seen(problem, look, p), look.way, _prior(look, towards, p), look.rough, p)
 
 
-def _towards_north(problem: FieldProblem, values: gtsam.Values) -> tuple[gtsam.Values, Floats | None]:
-    """Turn the walk so that its mean field points north, and return the attitude at the start; None if it was told."""
+def _towards_north(
+    problem: FieldProblem, values: gtsam.Values, p: FieldParameters
+) -> tuple[gtsam.Values, Begun | None]:
+    """Turn the walk so that its mean field points north, unless its heading was told."""
     values = gtsam.Values(values)
     if problem.heading_known:
         return values, None
-    field = _nav_field(problem, _attitudes(problem, values))
-    east, north, _ = np.nanmean(field, axis=0)
-    turn = yaw_rotation(float(np.arctan2(east, north)))
-    turn_walk(values, problem.nodes, turn)
-    return values, values.atPose3(X(0)).rotation().matrix()
+    _turn_to(problem, values, np.nanmean(_nav_field(problem, _attitudes(problem, values)), axis=0))
+    start = values.atPose3(X(0)).rotation().matrix()
+    return values, Begun(start, free=p.potential)
+
+
+def _mean_field(problem: FieldProblem, values: gtsam.Values, states: Floats, look: _Look) -> Floats:
+    """(3,) in nav, uT, over the footfalls that are not disturbed, without the hard iron that was found."""
+    nav_R_body = _attitudes(problem, values)
+    iron = np.einsum("kij,kj->ki", nav_R_body, states[:, IRON] @ look.way.level_R_body)
+    field = _nav_field(problem, nav_R_body) - iron
+    undisturbed = look.statistic < 1.0
+    return np.asarray(np.nanmean(field[undisturbed] if undisturbed.any() else field, axis=0))
+
+
+def _turn_to(problem: FieldProblem, values: gtsam.Values, nav_north: Floats) -> None:
+    """Turn the walk about up, in place, so that what points along `nav_north` (3,) points north."""
+    east, north, _ = nav_north
+    turn_walk(values, problem.nodes, yaw_rotation(float(np.arctan2(east, north))))
+
+
+def _mean_field_sigma(look: _Look, p: FieldParameters) -> float:
+    """How far the direction of a walk's mean field is from north, rad."""
+    own = look.rough.across
+    region = Roughness(p.regional_share_of_mean * own.sigma, p.regional_length_m)
+    way_m = max(float(look.way.distance_m.sum()), LEAST_WAY_M)
+    variance = sum(one.sigma**2 * min(1.0, 2.0 * one.length_m / way_m) for one in (own, region))
+    return float(np.sqrt(variance) / np.linalg.norm(np.median(look.reference, axis=0)))
+
+
+LEAST_WAY_M = 0.1
+"""Of one who stands all the time."""
 
 
 def _attitudes(problem: FieldProblem, values: gtsam.Values) -> Floats:
@@ -253,7 +315,7 @@ def _expected_direction(problem: FieldProblem, look: _Look, p: FieldParameters) 
     its own deviations let it be: zero is told as well by those who know no heading.
     """
     if not problem.heading_known:
-        return 0.0, np.radians(DECLINATION_SIGMA_DEG)
+        return 0.0, np.radians(DECLINATION_SIGMA_DEG if p.potential else FOUND_SIGMA_DEG)
     first = _nav_field(problem, look.nav_R_body)[look.statistic < 1.0][:FIRST_FOOTFALLS]
     east, north, _ = first.mean(axis=0) if len(first) else (0.0, 1.0, 0.0)
     strength = np.linalg.norm(np.median(look.reference, axis=0))
@@ -297,11 +359,13 @@ DECLINATION_SIGMA_DEG = 0.05
 """Where nobody told the heading, north is magnetic north by definition."""
 
 
-def _verdict(look: _Look, states: Floats) -> FieldVerdict:
+def _verdict(look: _Look, states: Floats, north_sigma: float = 0.0) -> FieldVerdict:
     known, passed = np.isfinite(look.statistic), look.statistic < 1.0
     words = np.where(known, np.where(passed, QUASI_STATIC, DISTURBED), UNKNOWN)
     reasons = (_reason(deviation, s) for deviation, s in zip(look.deviation, look.statistic, strict=True))
-    return FieldVerdict(tuple(str(word) for word in words), tuple(reasons), _notes(look, states, passed.mean()))
+    return FieldVerdict(
+        tuple(str(word) for word in words), tuple(reasons), _notes(look, states, passed.mean()), north_sigma
+    )
 
 
 def _reason(deviation: Floats, statistic: float) -> str:
