@@ -182,6 +182,33 @@ def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
     assert np.max(claimed) < 12.0  # a compass is 8.6 deg, and a region may be off as well
 
 
+def test_a_short_walk_without_a_told_heading_is_turned_as_one_piece() -> None:
+    """On a rough floor its shape is that of a walk which was told its heading, whatever north the mean field makes."""
+    for seed in range(4):
+        recording = in_field(earth(), seed)
+        field = roughened(recording, seed)
+        told, turned = (smoothed(recording, heading, seed=seed, field=field) for heading in (0.0, None))
+        off = wrap(heading_of(turned.stances.nav_R_body) - heading_of(told.stances.nav_R_body))
+        assert np.ptp(np.degrees(off)) < 0.3
+        back = turned.stances.position @ rotation(np.degrees(off).mean()).T
+        assert np.abs(back - told.stances.position)[:, :2].max() < 0.05
+
+
+def test_its_doubt_about_north_is_in_all_its_poses() -> None:
+    """As if the whole walk were turned about its start by one angle of that sigma."""
+    recording = in_field(earth())
+    field = roughened(recording, 0)
+    told, turned = (smoothed(recording, heading, field=field).stances for heading in (0.0, None))
+    more = turned.pose_cov - told.pose_cov
+    north = np.sqrt(more[:, 3, 3].mean())
+    assert np.radians(0.5) < north < np.radians(12.0)
+    step = 1e-6
+    by_turn = (turned.position @ rotation(np.degrees(step)).T - turned.position) / step
+    lever = np.column_stack([by_turn, np.ones(len(by_turn))])
+    expected = north**2 * lever[:, :, None] * lever[:, None, :]
+    np.testing.assert_allclose(more, expected, atol=0.1 * np.abs(expected).max())
+
+
 def test_hard_iron_upward_is_found_in_the_swing() -> None:
     """The line integral sees it, and takes it for a part of the field where it may not be."""
     recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
