@@ -15,7 +15,9 @@ goes with the gait; it falls with the square of the rate. What is left is of fou
 (`scripts/kinematic_consistency.py`). Source: Savage (1998), "Strapdown inertial navigation integration algorithm
 design", parts 1 and 2, for samples that are integrals over their period.
 
-No correction at the first and last sample and beside gaps: there the neighbours do not tell the slope.
+Before that, peaks beyond the gyroscope's range are rebuilt (`fg_nav.peaks`). And a sample before a gap, which is held
+until the next stamp, is made the mean over all of that: of what the sensor saw and of what lies in the gap
+(`fg_nav.gaps`).
 """
 
 from __future__ import annotations
@@ -23,17 +25,23 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.recording import GAP_PERIODS, Recording
+from fg_nav.peaks import rebuilt
+from fg_nav.recording import Recording
 
 
 def integrable(recording: Recording) -> tuple[Floats, Floats]:
     """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s that, held over their periods, integrate to what was moved."""
     h = np.append(np.diff(recording.t), recording.period_s)
-    return compensated(recording.acc, recording.gyr, h)
+    gaps = recording.gaps
+    share = (gaps.unseen_s / h[gaps.sample])[:, None]
+    acc, gyr = recording.acc.copy(), rebuilt(recording.gyr, recording.period_s)
+    acc[gaps.sample] += share * (gaps.acc - acc[gaps.sample])
+    gyr[gaps.sample] += share * (gaps.gyr - gyr[gaps.sample])
+    return compensated(acc, gyr, h)
 
 
 def compensated(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floats]:
-    """Add sculling to specific forces and coning to rates, both (N, 3), held over periods `h` (N,) s."""
+    """Add sculling to specific forces and coning to rates, both (N, 3) means over periods `h` (N,) s, N > 1."""
     d_acc, d_gyr = _change_within(acc, h), _change_within(gyr, h)
     share = h[:, None] / 12
     sculling = np.cross(gyr, d_acc) - np.cross(d_gyr, acc)
@@ -41,10 +49,6 @@ def compensated(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floats]:
 
 
 def _change_within(samples: Floats, h: Floats) -> Floats:
-    """(N, 3) by how much samples change over their own period, from the neighbours; zero where these do not tell."""
-    change = np.zeros_like(samples)
-    between = h[1:-1] + (h[:-2] + h[2:]) / 2
-    change[1:-1] = (samples[2:] - samples[:-2]) * (h[1:-1] / between)[:, None]
-    gap = h > GAP_PERIODS * np.median(h)
-    change[1:][gap[:-1]] = change[gap] = 0.0
-    return change
+    """(N, 3) by how much samples change over their own period: a parabola's slope, at either end that to the next."""
+    middle = np.cumsum(h) - h / 2
+    return np.asarray(np.gradient(samples, middle, axis=0) * h[:, None])

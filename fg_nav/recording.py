@@ -33,6 +33,7 @@ import numpy as np
 from fg_nav import plausibility
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
+from fg_nav.gaps import Gaps, bridged
 from fg_nav.timing import dejittered
 from fg_nav.wording import counted
 
@@ -161,6 +162,11 @@ class Recording:
     def period_s(self) -> float:
         """Median sample period in seconds."""
         return float(np.median(np.diff(self.t)))
+
+    @cached_property
+    def gaps(self) -> Gaps:
+        """Where samples are missing, and what lies there as far as the recording tells."""
+        return bridged(self.t, self.acc, self.gyr)
 
     @property
     def duration_s(self) -> float:

@@ -10,7 +10,7 @@ true state at its end.
 a sample of period h misses the angle h^3/12 w x w' (coning) and the velocity h^3/12 (w x f' - w' x f) (sculling). That
 is second order in the period: twice the rate leaves a quarter. It is physics of a foot, not an error of the simulator:
 the same integral over the real gdin walks, at 400 Hz, is 0.2 to 0.8 mm/s a stride.
-"corrected" has these two terms added, from differences of neighbouring samples (Savage 1998): what is still left is of
+"corrected" has these two terms added, as every estimator here has them (`fg_nav.coning`): what is still left is of
 fourth order, and shows that samples and truth agree.
 """
 
@@ -25,6 +25,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.coning import compensated
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
@@ -97,21 +98,13 @@ def left_over(motion: FootMotion, strides: Strides, rate_hz: float, corrected: b
 def _left_over(motion: FootMotion, t: Floats, period_s: float, corrected: bool) -> Floats:
     rate, force = motion.sampled(t[:-1], period_s)
     if corrected:
-        rate, force = compensated(rate, force, period_s)
+        force, rate = compensated(force, rate, np.full(len(rate), period_s))
     ends = motion.at(t[[0, -1]])
     state = NavState(ends.position[0], ends.velocity[0], ends.nav_R_body[0], np.zeros(3), np.zeros(3))
     integrate(state, force, rate, period_s)
     turned = state.nav_R_body.T @ ends.nav_R_body[1]
     turn = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
     return 1e3 * np.stack([np.rad2deg(turn), state.velocity - ends.velocity[1], state.position - ends.position[1]])
-
-
-def compensated(rate: Floats, force: Floats, period_s: float) -> tuple[Floats, Floats]:
-    """Samples (N, 3) with coning and sculling added."""
-    d_rate, d_force = np.gradient(rate, axis=0) * period_s, np.gradient(force, axis=0) * period_s
-    coning = np.cross(rate, d_rate) / 12
-    sculling = (np.cross(rate, d_force) - np.cross(d_rate, force)) / 12
-    return rate + coning, force + sculling
 
 
 @njit

@@ -223,6 +223,19 @@ def test_the_error_of_a_bias_is_that_about_up():
     assert (error, sigma) == (pytest.approx(math.degrees(0.02)), pytest.approx(math.degrees(0.1)))
 
 
+def test_what_a_gait_adds_is_the_mean_turn_about_up_by_scale_and_axes():
+    """A body with y up that turns about up, then not: 1 % of the rate, for half of the time since the first stride."""
+    t = np.arange(41) / 10.0
+    on_its_side = np.tile(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), (41, 1, 1))
+    truth = TrajectoryTruth(t, np.zeros((41, 3)), on_its_side)
+    gyr = np.outer((t >= 1.95) & (t < 2.95), [0.3, 0.5, 0.0])
+    part = Recording(t=t, acc=np.tile([0.0, 9.8, 0.0], (41, 1)), gyr=gyr, truth=truth)
+    walk = SimpleNamespace(drawn={"sensor": {"gyr_matrix": [[1.5, 0, 0], [0.02, 1.01, 0], [0, 0, 1.5]]}})
+    expected = math.degrees(0.5 * (0.02 * 0.3 + 0.01 * 0.5))
+    assert bias.added_by_gait(walk, part, 1.95) == pytest.approx(expected, rel=0.03)
+    assert bias.added_by_gait(walk, part, 4.5) == 0.0
+
+
 def test_nobody_is_told_of_rests_and_the_sensor_is_off_by_what_is_said():
     prior = bias.wrong_scenario().prior
     assert (prior.gyr.bias[2], prior.mag.noise_sd_uT) == (pytest.approx(math.radians(0.3)), 0.5)

@@ -29,7 +29,7 @@ from numba import njit
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.coning import integrable
 from fg_nav.detection import Rest
-from fg_nav.doubt import doubt
+from fg_nav.doubt import doubts
 from fg_nav.ekf.attitude_updates import correct_at_footfall, direction_at, heading_at
 from fg_nav.ekf.covariance import (
     ACC_BIAS,
@@ -93,8 +93,7 @@ def filter_walk(
     back = parameters.smoothed
     track, tape = blank_track(n, k), blank_tape(n, int(stands[start.row :].sum()), k, back)
     h = np.append(np.diff(recording.t), recording.period_s)
-    doubts = (doubt(sensor, h, parameters.saturated_share) for sensor in (recording.acc, recording.gyr))
-    samples = Samples(h, *integrable(recording), *doubts)
+    samples = Samples(h, *integrable(recording), *doubts(recording, parameters.saturated_share))
     state, P = initial_belief(start, parameters, heading_sigma)
     noise, stance = noises(parameters)
     if not back:

@@ -63,8 +63,8 @@ def dense_trajectory(
 ) -> tuple[Floats, Floats, Floats]:
     """Position (N, 3), velocity (N, 3) and attitude (N, 3, 3) at every sample, from states at nodes `sample` (M,)."""
     h = np.append(np.diff(recording.t), recording.period_s)
-    nodes = (sample, position, velocity, nav_R_body, gyro_bias, acc_bias)
-    return _dense(h, *integrable(recording), *nodes, gravity)
+    acc, gyr = integrable(recording)
+    return _dense(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity)
 
 
 @njit(cache=True)

@@ -20,7 +20,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.coning import integrable
-from fg_nav.doubt import doubt
+from fg_nav.doubt import doubts
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
 
@@ -57,7 +57,7 @@ def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameter
     acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2
     gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * rate_squared
     h = np.append(np.diff(recording.t), recording.period_s)
-    acc_doubt, gyr_doubt = (doubt(samples, h, p.saturated_share) for samples in (recording.acc, recording.gyr))
+    acc_doubt, gyr_doubt = doubts(recording, p.saturated_share)
     return (
         _means(acc[:, None] + acc_doubt**2 * h[:, None], h, sample),
         _means(gyr[:, None] + gyr_doubt**2 * h[:, None], h, sample),

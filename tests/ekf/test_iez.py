@@ -128,20 +128,21 @@ def test_a_rolling_foot_makes_plain_zero_velocity_short_and_its_height_mends_tha
     assert rolled == pytest.approx(1.0, abs=0.003)
 
 
-def test_a_clipped_gyroscope_hurts_less_when_its_samples_are_doubted():
-    """The flat tops are found in the recording; the foot's peaks are cut by a tenth."""
+def test_a_clipped_gyroscope_hurts_little_and_its_samples_are_doubted():
+    """The flat tops are found in the recording, the foot's peaks being cut by a tenth, and are rebuilt."""
     walk = Walk(strides=20, turn=0.1, pitch=1.2)
     recording, stances = walk.recording()
     limit = 0.9 * np.abs(recording.gyr).max()
     clipped = replace(recording, gyr=np.clip(shaken(recording).gyr, -limit, limit))
     truth = TrajectoryTruth(recording.t, walk.position(recording.t))
     aware, unaware = (run_iez(clipped, stances, IezParameters(saturated_share=share)) for share in (0.3, 0.0))
-    assert evaluate(aware, truth).rmse_3d_m < 0.8 * evaluate(unaware, truth).rmse_3d_m
+    assert evaluate(aware, truth).rmse_3d_m < 0.01
     assert np.all(aware.stances.position_sigma[-1] > unaware.stances.position_sigma[-1])
 
 
 def test_samples_before_a_gap_are_doubted():
-    recording, stances = WALK.recording()
+    """In a swing that nothing else in the recording is like, what the doubt adds covers what the gap costs."""
+    recording, stances = replace(WALK, strides=1).recording()
     swing = int((WALK.rest_s + 0.25) * 200)
     keep = np.ones(len(recording), dtype=bool)
     keep[swing + 1 : swing + 15] = False
@@ -149,10 +150,10 @@ def test_samples_before_a_gap_are_doubted():
     solution = run_iez(holed, Stances.from_mask(stances.mask[keep]))
     whole = run_iez(recording, stances)
     error = np.linalg.norm(solution.stances.position[1] - whole.stances.position[1])
-    assert error > 0.02
-    assert error < 3 * np.linalg.norm(solution.stances.position_sigma[1])
     claims = [np.linalg.norm(s.stances.position_sigma[1]) for s in (solution, whole)]
-    assert claims[0] > 1.3 * claims[1]
+    added = np.sqrt(claims[0] ** 2 - claims[1] ** 2)
+    assert error > 0.005
+    assert 0.3 * error < added < 3 * error
 
 
 def test_the_stance_table_is_taken_at_the_stillest_sample():

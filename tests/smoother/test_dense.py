@@ -67,11 +67,12 @@ def test_nothing_is_corrected_where_the_nodes_lie_on_the_integrated_path(recordi
 
 
 def test_biases_are_taken_off(recording: Recording, truth) -> None:
+    """But for the hundredths of a millimetre by which a bias changes coning and sculling."""
     gyro, acc = np.array([0.01, -0.02, 0.03]), np.array([0.1, 0.2, -0.3])
     biased = replace(recording, acc=recording.acc + acc, gyr=recording.gyr + gyro)
     found = dense(biased, [states[SAMPLE] for states in truth], gyro, acc)
     for integrated, dense_states in zip(truth, found, strict=True):
-        np.testing.assert_allclose(dense_states, integrated, atol=1e-9)
+        np.testing.assert_allclose(dense_states, integrated, atol=5e-5)
 
 
 def test_velocity_is_the_derivative_of_position(recording: Recording, bent) -> None:

@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from fg_nav.coning import integrable
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
@@ -32,7 +33,7 @@ def test_measurement_is_strapdown_over_the_same_samples(recording: Recording, bi
     sample = [600, 640, 641, 790, 1200]
     found = measurements(recording, sample, bias=gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
     assert len(found) == len(sample) - 1
-    rng = np.random.default_rng(0)
+    rng, (force, rate) = np.random.default_rng(0), integrable(recording)
     for measurement, i, j in zip(found, sample[:-1], sample[1:], strict=True):
         attitude = gtsam.Rot3.RzRyRx(*rng.standard_normal(3))
         position, velocity = rng.standard_normal(3), rng.standard_normal(3)
@@ -42,7 +43,7 @@ def test_measurement_is_strapdown_over_the_same_samples(recording: Recording, bi
         turn, push = np.empty((3, 3)), np.empty(3)
         for k in range(i, j):
             h = recording.t[k + 1] - recording.t[k]
-            strapdown(state, recording.acc[k], recording.gyr[k], h, GRAVITY_M_S2, turn, push)
+            strapdown(state, force[k], rate[k], h, GRAVITY_M_S2, turn, push)
         np.testing.assert_allclose(predicted.position(), state.position, atol=1e-11)
         np.testing.assert_allclose(predicted.velocity(), state.velocity, atol=1e-11)
         np.testing.assert_allclose(predicted.attitude().matrix(), state.nav_R_body, atol=1e-12)

@@ -1,0 +1,82 @@
+"""What a gyroscope hides that cuts the peaks of a swing, and what is left when they are rebuilt (`fg_nav.peaks`).
+
+    python scripts/clipped_peaks.py [RECORDING ...] [--strides N] [--seed N] [--mount NAME] [--rate HZ]
+
+The axis that turns fastest is cut at a share of its median peak. What is hidden is the angle of each peak, in degrees:
+of simulated noise-free strides, or of recordings whose sensor did not clip.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import figures as fig
+import numpy as np
+from lost_samples import walk
+
+from fg_nav.arrays import Floats
+from fg_nav.io import read
+from fg_nav.peaks import rebuilt
+from fg_nav.simulation.person import MOUNTS, mount_named
+
+SHARES = (0.95, 0.85, 0.7)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Cut, rebuild, print."""
+    parser = argparse.ArgumentParser(description="What clipped peaks hide, and what rebuilding them leaves.")
+    parser.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="in place of a simulated walk")
+    parser.add_argument("--strides", type=int, default=200, metavar="N", help="of a walk (200)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="draws strides and motion (1)")
+    parser.add_argument("--mount", default="instep", help=f"{' or '.join(MOUNTS)}")
+    parser.add_argument("--rate", type=float, default=200.0, metavar="HZ", help="of the samples (200)")
+    chosen = parser.parse_args(arguments)
+    table = [row for path in chosen.recordings for row in rows(path.name, *_recorded(path))]
+    if not table:
+        walked = walk(chosen.strides, mount_named(chosen.mount), chosen.rate, np.random.default_rng(chosen.seed))
+        table = rows("simulated", walked.gyr, walked.period_s)
+    fig.print_heading("Angle hidden in a clipped peak, rms, deg")
+    fig.print_table(("walk", "cut at", "peaks", "hidden", "left when rebuilt"), table)
+
+
+def _recorded(path: Path) -> tuple[Floats, float]:
+    recording = read(path)
+    return recording.gyr, recording.period_s
+
+
+def rows(name: str, gyr: Floats, period_s: float) -> list[list[str]]:
+    """One row a level."""
+    axis = int(np.argmax(np.abs(gyr).max(axis=0)))
+    median = median_peak(np.abs(gyr[:, axis]))
+    table = []
+    for share in SHARES:
+        cut = gyr.copy()
+        cut[:, axis] = np.clip(gyr[:, axis], -share * median, share * median)
+        hidden = by_peak(gyr[:, axis], cut[:, axis], cut[:, axis], period_s)
+        left = by_peak(gyr[:, axis], rebuilt(cut, period_s)[:, axis], cut[:, axis], period_s)
+        rms = [f"{np.degrees(np.sqrt(np.mean(some**2))):.2f}" for some in (hidden, left)]
+        table.append([name, f"{100 * share:.0f} %", str(len(hidden)), *rms])
+    return table
+
+
+def median_peak(size: Floats) -> float:
+    """Median of the peaks of a rate's size (N,) that reach half of the highest."""
+    high = size > size.max() / 2
+    return float(np.median([size[a:b].max() for a, b in _runs(high)]))
+
+
+def by_peak(whole: Floats, found: Floats, cut: Floats, period_s: float) -> Floats:
+    """Angle (P,) rad by which `found` (N,) misses each peak that was cut."""
+    clipped = np.abs(cut) >= np.abs(cut).max()
+    return np.array([(whole - found)[a:b].sum() * period_s for a, b in _runs(clipped)])
+
+
+def _runs(flags: Floats) -> list[tuple[int, int]]:
+    edge = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
+
+
+if __name__ == "__main__":
+    fig.leave_with(main)

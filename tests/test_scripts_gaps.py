@@ -1,0 +1,66 @@
+"""The scripts that measure what lost samples and clipped peaks cost."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.real_data import DATA, needs_data
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+script = importlib.import_module("lost_samples")
+peaks = importlib.import_module("clipped_peaks")
+
+
+def test_a_gap_in_a_swing_is_bridged_better_than_by_a_line_and_that_better_than_by_the_last_sample(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    script.main(["--strides", "40"])
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line[:1].isdigit()]
+    assert [row[1] for row in rows] == ["held", "interpolated", "learned"] * 4
+    yaw, tilt, velocity = (np.array([float(row[k]) for row in rows]).reshape(4, 3) for k in (2, 4, 5))
+    for error in (yaw, tilt, velocity):
+        assert (error[:, 1] < error[:, 0]).all()
+        assert (error[:, 2] < error[:, 1] / 1.5).all()
+    over_sigma = np.array([float(row[-1]) for row in rows[2::3]])
+    assert (over_sigma > 0.4).all()
+    assert (over_sigma < 1.5).all()
+
+
+def test_samples_are_lost_one_gap_at_a_time() -> None:
+    before, kept = script.gaps_in(1000, 3, np.random.default_rng(1))
+    assert kept.sum() == 1000 - 3 * len(before)
+    np.testing.assert_array_equal(np.flatnonzero(~kept).reshape(-1, 3)[:, 0], before + 1)
+    assert np.diff(before).min() > script.APART // 2
+
+
+@needs_data
+def test_a_real_walk(capsys: pytest.CaptureFixture[str]) -> None:
+    assert DATA is not None
+    script.main([str(DATA / "gdin/own/SensorConnectData_33.csv")])
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("SensorConnect")]
+    held, line, learned, over_sigma = np.array([[float(cell) for cell in row[2:]] for row in rows]).T
+    assert (line < held).all()
+    assert (learned < 0.7 * line).all()
+    assert (over_sigma < 1.5).all()
+
+
+def test_a_clipped_peak_is_mostly_given_back(capsys: pytest.CaptureFixture[str]) -> None:
+    peaks.main(["--strides", "20"])
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("simulated")]
+    hidden, left = np.array([[float(cell) for cell in row[-2:]] for row in rows]).T
+    assert (np.diff(hidden) > 0).all()
+    assert left[0] < hidden[0] / 2
+    assert (left < hidden).all()
+
+
+def test_a_peak_is_cut_on_either_side_and_each_counts() -> None:
+    rate = 5.0 * np.sin(np.linspace(0.0, 4 * np.pi, 400))
+    cut = np.clip(rate, -4.0, 4.0)
+    assert peaks.median_peak(np.abs(rate)) == pytest.approx(5.0, rel=1e-3)
+    missed = peaks.by_peak(rate, cut, cut, 0.01)
+    assert len(missed) == 4
+    assert missed.sum() == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(missed).sum() == pytest.approx(np.abs(rate - cut).sum() * 0.01)
