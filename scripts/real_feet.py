@@ -13,11 +13,11 @@ offset  marker minus sensor, body axes: least squares of (marker - sensor path) 
 sinking of the sensor in mid-stance: vertical velocity of the marker less that of w x d, the median over 17 samples
         about the stillest one
 climb   of the smoother against the marker, stance to stance: with plain zero velocity, with the rolling lever, and
-        with the settling sole as well (the default)
+        with the settling sole as well, the same in all walks, and by more or by less in each (the default)
 ======= =============================================================================================================
 
-Figures are medians over the trials of a day, and over all, that have 10 such strides or more. Gait and mounting differ
-from day to day; some trials are of running.
+Figures are medians over the trials of a day, and over all, that have 10 such strides or more; of the climb also its
+median size, and its scatter from trial to trial. Gait and mounting differ from day to day; some trials are of running.
 """
 
 from __future__ import annotations
@@ -50,10 +50,13 @@ FEWEST_STRIDES = 10
 REACH = 8
 """Samples on either side of the stillest one."""
 
+DEFAULT = SmootherParameters()
+
 VARIANTS: Mapping[str, SmootherParameters] = {
     "plain": PLAIN,
-    "rolling": replace(SmootherParameters(), settling_m=0.0),
-    "settling too": SmootherParameters(),
+    "rolling": replace(DEFAULT, settling_m=0.0, settling_sigma_m=PLAIN.settling_sigma_m),
+    "settling too": replace(DEFAULT, settling_sigma_m=PLAIN.settling_sigma_m),
+    "of each walk": DEFAULT,
 }
 
 
@@ -100,6 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     fig.print_table(("median of", *_cells(feet[0])), [[foot.trial, *_cells(foot).values()] for foot in shown])
     size = [f"{1e3 * np.median([abs(foot.climb[k]) for foot in feet]):.1f}, {name}" for k, name in enumerate(VARIANTS)]
     print(f"size of the climb, median over all (mm a stride): {'; '.join(size)}")
+    apart = [f"{1e3 * np.std([foot.climb[k] for foot in feet]):.1f}, {name}" for k, name in enumerate(VARIANTS)]
+    print(f"scatter of the climb, over all (mm a stride): {'; '.join(apart)}")
 
 
 def _middle(name: str, feet: Sequence[Foot]) -> Foot:

@@ -20,8 +20,8 @@ from numba import njit
 
 from fg_nav.arrays import Floats, Ints
 
-DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("m"): 8, ord("z"): 1}
-"""Of the tangent space of a pose, a velocity, a bias, a state of the field and a floor, by the letter in the key."""
+DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, ord("z"): 1}
+"""Of the tangent space of pose, velocity, bias, settling, state of the field and floor, by the letter in the key."""
 
 _LETTER_SHIFT = 56
 """A gtsam key carries its letter in the highest byte."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, V, X
+from gtsam.symbol_shorthand import B, S, V, X
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
@@ -46,6 +46,7 @@ def initial_values(
     bias = gtsam.imuBias.ConstantBias(rest, gyro_bias)
     for k in range(nodes.bias[-1] + 1):
         values.insert(B(k), bias)
+        values.insert(S(k), np.zeros(1))
     return values
 
 

@@ -43,6 +43,11 @@ class SmootherParameters:
     """Time for which an acceleration in stance may already have lasted, s: a footfall's tremble is at 10 Hz."""
     settling_m: float = 0.0015
     """By how much the sole gives way under the load of a stance, m, with as large a sigma: a shoe is soft."""
+    settling_sigma_m: float = 0.0015
+    """By how much all stances of a walk may do so more, or less, m: on motion-captured walks shoe, gait and mounting
+    together are worth 3 to 5 mm of height a stride, one sigma; 1.5 mm in `settling_time_s` make 5."""
+    settling_walk_m: float = 2e-5
+    """Random walk of that, m/sqrt(s): 1 mm in an hour; a sole gets warm, a lace loose, a carpet begins."""
     settling_time_s: float = 0.3
     """Shortest time in which it does."""
     known_lever: tuple[float, float, float] | None = None
@@ -89,5 +94,7 @@ class SmootherParameters:
     """And gives up after so many."""
 
 
-PLAIN = SmootherParameters(roll_sigma_m=0.0, unsteady_s=0.0, settling_m=0.0, known_lever=(0.0, 0.0, 0.0))
+PLAIN = SmootherParameters(
+    roll_sigma_m=0.0, unsteady_s=0.0, settling_m=0.0, settling_sigma_m=1e-6, known_lever=(0.0, 0.0, 0.0)
+)
 """Plain zero velocity: every instant of a stance is equally, fully still. For ablation."""

@@ -17,7 +17,7 @@ from typing import Protocol
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, V, X
+from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.smoother.nodes import Nodes
@@ -54,7 +54,7 @@ class Native:
 
 
 def time_order(nodes: Nodes, with_field: bool = False) -> gtsam.Ordering:
-    """Order in which the variables are eliminated: node by node, a bias after the last node that uses it.
+    """Order in which the variables are eliminated: node by node, bias and settling after the last node that uses them.
 
     With the field its state M at each footfall follows the node of the footfall's result.
     """
@@ -63,11 +63,13 @@ def time_order(nodes: Nodes, with_field: bool = False) -> gtsam.Ordering:
     footfall = {int(j): k for k, j in enumerate(nodes.result)} if with_field else {}
     for j in range(len(nodes)):
         if j > 0 and bias[j] != bias[j - 1]:
+            ordering.push_back(S(bias[j - 1]))
             ordering.push_back(B(bias[j - 1]))
         ordering.push_back(X(j))
         ordering.push_back(V(j))
         if j in footfall:
             ordering.push_back(M(footfall[j]))
+    ordering.push_back(S(bias[-1]))
     ordering.push_back(B(bias[-1]))
     return ordering
 

@@ -1,13 +1,18 @@
 """One function turns a stride into factors; a walk is its strides, added one after the other.
 
-Variables: pose X and velocity V at each node, one bias B for the footfalls of ten seconds. A stride is a footfall and
-the swing that led to it. It adds
+Variables: pose X and velocity V at each node; for the footfalls of ten seconds one bias B and one excess S of the
+settling of the sole. A stride is a footfall and the swing that led to it. It adds
 
 * inertial factors from the last node of the footfall before, through all nodes of this one;
-* at each node a tie of the velocity, V = R (w x l) + settling, with a sigma that grows with how fast the foot turns
-  and how far its specific force is from gravity there;
-* where a new bias begins, a random-walk factor from the one before;
+* at each node a tie of the velocity, V = R (w x l) + settling - S / (duration of the stance) up, with a sigma that
+  grows with how fast the foot turns and how far its specific force is from gravity there;
+* where a new bias begins, random-walk factors of B and S from those before;
 * for each rest in the footfall, what it shows of the gyro bias.
+
+The sole of one walk settles in all its stances alike, by more or by less than expected: what a stride climbs for that
+adds up stride by stride, not by the root of their number. Nothing inertial shows it, as a constant vertical velocity
+looks like none. So S is a variable, m: known to its prior, but where floors or fixes show the height it is learned, and
+all strides between have the profit.
 
 The velocity tie is `factors.rolling_stance_factor`. There are thousands in a walk, and each costs a call from C++ into
 Python at every linearisation; `VelocityTies` holds them all, and linearises them together in numpy.
@@ -23,7 +28,7 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, V, X
+from gtsam.symbol_shorthand import B, S, V, X
 
 from factors import rolling_stance_jacobian, rolling_stance_residual, zero_rate_factor
 from factors.rotation import skew
@@ -46,7 +51,8 @@ class Stride:
 
     Nodes `first <= j < last`, bias `bias` and before the footfall `bias_before`, begun `bias_age_s` ago;
     `measurements` from each node's predecessor to it (none before the very first);
-    `body_velocity`, `settling`, `velocity_sigma` (last - first, 3) m/s of the sensor in stance.
+    `body_velocity`, `settling`, `velocity_sigma` (last - first, 3) m/s of the sensor in stance, `sinks_per_m`
+    (last - first,) m/s by which it sinks faster for each metre that the sole settles more.
     """
 
     first: int
@@ -58,6 +64,7 @@ class Stride:
     body_velocity: Floats
     settling: Floats
     velocity_sigma: Floats
+    sinks_per_m: Floats
     rests: list[Rest]
 
 
@@ -77,7 +84,8 @@ def strides_of(
     off_gravity = np.linalg.norm(recording.acc, axis=1, keepdims=True) - p.gravity
     off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
     body_velocity = np.cross(rate, lever)
-    settling, sigma = _stance_noise(recording.t, stances, nodes, rate, off_gravity, p)
+    sinks_per_m = 1.0 / _settling_time(recording.t, stances, p)[nodes.footfall]
+    settling, sigma = _stance_noise(sinks_per_m, rate, off_gravity, p)
     t = recording.t[nodes.sample[nodes.result]]
     begun = t[np.flatnonzero(np.diff(nodes.bias, prepend=-1))]
     rests_of = _by_footfall(rests, nodes)
@@ -92,25 +100,35 @@ def strides_of(
             body_velocity=body_velocity[first:last],
             settling=settling[first:last],
             velocity_sigma=sigma[first:last],
+            sinks_per_m=sinks_per_m[first:last],
             rests=rests_of.get(k, []),
         )
 
 
 class VelocityTies:
-    """The velocity ties of a walk: residual e = V - R u - settling over sigma, with u = w x l in the body frame."""
+    """The velocity ties of a walk: residual e = V - R u - settling + sinks_per_m S up, over sigma.
+
+    With u = w x l in the body frame, and S the excess of the settling that the footfall's number `sole` has.
+    """
 
     def __init__(self) -> None:
         self._node: list[int] = []
         self._body_velocity: list[Floats] = []
         self._settling: list[Floats] = []
         self._sigma: list[Floats] = []
+        self._sole: list[int] = []
+        self._sinks_per_m: list[float] = []
 
-    def add(self, node: int, body_velocity: Floats, settling: Floats, sigma: Floats) -> None:
-        """Add the tie of a node, all (3,) m/s."""
+    def add(
+        self, node: int, body_velocity: Floats, settling: Floats, sigma: Floats, sole: int, sinks_per_m: float
+    ) -> None:
+        """Add the tie of a node: velocities and sigmas (3,) m/s, excess S(sole), and `sinks_per_m` 1/s."""
         self._node.append(node)
         self._body_velocity.append(body_velocity)
         self._settling.append(settling)
         self._sigma.append(sigma)
+        self._sole.append(sole)
+        self._sinks_per_m.append(sinks_per_m)
 
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
@@ -119,6 +137,8 @@ class VelocityTies:
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
         """Yield the linearised ties: r = R^T e / sigma, dr/dpose = [R^T (R [u]x / sigma) + [r]x, 0], dr/dV = R^T/sigma.
+
+        And dr/dS = sinks_per_m dr/dV up.
 
         The residual is turned into the body's axes, which leaves its square as it is. In navigation axes a residual
         turns with the heading, and Gauss-Newton, which has no second derivative to set against that, takes it for a
@@ -129,15 +149,17 @@ class VelocityTies:
         turned = np.einsum("kji,kj->ki", attitude, residual)
         by_pose = np.zeros((len(weight), 3, 6))
         by_pose[:, :, :3] = weight @ rolling_stance_jacobian(attitude, np.array(self._body_velocity)) + skew(turned)
+        by_excess = weight[:, :, 2:] * np.array(self._sinks_per_m)[:, None, None]
         unit = gtsam.noiseModel.Unit.Create(3)
-        for j, A, B_, b in zip(self._node, by_pose, weight, -turned, strict=True):
-            yield gtsam.JacobianFactor(X(j), A, V(j), B_, b, unit)
+        for j, k, A, B_, C, b in zip(self._node, self._sole, by_pose, weight, by_excess, -turned, strict=True):
+            yield gtsam.JacobianFactor(X(j), A, V(j), B_, S(k), C, b, unit)
 
     def _residuals(self, values: gtsam.Values) -> tuple[Floats, Floats]:
         """Residuals over sigma (J, 3), and attitudes (J, 3, 3)."""
         attitude = np.array([values.atPose3(X(j)).rotation().matrix() for j in self._node])
         velocity = np.array([values.atVector(V(j)) for j in self._node])
         body_velocity, settling = np.array(self._body_velocity), np.array(self._settling)
+        settling[:, 2] -= np.array(self._sinks_per_m) * [values.atVector(S(k))[0] for k in self._sole]
         residual = rolling_stance_residual(attitude, velocity, body_velocity, settling)
         return residual / np.array(self._sigma), attitude
 
@@ -148,18 +170,22 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: St
         bias = B(stride.bias_before if j == stride.first else stride.bias)
         graph.push_back(gtsam.GalileanImuFactor(X(j - 1), V(j - 1), X(j), V(j), bias, measurement))
     for i, j in enumerate(range(stride.first, stride.last)):
-        ties.add(j, stride.body_velocity[i], stride.settling[i], stride.velocity_sigma[i])
+        velocity = stride.body_velocity[i], stride.settling[i], stride.velocity_sigma[i]
+        ties.add(j, *velocity, stride.bias, float(stride.sinks_per_m[i]))
     if stride.bias != stride.bias_before:
         walk = np.repeat([p.acc_bias_walk, np.radians(p.gyro_bias_walk_deg_s)], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
+        change = _one_sigma(p.settling_walk_m * np.sqrt(stride.bias_age_s))
+        graph.push_back(gtsam.BetweenFactorVector(S(stride.bias_before), S(stride.bias), np.zeros(1), change))
     for rest in stride.rests:
         graph.push_back(zero_rate_factor(B(stride.bias), rest.rate, rest.sigma))
 
 
 def add_start(graph: gtsam.NonlinearFactorGraph, gyro_bias_sigma: float, p: SmootherParameters) -> None:
-    """Add the prior on the bias."""
+    """Add the priors on the bias and on the excess of the settling."""
     graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(p.acc_bias_sigma, gyro_bias_sigma))
+    graph.push_back(gtsam.PriorFactorVector(S(0), np.zeros(1), _one_sigma(p.settling_sigma_m)))
 
 
 def gauge(nav_R_body: Floats, heading_sigma: float, p: SmootherParameters) -> gtsam.PriorFactorPose3:
@@ -183,13 +209,23 @@ def _bias_noise(acc_sigma: float, gyro_sigma: float) -> gtsam.noiseModel.Diagona
     return gtsam.noiseModel.Diagonal.Sigmas(np.repeat([acc_sigma, gyro_sigma], 3))
 
 
+def _one_sigma(sigma: float) -> gtsam.noiseModel.Isotropic:
+    return gtsam.noiseModel.Isotropic.Sigma(1, sigma)
+
+
+def _settling_time(t: Floats, stances: Stances, p: SmootherParameters) -> Floats:
+    """Time (F,) s in which the sole settles, for each footfall: once, though its stance may be in pieces."""
+    first = np.searchsorted(stances.footfall, np.arange(stances.n_footfalls))
+    last = np.append(first[1:], len(stances)) - 1
+    return np.asarray(np.maximum(t[stances.stop[last] - 1] - t[stances.start[first]], p.settling_time_s))
+
+
 def _stance_noise(
-    t: Floats, stances: Stances, nodes: Nodes, rate: Floats, off_gravity: Floats, p: SmootherParameters
+    sinks_per_m: Floats, rate: Floats, off_gravity: Floats, p: SmootherParameters
 ) -> tuple[Floats, Floats]:
     """Velocity of the settling sole and sigma of the velocity, (M, 3) m/s, at each node."""
-    duration = t[stances.stop - 1] - t[stances.start]
-    sinking = p.settling_m / np.maximum(duration, p.settling_time_s)[nodes.interval]
-    settling = np.zeros((len(nodes), 3))
+    sinking = p.settling_m * sinks_per_m
+    settling = np.zeros((len(rate), 3))
     settling[:, 2] = -sinking
     still = p.velocity_sigma**2 + (p.unsteady_s * off_gravity) ** 2
     rolling = p.roll_sigma_m**2 * (rate**2).sum(axis=1)

@@ -3,7 +3,7 @@
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import V, X
+from gtsam.symbol_shorthand import S, V, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -48,6 +48,22 @@ def test_jacobians_are_the_derivatives_on_the_manifold(rotvec, position, velocit
     ]
     by_key = dict(zip(factor.keys(), np.split(A, [6], axis=1), strict=True))
     np.testing.assert_allclose(np.hstack([by_key[X(0)], by_key[V(0)]]), np.transpose(numeric), atol=1e-8)
+
+
+def test_a_softer_sole_sinks_faster_and_nothing_else():
+    """One that settles 3 mm more in 0.3 s sinks by 10 mm/s more, in any attitude; that is the slope by it, too."""
+    rng = np.random.default_rng(4)
+    values = state(rng.standard_normal(3), rng.standard_normal(3), np.zeros(3))
+    values.insert(S(0), np.array([0.003]))
+    u, settling = rng.standard_normal((2, 3))
+    factor = rolling_stance_factor(X(0), V(0), u, settling, UNIT, S(0), 1 / 0.3)
+    R = values.atPose3(X(0)).rotation().matrix()
+    values.update(V(0), R @ u + settling - np.array([0.0, 0.0, 0.010]))
+    np.testing.assert_allclose(residual(factor, values), 0.0, atol=1e-12)
+    here, (A, _) = residual(factor, values), factor.linearize(values).jacobian()
+    values.update(S(0), values.atVector(S(0)) + 0.001)
+    assert factor.keys()[2] == S(0)
+    np.testing.assert_allclose(A[:, 9], (residual(factor, values) - here) / 0.001, atol=1e-9)
 
 
 def test_the_error_is_half_the_square_of_the_whitened_residual():

@@ -1,10 +1,7 @@
 """The smoother as a whole: what must not change the result does not, and what it claims is true."""
 
-import importlib
-import sys
 from dataclasses import asdict, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import Consistency, evaluate, stance_nees
+from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap, yaw_rotation
 from fg_nav.recording import Recording
 from fg_nav.simulation import simulate
@@ -22,11 +20,8 @@ from fg_nav.smoother.noise_level import LEVELS
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor
+from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor, every_gait
 from tests.smoother.walks import DEFAULT, Walk, degrees_between, demo, noise_free, part
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
-compensated = importlib.import_module("kinematic_consistency").compensated
 
 SEEDS = range(8)
 
@@ -37,14 +32,14 @@ MATCHED = replace(
     gyr_density_deg_s=float(np.degrees(INDUSTRIAL.gyr.noise_density)),
     gyr_relative_density=0.0,
     roll_sigma_m=0.01,
+    settling_sigma_m=0.0003,
     known_lever=LEVER,
     gyro_bias_sigma_deg_s=float(np.degrees(INDUSTRIAL.gyr.bias_sd)),
 )
-"""The simulated sensor's own noise, and a foot that rolls about one point."""
+"""The simulated sensor's own noise, and a foot that rolls about one point, on a sole that is all but known."""
 
-FAST_HZ = 400.0
-"""What a sample hides of the motion within its period, coning and sculling, is here no more than the noise leaves; at
-200 Hz it makes a pitch bias of four of its sigmas."""
+MATCHED_WALK = replace(MATCHED, settling_sigma_m=DEFAULT.settling_sigma_m)
+"""The same on a sole that is not."""
 
 
 @cache
@@ -118,26 +113,16 @@ def errors(walk: Walk, solution: Solution) -> np.ndarray:
 
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 400.0])
 def test_a_walk_without_noise_is_reproduced(rate_hz: float) -> None:
-    """To centimetres after 77 m: what is left is that a sample is the mean over 5 ms of a swinging foot."""
+    """To millimetres over the ground after 77 m, at any rate: the motion within a sample is allowed for.
+
+    The height is off by 2 cm at any rate, and so has to do with the rolling of the foot and not with samples.
+    """
     walk = noise_free(RIGID, rate_hz=rate_hz)
     found = smooth(walk.recording, walk.stances, replace(DEFAULT, settling_m=0.0))
     metrics = evaluate(found, walk.recording.truth)
-    coarse = (200.0 / rate_hz) ** 2
-    assert metrics.rmse_2d_m < 0.03 * max(coarse, 0.5)
-    assert np.abs(errors(walk, found)[:, 2]).max() < 0.03 * max(coarse, 1.0)
-    assert metrics.heading_rmse_deg < 0.18 * max(coarse, 0.5)
-
-
-@pytest.mark.parametrize("rate_hz", [100.0, 200.0])
-def test_nothing_but_the_motion_within_a_sample_is_left(rate_hz: float) -> None:
-    """With coning and sculling added to the samples the same walk is reproduced to millimetres, at any rate."""
-    walk = noise_free(RIGID, rate_hz=rate_hz)
-    gyr, acc = compensated(walk.recording.gyr, walk.recording.acc, 1 / rate_hz)
-    found = smooth(replace(walk.recording, acc=acc, gyr=gyr), walk.stances, replace(DEFAULT, settling_m=0.0))
-    metrics = evaluate(found, walk.recording.truth)
-    assert metrics.rmse_2d_m < 0.01
+    assert metrics.rmse_2d_m < 0.003
     assert np.abs(errors(walk, found)[:, 2]).max() < 0.03
-    assert metrics.heading_rmse_deg < 0.04
+    assert metrics.heading_rmse_deg < 0.03
 
 
 def test_a_sole_that_gives_way_is_allowed_for() -> None:
@@ -153,8 +138,44 @@ def test_a_sole_that_gives_way_is_allowed_for() -> None:
     assert stiff > 0.1
 
 
+def climb(sole_m: float, p: SmootherParameters, fixes: tuple[Fix, ...] = ()) -> tuple[float, float]:
+    """Height above the truth at the end of a walk on such a sole, m, and its sigma."""
+    walk = noise_free(every_gait(QUIET, sole_m=sole_m))
+    found = smooth(walk.recording, walk.stances, replace(p, known_lever=LEVER), fixes=fixes)
+    return errors(walk, found)[-1, 2], found.stances.position_cov[-1, 2, 2] ** 0.5
+
+
+def test_what_a_sole_is_worth_is_within_the_sigma_of_the_height() -> None:
+    """All stances of a walk have the same sole: 61 strides climb by 61 times what one does, not by the root of it."""
+    told_firmly = replace(MATCHED, settling_sigma_m=1e-6)
+    for sole_m in (0.0005, 0.0045):
+        error, sigma = climb(sole_m, MATCHED_WALK)
+        assert 0.2 < abs(error) / sigma < 2.0
+        error, sigma = climb(sole_m, told_firmly)
+        assert abs(error) / sigma > 3.0
+
+
+def test_a_height_known_on_the_way_shows_the_sole_of_the_whole_walk() -> None:
+    """Told the height at one footfall in the middle, the walk keeps it from there on."""
+    walk, sole_m = noise_free(every_gait(QUIET, sole_m=0.0045)), 0.0045
+    middle = int(walk.stances.stillest(walk.recording.gyr)[walk.stances.n_footfalls // 2])
+    truth = walk.recording.truth
+    fix = Fix(float(walk.recording.t[middle]), truth.position[middle] - truth.position[0], 100.0, 0.005)
+    free, _ = climb(sole_m, MATCHED_WALK)
+    told, sigma = climb(sole_m, MATCHED_WALK, (fix,))
+    without, _ = climb(sole_m, replace(MATCHED_WALK, settling_sigma_m=1e-6), (fix,))
+    assert abs(told) < 0.2 * min(abs(without), abs(free))
+    assert abs(told) < 3 * sigma
+
+
+def test_height_of_a_walk_is_doubtful_in_proportion_to_its_strides() -> None:
+    sigma = np.sqrt(smoothed(0, MATCHED_WALK).stances.position_cov[:, 2, 2])
+    half = len(sigma) // 2
+    assert sigma[-1] / sigma[half] == pytest.approx((len(sigma) - 1) / half, rel=0.15)
+
+
 def consistency(seed: int, p: SmootherParameters) -> Consistency:
-    return stance_nees(smoothed(seed, p, FAST_HZ).stances, demo(seed, FAST_HZ).recording.truth)
+    return stance_nees(smoothed(seed, p).stances, demo(seed).recording.truth)
 
 
 def test_sigmas_are_true_where_the_smoother_knows_the_noise() -> None:
@@ -174,7 +195,7 @@ def true_gyro_bias(seed: int) -> np.ndarray:
 
 
 def test_gyro_bias_is_found_to_within_its_sigma() -> None:
-    found = [(seed, smoothed(seed, p, FAST_HZ).stances) for seed in SEEDS for p in (DEFAULT, MATCHED)]
+    found = [(seed, smoothed(seed, p).stances) for seed in SEEDS for p in (DEFAULT, MATCHED)]
     z = np.concatenate([(s.gyro_bias - true_gyro_bias(seed)) / s.gyro_bias_sigma for seed, s in found])
     assert np.abs(z).max() < 3.0
     assert np.sqrt(np.mean(z**2)) > 0.1  # and the sigma is not ten times too wide
@@ -277,7 +298,7 @@ def test_progress_ends_with_all() -> None:
 
 def test_known_lever_is_used_and_told() -> None:
     """A foot rolls forward while it stands: held still it falls short, and with the lever upside down shorter yet."""
-    walk = noise_free(RIGID, rate_hz=FAST_HZ)
+    walk = noise_free(RIGID)
 
     def scale(lever: tuple[float, float, float]) -> float:
         found = smooth(walk.recording, walk.stances, replace(DEFAULT, known_lever=lever, settling_m=0.0))

@@ -8,7 +8,7 @@ from pathlib import Path
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import B, V, X
+from gtsam.symbol_shorthand import B, S, V, X
 
 import fg_nav.smoother
 from fg_nav.arrays import Floats
@@ -71,6 +71,9 @@ def test_linearised_ties_have_error_and_slope_of_the_factors() -> None:
         values.insert(V(j), 0.01 * rng.standard_normal(3))
         none.insert(X(j), np.zeros(6))
         none.insert(V(j), np.zeros(3))
+    for k in range(ties.nodes.bias[-1] + 1):
+        values.insert(S(k), 0.01 * rng.standard_normal(1))
+        none.insert(S(k), np.zeros(1))
     factors = [f for f in map(exact.graph.at, range(exact.graph.size())) if isinstance(f, gtsam.CustomFactor)]
     assert len(factors) == len(ties.nodes)
     assert ties.ties.error(values) == pytest.approx(sum(f.error(values) for f in factors), rel=1e-9)
@@ -83,6 +86,8 @@ def test_linearised_ties_have_error_and_slope_of_the_factors() -> None:
     for j in range(len(ties.nodes)):
         for key in (X(j), V(j)):
             np.testing.assert_allclose(slope.at(key), expected.at(key), rtol=1e-9, atol=1e-9)
+    for k in range(ties.nodes.bias[-1] + 1):
+        np.testing.assert_allclose(slope.at(S(k)), expected.at(S(k)), rtol=1e-9, atol=1e-9)
 
 
 def stance_truth(walk: Walk) -> tuple[Floats, Floats]:
@@ -129,6 +134,24 @@ def test_sole_sinks_in_a_stance_of_the_walk_and_not_in_a_rest() -> None:
     assert not settling[:, :2].any()
     assert 0.5 < settling[inner, 2].mean() / sinking < 2.0
     assert np.all(np.abs(settling[one.nodes.interval == 0, 2]) < 1e-3)
+
+
+def test_a_sole_settles_once_in_a_footfall_though_its_stance_is_in_pieces() -> None:
+    walk = demo()
+    s = walk.stances
+    k = int(np.argmax((s.stop - s.start > 60) & (s.footfall > 0)))  # a stance of the walk, torn in its middle
+    middle = int(s.start[k] + s.stop[k]) // 2
+    torn = replace(
+        s,
+        start=np.insert(s.start, k + 1, middle + 10),
+        stop=np.insert(s.stop, k, middle - 10),
+        footfall=np.insert(s.footfall, k, s.footfall[k]),
+    )
+    whole, pieces = (problem(Walk(walk.recording, stances)).strides for stances in (s, torn))
+    footfall = int(s.footfall[k])
+    per_m = whole[footfall].sinks_per_m[0]
+    np.testing.assert_allclose(pieces[footfall].sinks_per_m, per_m)
+    np.testing.assert_allclose(pieces[footfall].settling[:, 2], -DEFAULT.settling_m * per_m)
 
 
 def test_ties_are_firm_where_the_foot_is_still() -> None:

@@ -3,7 +3,7 @@
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import V, X
+from gtsam.symbol_shorthand import S, V, X
 
 from fg_nav.smoother.strides import VelocityTies
 
@@ -13,8 +13,11 @@ UP = np.array([0.0, 0.0, 1.0])
 def some_ties(seed: int = 0, nodes: int = 5) -> tuple[VelocityTies, gtsam.Values]:
     """Ties of nodes in any attitude, with residuals of some sigmas, and a vertical sigma of its own."""
     rng, ties, values = np.random.default_rng(seed), VelocityTies(), gtsam.Values()
+    for k in range(2):
+        values.insert(S(k), 0.002 * rng.standard_normal(1))
     for j in range(nodes):
-        ties.add(j, 0.1 * rng.standard_normal(3), np.array([0.0, 0.0, -0.005]), np.array([0.02, 0.02, 0.05]))
+        sigma = np.array([0.02, 0.02, 0.05])
+        ties.add(j, 0.1 * rng.standard_normal(3), np.array([0.0, 0.0, -0.005]), sigma, j % 2, 3.0)
         values.insert(X(j), gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.standard_normal(3)), rng.standard_normal(3)))
         values.insert(V(j), 0.1 * rng.standard_normal(3))
     return ties, values
@@ -28,6 +31,8 @@ def turned(values: gtsam.Values, nodes: int = 5) -> gtsam.VectorValues:
         R = pose.rotation().matrix()
         step.insert(X(j), np.concatenate([R.T @ UP, R.T @ np.cross(UP, pose.translation())]))
         step.insert(V(j), np.cross(UP, values.atVector(V(j))))
+    for k in range(2):
+        step.insert(S(k), np.zeros(1))
     return step
 
 
@@ -48,6 +53,8 @@ def test_linearised_error_has_the_slope_of_the_error() -> None:
     for j in range(5):
         step.insert(X(j), rng.standard_normal(6))
         step.insert(V(j), rng.standard_normal(3))
+    for k in range(2):
+        step.insert(S(k), rng.standard_normal(1))
 
     def linear(scale: float) -> float:
         return sum(tie.error(step.scale(scale)) for tie in ties.linearize(values))

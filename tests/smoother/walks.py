@@ -7,7 +7,7 @@ from functools import cache
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import B, V, X
+from gtsam.symbol_shorthand import B, S, V, X
 
 from factors import rolling_stance_factor
 from fg_nav.arrays import Floats
@@ -143,7 +143,9 @@ def with_exact_factors(walk: Walk) -> Problem:
     for stride in one.strides:
         for i, j in enumerate(range(stride.first, stride.last)):
             noise = gtsam.noiseModel.Diagonal.Sigmas(stride.velocity_sigma[i])
-            tie = rolling_stance_factor(X(j), V(j), stride.body_velocity[i], stride.settling[i], noise)
+            velocity = stride.body_velocity[i], stride.settling[i]
+            sole = S(stride.bias), float(stride.sinks_per_m[i])
+            tie = rolling_stance_factor(X(j), V(j), *velocity, noise, *sole)
             one.graph.push_back(tie)
     return one
 
