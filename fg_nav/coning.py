@@ -25,16 +25,14 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.gaps import Gaps
 from fg_nav.peaks import rebuilt
-from fg_nav.recording import Recording
 
 
-def integrable(recording: Recording) -> tuple[Floats, Floats]:
-    """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s that, held over their periods, integrate to what was moved."""
-    h = np.append(np.diff(recording.t), recording.period_s)
-    gaps = recording.gaps
+def integrable(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
+    """Specific forces and rates, (N, 3) as read, that integrate to what was moved when held over periods `h` (N,) s."""
     share = (gaps.unseen_s / h[gaps.sample])[:, None]
-    acc, gyr = recording.acc.copy(), rebuilt(recording.gyr, recording.period_s)
+    acc, gyr = acc.copy(), rebuilt(gyr, float(np.median(h)))
     acc[gaps.sample] += share * (gaps.acc - acc[gaps.sample])
     gyr[gaps.sample] += share * (gaps.gyr - gyr[gaps.sample])
     return compensated(acc, gyr, h)

@@ -32,6 +32,7 @@ import numpy as np
 
 from fg_nav import plausibility
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.coning import integrable
 from fg_nav.errors import RecordingError
 from fg_nav.gaps import Gaps, bridged
 from fg_nav.timing import dejittered
@@ -167,6 +168,11 @@ class Recording:
     def gaps(self) -> Gaps:
         """Where samples are missing, and what lies there as far as the recording tells."""
         return bridged(self.t, self.acc, self.gyr)
+
+    @cached_property
+    def integrable(self) -> tuple[Floats, Floats]:
+        """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.coning`)."""
+        return integrable(self.acc, self.gyr, np.append(np.diff(self.t), self.period_s), self.gaps)
 
     @property
     def duration_s(self) -> float:

@@ -40,7 +40,6 @@ import numpy as np
 from figures import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.coning import integrable
 from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.matched import MatchedParameters, run_matched
@@ -169,7 +168,7 @@ def added_by_gait(walk: SimulatedWalk, part: Recording, first_step: float) -> fl
         return 0.0
     errors = np.array(walk.drawn["sensor"]["gyr_matrix"]) - np.eye(3)
     body_up = truth.nav_R_body[: len(h), 2]
-    added = np.einsum("ni,ij,nj->n", body_up, errors, integrable(part)[1][:-1])
+    added = np.einsum("ni,ij,nj->n", body_up, errors, part.integrable[1][:-1])
     return math.degrees(float(np.average(added[walks], weights=h[walks])))
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.coning import compensated, integrable
+from fg_nav.coning import compensated
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
@@ -135,5 +135,5 @@ def test_lost_samples_are_made_good(lost: int) -> None:
     """Over a gap the sample before it is held, and integrates nearly to what was moved: with coning, with sculling."""
     recording, h = lossy(lost)
     held = np.abs(left_over(recording.acc, recording.gyr, recording.t, h))
-    bridged = np.abs(left_over(*integrable(recording), recording.t, h))
+    bridged = np.abs(left_over(*recording.integrable, recording.t, h))
     assert (bridged < held / 20).all()

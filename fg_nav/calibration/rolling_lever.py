@@ -20,7 +20,6 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.coning import integrable
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -67,7 +66,7 @@ def rolling_lever(
     p = parameters
     normal, right, samples = _normal_equations(
         recording.t,
-        *integrable(recording),
+        *recording.integrable,
         stances.start,
         stances.stop,
         p.longest_s,

@@ -27,7 +27,6 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.coning import integrable
 from fg_nav.detection import Rest
 from fg_nav.doubt import doubts
 from fg_nav.ekf.attitude_updates import correct_at_footfall, direction_at, heading_at
@@ -93,7 +92,7 @@ def filter_walk(
     back = parameters.smoothed
     track, tape = blank_track(n, k), blank_tape(n, int(stands[start.row :].sum()), k, back)
     h = np.append(np.diff(recording.t), recording.period_s)
-    samples = Samples(h, *integrable(recording), *doubts(recording, parameters.saturated_share))
+    samples = Samples(h, *recording.integrable, *doubts(recording, parameters.saturated_share))
     state, P = initial_belief(start, parameters, heading_sigma)
     noise, stance = noises(parameters)
     if not back:

@@ -19,7 +19,6 @@ from gtsam.symbol_shorthand import B, V, X
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.coning import integrable
 from fg_nav.mechanisation import NavState, rotate_in_body, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.nodes import Nodes
@@ -63,7 +62,7 @@ def dense_trajectory(
 ) -> tuple[Floats, Floats, Floats]:
     """Position (N, 3), velocity (N, 3) and attitude (N, 3, 3) at every sample, from states at nodes `sample` (M,)."""
     h = np.append(np.diff(recording.t), recording.period_s)
-    acc, gyr = integrable(recording)
+    acc, gyr = recording.integrable
     return _dense(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity)
 
 

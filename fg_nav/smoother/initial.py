@@ -13,7 +13,6 @@ from gtsam.symbol_shorthand import B, S, V, X
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.coning import integrable
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.nodes import Nodes
@@ -31,7 +30,7 @@ def initial_values(
     """Values of all variables; `nav_R_body` (3, 3) is the attitude at the first node."""
     position, attitude = _stop_and_go(
         recording.t,
-        *integrable(recording),
+        *recording.integrable,
         stances.mask,
         nodes.sample,
         nav_R_body,

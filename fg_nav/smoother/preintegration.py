@@ -19,7 +19,6 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.coning import integrable
 from fg_nav.doubt import doubts
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
@@ -35,7 +34,7 @@ def preintegrate(
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
     acc_noise, gyr_noise = (_diagonal(variance) for variance in _interval_variances(recording, sample, p))
     period = np.diff(recording.t).tolist()
-    force, rate = integrable(recording)
+    force, rate = recording.integrable
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
     for k, (i, j) in enumerate(pairwise(sample)):

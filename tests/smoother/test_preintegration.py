@@ -7,7 +7,6 @@ import gtsam
 import numpy as np
 import pytest
 
-from fg_nav.coning import integrable
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
@@ -33,7 +32,7 @@ def test_measurement_is_strapdown_over_the_same_samples(recording: Recording, bi
     sample = [600, 640, 641, 790, 1200]
     found = measurements(recording, sample, bias=gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
     assert len(found) == len(sample) - 1
-    rng, (force, rate) = np.random.default_rng(0), integrable(recording)
+    rng, (force, rate) = np.random.default_rng(0), recording.integrable
     for measurement, i, j in zip(found, sample[:-1], sample[1:], strict=True):
         attitude = gtsam.Rot3.RzRyRx(*rng.standard_normal(3))
         position, velocity = rng.standard_normal(3), rng.standard_normal(3)
