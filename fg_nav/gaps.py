@@ -66,6 +66,12 @@ class Gaps(NamedTuple):
     acc_sigma: Floats
     gyr_sigma: Floats
 
+    def within(self, start: int, stop: int) -> Gaps:
+        """Return those between the samples `start <= i < stop`, counted from `start`."""
+        there = (self.sample >= start) & (self.sample < stop - 1)
+        sigmas = self.acc_sigma[there], self.gyr_sigma[there]
+        return Gaps(self.sample[there] - start, self.unseen_s[there], self.acc[there], self.gyr[there], *sigmas)
+
 
 def bridged(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     """Find the gaps between stamps `t` (N,) s, N > 1, and what lies in them, from specific force and rate (N, 3)."""

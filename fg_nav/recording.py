@@ -185,6 +185,8 @@ class Recording:
     def slice(self, start: int, stop: int) -> Recording:
         """Cut out the samples `start <= i < stop`, as views; truth and provenance stay whole.
 
+        What lies in gaps and within samples stays what the whole recording makes of it.
+
         Raises
         ------
         RecordingError
@@ -192,7 +194,10 @@ class Recording:
         """
         part = np.s_[start:stop]
         mag = None if self.mag is None else self.mag[part]
-        return replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag)
+        cut = replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag)
+        acc, gyr = self.integrable
+        cut.__dict__.update(gaps=self.gaps.within(start, stop), integrable=(acc[part], gyr[part]))
+        return cut
 
 
 def usable_samples(raw: RawRecording) -> Bools:

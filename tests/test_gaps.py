@@ -148,3 +148,14 @@ def test_a_clipped_sample_is_doubted_for_what_it_may_hide() -> None:
     np.testing.assert_allclose(doubt[cut, 1], 0.3 * limit)
     assert not doubt[np.abs(gyr[:, 1]) < 0.97 * limit].any()
     assert not doubt[:, [0, 2]].any()
+
+
+def test_a_part_of_a_recording_has_the_gaps_and_the_motion_of_the_whole() -> None:
+    rng = np.random.default_rng(5)
+    t = np.delete(np.arange(400) / 100.0, [60, 150, 151, 300])
+    whole = Recording(t, rng.normal(0, 3, (len(t), 3)), rng.normal(0, 2, (len(t), 3)))
+    assert whole.gaps.sample.tolist() == [59, 148, 296]
+    part = whole.slice(59, 297)
+    assert part.gaps.sample.tolist() == [0, 89]  # the last sample has no next one in the part
+    np.testing.assert_array_equal(part.gaps.gyr, whole.gaps.gyr[:2])
+    np.testing.assert_array_equal(part.integrable[1], whole.integrable[1][59:297])

@@ -163,7 +163,7 @@ def _cut(recording: Recording, stances: Stances, first: int, last: int) -> tuple
         n_samples=end - begin,
         statistic=None if stances.statistic is None else stances.statistic[begin:end],
     )
-    return replace(recording.slice(begin, end), mag=None, truth=None), cut
+    return recording.slice(begin, end), cut
 
 
 class _Piece:
