@@ -27,6 +27,7 @@ specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at re
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -107,16 +108,48 @@ def find_footfalls(
     start, stop, threshold
         (K,) first sample, sample after the last, and level of the threshold of each interval.
     """
+    falls = _falls(acc)
+    if falls.all():
+        return _nothing()
+    stillest = int(np.argmin(np.where(falls, np.inf, level)))
+    up = levelled(acc[stillest])
+    links = (parameters.walking, parameters.rough)
+    velocity = [_free_velocity(t, acc, gyr, level < p.still_level, stillest, up, GRAVITY_M_S2) for p in links]
+    return choose_footfalls(t, acc, gyr, level, velocity, parameters)
+
+
+def choose_footfalls(
+    t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats], parameters: FootfallParameters
+) -> tuple[Ints, Ints, Floats]:
+    """Find the stance intervals where the free velocities are known: all but step 2.
+
+    Parameters
+    ----------
+    t, acc, gyr, level
+        As for `find_footfalls`.
+    velocity
+        (N, 3) m/s of a free strapdown pass for `parameters.walking` and for `parameters.rough`, up to a slow drift.
+
+    Returns
+    -------
+    start, stop, threshold
+        As of `find_footfalls`.
+    """
     candidates = _candidates(acc, level, parameters)
     if candidates.size == 0:
-        nothing = np.empty(0, dtype=np.int64)
-        return nothing, nothing, np.empty(0)
-    found = [_search(t, acc, gyr, level, candidates, p, parameters) for p in (parameters.walking, parameters.rough)]
+        return _nothing()
+    links = (parameters.walking, parameters.rough)
+    found = [_search(t, level, v, candidates, p, parameters) for v, p in zip(velocity, links, strict=True)]
     stances, rough = (_grown(level, samples, parameters) for samples in found)
     merged = _fill_gaps(t, stances, rough, parameters.longest_swing_s)
     start, stop, threshold = merged[0].astype(np.int64), merged[1].astype(np.int64), merged[2]
     kept = _apart(t, gyr, level, start, stop, parameters)
     return start[kept], stop[kept], threshold[kept]
+
+
+def _nothing() -> tuple[Ints, Ints, Floats]:
+    nothing = np.empty(0, dtype=np.int64)
+    return nothing, nothing, np.empty(0)
 
 
 def _candidates(acc: Floats, level: Floats, p: FootfallParameters) -> Ints:
@@ -134,13 +167,10 @@ def _falls(acc: Floats) -> Bools:
 
 
 def _search(
-    t: Floats, acc: Floats, gyr: Floats, level: Floats, candidates: Ints, link: LinkParameters, p: FootfallParameters
+    t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: LinkParameters, p: FootfallParameters
 ) -> Ints:
-    """Samples of the footfalls: steps 2 and 3."""
+    """Samples of the footfalls: step 3."""
     first = candidates[0]
-    stillest = int(np.argmin(np.where(_falls(acc), np.inf, level)))
-    start = levelled(acc[stillest])
-    velocity = _free_velocity(t, acc, gyr, level < link.still_level, stillest, start, GRAVITY_M_S2)
     worth = link.reward - np.maximum(level[first] - p.easy_level, 0.0)
     chain = _best_chain(
         t[candidates],
@@ -179,14 +209,14 @@ def _apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints, p: Fo
     least = np.array([level[a:b].min() for a, b in zip(start, stop, strict=True)])
     kept: list[int] = []
     for k in range(len(start)):
-        while kept and _too_close(t, gyr, stop[kept[-1]], start[k], p) and least[k] <= least[kept[-1]] > p.rest_level:
+        while kept and too_close(t, gyr, stop[kept[-1]], start[k], p) and least[k] <= least[kept[-1]] > p.rest_level:
             kept.pop()
-        if not kept or least[k] <= p.rest_level or not _too_close(t, gyr, stop[kept[-1]], start[k], p):
+        if not kept or least[k] <= p.rest_level or not too_close(t, gyr, stop[kept[-1]], start[k], p):
             kept.append(k)
     return np.array(kept, dtype=np.int64)
 
 
-def _too_close(t: Floats, gyr: Floats, stop: int, start: int, p: FootfallParameters) -> bool:
+def too_close(t: Floats, gyr: Floats, stop: int, start: int, p: FootfallParameters) -> bool:
     """Whether from the end of one interval to the start of the next the foot turns as in a swing, but for less time."""
     if t[start] - t[stop - 1] >= p.shortest_swing_s:
         return False
@@ -243,6 +273,54 @@ def _free_velocity(
             if still[held]:
                 nudge_tilt(state.nav_R_body, acc[held], min(abs(h) / TILT_TIME_S, 1.0))
             i += way
+            velocity[i] = state.velocity
+    return velocity
+
+
+class FreePass:
+    """The free strapdown pass of step 2 as far as the samples have come: it goes forward, and never over a gap.
+
+    It begins at the stillest of the samples of the first call, and goes back from there to the very first.
+    """
+
+    def __init__(self, still_level: float, longest_step_s: float) -> None:
+        self._still_level, self._longest_step_s = still_level, longest_step_s
+        self._state: NavState | None = None
+
+    def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
+        """Velocity (n, 3) m/s at each of n samples; `t` (n + 1,) s has the stamp after the last one too."""
+        h = np.minimum(np.diff(t), self._longest_step_s)
+        still = level < self._still_level
+        if self._state is not None:
+            return np.asarray(_carried_on(self._state, acc, gyr, h, still, GRAVITY_M_S2))
+        falls = _falls(acc)
+        if falls.all():
+            return np.zeros_like(acc)
+        first = int(np.argmin(np.where(falls, np.inf, level)))
+        up = levelled(acc[first])
+        self._state = _at_rest(up)
+        after = _carried_on(self._state, acc[first:], gyr[first:], h[first:], still[first:], GRAVITY_M_S2)
+        back = np.arange(first)[::-1]
+        before = _carried_on(_at_rest(up), acc[back], gyr[back], -h[back], still[back], GRAVITY_M_S2)
+        return np.concatenate([before[::-1], after])
+
+
+def _at_rest(nav_R_body: Floats) -> NavState:
+    return NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
+
+
+@njit(cache=True)
+def _carried_on(state: NavState, acc: Floats, gyr: Floats, h: Floats, still: Bools, gravity: float) -> Floats:
+    """Velocity (n, 3) at the stamp of each sample; the state goes over all of them, backward where `h` is negative."""
+    velocity = np.empty((len(h), 3))
+    turn, push = np.empty((3, 3)), np.empty(3)
+    for i in range(len(h)):
+        if h[i] > 0.0:
+            velocity[i] = state.velocity
+        strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+        if still[i]:
+            nudge_tilt(state.nav_R_body, acc[i], min(abs(h[i]) / TILT_TIME_S, 1.0))
+        if h[i] < 0.0:
             velocity[i] = state.velocity
     return velocity
 

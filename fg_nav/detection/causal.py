@@ -1,0 +1,269 @@
+"""Stances as the walk goes on: a footfall is told when the swing after it has begun, and never taken back.
+
+The same statistic, thresholds and choice among candidates as for a whole recording (`fg_nav.detection.footfalls`), over
+a window of the last `window_s` that slides on by `step_s`:
+
+1. SHOE is known up to half its own window before the last sample. The free strapdown pass runs forward only.
+2. The search for footfalls is repeated on the window after each step.
+3. A footfall is told once the foot has turned as in a swing after it, and `settle_s` have gone by since its end.
+4. Who stands, has not swung: of a footfall that lasts longer than `piece_s` the part until now is told, and the rest as
+   footfalls that continue it.
+5. What was told stands. Later footfalls lie behind it, and those too close to it for a swing are left out.
+
+Steps are counted in samples from the first one, so it does not matter how the samples come in blocks. The work and the
+memory for each sample are the same however long the walk is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.footfalls import FreePass, choose_footfalls, too_close
+from fg_nav.detection.sliding import Sliding
+from fg_nav.detection.stance import StanceParameters
+from fg_nav.detection.statistics import shoe
+from fg_nav.errors import DetectionError
+from fg_nav.recording import MAX_GAP_S
+from fg_nav.stances import Stances
+
+FIRST_SAMPLES = 64
+"""Tell the period of the samples, by its median; before them there is nothing to say."""
+
+
+@dataclass(frozen=True)
+class CausalParameters:
+    """How stances are found in a stream."""
+
+    stance: StanceParameters = field(default_factory=StanceParameters)
+    """The same as for a recording; the detector is SHOE with automatic thresholds."""
+    window_s: float = 20.0
+    """Some fifteen strides on which a footfall must be in line with the others; a longer one changes nothing."""
+    step_s: float = 0.1
+    """How often the window is searched."""
+    settle_s: float = 0.3
+    """A footfall ended so long ago: longer than the shortest swing, so that the still middle of a runner's is over."""
+    piece_s: float = 2.0
+    """Standing is told in pieces so long ..."""
+    edge_s: float = 0.1
+    """... that end so long before the last sample: a swing may be about to begin."""
+    warm_up_s: float = 1.5
+    """Nothing is looked for before: by then the foot has stood once, and shows what is up."""
+
+
+@dataclass(frozen=True)
+class Footfall:
+    """A footfall, or a piece of a long one. Samples are counted from the first of the stream.
+
+    Attributes
+    ----------
+    start, stop : (K,) first sample of each stance interval, and sample after its last.
+    threshold : (K,) of SHOE, in each interval.
+    stillest : sample at which SHOE is lowest over its threshold.
+    continues : whether it is a further piece of the footfall before: the foot has not swung since.
+    """
+
+    start: Ints
+    stop: Ints
+    threshold: Floats
+    stillest: int
+    continues: bool
+
+
+class CausalStances:
+    """Finds footfalls in samples that keep coming.
+
+    Raises
+    ------
+    DetectionError
+        For any detector but SHOE with automatic thresholds.
+    """
+
+    def __init__(self, parameters: CausalParameters = CausalParameters()) -> None:
+        p = parameters.stance
+        if p.detector != "shoe" or p.threshold is not None or p.false_alarm_rate is not None:
+            raise DetectionError("a stream is searched with shoe and automatic thresholds: leave both as they are.")
+        self._p = parameters
+        self._waiting: list[tuple[Floats, Floats, Floats]] = []
+        self._n_waiting = 0
+        self._search: _Search | None = None
+
+    def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
+        """Take in samples and return the footfalls that they complete.
+
+        Parameters
+        ----------
+        t, acc, gyr
+            (n,) s, (n, 3) m/s^2 and (n, 3) rad/s, finite, stamps increasing from call to call too; n may be 0 or 1.
+        """
+        self._waiting.append((t, acc, gyr))
+        self._n_waiting += len(t)
+        found: list[Footfall] = []
+        while self._n_waiting >= (size := FIRST_SAMPLES if self._search is None else self._search.step):
+            found += self._searched().advance(*self._take(size))
+        return found
+
+    def finish(self) -> list[Footfall]:
+        """Return the footfalls left at the end of the stream; `push` no more after it."""
+        if self._search is None and self._n_waiting < 2:
+            return []
+        return self._searched().finish(*self._take(self._n_waiting))
+
+    @property
+    def period_s(self) -> float | None:
+        """Median of the first steps between stamps; None before there are enough."""
+        return None if self._search is None else self._search.period_s
+
+    def _searched(self) -> _Search:
+        if self._search is None:
+            t = np.concatenate([block[0] for block in self._waiting])[:FIRST_SAMPLES]
+            self._search = _Search(float(np.median(np.diff(t))), self._p)
+        return self._search
+
+    def _take(self, size: int) -> tuple[Floats, Floats, Floats]:
+        """Return the first `size` samples that wait, and leave the others."""
+        t, acc, gyr = (np.concatenate(part) for part in zip(*self._waiting, strict=True))
+        self._waiting = [(t[size:], acc[size:], gyr[size:])]
+        self._n_waiting -= size
+        return t[:size], acc[:size], gyr[:size]
+
+
+class _Search:
+    """The search of a window that slides on; `step` samples at a time."""
+
+    def __init__(self, period_s: float, p: CausalParameters) -> None:
+        def samples(seconds: float, least: int) -> int:
+            return max(least, round(seconds / period_s))
+
+        self.period_s, self._p = period_s, p
+        self.step = samples(p.step_s, 1)
+        self._shoe_window = samples(p.stance.window_s, 3)
+        self._reach = self._shoe_window - 1 - self._shoe_window // 2
+        self._window = samples(p.window_s, 100)
+        self._settle, self._edge = samples(p.settle_s, 1), samples(p.edge_s, 1)
+        keep = self._window + self.step + 4 * self._shoe_window + FIRST_SAMPLES
+        self._t, self._acc, self._gyr = Sliding(keep), Sliding(keep, (3,)), Sliding(keep, (3,))
+        self._level = Sliding(keep)
+        links = (p.stance.footfalls.walking, p.stance.footfalls.rough)
+        self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in links]
+        self._velocity = [Sliding(keep, (3,)) for _ in links]
+        self._told, self._stands = 0, False
+
+    def advance(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
+        """Take in samples, search, and tell what is settled."""
+        self._append(t, acc, gyr)
+        if self._t.stop * self.period_s < self._p.warm_up_s:
+            return []
+        self._follow(self._t.stop - self._reach)
+        return list(self._settled(at_end=False))
+
+    def finish(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
+        """Take in the last samples, and tell all that there is."""
+        self._append(t, acc, gyr)
+        last = self._t.between(self._t.stop - 1, self._t.stop) + self.period_s
+        self._follow(self._t.stop, last)
+        return list(self._settled(at_end=True))
+
+    def _append(self, t: Floats, acc: Floats, gyr: Floats) -> None:
+        for column, rows in ((self._t, t), (self._acc, acc), (self._gyr, gyr)):
+            column.append(rows)
+
+    def _follow(self, stop: int, after_last: Floats | None = None) -> None:
+        """Carry statistic and free velocity on to the sample before `stop`."""
+        known = self._level.stop
+        if stop <= known:
+            return
+        first = max(0, known - self._shoe_window)
+        acc, gyr = self._acc.between(first, self._t.stop), self._gyr.between(first, self._t.stop)
+        statistic = shoe(acc, gyr, self._shoe_window, self._p.stance.noise)
+        self._level.append(np.log10(statistic[known - first : stop - first] + 1e-3))
+        t = self._t.between(known, min(stop + 1, self._t.stop))
+        t = t if after_last is None else np.append(t, after_last)
+        new = (self._acc.between(known, stop), self._gyr.between(known, stop), self._level.between(known, stop))
+        for free, velocity in zip(self._passes, self._velocity, strict=True):
+            velocity.append(free.velocity(t, *new))
+
+    def _settled(self, at_end: bool) -> Iterator[Footfall]:
+        """Tell the footfalls behind those told that will not change any more."""
+        stop = self._level.stop
+        for start, end, threshold in self._footfalls(stop):
+            if at_end or self._has_ended(int(end[-1]), stop):
+                yield self._tell(start, end, threshold, int(end[-1]), stands=False)
+                continue
+            cut = stop - self._edge
+            if (cut - start[0]) * self.period_s >= self._p.piece_s:
+                inside = start < cut
+                yield self._tell(start[inside], np.minimum(end[inside], cut), threshold[inside], cut, stands=True)
+            return
+
+    def _footfalls(self, stop: int) -> list[tuple[Ints, Ints, Floats]]:
+        """Intervals of each footfall in the window that lies behind those told: start, stop, threshold."""
+        first = max(0, stop - self._window)
+        t, acc, gyr, level = (x.between(first, stop) for x in (self._t, self._acc, self._gyr, self._level))
+        velocity = [column.between(first, stop) for column in self._velocity]
+        found = choose_footfalls(t, acc, gyr, level, velocity, self._p.stance.footfalls)
+        start, end, threshold = self._behind_told(found[0] + first, found[1] + first, found[2])
+        if len(start) == 0:
+            return []
+        swings = [self._has_swung(a, b) for a, b in zip(end[:-1], start[1:], strict=True)]
+        edges = np.flatnonzero(swings) + 1
+        return list(zip(*(np.split(part, edges) for part in (start, end, threshold)), strict=True))
+
+    def _behind_told(self, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
+        """Cut off, or leave out, what was told already or is too close to it; leave out what is too short."""
+        p, told = self._p.stance, self._told
+        if told and not self._stands:
+            keep = start >= told
+        else:
+            keep, start = stop > told, np.maximum(start, told)
+        keep &= (stop - 1 - start) * self.period_s >= p.shortest_s
+        keep[keep] = [not self._crowds(a, b) for a, b in zip(start[keep], stop[keep], strict=True)]
+        return start[keep], stop[keep], threshold[keep]
+
+    def _crowds(self, start: int, stop: int) -> bool:
+        """Whether an interval is too close to what was told for a swing, and no rest."""
+        p, first = self._p.stance.footfalls, self._told - 1
+        if self._told == 0 or start <= first or self._level.between(start, stop).min(initial=np.inf) <= p.rest_level:
+            return False
+        if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= p.shortest_swing_s:
+            return False
+        return too_close(self._t.between(first, start + 1), self._gyr.between(first, start + 1), 1, start - first, p)
+
+    def _has_swung(self, start: int, stop: int) -> bool:
+        """Whether the foot turns as in a swing in the samples `start <= i < stop`."""
+        rate = np.linalg.norm(self._gyr.between(start, stop), axis=1)
+        return bool(rate.max(initial=0.0) > self._p.stance.footfalls.swing_rate_rad_s)
+
+    def _has_ended(self, end: int, stop: int) -> bool:
+        return stop - end >= self._settle and self._has_swung(end, stop)
+
+    def _tell(self, start: Ints, stop: Ints, threshold: Floats, until: int, stands: bool) -> Footfall:
+        continues = self._stands and not self._has_swung(self._told, int(start[0]))
+        relative = [self._level.between(a, b) - x for a, b, x in zip(start, stop, threshold, strict=True)]
+        k = int(np.argmin([part.min() for part in relative]))
+        stillest = int(start[k] + np.argmin(relative[k]))
+        self._told, self._stands = until, stands
+        return Footfall(start, stop, 10.0**threshold, stillest, continues)
+
+
+def stances_of(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
+    """Put footfalls together to the stances of `n_samples`: pieces of one become one.
+
+    Raises
+    ------
+    DetectionError
+        If there is none.
+    """
+    if not footfalls:
+        raise DetectionError(f"no stance was found in {n_samples} samples: is the sensor on a foot?")
+    start, stop = (np.concatenate([getattr(f, name) for f in footfalls]) for name in ("start", "stop"))
+    number = np.cumsum([not f.continues for f in footfalls]) - 1
+    footfall = np.repeat(number - number[0], [len(f.start) for f in footfalls])
+    joined = np.flatnonzero((start[1:] == stop[:-1]) & (footfall[1:] == footfall[:-1]))
+    threshold = float(np.median(np.concatenate([f.threshold for f in footfalls])))
+    return Stances(
+        np.delete(start, joined + 1), np.delete(stop, joined), np.delete(footfall, joined), n_samples, "shoe", threshold
+    )
