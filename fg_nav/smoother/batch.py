@@ -27,7 +27,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.verdicts import UNKNOWN
 from fg_nav.recording import Recording
-from fg_nav.smoother.covariances import marginal_covariances
+from fg_nav.smoother.covariances import in_nav, marginal_covariances, turned_about_start
 from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field_rounds import Begun, FieldProblem, FieldVerdict, solve_with_field, unusable
 from fg_nav.smoother.initial import initial_values
@@ -194,7 +194,7 @@ def _table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> St
     attitude = np.array([pose.rotation().matrix() for pose in poses])
     body = np.array([covariance[key] for key in pose_keys])
     position = np.array([pose.translation() for pose in poses])
-    pose_cov = _in_nav(attitude, body) + _turned_about_start(position, verdict.north_sigma)
+    pose_cov = in_nav(attitude, body) + turned_about_start(position, verdict.north_sigma)
     bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
     sample = nodes.sample[nodes.result]
     return StanceTable(
@@ -210,18 +210,3 @@ def _table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> St
         field_reason=verdict.reason,
         pose_cov=pose_cov,
     )
-
-
-def _in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
-    """Covariances (F, 4, 4) of place and yaw in navigation axes, from those of poses (F, 6, 6) in body axes."""
-    turn = np.zeros_like(body_cov)
-    turn[:, :3, :3] = turn[:, 3:, 3:] = nav_R_body
-    place_and_yaw = [3, 4, 5, 2]
-    return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])
-
-
-def _turned_about_start(position: Floats, sigma: float) -> Floats:
-    """Covariances (F, 4, 4) of place and yaw where a walk may be turned about its start by `sigma` rad."""
-    lever = np.zeros((len(position), 4))
-    lever[:, 0], lever[:, 1], lever[:, 3] = -position[:, 1], position[:, 0], 1.0
-    return np.asarray(sigma**2 * lever[:, :, None] * lever[:, None, :])

@@ -99,3 +99,18 @@ def _upper_inverse(R: Floats) -> Floats:
                 total += R[i, k] * inverse[k, j]
             inverse[i, j] = -total / R[i, i]
     return inverse
+
+
+def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
+    """Covariances (F, 4, 4) of place and yaw in navigation axes, from those of poses (F, 6, 6) in body axes."""
+    turn = np.zeros_like(body_cov)
+    turn[:, :3, :3] = turn[:, 3:, 3:] = nav_R_body
+    place_and_yaw = [3, 4, 5, 2]
+    return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])
+
+
+def turned_about_start(position: Floats, sigma: float) -> Floats:
+    """Covariances (F, 4, 4) of place and yaw where a walk may be turned about its start by `sigma` rad."""
+    lever = np.zeros((len(position), 4))
+    lever[:, 0], lever[:, 1], lever[:, 3] = -position[:, 1], position[:, 0], 1.0
+    return np.asarray(sigma**2 * lever[:, :, None] * lever[:, None, :])

@@ -255,11 +255,11 @@ def _look(
         centre[0] = 0.0
     deviation = deviation - centre
     statistic = _over_threshold(deviation[:, 0 if states is not None else 1 :], seen, p)
-    rough = _roughness(deviation, states, seen, way, p)
+    rough = roughness_of(deviation, states, seen, way, p)
     return _Look(nav_R_body, way, deviation, statistic, rough, reference)
 
 
-def _roughness(
+def roughness_of(
     deviation: Floats, states: Floats | None, seen: Bools, way: FieldWay, p: FieldParameters
 ) -> FieldRoughness:
     """Of deviations (F, 3) across, along and up, and of the potential where it is known from a round before."""
@@ -362,13 +362,14 @@ DECLINATION_SIGMA_DEG = 0.05
 def _verdict(look: _Look, states: Floats, north_sigma: float = 0.0) -> FieldVerdict:
     known, passed = np.isfinite(look.statistic), look.statistic < 1.0
     words = np.where(known, np.where(passed, QUASI_STATIC, DISTURBED), UNKNOWN)
-    reasons = (_reason(deviation, s) for deviation, s in zip(look.deviation, look.statistic, strict=True))
+    reasons = (reason_of(deviation, s) for deviation, s in zip(look.deviation, look.statistic, strict=True))
     return FieldVerdict(
         tuple(str(word) for word in words), tuple(reasons), _notes(look, states, passed.mean()), north_sigma
     )
 
 
-def _reason(deviation: Floats, statistic: float) -> str:
+def reason_of(deviation: Floats, statistic: float) -> str:
+    """Say in words how far the field of a footfall is off: deviation (3,) across, along and up, uT."""
     if not np.isfinite(statistic):
         return NO_FIELD
     across, along, up = deviation

@@ -94,15 +94,15 @@ class FieldTies:
     ) -> None:
         self._pose = [X(int(j)) for j in seen.node]
         self._state = [M(k) for k in range(len(seen.node))]
-        self._seen, self._way, self._prior = seen, way, prior
-        self._compass = _weight(seen.compass_sigma_uT) if p.compass else np.zeros(len(seen.node))
-        self._along = _weight(way.sigma_uT_m) if p.potential else np.zeros(len(way.u))
-        self._keep, self._innovation = _transition(seen, way, rough, p)
+        self.seen, self.way, self.prior = seen, way, prior
+        self.compass = _weight(seen.compass_sigma_uT) if p.compass else np.zeros(len(seen.node))
+        self.along = _weight(way.sigma_uT_m) if p.potential else np.zeros(len(way.u))
+        self.keep, self.innovation = _transition(seen, way, rough, p)
 
     def insert(self, values: gtsam.Values) -> None:
         """Put the first state at all footfalls."""
         for key in self._state:
-            values.insert(key, self._prior.mean)
+            values.insert(key, self.prior.mean)
 
     def states(self, values: gtsam.Values) -> Floats:
         """(F, 8)."""
@@ -113,7 +113,7 @@ class FieldTies:
         m, nav_R_body = self.states(values), self._attitudes(values)
         across, _ = self._across(m, nav_R_body)
         along = self._along_the_way(m, nav_R_body)
-        first = self._first(m[0])
+        first = self.first(m[0])
         return 0.5 * float(sum((e**2).sum() for e in (across, along, first, self._changes(m))))
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
@@ -127,75 +127,75 @@ class FieldTies:
 
     def _across(self, m: Floats, nav_R_body: Floats) -> tuple[Floats, Floats]:
         """Residuals (F,) over sigma and the field in nav (F, 3)."""
-        iron = m[:, IRON] @ self._way.level_R_body
-        n = np.einsum("kij,kj->ki", nav_R_body, self._seen.body_field - iron)
+        iron = m[:, IRON] @ self.way.level_R_body
+        n = np.einsum("kij,kj->ki", nav_R_body, self.seen.body_field - iron)
         across = across_field(n, m[:, E_H])
-        return (across - m[:, DELTA] - m[:, RHO]) * self._compass, n
+        return (across - m[:, DELTA] - m[:, RHO]) * self.compass, n
 
     def _along_the_way(self, m: Floats, nav_R_body: Floats) -> Floats:
         """Residuals (F-1,) over sigma."""
-        way, before = self._way, m[:-1]
+        way, before = self.way, m[:-1]
         potentials = np.stack([m[:-1, PHI], m[1:, PHI]], axis=1)
         residual = field_potential_residual(
             nav_R_body[:-1], way.body_move, before[:, E_H], before[:, IRON], potentials, way.u, way.level_way
         )
-        return np.asarray(residual * self._along)
+        return np.asarray(residual * self.along)
 
-    def _first(self, m: Floats) -> Floats:
+    def first(self, m: Floats) -> Floats:
         """Residuals (8,) of the first state over sigma."""
-        off = m - self._prior.mean
-        off[E_H] = _turned_and_longer(m[E_H], self._prior.mean[E_H])
-        return np.asarray(off / self._prior.sigma)
+        off = m - self.prior.mean
+        off[E_H] = _turned_and_longer(m[E_H], self.prior.mean[E_H])
+        return np.asarray(off / self.prior.sigma)
 
-    def _by_first(self, m: Floats) -> Floats:
+    def by_first(self, m: Floats) -> Floats:
         """Derivative (8, 8) of `_first`."""
         by_state, strength = np.eye(SIZE), np.linalg.norm(m[E_H])
-        turned = across_direction(m[None, E_H])[0] * np.linalg.norm(self._prior.mean[E_H]) / strength
+        turned = across_direction(m[None, E_H])[0] * np.linalg.norm(self.prior.mean[E_H]) / strength
         by_state[E_H, E_H] = turned, m[E_H] / strength
-        return np.asarray(by_state / self._prior.sigma[:, None])
+        return np.asarray(by_state / self.prior.sigma[:, None])
 
     def _changes(self, m: Floats) -> Floats:
         """(F-1, 8) over sigma."""
-        return np.asarray((m[1:] - self._keep * m[:-1]) / self._innovation)
+        return np.asarray((m[1:] - self.keep * m[:-1]) / self.innovation)
 
     def _measured(self, m: Floats, nav_R_body: Floats) -> Iterator[gtsam.GaussianFactor]:
         across, n = self._across(m, nav_R_body)
         along = self._along_the_way(m, nav_R_body)
-        by_rotation, move = field_potential_jacobians(nav_R_body[:-1], self._way.body_move, m[:-1, E_H])
+        by_rotation, move = field_potential_jacobians(nav_R_body[:-1], self.way.body_move, m[:-1, E_H])
         strength = np.linalg.norm(m[:, E_H], axis=1)
-        across_by_yaw = -(n[:, :2] * m[:, E_H]).sum(axis=1) / strength * self._compass
+        across_by_yaw = -(n[:, :2] * m[:, E_H]).sum(axis=1) / strength * self.compass
         by_pose = np.zeros((len(m), 2, 6))
         by_pose[:, 0, :3] = across_by_yaw[:, None] * nav_R_body[:, 2]
-        by_pose[:-1, 1, :3] = by_rotation * self._along[:, None]
+        by_pose[:-1, 1, :3] = by_rotation * self.along[:, None]
         by_state = self._by_state(m, nav_R_body, n, move)
         by_next = np.zeros((2, SIZE))
         right = -np.stack([across, np.append(along, 0.0)], axis=1)
         unit = gtsam.noiseModel.Unit.Create(2)
         for k, (A, S, b) in enumerate(zip(by_pose[:-1], by_state[:-1], right[:-1], strict=True)):
-            by_next[1, PHI] = -self._along[k]
+            by_next[1, PHI] = -self.along[k]
             yield gtsam.JacobianFactor(self._pose[k], A, self._state[k], S, self._state[k + 1], by_next, b, unit)
         yield gtsam.JacobianFactor(self._pose[-1], by_pose[-1], self._state[-1], by_state[-1], right[-1], unit)
 
     def _by_state(self, m: Floats, nav_R_body: Floats, n: Floats, move: Floats) -> Floats:
         """(F, 2, 8): rows across and along the way."""
         by_state = np.zeros((len(m), 2, SIZE))
-        by_state[:, 0, DELTA] = by_state[:, 0, RHO] = -self._compass
-        by_state[:, 0, E_H] = across_by_reference(n, m[:, E_H]) * self._compass[:, None]
+        by_state[:, 0, DELTA] = by_state[:, 0, RHO] = -self.compass
+        by_state[:, 0, E_H] = across_by_reference(n, m[:, E_H]) * self.compass[:, None]
         right = across_direction(m[:, E_H])
         across_body = np.einsum("ki,kij->kj", right, nav_R_body[:, :2])
-        by_state[:, 0, IRON] = -across_body @ self._way.level_R_body.T * self._compass[:, None]
-        by_state[:-1, 1, PHI] = self._along
-        by_state[:-1, 1, E_H] = move * self._along[:, None]
-        by_state[:-1, 1, IRON] = self._way.level_way * self._along[:, None]
+        by_state[:, 0, IRON] = -across_body @ self.way.level_R_body.T * self.compass[:, None]
+        by_state[:-1, 1, PHI] = self.along
+        by_state[:-1, 1, E_H] = move * self.along[:, None]
+        by_state[:-1, 1, IRON] = self.way.level_way * self.along[:, None]
         return by_state
 
     def _carried(self, m: Floats) -> Iterator[gtsam.GaussianFactor]:
         unit = gtsam.noiseModel.Unit.Create(SIZE)
-        yield gtsam.JacobianFactor(self._state[0], self._by_first(m[0]), -self._first(m[0]), unit)
+        yield gtsam.JacobianFactor(self._state[0], self.by_first(m[0]), -self.first(m[0]), unit)
         changes = self._changes(m)
-        after = 1.0 / self._innovation
+        after = 1.0 / self.innovation
         for k, change in enumerate(changes):
-            before = np.diag(-self._keep[k] * after[k])
+            before = np.diag(-self.keep[k] * after[k])
             yield gtsam.JacobianFactor(self._state[k], before, self._state[k + 1], np.diag(after[k]), -change, unit)
 
 

@@ -1,0 +1,175 @@
+"""The graph of the last minutes of a walk, with what came before as a prior: a fixed lag, and a memory that is bounded.
+
+All factors of the window are linearised and solved together with every footfall, as in batch: Gauss-Newton on a minute
+of walking costs as much as what is saved by leaving parts of it as they are. A footfall that is older than the lag
+leaves: its variables are eliminated by QR from the factors that touch them, and what this leaves on the variables that
+stay is kept as a linear factor at these values. Nothing is lost but the choice to linearise it again.
+
+A footfall takes its nodes and its state of the field with it, and the bias and the settling that it shares with others
+only when the next footfall has another: what is still in use never leaves.
+"""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, M, S, V, X
+
+from fg_nav.arrays import Floats
+from fg_nav.smoother.covariances import marginal_covariances
+from fg_nav.smoother.online_graph import ATTITUDE_RAD, MOST_UPDATES, weak_priors
+from fg_nav.smoother.online_strides import Frozen, Place, order_of
+
+
+class LaggedGraph:
+    """The factors of the last `lag_s` seconds and where their variables are now."""
+
+    def __init__(self, lag_s: float) -> None:
+        self._lag_s = lag_s
+        self._factors: list[gtsam.NonlinearFactor] = []
+        self._values = gtsam.Values()
+        self._places: list[Place] = []
+        self._tree = gtsam.GaussianBayesTree()
+        self._covariances: dict[int, Floats] = {}
+        self._left: list[Frozen] = []
+
+    def restart(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
+        """Begin again from a graph of these footfalls at its minimum."""
+        self._factors = [graph.at(i) for i in range(graph.size())]
+        self._values = gtsam.Values(values)
+        self._places = list(places)
+        self._step()
+        self._leave()
+
+    def add(
+        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place], more: bool = False
+    ) -> None:
+        """Add factors, and the variables that are new in them.
+
+        Parameters
+        ----------
+        places : the last of them is the newest.
+        more : whether another part of the same footfall follows, so that nothing needs to be solved yet.
+        """
+        self._factors += [graph.at(i) for i in range(graph.size())]
+        self._values.insert(values)
+        if places[-1].number != self._places[-1].number:
+            self._places.append(places[-1])
+        if more:
+            return
+        for _ in range(MOST_UPDATES):
+            if self._step() <= ATTITUDE_RAD:
+                break
+        self._leave()
+
+    def left(self) -> list[Frozen]:
+        """Return the footfalls that left since this was last asked."""
+        left, self._left = self._left, []
+        return left
+
+    def pose(self, key: int) -> gtsam.Pose3:
+        """Return a pose as now known."""
+        return self._values.atPose3(key)
+
+    def vector(self, key: int) -> Floats:
+        """Return a vector as now known."""
+        return np.asarray(self._values.atVector(key))
+
+    def bias(self, key: int) -> gtsam.imuBias.ConstantBias:
+        """Return a bias as now known."""
+        return self._values.atConstantBias(key)
+
+    def covariance(self, key: int) -> Floats:
+        """Return the marginal covariance of the pose of a footfall's result, or of a bias."""
+        if not self._covariances:
+            keys = {key for place in self._places for key in (X(place.result), B(place.bias))}
+            self._covariances = marginal_covariances(self._tree, keys)
+        return self._covariances[key]
+
+    def begun_at(self) -> gtsam.Values:
+        """Return where the variables are linearised; new ones begin from there, not to be copied."""
+        return self._values
+
+    def solution(self, places: list[Place]) -> tuple[gtsam.Values, dict[int, Floats]]:
+        """Return the values of the window, and the covariances of poses and biases at its footfalls."""
+        keys = {key for place in places for key in (X(place.result), B(place.bias))}
+        return self._values, {key: self.covariance(key) for key in keys}
+
+    def _step(self) -> float:
+        """Take a Gauss-Newton step; the largest turn of a pose in it, rad."""
+        graph = gtsam.NonlinearFactorGraph()
+        for factor in self._factors:
+            graph.push_back(factor)
+        order = order_of(self._places, self._values)
+        try:
+            step = self._solve(graph, order)
+        except RuntimeError:
+            weak = weak_priors(self._values)
+            self._factors += [weak.at(i) for i in range(weak.size())]
+            graph.push_back(weak)
+            step = self._solve(graph, order)
+        self._values = self._values.retract(step)
+        self._covariances = {}
+        turns = [np.abs(step.at(X(place.result))[:3]).max() for place in self._places]
+        return float(max(turns))
+
+    def _solve(self, graph: gtsam.NonlinearFactorGraph, order: gtsam.Ordering) -> gtsam.VectorValues:
+        self._tree = graph.linearize(self._values).eliminateMultifrontal(order, gtsam.EliminateQR)
+        return self._tree.optimize()
+
+    def _leave(self) -> None:
+        """Let go of what is older than the lag."""
+        oldest = self._places[-1].t - self._lag_s
+        while len(self._places) > 2 and self._places[0].t < oldest:
+            place, after = self._places[0], self._places[1]
+            self._left.append(self._frozen(place))
+            keys = [key for j in range(place.first, place.stop) for key in (X(j), V(j))]
+            keys += [M(place.number)] if self._values.exists(M(place.number)) else []
+            keys += [B(place.bias), S(place.bias)] if after.bias != place.bias else []
+            self._eliminate(keys)
+            self._places.pop(0)
+
+    def _frozen(self, place: Place) -> Frozen:
+        values, pose_key, bias_key = self._values, X(place.result), B(place.bias)
+        return Frozen(
+            place,
+            values.atPose3(pose_key),
+            np.asarray(values.atVector(V(place.result))),
+            values.atConstantBias(bias_key),
+            self.covariance(pose_key),
+            self.covariance(bias_key),
+        )
+
+    def _eliminate(self, keys: list[int]) -> None:
+        """Replace variables by what their factors say of those that stay."""
+        going, touching, others = set(keys), gtsam.NonlinearFactorGraph(), []
+        for factor in self._factors:
+            if going.isdisjoint(factor.keys()):
+                others.append(factor)
+            else:
+                touching.push_back(factor)
+        order = gtsam.Ordering()
+        for key in keys:
+            order.push_back(key)
+        linear = touching.linearize(self._values)
+        _, remaining = linear.eliminatePartialMultifrontal(order, gtsam.EliminateQR)
+        for i in range(remaining.size()):
+            part = remaining.at(i)
+            if part is not None:
+                others.append(gtsam.LinearContainerFactor(part, self._at(part.keys())))
+        self._factors = others
+        for key in keys:
+            self._values.erase(key)
+
+    def _at(self, keys: list[int]) -> gtsam.Values:
+        """Values of some variables alone."""
+        values = gtsam.Values()
+        for key in keys:
+            letter = chr(gtsam.Symbol(key).chr())
+            if letter == "x":
+                values.insert(key, self._values.atPose3(key))
+            elif letter == "b":
+                values.insert(key, self._values.atConstantBias(key))
+            else:
+                values.insert(key, self._values.atVector(key))
+        return values

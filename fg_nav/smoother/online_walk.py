@@ -1,0 +1,170 @@
+"""The walk so far: samples and footfalls as they came, cut out again as a recording and its stances.
+
+Samples, footfalls and stance intervals are counted from the first of the walk. What was forgotten leaves the count as
+it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EstimationError
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
+
+_COLUMNS = 10
+"""Stamp, specific force, rate, field."""
+
+_FIRST_ROWS = 4096
+
+_BEFORE = 40
+"""Samples before a node that are cut out with those after it: enough for a recording."""
+
+
+class Samples(NamedTuple):
+    """Samples in order of time: `t` (n,) s, `acc` (n, 3) m/s^2, `gyr` (n, 3) rad/s, `mag` (n, 3) uT or None.
+
+    `acc` and `gyr` are finite, stamps increase; rows of `mag` without a sample are NaN.
+    """
+
+    t: Floats
+    acc: Floats
+    gyr: Floats
+    mag: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Footfall:
+    """One footfall: its stance intervals `start[k] <= i < stop[k]` and the stillest sample, within one of them.
+
+    Samples are counted from the first of the walk.
+    """
+
+    start: Ints
+    stop: Ints
+    stillest: int
+
+
+class WalkSoFar:
+    """Samples and footfalls that were not yet forgotten."""
+
+    def __init__(self) -> None:
+        self._rows = np.empty((_FIRST_ROWS, _COLUMNS))
+        self._first, self._count = 0, 0
+        self._footfalls: list[Footfall] = []
+        self._forgotten = 0
+        self._with_mag = False
+
+    @property
+    def first(self) -> int:
+        """First sample that is kept."""
+        return self._first
+
+    @property
+    def stop(self) -> int:
+        """Sample after the last."""
+        return self._first + self._count
+
+    @property
+    def first_footfall(self) -> int:
+        """First footfall that is kept."""
+        return self._forgotten
+
+    @property
+    def n_footfalls(self) -> int:
+        """Number of footfalls of the walk, forgotten ones among them."""
+        return self._forgotten + len(self._footfalls)
+
+    @property
+    def t(self) -> Floats:
+        """Stamps of the samples that are kept, s."""
+        return self._rows[: self._count, 0]
+
+    def footfall(self, number: int) -> Footfall:
+        """Return a footfall that is kept."""
+        return self._footfalls[number - self._forgotten]
+
+    def add(self, samples: Samples, footfall: Footfall) -> None:
+        """Append samples, and the footfall that they complete.
+
+        Raises
+        ------
+        EstimationError
+            With samples that are not finite or out of order, or a footfall that is not among them.
+        """
+        rows = _as_rows(samples)
+        self._check(rows, footfall)
+        self._make_room(len(rows))
+        self._rows[self._count : self._count + len(rows)] = rows
+        self._count += len(rows)
+        self._with_mag |= samples.mag is not None
+        self._footfalls.append(footfall)
+
+    def forget(self, footfalls: int, samples: int) -> None:
+        """Forget all footfalls before one, and all samples before one."""
+        self._footfalls = self._footfalls[max(footfalls - self._forgotten, 0) :]
+        self._forgotten = max(self._forgotten, footfalls)
+        drop = min(max(samples - self._first, 0), self._count)
+        kept = self._rows[drop : self._count].copy()
+        self._rows[: len(kept)] = kept
+        self._first, self._count = self._first + drop, len(kept)
+
+    def recording(self, first: int, stop: int | None = None) -> Recording:
+        """Cut out the samples `first <= i < stop`; a copy."""
+        rows = self._rows[first - self._first : (self.stop if stop is None else stop) - self._first]
+        mag = rows[:, 7:] if self._with_mag else None
+        return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
+
+    def stances(self, first_footfall: int, first: int, stop: int | None = None) -> Stances:
+        """Stances of the footfalls from one on, on the recording cut out from sample `first` on."""
+        return stances_of(
+            self._footfalls[first_footfall - self._forgotten :], first, self.stop if stop is None else stop
+        )
+
+    def with_more(self, samples: Samples, sample: int) -> tuple[Recording, int]:
+        """Samples from some before `sample` on, with more behind them; and where in them `sample` is."""
+        first = max(sample - _BEFORE, self._first)
+        rows = np.vstack([self._rows[first - self._first : self._count], _as_rows(samples)])
+        return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7]), sample - first
+
+    def _check(self, rows: Floats, footfall: Footfall) -> None:
+        begins = self._footfalls[-1].stop[-1] if self._footfalls else 0
+        ends = np.stack([footfall.start, footfall.stop], axis=1).ravel()
+        in_order = len(ends) > 0 and ends[0] >= begins and (np.diff(ends)[::2] > 0).all() and (np.diff(ends) >= 0).all()
+        within = ((footfall.start <= footfall.stillest) & (footfall.stillest < footfall.stop)).any()
+        if not in_order or not within or ends[-1] > self.stop + len(rows):
+            raise EstimationError(
+                f"footfall {self.n_footfalls} is not one: its stances must follow those before, within the "
+                "samples, and the stillest sample must be in one of them."
+            )
+        stamps = np.concatenate([self._rows[self._count - 1 : self._count, 0] if self._count else [], rows[:, 0]])
+        if not np.isfinite(rows[:, :7]).all() or not (np.diff(stamps) > 0).all():
+            raise EstimationError(
+                f"samples of footfall {self.n_footfalls} are not finite, or their stamps do not rise: leave them out."
+            )
+
+    def _make_room(self, rows: int) -> None:
+        needed = self._count + rows
+        if needed > len(self._rows):
+            grown = np.empty((max(needed, 2 * len(self._rows)), _COLUMNS))
+            grown[: self._count] = self._rows[: self._count]
+            self._rows = grown
+
+
+def stances_of(footfalls: list[Footfall], first: int, stop: int) -> Stances:
+    """Stances of some footfalls on the samples `first <= i < stop`; intervals outside of these are cut."""
+    number = np.repeat(np.arange(len(footfalls)), [len(one.start) for one in footfalls])
+    start = np.concatenate([one.start for one in footfalls]) - first
+    end = np.concatenate([one.stop for one in footfalls]) - first
+    statistic = np.ones(stop - first)
+    statistic[np.array([one.stillest for one in footfalls]) - first] = 0.0
+    return Stances(start, end, number, n_samples=stop - first, statistic=statistic)
+
+
+def _as_rows(samples: Samples) -> Floats:
+    mag = np.full((len(samples.t), 3), np.nan) if samples.mag is None else samples.mag
+    return np.column_stack([samples.t, samples.acc, samples.gyr, mag])
