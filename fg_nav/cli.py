@@ -37,8 +37,8 @@ PATH_METHOD = "iez"
 DEMO_METHODS = ("smoother", "iez")
 
 METHOD_NAMES = (
-    "smoother, inertial, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
-    "all but the first two also smoothed, as `iez-rts`"
+    "smoother, inertial, online, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
+    "all but the first three also smoothed, as `iez-rts`"
 )
 PRESET_NAMES = "tuned, physical or as-printed"
 """In words for the help, which must not load the methods; a test holds both to those that there are."""
@@ -359,6 +359,56 @@ def allan(
     with _folder(out, force, f"{file.stem}-allan", ALLAN_FILES) as (place, folder):
         write_allan(folder, noise, file)
     print_allan(noise, place)
+
+
+@app.command()
+def stream(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            show_default=False,
+            help="- for standard input, a file that grows, a serial device, tcp://host:port or udp://host:port.",
+        ),
+    ],
+    checkpoint: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Save the walk here, and take it up from here if it is there.")
+    ] = None,
+    every: Annotated[float, typer.Option(metavar="SECONDS", help="Between two saves.")] = 10.0,
+    lag: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Forget what is older. \\[default: keep the whole walk]")
+    ] = None,
+    heading: Heading = None,
+    no_mag: NoMag = False,
+    calibration: CalibrationPath = None,
+    serve: Annotated[
+        int | None, typer.Option(metavar="PORT", help="Serve the lines on this port of 127.0.0.1, and print none.")
+    ] = None,
+    baud: Annotated[int, typer.Option(help="Of a serial device.")] = 115200,
+    silence: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="End the walk after so long without a row.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result at the end. \\[default: lines]")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Follow a sensor while it is walked with: one JSON line a footfall, and at the end the whole walk.
+
+    Reads rows of canonical CSV, the header line first. Ctrl-C ends the walk and writes its result.
+    """
+    _check_free(out, force)
+    from fg_nav.report.in_progress import printed, remark, show_end, write_end
+    from fg_nav.stream.command import Wanted, streamed
+
+    wanted = Wanted(source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence)
+    walk = streamed(wanted, printed(), remark)
+    if out is None:
+        show_end(walk, serve is not None)
+        return
+    with _folder(out, force, "stream") as (place, folder):
+        write_end(folder, walk)
+    remark(f"files: {place}")
 
 
 def _list_scenarios(wanted: bool) -> None:

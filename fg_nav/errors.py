@@ -45,5 +45,9 @@ class SimulationError(FgNavError):
     """A walk, sensor or field was asked for that cannot be (`fg_nav.simulation`)."""
 
 
+class StreamError(FgNavError):
+    """A source of samples cannot be opened, or nobody can be served (`fg_nav.stream`)."""
+
+
 class OutputError(FgNavError):
     """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""

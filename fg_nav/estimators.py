@@ -50,8 +50,8 @@ Estimator: TypeAlias = Callable[[Given, Progress | None], Solution]
 WITH_FIXES = ("smoother", "inertial")
 """Those that make use of fixes."""
 
-SMOOTHERS = ("smoother", "inertial")
-"""The factor graph with the magnetic field and without."""
+SMOOTHERS = ("smoother", "inertial", "online")
+"""The factor graph with the magnetic field, without, and while the walk goes on."""
 
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 """Each also as `-rts`: with the way back over its pass."""
@@ -70,6 +70,26 @@ def _inertial(given: Given, progress: Progress | None) -> Solution:
     recording, stances = given.recording, given.stances
     found = smooth(recording, stances, heading=given.heading, progress=progress, fixes=given.fixes)
     return replace(found, method="inertial")
+
+
+BLOCK = 64
+"""Samples that the online estimator is given at once; its estimates do not depend on it."""
+
+
+def _online(given: Given, progress: Progress | None) -> Solution:
+    """Push a recording through as if it were being walked; then solve it as a whole, with the stances it was given."""
+    from fg_nav.online import OnlineNavigator
+    from fg_nav.smoother.online import OnlineOptions
+
+    recording, field = given.recording, given.field
+    navigator = OnlineNavigator(OnlineOptions(given.heading, field is not None))
+    for start in range(0, len(recording), BLOCK):
+        block = slice(start, start + BLOCK)
+        mag = None if recording.mag is None else recording.mag[block]
+        navigator.push(recording.t[block], recording.acc[block], recording.gyr[block], mag)
+        if progress is not None:
+            progress(start / len(recording))
+    return navigator.finish(progress, given.stances, field)
 
 
 def _filter(method: str) -> Estimator:
@@ -97,6 +117,7 @@ def _swing_density(given: Given) -> float:
 ESTIMATORS: dict[str, Estimator] = {
     "smoother": _smoother,
     "inertial": _inertial,
+    "online": _online,
     **{method: _filter(method) for method in FILTERS},
     **{method + "-rts": _filter(method + "-rts") for method in FILTERS},
 }

@@ -21,6 +21,7 @@ from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.estimators import WITH_FIXES, Given, Progress, estimator
 from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.evaluation.walked import WalkErrors, walk_errors
 from fg_nav.io import read, read_fixes, read_truth
 from fg_nav.magnetic import FieldVerdicts, FootfallField, footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, detector_named, judge
@@ -110,12 +111,14 @@ class Outcome:
     solution : with the verdicts on the field in its table of stances.
     metrics, comparison : of the solution; `comparison` is None without a usable truth.
     field_used : whether the method made use of the field: then its own table had verdicts.
+    moment : errors of what an online method told at the moment; None from others, and without a usable truth.
     """
 
     solution: Solution
     metrics: Metrics
     comparison: Comparison | None
     field_used: bool = False
+    moment: WalkErrors | None = None
 
 
 def load(path: Path, format: str | None = None, options: Options | None = None) -> Session:
@@ -199,7 +202,11 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         )
     fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
     given = Given(session.recording, session.stances, session.field, _heading(options), options.preset, fixes)
-    found = estimator(method)(given, progress)
+    return measured(session, estimator(method)(given, progress))
+
+
+def measured(session: Session, found: Solution) -> Outcome:
+    """Measure a solution of the session's recording and stances; raises `EvaluationError` as `solve` does."""
     used = any(word != UNKNOWN for word in found.stances.field)
     solution = _with_verdicts(found, session)
     if session.truth is None:
@@ -207,7 +214,11 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
     try:
         comparison = compare(solution, session.truth, session.options.alignment)
         metrics = evaluate(solution, session.truth, session.options.alignment)
-        return Outcome(solution, metrics, comparison, used)
+        moment = None
+        if solution.moment is not None:
+            told = replace(solution, stances=solution.moment)
+            moment = walk_errors(told, session.truth, session.options.alignment)
+        return Outcome(solution, metrics, comparison, used, moment)
     except EvaluationError as error:
         if session.options.truth_path is not None:
             raise

@@ -59,7 +59,8 @@ class Solution:
     """A walk as an estimator saw it. Arrays are at the recording's rate.
 
     `t` (N,) s; `position` (N, 3) m; `velocity` (N, 3) m/s; `nav_R_body` (N, 3, 3).
-    `parameters` are the effective ones, ready for JSON; `notes` are remarks for the user.
+    `parameters` are the effective ones, ready for JSON; `notes` are remarks for the user. `moment` is what an online
+    estimator told of each footfall when it was complete, before it knew what came after; None from all others.
     """
 
     method: str
@@ -71,3 +72,4 @@ class Solution:
     runtime_s: float
     parameters: Mapping[str, object] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    moment: StanceTable | None = None

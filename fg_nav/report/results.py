@@ -3,6 +3,7 @@
 ==================== =======================================================================================
 trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
 strides.csv          one row a stance: `STRIDE_COLUMNS`
+online.csv           the same as it was told at the moment, from an online method
 summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
 config.json          what was run on what, with every parameter as it was in effect
 comparison.csv/json  the summaries of several methods, one row each
@@ -41,17 +42,25 @@ SUMMARY_KEYS = (
 )  # fmt: skip
 TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
 _MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
+MOMENT_KEYS = ("moment_rmse_2d_m", "moment_end_error_m", "moment_max_error_m")
 
 
 def write_result(folder: Path, session: Session, outcome: Outcome) -> None:
     """Write the four files of a run into an existing folder."""
     solution = outcome.solution
     write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
-    strides = stride_frame(solution.stances)
-    strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
-    strides.to_csv(folder / "strides.csv", index=False, float_format="%.9g")
+    write_strides(folder, solution)
     write_json(folder / "config.json", config(session, solution))
     write_json(folder / "summary.json", summary(session, outcome))
+
+
+def write_strides(folder: Path, solution: Solution) -> None:
+    """Write one row a stance, and what was told of it at the moment where there is that."""
+    for name, table in (("strides.csv", solution.stances), ("online.csv", solution.moment)):
+        if table is not None:
+            strides = stride_frame(table)
+            strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
+            strides.to_csv(folder / name, index=False, float_format="%.9g")
 
 
 def stride_frame(stances: StanceTable) -> pd.DataFrame:
@@ -80,6 +89,9 @@ def summary(session: Session, outcome: Outcome) -> dict[str, object]:
     }
     if outcome.comparison is not None:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, *_MORE_TRUTH_KEYS)}
+    if outcome.moment is not None:
+        at_moment = (outcome.moment.rmse_m, outcome.moment.end_m, outcome.moment.max_m)
+        figures |= dict(zip(MOMENT_KEYS, at_moment, strict=True))
     notes = [*remarks(session), *solution.notes, *metrics.notes]
     return figures | {"magnetometer": magnetometer(session, outcome), "notes": notes}
 

@@ -26,6 +26,8 @@ FIGURES = (
     ("rmse_3d_m", "rmse 3-D (m)", "{:.3f}"),
     ("end_error_m", "end error (m)", "{:.3f}"),
     ("max_error_m", "max error (m)", "{:.3f}"),
+    ("moment_rmse_2d_m", "rmse 2-D told at the moment (m)", "{:.3f}"),
+    ("moment_end_error_m", "end error told at the moment (m)", "{:.3f}"),
     ("heading_rmse_deg", "heading rmse (deg)", "{:.2f}"),
     ("scale", "best-fit scale", "{:.4f}"),
     ("alignment", "alignment", "{}"),

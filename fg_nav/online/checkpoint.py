@@ -1,0 +1,171 @@
+"""Save a walk in progress and take it up again, to the same answer.
+
+A checkpoint is one .npz of arrays with a version: the samples that were taken, the footfalls that were told, and as
+JSON the options and what was left out. To resume, the samples go through a new navigator: the same samples give the
+same answer to the last bit. That takes some hundredths of the time that was walked, and saving takes time in
+proportion to the walk.
+
+The file appears whole or not at all: it is written beside its place, brought to the disk and then moved there.
+
+With a lag the samples are forgotten, so there is no checkpoint.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.online.judge import SampleJudge
+from fg_nav.online.navigator import OnlineNavigator
+from fg_nav.online.store import CHUNK, COLUMNS
+from fg_nav.plain import plain
+from fg_nav.smoother.online import OnlineOptions
+
+VERSION = 1
+"""Of the arrays in a checkpoint."""
+
+
+def save(navigator: OnlineNavigator, path: Path | str) -> None:
+    """Write a checkpoint in place of an older one.
+
+    Raises
+    ------
+    EstimationError
+        With a lag.
+    OutputError
+        If the file cannot be written.
+    """
+    write(content_of(navigator), path)
+
+
+def content_of(navigator: OnlineNavigator) -> dict[str, Any]:
+    """Return a copy of what a checkpoint holds, while the walk goes on; raises `EstimationError` with a lag."""
+    if navigator.options.lag_s is not None:
+        raise EstimationError("a walk with a lag forgets its samples and has no checkpoint: leave one of the two out.")
+    return {
+        "version": np.array(VERSION),
+        "samples": navigator.store.between(0, navigator.store.stop),
+        "footfall_stop": _stops(navigator),
+        "facts": np.array(json.dumps({"options": _words(navigator.options), "judge": navigator.judge.state()})),
+    }
+
+
+def write(content: Mapping[str, Any], path: Path | str) -> None:
+    """Write the content of a checkpoint in place of an older one; raises `OutputError` if that cannot be."""
+    path = Path(path)
+    try:
+        _write_whole(path, content)
+    except OSError as error:
+        reason = (error.strerror or type(error).__name__).lower()
+        raise OutputError(f"{path} cannot be written ({reason}): name another checkpoint, or make room.") from None
+
+
+def load(
+    path: Path | str,
+    options: OnlineOptions | None = None,
+    remark: Callable[[str], None] = lambda words: None,
+    progress: Callable[[float], None] | None = None,
+) -> OnlineNavigator:
+    """Take up a walk where a checkpoint left it.
+
+    Parameters
+    ----------
+    path
+        Of the checkpoint.
+    options
+        Of the walk, for comparison; None for those of the checkpoint, with the usual parameters.
+    remark
+        As for `OnlineNavigator`.
+    progress
+        Told from time to time which fraction is done.
+
+    Raises
+    ------
+    FormatError
+        If the file is no checkpoint, or one of another version.
+    EstimationError
+        If it was made with other options, or finds other footfalls now.
+    """
+    path = Path(path)
+    samples, stops, facts = _read(path)
+    options = _options(facts["options"]) if options is None else options
+    if json.loads(json.dumps(_words(options))) != facts["options"]:
+        raise EstimationError(f"{path.name} was made with other options: give the same, or name another checkpoint.")
+    navigator = OnlineNavigator(options, remark, judge=SampleJudge.resumed(facts["judge"], remark))
+    for start in range(0, len(samples), CHUNK):
+        navigator.take(samples[start : start + CHUNK])
+        if progress is not None:
+            progress(min(start + CHUNK, len(samples)) / len(samples))
+    if not np.array_equal(_stops(navigator), stops):
+        raise EstimationError(f"{path.name} is of a version that found other footfalls: begin the walk anew.")
+    return navigator
+
+
+def is_checkpoint(path: Path) -> bool:
+    """Whether a file is a checkpoint of this version."""
+    try:
+        _read(path)
+    except (FormatError, OSError):
+        return False
+    return True
+
+
+def _stops(navigator: OnlineNavigator) -> Ints:
+    return np.array([int(footfall.stop[-1]) for footfall in navigator.footfalls], dtype=np.int64)
+
+
+def _words(options: OnlineOptions) -> Any:
+    return plain(asdict(options))
+
+
+def _options(words: Mapping[str, Any]) -> OnlineOptions:
+    return OnlineOptions(words["heading_rad"], bool(words["use_field"]), words["lag_s"])
+
+
+def _write_whole(path: Path, content: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, **content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the new name too
+    finally:
+        os.close(folder)
+
+
+def _read(path: Path) -> tuple[Floats, Ints, dict[str, Any]]:
+    refusal = FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            version = int(content["version"])
+            if version != VERSION:
+                raise FormatError(
+                    f"{path.name} is a checkpoint of version {version} and this program reads {VERSION}: begin anew."
+                )
+            samples, stops = content["samples"], content["footfall_stop"]
+            facts = json.loads(str(content["facts"]))
+    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        raise refusal from None
+    if samples.ndim != 2 or samples.shape[1] != COLUMNS or samples.dtype != np.float64:
+        raise refusal
+    return samples, stops, facts

@@ -1,0 +1,188 @@
+"""The estimate at the moment: how good it is, and how far the online graph is from the batch solution.
+
+    python scripts/online_accuracy.py [--scenarios NAME ...] [--fields LEVEL ...] [--seeds N] [--first SEED]
+        [--real] [--jobs N] [--json FILE]
+
+Simulated walks, their magnetometer calibrated on a loop and their heading told, are pushed through `OnlineNavigator` in
+blocks of half a second, stances found on the way. Beside it `ma2018` as tuned, a filter without a way back: its
+estimate at a footfall is that of the moment too. Both laid as started; errors over the ground at the footfalls.
+
+=========== ============================================================================================================
+moment      error of the estimates as told, rms over the footfalls, m
+ma2018      the same of the filter, and ours over it, walk by walk
+smoothed    the past as the online graph has it at the end
+batch       the polished solution
+gap before  largest distance of smoothed and batch at the same samples, m; asked below 0.1
+gap after   of the polished solution and `smoother` on the recording, m; asked below 0.02
+found       share of the batch's footfalls that were told on the way
+=========== ============================================================================================================
+
+Medians over the seeds, 5 and 95 % behind. `--real`: the gaps on the gdin walks and openshoe loops (FG_NAV_DATA).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import figures as fig
+import numpy as np
+from compare_tables import spread
+from figures import Figure
+from walked_by import GDIN, LOOP, OPENSHOE, REAL_WALKS, Job, RealWalk, Simulated, solved
+
+from fg_nav.arrays import Floats
+from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
+from fg_nav.online import OnlineNavigator
+from fg_nav.recording import Recording, Truth
+from fg_nav.report.terminal import progress
+from fg_nav.session import Session
+from fg_nav.smoother.online import OnlineOptions
+from fg_nav.solution import Solution, StanceTable
+
+FIRST_SEED, SEEDS = 101, 20
+SCENARIOS, FIELDS = ("office", "mall"), ("smooth", "indoor")
+BLOCK_S = 0.5
+OVER_FILTER, GAP_BEFORE_M, GAP_AFTER_M = 0.7, 0.1, 0.02
+SAME_FOOTFALL_S = 0.3
+"""The stillest samples of one footfall, found on the way and in hindsight, are not farther apart."""
+
+
+@dataclass(frozen=True)
+class Walked:
+    """Errors (m) of one walk, NaN without a truth; gaps (m); share of the footfalls that were told."""
+
+    moment: float
+    filtered: float
+    smoothed: float
+    batch: float
+    gap_before: float
+    gap_after: float
+    found: float
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Walk, print."""
+    parser = argparse.ArgumentParser(description="The online smoother against the filter and the batch solution.")
+    parser.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), metavar="NAME")
+    parser.add_argument("--fields", nargs="+", default=list(FIELDS), metavar="LEVEL")
+    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N")
+    parser.add_argument("--first", type=int, default=FIRST_SEED, metavar="SEED")
+    parser.add_argument("--real", action="store_true", help="the gaps on real walks instead")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the real walks (FG_NAV_DATA)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (1)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    chosen = parser.parse_args(arguments)
+    seeds = [str(seed) for seed in range(chosen.first, chosen.first + chosen.seeds)]
+    if chosen.real:
+        cases = {f"{group}, real": [(group, "", walk, chosen.data) for walk in REAL_WALKS[group]] for group in REAL}
+    else:
+        cases = {
+            f"{name}, {level}": [(name, level, seed, None) for seed in seeds]
+            for name in chosen.scenarios
+            for level in chosen.fields
+        }
+    figures: list[Figure] = []
+    with ProcessPoolExecutor(chosen.jobs) as pool:
+        for section, walks in cases.items():
+            with progress(section) as tell:
+                found = []
+                for walked in pool.map(walked_on, walks):
+                    found.append(walked)
+                    tell(len(found) / len(walks))
+            figures += print_case(section, [walk[2] for walk in walks], found)
+    fig.print_figures(figures)
+    fig.print_verdict(figures)
+    if chosen.json:
+        fig.write_json(chosen.json, {"figures": [f.as_dict() for f in figures]})
+
+
+REAL = (GDIN, OPENSHOE)
+
+
+def walked_on(walk: tuple[str, str, str, Path | None]) -> Walked:
+    """Push one walk through, and run filter and batch on it."""
+    group, level, name, data = walk
+    source = RealWalk(group, name, data) if group in REAL_WALKS else Simulated(Job(group, level, name, {}))
+    session = source.session(LOOP)
+    navigator = pushed(session)
+    batch = replace(navigator.finish(), method="smoother")
+    hindsight = solved(replace(session, truth=None), "smoother").solution
+    past = navigator.smoothed()
+    gap, share = gap_between(past, batch.stances)
+    after, _ = gap_between(batch.stances, hindsight.stances)
+    truth = session.truth if level else None
+    errors = [np.nan] * 4
+    if truth is not None:
+        filtered = solved(replace(session, truth=None), "ma2018").solution
+        assert batch.moment is not None
+        tables = (batch.moment, filtered.stances, past, batch.stances)
+        errors = [rms_error(batch, table, truth) for table in tables]
+    return Walked(*errors, gap, after, share)
+
+
+def pushed(session: Session) -> OnlineNavigator:
+    """Push a recording through in blocks."""
+    recording, degrees = session.recording, session.options.heading_deg
+    navigator = OnlineNavigator(OnlineOptions(heading_rad=None if degrees is None else float(np.radians(degrees))))
+    block = max(1, round(BLOCK_S / recording.period_s))
+    for start in range(0, len(recording), block):
+        navigator.push(*columns(recording, start, start + block))
+    return navigator
+
+
+def columns(recording: Recording, start: int, stop: int) -> tuple[Floats, Floats, Floats, Floats | None]:
+    """Return a block of its samples."""
+    part = np.s_[start:stop]
+    return (
+        recording.t[part],
+        recording.acc[part],
+        recording.gyr[part],
+        None if recording.mag is None else recording.mag[part],
+    )
+
+
+def gap_between(one: StanceTable, other: StanceTable) -> tuple[float, float]:
+    """Largest distance (m) of two tables at the footfalls of `other` that are in both, and the share of these."""
+    nearest = np.abs(one.t[:, None] - other.t).argmin(axis=0) if len(one.t) else np.zeros(len(other.t), dtype=int)
+    exact = one.sample[nearest] == other.sample
+    same = np.abs(one.t[nearest] - other.t) < SAME_FOOTFALL_S
+    apart = np.linalg.norm(one.position[nearest] - other.position, axis=1)[exact]
+    return float(apart.max(initial=0.0)), float(same.mean())
+
+
+def rms_error(solution: Solution, table: StanceTable, truth: Truth) -> float:
+    """Over the ground, laid as started, m."""
+    laid = at_footfalls(replace(solution, stances=table), truth, AS_STARTED)
+    return float(np.sqrt(np.mean((laid.error[:, :2] ** 2).sum(axis=1))))
+
+
+def print_case(section: str, names: Sequence[str], found: Sequence[Walked]) -> list[Figure]:
+    """One row of medians; returns the figures."""
+    columns_of = {
+        "moment (m)": np.array([one.moment for one in found]),
+        "ma2018 (m)": np.array([one.filtered for one in found]),
+        "moment/ma2018": np.array([one.moment / one.filtered for one in found]),
+        "smoothed (m)": np.array([one.smoothed for one in found]),
+        "batch (m)": np.array([one.batch for one in found]),
+        "gap before (m)": np.array([one.gap_before for one in found]),
+        "gap after (m)": np.array([one.gap_after for one in found]),
+        "found (%)": np.array([100 * one.found for one in found]),
+    }
+    fig.print_heading(f"{section}: {len(found)} walks ({names[0]} to {names[-1]})")
+    fig.print_table(list(columns_of), [[spread(column) for column in columns_of.values()]])
+    ratio = float(np.median(columns_of["moment/ma2018"]))
+    asked = [
+        ("gap before the polish, most (m)", float(columns_of["gap before (m)"].max()), GAP_BEFORE_M),
+        ("gap after the polish, most (m)", float(columns_of["gap after (m)"].max()), GAP_AFTER_M),
+    ]
+    if np.isfinite(ratio):
+        asked.append(("error at the moment over ma2018's, median", ratio, OVER_FILTER))
+    return [Figure(section, f"{section}: {name}", "online", value, high=high) for name, value, high in asked]
+
+
+if __name__ == "__main__":
+    fig.leave_with(main)

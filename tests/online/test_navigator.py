@@ -1,0 +1,215 @@
+"""A walk in progress: blocks do not matter, odd samples are survived, and it ends where the recording does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.detection import detect_stances
+from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
+from fg_nav.magnetic import footfall_field
+from fg_nav.online import OnlineNavigator
+from fg_nav.smoother import smooth
+from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The walk in one block: its navigator, and the estimates."""
+    navigator = OnlineNavigator(TOLD)
+    found = push(navigator, rows_of(short_walk()))
+    return navigator, found + navigator.close()
+
+
+def test_each_footfall_is_told_once_and_in_order(whole):
+    navigator, found = whole
+    assert [e.number for e in found] == list(range(len(found)))
+    assert (np.diff([e.t for e in found]) > 0).all()
+    new = sum(not f.continues for f in navigator.footfalls)
+    assert new == detect_stances(short_walk()).n_footfalls
+    for estimate in found:
+        assert np.isfinite(estimate.position).all()
+        assert (np.linalg.eigvalsh(estimate.pose_cov) > 0).all()
+
+
+def test_the_moment_and_the_smoothed_past_are_two_things(whole):
+    navigator, found = whole
+    causal, smoothed = navigator.causal(), navigator.smoothed()
+    assert np.array_equal(causal.position, [e.position for e in found])
+    assert len(smoothed) == len(causal)
+    assert np.abs(smoothed.position[:-1] - causal.position[:-1]).max() > 1e-4
+    middle = len(causal) // 2
+    assert smoothed.heading_sigma[middle] <= causal.heading_sigma[middle] * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2])
+def test_blocks_do_not_matter(whole, seed):
+    rows = rows_of(short_walk())
+    rng = np.random.default_rng(seed)
+    cuts = range(1, len(rows)) if seed is None else np.sort(rng.integers(0, len(rows), rng.integers(1, 300)))
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows, cuts)
+    navigator.close()
+    assert worst_difference(navigator.causal(), whole[0].causal()) < 1e-9
+    assert worst_difference(navigator.smoothed(), whole[0].smoothed()) < 1e-9
+
+
+def test_it_ends_where_the_batch_ends(whole):
+    navigator, _ = whole
+    recording = short_walk()
+    stances = detect_stances(recording)
+    batch = smooth(recording, stances, heading=0.0, field=footfall_field(recording, stances))
+    found = navigator.finish()
+    assert np.abs(found.position - batch.position).max() < 0.02
+    assert found.method == "online"
+    assert len(found.moment) == len(found.stances) == stances.n_footfalls
+    near = np.abs(navigator.smoothed().position[-1] - batch.stances.position[-1]).max()
+    assert near < 0.1
+
+
+def test_between_footfalls_the_pose_is_carried_on():
+    """In mid-swing it is where the whole walk has the foot then, to what a second of strapdown loses."""
+    recording = short_walk()
+    rows = rows_of(recording)
+    stances = detect_stances(recording)
+    batch = smooth(recording, stances, heading=0.0)
+    navigator, begin = OnlineNavigator(TOLD), 0
+    assert navigator.pose() is None
+    for k in range(5, 10):
+        stop = int(stances.stop[k] + stances.start[k + 1]) // 2
+        push(navigator, rows[begin:stop])
+        begin = stop
+        pose = navigator.pose()
+        assert pose.t == [recording.t[stop - 1]]
+        assert np.linalg.norm(pose.velocity) > 1.0
+        assert np.linalg.norm(pose.position[0] - batch.position[stop - 1]) < 0.15
+        assert np.degrees(np.arccos((np.trace(pose.nav_R_body[0].T @ batch.nav_R_body[stop - 1]) - 1) / 2)) < 5.0
+    push(navigator, np.repeat(rows[stop : stop + 1], 1500, axis=0) + 0.01 * np.arange(1500)[:, None] * np.eye(10)[0])
+    assert np.isfinite(navigator.pose().position).all()
+    assert np.linalg.norm(navigator.pose().velocity) < 1.0
+
+
+def spoiled(rows, kind):
+    rows, rng = rows.copy(), np.random.default_rng(3)
+    middle = len(rows) // 2
+    if kind == "missing":
+        rows[middle : middle + 5, 4:7] = np.nan
+        rows[rng.integers(0, len(rows), 2), 2] = np.nan
+    elif kind == "repeated":
+        rows = np.repeat(rows, np.where(np.arange(len(rows)) % 50 == 7, 2, 1), axis=0)
+    elif kind == "backward":
+        rows = np.concatenate([rows[:middle], rows[middle - 40 : middle - 10], rows[middle:]])
+    elif kind == "ahead":
+        rows = np.insert(rows, middle, rows[middle] + np.eye(10)[0] * 1e6, axis=0)
+    elif kind == "gap":
+        rows = np.delete(rows, np.s_[middle : middle + 150], axis=0)
+    elif kind == "restart":
+        rows[middle:, 0] -= rows[middle, 0]
+    return rows
+
+
+@pytest.mark.parametrize("kind", ["missing", "repeated", "backward", "ahead", "gap", "restart"])
+def test_odd_samples_are_left_out_counted_and_told_once(whole, kind):
+    rows = spoiled(rows_of(short_walk()), kind)
+    told = []
+    navigator = OnlineNavigator(TOLD, told.append)
+    found = push(navigator, rows, range(7, len(rows), 7)) + navigator.close()
+    assert navigator.judge.counts[kind] >= 1
+    kinds = [kind for kind, number in navigator.judge.counts.items() if number]
+    assert len(told) == len(kinds)
+    assert np.isfinite([e.position for e in found]).all()
+    last = whole[1][-1]
+    if kind in ("repeated", "backward", "ahead"):
+        expected = {"repeated": 29, "backward": 30, "ahead": 1}[kind]
+        assert abs(navigator.judge.counts[kind] - expected) <= 1
+        assert np.abs(found[-1].position - last.position).max() < 1e-9
+    assert any(str(navigator.judge.counts[kind]) in note for note in navigator.judge.notes)
+
+
+@pytest.mark.parametrize("kind", ["missing", "ahead", "restart"])
+def test_blocks_do_not_matter_to_the_judge(kind):
+    rows = spoiled(rows_of(short_walk()), kind)
+    stores = []
+    for cuts in ([], range(1, len(rows)), range(13, len(rows), 13)):
+        navigator = OnlineNavigator(TOLD)
+        for start, stop in zip([0, *cuts], [*cuts, len(rows)], strict=True):
+            block = rows[start:stop]
+            navigator.store.append(navigator.judge.admit(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:]))
+        stores.append(navigator.store.between(0, navigator.store.stop))
+    assert np.array_equal(stores[0], stores[1], equal_nan=True)
+    assert np.array_equal(stores[0], stores[2], equal_nan=True)
+    assert (np.diff(stores[0][:, 0]) > 0).all()
+
+
+def test_where_input_is_lost_the_sigmas_grow(whole):
+    rows = rows_of(short_walk())
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, spoiled(rows, "gap"))
+    navigator.close()
+    with_gap, without = (np.linalg.norm(n.causal().position_sigma[-1]) for n in (navigator, whole[0]))
+    assert with_gap > 3 * without
+
+
+@pytest.mark.parametrize(("column", "factor", "word"), [(slice(1, 4), 0.102, "in g"), (slice(7, 10), 0.01, "gauss")])
+def test_a_wrong_unit_is_refused_as_in_a_file(column, factor, word):
+    rows = rows_of(short_walk())
+    rows[:, column] *= factor
+    with pytest.raises(RecordingError, match=word):
+        push(OnlineNavigator(TOLD), rows, range(50, len(rows), 50))
+
+
+def test_the_magnetometer_can_be_left_out(whole):
+    rows = rows_of(short_walk())
+    navigator = OnlineNavigator(replace(TOLD, use_field=False))
+    push(navigator, rows)
+    assert set(navigator.finish().stances.field) == {"none"}
+
+
+def test_there_is_no_end_without_a_walk():
+    navigator = OnlineNavigator(TOLD)
+    with pytest.raises(FgNavError):
+        navigator.finish()
+    t = np.arange(500) / 100.0
+    rng = np.random.default_rng(0)
+    shaken = OnlineNavigator(TOLD)
+    assert shaken.push(t, rng.normal(0, 30, (500, 3)), rng.normal(0, 10, (500, 3))) == []
+    with pytest.raises(DetectionError):
+        shaken.finish()
+    with pytest.raises(EstimationError):
+        shaken.push(t, t[:, None], t[:, None])
+    with pytest.raises(DetectionError):
+        OnlineNavigator(replace(TOLD, lag_s=60.0)).finish()
+
+
+def test_a_walk_that_cannot_be_solved_still_ends(whole, monkeypatch):
+    """Without its field, if that helps; else with what was known on the way."""
+    from fg_nav.online import navigator as module
+
+    navigator, _ = whole
+    solve = module.smooth
+
+    def never(*_: object) -> None:
+        raise EstimationError("it does not converge.")
+
+    def not_with_field(*given: object) -> object:
+        return never() if given[-1] is not None else solve(*given)
+
+    monkeypatch.setattr(module, "smooth", not_with_field)
+    without = navigator.finish()
+    assert any("does not converge" in note for note in without.notes)
+    assert set(without.stances.field) == {"none"}
+    monkeypatch.setattr(module, "smooth", never)
+    told = navigator.finish()
+    assert len(told.t) == len(short_walk())
+    assert np.abs(told.position[told.stances.sample] - told.stances.position).max() < 1e-9
+    assert np.abs(told.nav_R_body[told.stances.sample] - told.stances.nav_R_body).max() < 1e-9
+    assert any("could not be solved" in note for note in told.notes)
+
+
+def test_a_sensor_that_hangs_is_no_wrong_unit():
+    rows = rows_of(short_walk())
+    rows[300:600, 1:4] = 78.0  # at the end of its range
+    rows[:800, 7:10] *= 7.0  # a magnet
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows, range(50, len(rows), 50))
+    assert len(navigator.footfalls) > 5

@@ -1,0 +1,54 @@
+"""A short walk with a magnetometer, and what a navigator makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.online import OnlineNavigator
+from fg_nav.recording import Recording
+from fg_nav.smoother.online import OnlineOptions
+from fg_nav.smoother.online_rows import StanceEstimate
+from fg_nav.solution import StanceTable
+from tests.simulated import PERSON, straight_walk
+
+TOLD = OnlineOptions(heading_rad=0.0)
+
+
+@cache
+def short_walk(strides: int = 12) -> Recording:
+    """Some fifteen seconds straight to the north at 100 Hz, in a field that points there."""
+    walk = straight_walk(PERSON, strides=strides, rate_hz=100.0)
+    recording = walk.recording
+    attitude = walk.motion.at(recording.t).nav_R_body
+    rng = np.random.default_rng(0)
+    field = np.array([0.0, 20.0, -43.0]) + rng.normal(0.0, 0.3, (len(recording), 3))
+    return replace(recording, mag=np.einsum("nji,nj->ni", attitude, field), truth=None)
+
+
+def rows_of(recording: Recording) -> Floats:
+    """(N, 10) t, acc, gyr, mag."""
+    mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
+    return np.column_stack([recording.t, recording.acc, recording.gyr, mag])
+
+
+def push(navigator: OnlineNavigator, rows: Floats, cuts: Iterable[int] = ()) -> list[StanceEstimate]:
+    """Push rows (n, 10) in blocks between `cuts`."""
+    found = []
+    for start, stop in pairwise([0, *cuts, len(rows)]):
+        block = rows[start:stop]
+        found += navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:])
+    return found
+
+
+def worst_difference(one: StanceTable, other: StanceTable) -> float:
+    """Largest difference of any number in two tables; infinite if they have other rows."""
+    names = ("t", "position", "nav_R_body", "gyro_bias", "position_cov", "heading_sigma", "gyro_bias_sigma")
+    if not np.array_equal(one.sample, other.sample) or one.field != other.field:
+        return np.inf
+    return max(float(np.abs(getattr(one, name) - getattr(other, name)).max()) for name in names)

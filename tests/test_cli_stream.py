@@ -1,0 +1,320 @@
+"""`fg-nav stream`: whatever happens to the stream, the walk goes on, and its end is written."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing, suppress
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fg_nav import cli
+from fg_nav.errors import FormatError, StreamError
+from fg_nav.io import write_canonical
+from fg_nav.online import OnlineNavigator, load
+from fg_nav.stream import StreamOptions, follow
+from fg_nav.stream.rows import RowReader
+from fg_nav.stream.server import LineServer
+from fg_nav.stream.sources import opened
+from tests.command_line import names
+from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
+
+HEADER = b"time_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s\n"
+
+
+@pytest.fixture(scope="module")
+def csv(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("stream") / "walk.csv"
+    write_canonical(short_walk(), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole():
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows_of(short_walk()))
+    navigator.close()
+    return navigator
+
+
+class Pieces:
+    """A source of pieces that were put together before; None is silence, and at the end it ends."""
+
+    def __init__(self, *pieces: bytes) -> None:
+        self.name = "a test"
+        self._pieces = list(pieces)
+
+    def read(self, wait_s: float) -> bytes | None:
+        return self._pieces.pop(0) if self._pieces else None
+
+    def close(self) -> None: ...
+
+
+class Quiet(Pieces):
+    """The same, and it is silent for so many reads of 10 ms before the last piece."""
+
+    def __init__(self, silent: int, *pieces: bytes) -> None:
+        super().__init__(*pieces)
+        self._silent = silent
+
+    def read(self, wait_s: float) -> bytes | None:
+        if len(self._pieces) == 1 and self._silent:
+            self._silent -= 1
+            time.sleep(0.01)
+            return b""
+        return super().read(wait_s)
+
+
+def followed(source, **options):
+    lines, remarks = [], []
+    navigator = follow(source, StreamOptions(online=TOLD, **options), lines.append, remarks.append)
+    return navigator, [json.loads(line) for line in lines], remarks
+
+
+def cut(data: bytes, n: int) -> list[bytes]:
+    edges = np.sort(np.random.default_rng(n).integers(0, len(data), n)).tolist()
+    return [data[a:b] for a, b in zip([0, *edges], [*edges, len(data)], strict=True)]
+
+
+def test_a_line_for_each_footfall(csv, whole):
+    navigator, lines, remarks = followed(Pieces(*cut(csv.read_bytes(), 50)))
+    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+    assert [line["stance"] for line in lines] == list(range(len(whole.causal())))
+    assert {line["kind"] for line in lines} == {"now"}
+    table = whole.causal()
+    assert np.allclose([line["position_m"] for line in lines], table.position, atol=1e-6)
+    assert np.allclose([line["gyro_bias_deg_s"] for line in lines], np.degrees(table.gyro_bias), atol=1e-6)
+    assert np.allclose([line["heading_sigma_deg"] for line in lines], np.degrees(table.heading_sigma), atol=1e-6)
+    assert remarks == []
+
+
+def test_bad_rows_are_left_out_and_told_once(csv, whole):
+    rows = csv.read_bytes().splitlines(keepends=True)
+    bad = [b"1,2,3\n", b"\xff\xfe,,,,,,,,,\n", b"1," * 40 + b"\n", b"x,0,0,9.8,0,0,0,0,0,0\n", b"\n", rows[0]]
+    for i, line in enumerate(bad):
+        rows.insert(100 + 50 * i, line)
+    navigator, _, remarks = followed(Pieces(b"".join(rows)))
+    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+    assert len(remarks) == 2
+    assert "line 101" in remarks[0]
+    assert "4 rows" in remarks[1]
+
+
+def test_a_stalled_source_is_told_and_waited_for(csv, whole):
+    data = csv.read_bytes()
+    middle = data.index(b"\n", len(data) // 2) + 5
+    navigator, _, remarks = followed(Quiet(20, data[:middle], data[middle:]), stalled_s=0.1)
+    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+    assert len(remarks) == 2
+    assert "nothing has come from a test" in remarks[0]
+    assert "again" in remarks[1]
+    over, _, _ = followed(Quiet(10**6, data[:middle], data[middle:]), until_silent_s=0.1)
+    assert 0 < len(over.footfalls) < len(whole.footfalls)
+
+
+def test_without_a_header_there_is_no_walk(csv):
+    rows = csv.read_bytes().splitlines(keepends=True)
+    for data in (b"", b"".join(rows[1:10]), b"".join(rows[1:]), rows[0].replace(b"acc_y_m_s2", b"acc_y") + rows[1]):
+        with pytest.raises(FormatError, match=r"header|no column"):
+            followed(Pieces(data))
+
+
+def test_rows_are_read_in_any_order_and_ending(csv):
+    one = b"time_s,acc_z_m_s2,acc_x_m_s2,acc_y_m_s2,note,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s,\r\n"
+    reader = RowReader("a test")
+    rows = reader.read(b"junk of before\n\xef\xbb\xbf" + one + b"1, 9.8,0.1,,words,1,2,3,\r\n2,9")
+    assert np.array_equal(rows[0, :7], [1, 0.1, np.nan, 9.8, 1, 2, 3], equal_nan=True)
+    assert np.isnan(rows[0, 7:]).all()
+    assert len(reader.finish()) == 0
+    assert reader.bad == 1
+
+
+def test_a_growing_file_is_followed(csv, whole, tmp_path):
+    data = csv.read_bytes()
+    path = tmp_path / "growing.csv"
+    path.write_bytes(data[: len(data) // 3])
+
+    def grow() -> None:
+        with path.open("ab") as file:
+            for piece in cut(data[len(data) // 3 :], 10):
+                time.sleep(0.02)
+                file.write(piece)
+                file.flush()
+
+    writer = threading.Thread(target=grow)
+    writer.start()
+    with closing(opened(str(path))) as source:
+        navigator, _, _ = followed(source, until_silent_s=0.5)
+    writer.join()
+    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+
+
+def test_sockets_are_followed(csv, whole):
+    data = csv.read_bytes()
+    door = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        connection, _ = door.accept()
+        connection.sendall(data)
+        connection.close()
+
+    threading.Thread(target=serve, daemon=True).start()
+    with closing(opened(f"tcp://127.0.0.1:{door.getsockname()[1]}")) as source:
+        navigator, _, _ = followed(source)
+    door.close()
+    assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with closing(opened(f"udp://127.0.0.1:{port}")) as source, closing(socket.socket(type=socket.SOCK_DGRAM)) as out:
+        reader = RowReader("udp")
+        for line in data.splitlines()[:50]:
+            out.sendto(line, ("127.0.0.1", port))
+        rows = np.concatenate([reader.read(source.read(1.0) or b"") for _ in range(50)])
+    assert np.array_equal(rows, rows_of(short_walk())[:49])
+
+
+def test_a_serial_device_is_followed(csv):
+    pytest.importorskip("serial")
+    controller, device = os.openpty()
+    data = csv.read_bytes()[:20_000]
+    with closing(opened(os.ttyname(device), baud=115200)) as source:
+        threading.Thread(target=os.write, args=(controller, data), daemon=True).start()
+        reader, rows = RowReader(source.name), []
+        for _ in range(100):
+            rows += reader.read(source.read(0.1) or b"").tolist()
+            if len(rows) >= 90:
+                break
+        os.close(controller)
+    assert np.array_equal(rows[:90], rows_of(short_walk())[:90])
+    os.close(device)
+
+
+def test_lines_are_served_to_all_who_connect():
+    with closing(LineServer(0)) as server:
+        listeners = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(2)]
+        for _ in range(100):
+            if len(server._listeners) == 2:
+                break
+            time.sleep(0.01)
+        server.tell("one")
+        listeners[0].close()
+        server.tell("two")
+        server.tell("three")
+        with listeners[1].makefile() as file:
+            assert [file.readline() for _ in range(3)] == ["one\n", "two\n", "three\n"]
+        listeners[1].close()
+        with pytest.raises(StreamError, match="--serve"):
+            LineServer(server.port)
+
+
+@pytest.mark.parametrize(
+    "source", ["no such file", "ftp://here:1", "tcp://127.0.0.1", "tcp://127.0.0.1:1", "udp://:99999"]
+)
+def test_a_source_that_is_none_is_refused_in_one_line(fg_nav, source):
+    assert fg_nav("stream", source).refused(source)
+
+
+def test_what_cannot_be_together_is_refused(fg_nav, csv, tmp_path):
+    assert fg_nav("stream", csv, "--lag", 60, "--checkpoint", tmp_path / "x.npz").refused("--lag", "--checkpoint")
+    assert fg_nav("stream", csv, "--silence", 0).refused("--silence")
+    assert fg_nav("stream", csv, "--heading", "nan").refused("nan")
+    (tmp_path / "x.npz").write_text("something else")
+    assert fg_nav("stream", csv, "--checkpoint", tmp_path / "x.npz").refused("no checkpoint")
+
+
+def test_the_end_is_written_as_by_run(fg_nav, csv, tmp_path):
+    ran = fg_nav("stream", csv, "--heading", 0, "--silence", 0.3, "--out", tmp_path / "out")
+    assert ran.code == 0
+    assert {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json"} <= names(tmp_path / "out")
+    lines = [json.loads(line) for line in ran.out.splitlines()]
+    strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))
+    assert len(strides) == len(online) == sum(not line["continues"] for line in lines)
+    assert np.allclose(online["x_m"], [line["position_m"][0] for line in lines if not line["continues"]], atol=1e-5)
+    assert json.loads((tmp_path / "out/summary.json").read_text())["method"] == "online"
+    again = fg_nav("stream", csv, "--heading", 0, "--silence", 0.3, "--out", tmp_path / "out")
+    assert again.refused("--force")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, number):
+    """The pipe stays open: only the signal ends it, and no earlier than most of the walk was read."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    ended = threading.Event()
+
+    def write() -> None:
+        with pipe.open("wb") as file:
+            file.write(csv.read_bytes())
+            file.flush()
+            time.sleep(0.3)
+            os.kill(os.getpid(), number)
+            ended.wait(30.0)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    ran = fg_nav("stream", pipe, "--heading", 0)
+    ended.set()
+    writer.join()
+    assert ran.code == 0
+    kinds = [json.loads(line)["kind"] for line in ran.out.splitlines()]
+    assert kinds == sorted(kinds)
+    assert kinds.count("smoothed") >= 5
+    assert ran.err == ""
+
+
+def test_run_tells_both(fg_nav, csv, tmp_path):
+    ran = fg_nav("run", csv, "--method", "online", "--heading", 0, "--out", tmp_path / "out")
+    assert ran.code == 0
+    assert {"online.csv", "strides.csv"} <= names(tmp_path / "out")
+
+
+def test_killed_it_resumes_from_its_last_checkpoint(csv, whole, tmp_path):
+    """kill -9 in the middle of a stream: what came before the last save is there, and the end is the same."""
+    rows = csv.read_bytes().splitlines(keepends=True)
+    path = tmp_path / "walk.npz"
+    words = ["stream", "-", "--heading", "0", "--checkpoint", str(path), "--every", "0.05"]
+    environment = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fg_nav.cli", *words], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment
+    )
+    assert process.stdin is not None
+    saved = 0
+    with suppress(BrokenPipeError):
+        for k in range(0, len(rows), 20):
+            process.stdin.write(b"".join(rows[k : k + 20]))
+            process.stdin.flush()
+            time.sleep(0.02)
+            if k > 600 and path.exists():
+                break
+        deadline = time.monotonic() + 30.0
+        while not path.exists() and time.monotonic() < deadline:
+            process.stdin.write(b"\n")
+            process.stdin.write(rows[0])
+            process.stdin.flush()
+            time.sleep(0.02)
+    process.kill()
+    process.wait()
+    navigator = load(path, TOLD)
+    saved = navigator.store.stop
+    assert saved > 0
+    push(navigator, rows_of(short_walk()), range(50, len(rows) - 1, 50))
+    navigator.close()
+    assert worst_difference(navigator.smoothed(), whole.smoothed()) < 1e-9
+
+
+def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
+    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--silence", 0.3, "--out", tmp_path / "out")
+    assert ran.code == 0
+    assert names(tmp_path / "out") == {"strides.csv", "online.csv", "summary.json"}
+    strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))
+    assert len(strides) == len(online) == 13
+    assert np.abs(strides["y_m"].iloc[-1] - online["y_m"].iloc[-1]) < 0.2

@@ -1,0 +1,54 @@
+"""The scripts on the online mode run, and their figures are what they say."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav.detection import detect_stances
+from fg_nav.stances import Stances
+from tests.simulated import PERSON, straight_walk
+
+SCRIPTS = Path(__file__).parents[1] / "scripts"
+sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
+fuzz = importlib.import_module("online_fuzz")
+causal = importlib.import_module("causal_stances")
+
+
+def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
+    fuzz.main(["--seeds", "2", "--first", "101"])
+    assert "of 3 figures are as asked" in capsys.readouterr().out
+
+
+def test_the_fuzz_tells_what_fails(capsys, monkeypatch):
+    def broken(*_: object) -> None:
+        raise ValueError("broken on purpose")
+
+    monkeypatch.setattr(fuzz.OnlineNavigator, "close", broken)
+    fuzz.main(["--seeds", "1", "--first", "101"])
+    said = capsys.readouterr().out
+    assert "broken on purpose" in said
+    assert "short: fuzz, exceptions" in said
+
+
+def test_every_defect_leaves_rows_to_walk_on():
+    recording = straight_walk(PERSON, strides=10).recording
+    rows = np.column_stack([recording.t, recording.acc, recording.gyr, np.ones((len(recording), 3))])
+    for name, defect in fuzz.DEFECTS.items():
+        spoiled = defect(rows.copy(), np.random.default_rng(1))
+        assert spoiled.shape[1] == 10, name
+        assert len(spoiled) > len(rows) // 4, name
+        assert not np.array_equal(spoiled, rows, equal_nan=True), name
+
+
+def test_missed_and_extra_footfalls_are_counted():
+    recording = straight_walk(PERSON, strides=10).recording
+    stances = detect_stances(recording)
+    assert causal.compared(recording, stances).missed == causal.compared(recording, stances).extra == 0
+    fewer = Stances(stances.start[:-2], stances.stop[:-2], stances.footfall[:-2], len(recording))
+    assert causal.compared(recording, fewer).extra == 2
+    more_mask = stances.mask
+    gap = (stances.stop[3] + stances.start[4]) // 2
+    more_mask[gap - 2 : gap + 2] = True
+    assert causal.compared(recording, Stances.from_mask(more_mask)).missed == 1
