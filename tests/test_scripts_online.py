@@ -3,8 +3,10 @@
 import importlib
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.stances import Stances
@@ -14,6 +16,7 @@ SCRIPTS = Path(__file__).parents[1] / "scripts"
 sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
 fuzz = importlib.import_module("online_fuzz")
 causal = importlib.import_module("causal_stances")
+online_accuracy = importlib.import_module("online_accuracy")
 
 
 def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
@@ -52,3 +55,22 @@ def test_missed_and_extra_footfalls_are_counted():
     gap = (stances.stop[3] + stances.start[4]) // 2
     more_mask[gap - 2 : gap + 2] = True
     assert causal.compared(recording, Stances.from_mask(more_mask)).missed == 1
+
+
+def test_the_moment_the_filter_and_the_batch_stand_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
+    online_accuracy.main(["--scenarios", "demo", "--fields", "smooth", "--first", "1", "--seeds", "1"])
+    printed = capsys.readouterr().out
+    assert "demo, smooth: gap after the polish, most (m)" in printed
+    assert "error at the moment over ma2018's, median" in printed
+
+
+def test_a_gap_is_the_largest_distance_at_the_same_samples() -> None:
+    def table(sample: list[int], east: list[float]) -> SimpleNamespace:
+        at = np.column_stack([east, np.zeros((len(east), 2))])
+        return SimpleNamespace(sample=np.array(sample), t=np.array(sample) / 100.0, position=at)
+
+    gap, found = online_accuracy.gap_between(
+        table([0, 100, 203, 500], [0.0, 1.1, 9.0, 3.0]), table([0, 100, 200, 300], [0.0, 1.0, 2.0, 3.0])
+    )
+    assert gap == pytest.approx(0.1)  # the third is the same footfall at another sample, the fourth was not told
+    assert found == pytest.approx(0.75)
