@@ -1,4 +1,4 @@
-"""The graph of a whole walk, solved again with every footfall: iSAM2.
+"""The graph of a walk, solved again with every footfall: iSAM2.
 
 What a new footfall changes is eliminated anew, and what does not change stays. Four things make that quick and true:
 
@@ -15,9 +15,15 @@ What a new footfall changes is eliminated anew, and what does not change stays. 
 An update after which the newest footfall has turned from where it is linearised is repeated, but not often, so that the
 time that a footfall takes is bounded. Where the equations have no unique solution the graph is built anew with weak
 priors on what was added last: a walk goes on.
+
+The cost of an update grows with the variables there are, and the tree of a chain of hours is so deep that to let go of
+it overflows the stack. So when there are `MOST_FOOTFALLS` the older half leaves (`online_leaving`): what is told of it
+stays as it is then, until the walk is solved in batch at its end.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -25,14 +31,11 @@ from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.covariances import marginal_covariances
+from fg_nav.smoother.online_leaving import frozen_of, keys_of, without
 from fg_nav.smoother.online_strides import Frozen, Place, order_of
 
 ATTITUDE_RAD = 0.005
 """0.3 deg: half its square is 12 millionths of a stride's length."""
-
-PARTIAL = True
-POSITION_M = 1.0
-"""."""
 
 BIAS = (0.1, 2e-3)
 """m/s^2 and rad/s: over a stride 0.1 deg, of which the inertial measurements know the first derivative."""
@@ -46,6 +49,9 @@ ANYTHING = 1e6
 WILDFIRE = 0.05
 """Steps (m, rad, uT) below which a change is not carried on into the past, while nobody asks. The newest footfalls
 are at the root, where it makes no difference; at 0.01 each footfall moved all states of the field behind it."""
+
+MOST_FOOTFALLS = 2000
+"""In the graph: forty minutes of walking, of which the last twenty at least are corrected."""
 
 MOST_UPDATES = 3
 
@@ -81,6 +87,7 @@ class WholeGraph:
 
     def __init__(self) -> None:
         self._graph = gtsam.NonlinearFactorGraph()
+        self._left: list[Frozen] = []
         self._begin()
 
     def restart(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
@@ -97,7 +104,7 @@ class WholeGraph:
         Parameters
         ----------
         places : of the walk so far.
-        more : whether another part of the same footfall follows; it makes no difference here.
+        more : whether another part of the same footfall follows, so that none leaves yet.
         """
         self._graph.push_back(graph)
         try:
@@ -109,6 +116,8 @@ class WholeGraph:
                 self._isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), constrainedKeys=order)
         except RuntimeError:
             self._repair(values)
+        if not more and len(places) >= MOST_FOOTFALLS:
+            self._leave(places, MOST_FOOTFALLS // 2)
 
     def pose(self, key: int) -> gtsam.Pose3:
         """Return a pose as now known."""
@@ -123,8 +132,9 @@ class WholeGraph:
         return self._isam.calculateEstimateConstantBias(key)
 
     def left(self) -> list[Frozen]:
-        """Return the footfalls that left: none."""
-        return []
+        """Return the footfalls that left since this was last asked."""
+        left, self._left = self._left, []
+        return left
 
     def begun_at(self) -> gtsam.Values:
         """Return where the variables are linearised; new ones begin from there, not to be copied."""
@@ -145,6 +155,19 @@ class WholeGraph:
         tree = linear.eliminateMultifrontal(order_of(places, values), gtsam.EliminateQR)
         keys = {key for place in places for key in (X(place.result), B(place.bias))}
         return values.retract(tree.optimize()), marginal_covariances(tree, keys)
+
+    def _leave(self, places: list[Place], count: int) -> None:
+        """Let go of the first footfalls, and go on from where all are now known."""
+        values, covariances = self.solution(places)
+        self._left += [frozen_of(place, values, covariances) for place in places[:count]]
+        keys = [key for place, after in pairwise(places[: count + 1]) for key in keys_of(place, after, values)]
+        factors = without((self._graph.at(i) for i in range(self._graph.size())), values, keys)
+        for key in keys:
+            values.erase(key)
+        graph = gtsam.NonlinearFactorGraph()
+        for factor in factors:
+            graph.push_back(factor)
+        self.restart(graph, values, places[count:])
 
     def _begin(self) -> None:
         self._isam = gtsam.ISAM2(isam_parameters())

@@ -2,22 +2,19 @@
 
 All factors of the window are linearised and solved together with every footfall, as in batch: Gauss-Newton on a minute
 of walking costs as much as what is saved by leaving parts of it as they are. A footfall that is older than the lag
-leaves: its variables are eliminated by QR from the factors that touch them, and what this leaves on the variables that
-stay is kept as a linear factor at these values. Nothing is lost but the choice to linearise it again.
-
-A footfall takes its nodes and its state of the field with it, and the bias and the settling that it shares with others
-only when the next footfall has another: what is still in use never leaves.
+leaves, and stays as a prior (`online_leaving`).
 """
 
 from __future__ import annotations
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, S, V, X
+from gtsam.symbol_shorthand import B, X
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.covariances import marginal_covariances
 from fg_nav.smoother.online_graph import ATTITUDE_RAD, MOST_UPDATES, weak_priors
+from fg_nav.smoother.online_leaving import frozen_of, keys_of, without
 from fg_nav.smoother.online_strides import Frozen, Place, order_of
 
 
@@ -122,54 +119,10 @@ class LaggedGraph:
         oldest = self._places[-1].t - self._lag_s
         while len(self._places) > 2 and self._places[0].t < oldest:
             place, after = self._places[0], self._places[1]
-            self._left.append(self._frozen(place))
-            keys = [key for j in range(place.first, place.stop) for key in (X(j), V(j))]
-            keys += [M(place.number)] if self._values.exists(M(place.number)) else []
-            keys += [B(place.bias), S(place.bias)] if after.bias != place.bias else []
-            self._eliminate(keys)
+            self.covariance(X(place.result))
+            self._left.append(frozen_of(place, self._values, self._covariances))
+            keys = keys_of(place, after, self._values)
+            self._factors = without(self._factors, self._values, keys)
+            for key in keys:
+                self._values.erase(key)
             self._places.pop(0)
-
-    def _frozen(self, place: Place) -> Frozen:
-        values, pose_key, bias_key = self._values, X(place.result), B(place.bias)
-        return Frozen(
-            place,
-            values.atPose3(pose_key),
-            np.asarray(values.atVector(V(place.result))),
-            values.atConstantBias(bias_key),
-            self.covariance(pose_key),
-            self.covariance(bias_key),
-        )
-
-    def _eliminate(self, keys: list[int]) -> None:
-        """Replace variables by what their factors say of those that stay."""
-        going, touching, others = set(keys), gtsam.NonlinearFactorGraph(), []
-        for factor in self._factors:
-            if going.isdisjoint(factor.keys()):
-                others.append(factor)
-            else:
-                touching.push_back(factor)
-        order = gtsam.Ordering()
-        for key in keys:
-            order.push_back(key)
-        linear = touching.linearize(self._values)
-        _, remaining = linear.eliminatePartialMultifrontal(order, gtsam.EliminateQR)
-        for i in range(remaining.size()):
-            part = remaining.at(i)
-            if part is not None:
-                others.append(gtsam.LinearContainerFactor(part, self._at(part.keys())))
-        self._factors = others
-        for key in keys:
-            self._values.erase(key)
-
-    def _at(self, keys: list[int]) -> gtsam.Values:
-        """Values of some variables alone."""
-        values = gtsam.Values()
-        for key in keys:
-            letter = chr(gtsam.Symbol(key).chr())
-            if letter == "x":
-                values.insert(key, self._values.atPose3(key))
-            elif letter == "b":
-                values.insert(key, self._values.atConstantBias(key))
-            else:
-                values.insert(key, self._values.atVector(key))
-        return values

@@ -145,6 +145,20 @@ def test_samples_are_forgotten_after_the_last_warm_up(monkeypatch):
     assert farthest(lagged.smoothed(), whole().smoothed()) < 0.3
 
 
+def test_a_long_walk_is_cut_and_nothing_else_changes(monkeypatch):
+    """When the graph is full its older half leaves: as told then in the past, and as a prior for what follows."""
+    monkeypatch.setattr("fg_nav.smoother.online_graph.MOST_FOOTFALLS", 12)
+    monkeypatch.setattr("fg_nav.smoother.online.WARM_UPS", (1, 2, 3, 4, 8))
+    cut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
+    monkeypatch.setattr("fg_nav.smoother.online_graph.MOST_FOOTFALLS", 2000)
+    uncut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
+    assert len(cut._places) < 12
+    assert len(cut.smoothed()) == FOOTFALLS
+    np.testing.assert_array_equal(cut.smoothed().sample, uncut.smoothed().sample)
+    assert farthest(cut.causal(), uncut.causal()) < 0.03
+    np.testing.assert_allclose(cut.causal().heading_sigma, uncut.causal().heading_sigma, rtol=0.05)
+
+
 def test_the_pose_is_carried_on_to_the_next_footfall():
     walk, online = demo(), fed(demo(), footfalls=20)
     reached = int(walk.stances.stop[walk.stances.footfall == 19][-1]) + 5
