@@ -1,7 +1,7 @@
 """A simulated walk of any length: rounds of the demonstration's corridor, a rest after each.
 
-Foot, sensor and way are those of the demonstration, without the magnetometer. It stands still for ten seconds a
-minute: easy to solve, and that is no matter here, for what it measures is time.
+Foot, sensor and way are those of the demonstration, with the magnetometer where a field is named. It stands still for
+ten seconds a minute: easy to solve, and that is no matter here, for what it measures is time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SHORTEST_ROUND_S = 55.0
 """A round of 61 strides takes some 57 s, and there is a pause after it."""
 
 
-def long_walk(minutes: float, seed: int, rate_hz: float = 200.0) -> Recording:
+def long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field: str | None = None) -> Recording:
     """Walk round the corridor for this long; the truth is the true path.
 
     Parameters
@@ -27,6 +27,7 @@ def long_walk(minutes: float, seed: int, rate_hz: float = 200.0) -> Recording:
     minutes : duration; the last round is cut off where the time is over, be it in a swing.
     seed : draws gait, biases and noise.
     rate_hz : sample rate.
+    field : level of the field, for one with a magnetometer.
     """
     rounds = int(np.ceil(60 * minutes / SHORTEST_ROUND_S))
     demo = SCENARIOS["demo"]
@@ -34,8 +35,8 @@ def long_walk(minutes: float, seed: int, rate_hz: float = 200.0) -> Recording:
         demo,
         name=f"{rounds} rounds",
         course=lambda _: _course(rounds),
-        sensor=replace(demo.prior, mag=None),
-        field="homogeneous",
+        sensor=demo.sensor if field else replace(demo.prior, mag=None),
+        field=field or "homogeneous",
     )
     whole = simulate(scenario, seed, Choices(rate_hz=rate_hz)).recording
     truth, stop = whole.truth, round(60 * minutes * rate_hz)

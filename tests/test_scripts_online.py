@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection import detect_stances
+from fg_nav.errors import SimulationError
 from fg_nav.stances import Stances
 from tests.simulated import PERSON, straight_walk
 
@@ -17,6 +18,7 @@ sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder 
 fuzz = importlib.import_module("online_fuzz")
 causal = importlib.import_module("causal_stances")
 online_accuracy = importlib.import_module("online_accuracy")
+online_cost = importlib.import_module("online_cost")
 
 
 def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
@@ -74,3 +76,18 @@ def test_a_gap_is_the_largest_distance_at_the_same_samples() -> None:
     )
     assert gap == pytest.approx(0.1)  # the third is the same footfall at another sample, the fourth was not told
     assert found == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize("lag", [[], ["--lag", "20"]], ids=["whole", "lag"])
+def test_the_cost_of_a_footfall_is_printed(lag: list[str], capsys, monkeypatch) -> None:
+    monkeypatch.setattr(online_cost, "EARLY", slice(5, 20))
+    monkeypatch.setattr(online_cost, "EVERY", 20)
+    online_cost.main(["--minutes", "0.6", *lag])
+    printed = capsys.readouterr().out
+    assert "0 to 20" in printed
+    assert "memory at the end over that at half" in printed
+
+
+def test_a_walk_that_is_too_short_for_a_trend_is_refused() -> None:
+    with pytest.raises(SimulationError, match="too few for a trend"):
+        online_cost.judged(np.ones(300), np.ones(300), None)
