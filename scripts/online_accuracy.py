@@ -172,9 +172,10 @@ def print_case(section: str, names: Sequence[str], found: Sequence[Walked]) -> l
         "gap after (m)": np.array([one.gap_after for one in found]),
         "found (%)": np.array([100 * one.found for one in found]),
     }
+    columns_of = {name: column for name, column in columns_of.items() if not np.isnan(column).all()}
     fig.print_heading(f"{section}: {len(found)} walks ({names[0]} to {names[-1]})")
     fig.print_table(list(columns_of), [[spread(column) for column in columns_of.values()]])
-    ratio = float(np.median(columns_of["moment/ma2018"]))
+    ratio = float(np.median([one.moment / one.filtered for one in found]))
     asked = [
         ("gap before the polish, most (m)", float(columns_of["gap before (m)"].max()), GAP_BEFORE_M),
         ("gap after the polish, most (m)", float(columns_of["gap after (m)"].max()), GAP_AFTER_M),
