@@ -21,7 +21,8 @@ lost samples held interpolated learned
 4            2.06 1.49         0.13
 ============ ==== ============ =======
 
-Where there is too little to learn from, l is the linear interpolation, and its sigma the spread of the whole recording.
+Where there is too little to learn from, and over gaps too long for a mean to stand for what moved, l is the linear
+interpolation, and its sigma the spread of the whole recording.
 """
 
 from __future__ import annotations
@@ -41,6 +42,9 @@ REACH = 6
 ALIKE = 500
 """Windows that W and c are learned from: several times the 12 R + 1 unknowns, and few enough to be of one phase of
 gait."""
+
+LONGEST_S = 0.1
+"""In a longer gap a foot turns too far for one mean of force and rate to stand for its motion, however well known."""
 
 FEWEST = 100
 """Fewer windows than this teach nothing."""
@@ -85,7 +89,7 @@ def bridged(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     mean, sigma = np.empty((len(gap), 6)), np.empty((len(gap), 6))
     for offsets in set(around):
         here = np.array([one == offsets for one in around])
-        mean[here], sigma[here] = _learned(values, gap, gap[here], np.array(offsets))
+        mean[here], sigma[here] = _learned(values, gap, gap[here], np.array(offsets), LONGEST_S / period)
     mean, sigma = mean * scale, sigma * scale
     return Gaps(gap, step[gap] - period, mean[:, :3], mean[:, 3:], sigma[:, :3], sigma[:, 3:])
 
@@ -102,12 +106,12 @@ def _around(tick: Ints, i: int) -> tuple[int, ...]:
     return tuple(int(k) for k in near if -REACH < k < after + REACH)
 
 
-def _learned(values: Floats, gap: Ints, asked: Ints, offsets: Ints) -> tuple[Floats, Floats]:
+def _learned(values: Floats, gap: Ints, asked: Ints, offsets: Ints, most_ticks: float) -> tuple[Floats, Floats]:
     """Mean and sigma (A, 6) in the gaps behind the samples `asked` (A,), of which all have samples at these ticks."""
     after = int(offsets[offsets > 0][0])
     linear = (values[asked] + values[asked + 1]) / 2
     last = _windows(gap, len(values), offsets)
-    if len(last) < FEWEST:
+    if len(last) < FEWEST or after > most_ticks:
         return linear, np.tile(values.std(axis=0), (len(asked), 1))
     known = values[last[:, None] + offsets].reshape(len(last), -1)
     total = np.vstack([np.zeros(6), np.cumsum(values, axis=0)])

@@ -112,11 +112,6 @@ class CausalStances:
             return []
         return self._searched().finish(*self._take(self._n_waiting))
 
-    @property
-    def period_s(self) -> float | None:
-        """Median of the first steps between stamps; None before there are enough."""
-        return None if self._search is None else self._search.period_s
-
     def _searched(self) -> _Search:
         if self._search is None:
             t = np.concatenate([block[0] for block in self._waiting])[:FIRST_SAMPLES]

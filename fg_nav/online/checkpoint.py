@@ -112,15 +112,6 @@ def load(
     return navigator
 
 
-def is_checkpoint(path: Path) -> bool:
-    """Whether a file is a checkpoint of this version."""
-    try:
-        _read(path)
-    except (FormatError, OSError):
-        return False
-    return True
-
-
 def _stops(navigator: OnlineNavigator) -> Ints:
     return np.array([int(footfall.stop[-1]) for footfall in navigator.footfalls], dtype=np.int64)
 

@@ -115,7 +115,8 @@ class SampleJudge:
         judge = cls(remark)
         judge.counts.update(state["counts"])
         judge._last = judge._before = judge._known_until = float(state["last"])
-        judge._offset, judge._to_check = float(state["offset"]), int(state["to_check"])
+        judge._offset = float(state["offset"])
+        judge._to_check = CHECKED if state["to_check"] > 0 else 0
         return judge
 
     @property

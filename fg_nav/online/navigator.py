@@ -192,7 +192,9 @@ class OnlineNavigator:
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.store.stop)
         stop = np.minimum(footfall.stop, until - 1)
         inside = footfall.start < stop
-        found = WalkFootfall(footfall.start[inside], stop[inside], min(footfall.stillest, until - 2))
+        found = WalkFootfall(
+            footfall.start[inside], stop[inside], min(footfall.stillest, until - 2), footfall.continues
+        )
         estimate = self._smoother.add_footfall(self._samples(self._handed, until), found)
         self._handed = until
         self.footfalls.append(footfall)

@@ -36,7 +36,7 @@ from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import Native, Part, Solved, solve, time_order
-from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, gauge, strides_of
+from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, gauge, gauge_of, strides_of
 from fg_nav.smoother.walk_fixes import free_heading, pin_fixes
 from fg_nav.smoother.walk_ties import walk_ties
 from fg_nav.solution import Solution, StanceTable
@@ -115,7 +115,7 @@ def _smooth(
         solved = solve(graph, parts, solved.values, ordering, near_enough, p.largest_steps)
 
     def minimise(part: Part, values: gtsam.Values, ordering: gtsam.Ordering, begun: Begun | None) -> Solved:
-        began_there = told if begun is None else Native(_gauge_of(begun, p))
+        began_there = told if begun is None else Native(gauge_of(begun.nav_R_body, begun.free, p))
         parts: list[Part] = [ties, began_there, part, *believed.parts]
         return solve(graph, parts, values, believed.ordering(ordering), p.convergence, p.largest_steps)
 
@@ -140,10 +140,6 @@ def _smooth(
         parameters=asdict(p),
         notes=(*known.notes, f"solved in {counted(solved.steps, 'Gauss-Newton step')}", *verdict.notes, *tails),
     )
-
-
-def _gauge_of(begun: Begun, p: SmootherParameters) -> gtsam.PriorFactorPose3:
-    return gauge(begun.nav_R_body, np.radians(p.unknown_heading_deg) if begun.free else p.gauge_sigma, p)
 
 
 def _check(recording: Recording, stances: Stances, field: FootfallField | None) -> None:

@@ -148,7 +148,7 @@ class FieldTies:
         return np.asarray(off / self.prior.sigma)
 
     def by_first(self, m: Floats) -> Floats:
-        """Derivative (8, 8) of `_first`."""
+        """Derivative (8, 8) of `first`."""
         by_state, strength = np.eye(SIZE), np.linalg.norm(m[E_H])
         turned = across_direction(m[None, E_H])[0] * np.linalg.norm(self.prior.mean[E_H]) / strength
         by_state[E_H, E_H] = turned, m[E_H] / strength

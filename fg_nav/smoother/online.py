@@ -110,8 +110,9 @@ class OnlineSmoother:
         """
         began = perf_counter()
         self._walk.add(samples, footfall)
-        if self._walk.n_footfalls not in WARM_UPS or not self._begin_anew():
-            self._extend()
+        warm_up = self._walk.n_steps in WARM_UPS and not footfall.continues
+        if not warm_up or not self._begin_anew():
+            self._extend_or_begin_anew()
         latest = self._latest = self._estimate()
         self._causal.append(packed(latest))
         self._freeze()
@@ -244,11 +245,27 @@ class OnlineSmoother:
             place = self._places.pop(0)
             assert place.number == frozen.place.number
             self._frozen.append(packed(self._row(*frozen, self._verdicts.pop(0))))
-        if self._options.lag_s is not None and self.n_footfalls >= WARM_UPS[-1]:
+        if self._options.lag_s is not None and self._walk.n_steps >= WARM_UPS[-1]:
             newest = self.n_footfalls - 1
             starts = self._walk.t[int(self._walk.footfall(newest).start[0]) - self._walk.first]
             first = self._walk.first + int(np.searchsorted(self._walk.t, starts - 2 * CONTEXT_S))
             self._walk.forget(newest, first)
+
+    def _extend_or_begin_anew(self) -> None:
+        """Add the newest stride; where the graph has no solution any more, solve the walk anew.
+
+        Raises
+        ------
+        EstimationError
+            Where that does not help.
+        """
+        try:
+            self._extend()
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            if self._options.lag_s is not None or not self._begin_anew():
+                raise EstimationError(
+                    f"the walk has no solution from footfall {self.n_footfalls} on: begin a new one."
+                ) from error
 
     def _extend(self) -> None:
         """Add the newest stride to the graph: first its motion, then its field."""

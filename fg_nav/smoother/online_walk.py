@@ -41,12 +41,13 @@ class Samples(NamedTuple):
 class Footfall:
     """One footfall: its stance intervals `start[k] <= i < stop[k]` and the stillest sample, within one of them.
 
-    Samples are counted from the first of the walk.
+    Samples are counted from the first of the walk. One that `continues` is a further piece of a long standing.
     """
 
     start: Ints
     stop: Ints
     stillest: int
+    continues: bool = False
 
 
 class WalkSoFar:
@@ -57,6 +58,7 @@ class WalkSoFar:
         self._first, self._count = 0, 0
         self._footfalls: list[Footfall] = []
         self._forgotten = 0
+        self._steps = 0
         self._with_mag = False
 
     @property
@@ -70,14 +72,14 @@ class WalkSoFar:
         return self._first + self._count
 
     @property
-    def first_footfall(self) -> int:
-        """First footfall that is kept."""
-        return self._forgotten
-
-    @property
     def n_footfalls(self) -> int:
         """Number of footfalls of the walk, forgotten ones among them."""
         return self._forgotten + len(self._footfalls)
+
+    @property
+    def n_steps(self) -> int:
+        """Number of footfalls that were not further pieces of a standing."""
+        return self._steps
 
     @property
     def t(self) -> Floats:
@@ -103,6 +105,7 @@ class WalkSoFar:
         self._count += len(rows)
         self._with_mag |= samples.mag is not None
         self._footfalls.append(footfall)
+        self._steps += not footfall.continues
 
     def forget(self, footfalls: int, samples: int) -> None:
         """Forget all footfalls before one, and all samples before one."""

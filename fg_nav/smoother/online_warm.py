@@ -30,7 +30,7 @@ from fg_nav.smoother.online_ties import GraphTies
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import Native, Part, Solved, solve, time_order
-from fg_nav.smoother.strides import add_start, add_stride, gauge, strides_of
+from fg_nav.smoother.strides import add_start, add_stride, gauge, gauge_of, strides_of
 from fg_nav.stances import Stances
 from fg_nav.start import starting_point
 
@@ -146,17 +146,13 @@ def _minimiser(
     p: SmootherParameters,
 ) -> Callable[[Part, gtsam.Values, gtsam.Ordering, Begun | None], Solved]:
     def minimise(part: Part, values: gtsam.Values, ordering: gtsam.Ordering, begun: Begun | None) -> Solved:
-        began = told if begun is None else _gauge_of(begun.nav_R_body, begun.free, p)
+        began = told if begun is None else gauge_of(begun.nav_R_body, begun.free, p)
         solved = solve(graph, [ties, Native(began), part], values, ordering, p.convergence, p.largest_steps)
         assert isinstance(part, FieldTies)
         went.ties, went.begun, went.start = part, begun, solved.values.atPose3(X(0)).rotation().matrix()
         return solved
 
     return minimise
-
-
-def _gauge_of(nav_R_body: Floats, free: bool, p: SmootherParameters) -> gtsam.PriorFactorPose3:
-    return gauge(nav_R_body, np.radians(p.unknown_heading_deg) if free else p.gauge_sigma, p)
 
 
 def _hand_over(
@@ -178,7 +174,7 @@ def _hand_over(
     states[:, 3:5] = states[:, 3:5] @ turn[:2, :2].T
     for k, state in enumerate(states):
         values.update(M(k), state)
-    began = told if went.begun is None else _gauge_of(turn @ went.begun.nav_R_body, went.begun.free, p)
+    began = told if went.begun is None else gauge_of(turn @ went.begun.nav_R_body, went.begun.free, p)
     graph.push_back(began)
     field_factors(graph, went.ties, turned(went.ties.prior, turn))
     attitude = np.array([values.atPose3(X(j)).rotation().matrix() for j in nodes.result.tolist()])

@@ -14,8 +14,9 @@ adds up stride by stride, not by the root of their number. Nothing inertial show
 looks like none. So S is a variable, m: known to its prior, but where floors or fixes show the height it is learned, and
 all strides between have the profit.
 
-The velocity tie is `factors.rolling_stance_factor`. There are thousands in a walk, and each costs a call from C++ into
-Python at every linearisation; `VelocityTies` holds them all, and linearises them together in numpy.
+The velocity tie is `factors.rolling_stance_factor`, its residual turned into the body's axes. There are thousands in a
+walk, and each costs a call from C++ into Python at every linearisation; `VelocityTies` holds them all, and linearises
+them together in numpy.
 
 The first footfall has in place of the swing a prior on the bias, and the gauge: position and heading by definition,
 tilt from gravity.
@@ -196,6 +197,11 @@ def gauge(nav_R_body: Floats, heading_sigma: float, p: SmootherParameters) -> gt
     covariance = np.eye(6) * p.gauge_sigma**2
     covariance[:3, :3] = nav_R_body.T @ nav_rotation @ nav_R_body
     return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
+
+
+def gauge_of(nav_R_body: Floats, free: bool, p: SmootherParameters) -> gtsam.PriorFactorPose3:
+    """Fix the gauge at an attitude whose heading is free to be found, or is so by definition."""
+    return gauge(nav_R_body, np.radians(p.unknown_heading_deg) if free else p.gauge_sigma, p)
 
 
 NO_CHANGE = gtsam.imuBias.ConstantBias()

@@ -59,6 +59,8 @@ def opened(word: str, baud: int = 115200) -> Source:
         If it cannot be opened: what is wrong, and what to try.
     """
     if word == "-":
+        if sys.stdin is None:
+            raise StreamError("there is no standard input: name another source.")
         return _Descriptor("standard input", sys.stdin.fileno())
     scheme = word.partition("://")[0].lower() if "://" in word else ""
     try:
