@@ -239,21 +239,18 @@ def _heading(options: Options) -> float | None:
 def _corrected(recording: Recording, options: Options, calibration: Calibration | None) -> Session:
     """Begin a session: the recording as the methods see it, no stances yet."""
     seen = recording if options.use_magnetometer else replace(recording, mag=None)
-    seen, applied = (seen, ()) if calibration is None else _calibrated(seen, calibration, options)
+    applied = () if calibration is None else calibration.corrects(options.use_magnetometer)
+    seen = seen if calibration is None else _calibrated(seen, calibration, options)
     none = Stances.from_mask(np.zeros(len(seen), dtype=bool))
     return Session(seen, none, recording.truth, options, calibration=calibration, applied=applied)
 
 
-def _calibrated(recording: Recording, calibration: Calibration, options: Options) -> tuple[Recording, tuple[str, ...]]:
-    """Correct a recording; and say what was corrected."""
-    applied = []
+def _calibrated(recording: Recording, calibration: Calibration, options: Options) -> Recording:
     if calibration.magnetometer is not None and options.use_magnetometer:
         recording = calibration.magnetometer.applied_to(recording)
-        applied.append(f"magnetometer ({calibration.magnetometer.method})")
     if calibration.accelerometer is not None and calibration.accelerometer.separable:
         recording = calibration.accelerometer.applied_to(recording)
-        applied.append("accelerometer")
-    return recording, tuple(applied)
+    return recording
 
 
 def _with_verdicts(solution: Solution, session: Session) -> Solution:

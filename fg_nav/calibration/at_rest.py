@@ -93,6 +93,10 @@ class AccelerometerCalibration:
     seconds: float
     separable: bool
 
+    def corrected(self, acc: Floats) -> Floats:
+        """Return specific forces (n, 3) m/s^2 with bias and scale taken off; nothing is, where not separable."""
+        return np.asarray((acc - self.bias) / self.scale) if self.separable else acc
+
     def applied_to(self, recording: Recording) -> Recording:
         """Return the recording with bias and scale taken off; raises `CalibrationError` if they are not separable."""
         if not self.separable:
@@ -100,7 +104,7 @@ class AccelerometerCalibration:
                 f"rests in {counted(self.attitudes, 'attitude')} do not tell the accelerometer's scale "
                 f"from its bias: let it lie for {AtRestParameters().shortest_attitude_s:g} s on each of its six faces."
             )
-        return replace(recording, acc=(recording.acc - self.bias) / self.scale)
+        return replace(recording, acc=self.corrected(recording.acc))
 
 
 def gyroscope_at_rest(

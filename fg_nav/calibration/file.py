@@ -43,6 +43,15 @@ class Calibration:
     gyroscope: GyroscopeCalibration | None = None
     accelerometer: AccelerometerCalibration | None = None
 
+    def corrects(self, with_mag: bool) -> tuple[str, ...]:
+        """Say what it corrects; `with_mag` where the magnetometer is used."""
+        words = []
+        if self.magnetometer is not None and with_mag:
+            words.append(f"magnetometer ({self.magnetometer.method})")
+        if self.accelerometer is not None and self.accelerometer.separable:
+            words.append("accelerometer")
+        return tuple(words)
+
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a calibration; an older file is replaced."""

@@ -61,6 +61,15 @@ class Rest:
     sigma: float
     force: Floats
 
+    def lasts(self, period_s: float, shortest_s: float) -> bool:
+        """Whether it lasts that long, to the rounding of its samples."""
+        return (self.stop - self.start) * period_s >= shortest_s * (1 - 1e-3)
+
+    def agrees_with(self, longest: Rest, p: RestParameters) -> bool:
+        """Whether it shows the same bias as the longest rest."""
+        apart = float(np.abs(self.rate - longest.rate).max())
+        return bool(apart <= p.most_apart_sigmas * np.hypot(self.sigma, longest.sigma))
+
 
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:
     """Find the rests of a recording, in order; none where there are none."""
@@ -101,8 +110,9 @@ def _believable(recording: Recording, rest: Rest, p: RestParameters) -> bool:
     t = recording.t
     at_end = t[rest.start] - t[0] < 1.0 or t[-1] - t[rest.stop - 1] < 1.0
     shortest = p.shortest_at_end_s if at_end else p.shortest_s
-    long_enough = (rest.stop - rest.start) * recording.period_s >= shortest * (1 - 1e-3)
-    return long_enough and bool(np.abs(rest.rate).max() <= np.radians(p.largest_bias_deg_s))
+    return rest.lasts(recording.period_s, shortest) and bool(
+        np.abs(rest.rate).max() <= np.radians(p.largest_bias_deg_s)
+    )
 
 
 def _in_agreement(rests: list[Rest], p: RestParameters) -> tuple[Rest, ...]:
@@ -110,6 +120,4 @@ def _in_agreement(rests: list[Rest], p: RestParameters) -> tuple[Rest, ...]:
     if not rests:
         return ()
     longest = max(rests, key=lambda rest: rest.stop - rest.start)
-    limit = [p.most_apart_sigmas * np.hypot(rest.sigma, longest.sigma) for rest in rests]
-    apart = [np.abs(rest.rate - longest.rate).max() for rest in rests]
-    return tuple(rest for rest, far, most in zip(rests, apart, limit, strict=True) if far <= most)
+    return tuple(rest for rest in rests if rest.agrees_with(longest, p))

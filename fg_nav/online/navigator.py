@@ -23,8 +23,8 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, stances_of
-from fg_nav.errors import EstimationError, MagneticError
-from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.errors import EstimationError
+from fg_nav.magnetic import FootfallField
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.store import SampleStore
 from fg_nav.online.unsolved import straight_between
@@ -35,6 +35,7 @@ from fg_nav.smoother.online_propagate import Track
 from fg_nav.smoother.online_rows import StanceEstimate
 from fg_nav.smoother.online_walk import Footfall as WalkFootfall
 from fg_nav.smoother.online_walk import Samples
+from fg_nav.smoother.online_warm import field_seen
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 
@@ -137,7 +138,7 @@ class OnlineNavigator:
             recording = self.recording()
             if stances is None:
                 stances = detect_stances(recording, self._detection.stance)
-                field = self._field(recording, stances)
+                field, _ = field_seen(recording, stances, self.options.heading_rad, self.options.use_field)
             found = self._solved(recording, stances, field, progress)
         else:
             self.stances()  # or there was no walk
@@ -173,11 +174,6 @@ class OnlineNavigator:
         if known == len(rows):
             return last
         return last._replace(t=rows[-1:, 0], velocity=np.zeros((1, 3)))
-
-    @property
-    def latest(self) -> StanceEstimate | None:
-        """The last estimate; None before the first footfall."""
-        return self._smoother.latest
 
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was told."""
@@ -254,14 +250,6 @@ class OnlineNavigator:
         if not self.footfalls:
             raise EstimationError(why)
         return straight_between(recording, _rows(self.smoothed(), self._new()), why)
-
-    def _field(self, recording: Recording, stances: Stances) -> FootfallField | None:
-        if not self.options.use_field or recording.mag is None:
-            return None
-        try:
-            return footfall_field(recording, stances, self.options.heading_rad or 0.0)
-        except MagneticError:
-            return None
 
 
 def _rows(table: StanceTable, keep: Bools) -> StanceTable:

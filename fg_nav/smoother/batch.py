@@ -99,7 +99,8 @@ def _smooth(
     p = replace(p, gyr_relative_density=known.swing.gyr_relative_density)
     nodes = place_nodes(recording, stances, p)
     pinned = pin_fixes(fixes, recording.t, nodes, p.walk)
-    graph, ties = _graph(recording, stances, nodes, known, p, progress)
+    graph, ties = gtsam.NonlinearFactorGraph(), VelocityTies()
+    add_walk(graph, ties, recording, stances, nodes, known, p, progress)
     initial = initial_values(recording, stances, nodes, start.nav_R_body, known.gyro_bias, p.gravity)
     told = Native(gauge(start.nav_R_body, p.gauge_sigma, p))
     reason = unusable(field, p.magnetic)
@@ -163,22 +164,23 @@ def _compile() -> None:
     _smooth(rest, stances, SmootherParameters(), 0.0, None, None, ())
 
 
-def _graph(
+def add_walk(
+    graph: gtsam.NonlinearFactorGraph,
+    ties: VelocityTies,
     recording: Recording,
     stances: Stances,
     nodes: Nodes,
     known: Known,
     p: SmootherParameters,
-    progress: Callable[[float], None] | None,
-) -> tuple[gtsam.NonlinearFactorGraph, VelocityTies]:
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Turn a whole walk into factors: its start, and its strides one after the other."""
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
     measurements = preintegrate(recording, nodes.sample, bias, p, progress)
-    graph, ties = gtsam.NonlinearFactorGraph(), VelocityTies()
     add_start(graph, known.gyro_bias_sigma, p)
     lever = known.lever.lever
     for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, known.rests, p):
         add_stride(graph, ties, stride, p)
-    return graph, ties
 
 
 def _table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> StanceTable:

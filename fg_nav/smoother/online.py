@@ -22,9 +22,8 @@ from gtsam.symbol_shorthand import B, M, V, X
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest, find_rests
-from fg_nav.errors import EstimationError, MagneticError
+from fg_nav.errors import EstimationError
 from fg_nav.frames import heading_of
-from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.mechanisation import NavState
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.batch import smooth
@@ -47,11 +46,10 @@ from fg_nav.smoother.online_strides import (
 )
 from fg_nav.smoother.online_ties import GraphTies
 from fg_nav.smoother.online_walk import Footfall, Samples, WalkSoFar
-from fg_nav.smoother.online_warm import WARM_UPS, Warm, solve_so_far
+from fg_nav.smoother.online_warm import WARM_UPS, Warm, field_seen, solve_so_far
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.strides import add_stride
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.stances import Stances
 
 
 @dataclass(frozen=True)
@@ -134,7 +132,7 @@ class OnlineSmoother:
         return table_of(self._causal)
 
     def smoothed(self) -> StanceTable:
-        """Return one row a footfall, as now known. With a lag, older ones are as they were when they left it."""
+        """Return one row a footfall, as now known. Those that left the graph are as they were then."""
         values, found = self._graph.solution(self._places)
         rows = []
         for place, verdict in zip(self._places, self._verdicts, strict=True):
@@ -189,8 +187,9 @@ class OnlineSmoother:
         if self._options.lag_s is not None:
             return self._footfalls_only()
         recording, stances = self._walk.recording(0), self._walk.stances(0, 0)
-        heading, p = self._options.heading_rad, self._options.parameters
-        return smooth(recording, stances, p, heading, progress, self._footfall_field(recording, stances))
+        options = self._options
+        field, _ = field_seen(recording, stances, options.heading_rad, options.use_field)
+        return smooth(recording, stances, options.parameters, options.heading_rad, progress, field)
 
     def _footfalls_only(self) -> Solution:
         table = self.smoothed()
@@ -212,14 +211,6 @@ class OnlineSmoother:
         """Remarks for the user."""
         return () if self._warm is None else (*self._warm.known.notes, *self._warm.verdict.notes)
 
-    def _footfall_field(self, recording: Recording, stances: Stances) -> FootfallField | None:
-        if not self._options.use_field or recording.mag is None:
-            return None
-        try:
-            return footfall_field(recording, stances, self._options.heading_rad or 0.0)
-        except MagneticError:
-            return None
-
     def _begin_anew(self) -> bool:
         """Solve the walk so far in batch and go on from there; False where that finds no solution."""
         recording, stances = self._walk.recording(0), self._walk.stances(0, 0)
@@ -240,7 +231,7 @@ class OnlineSmoother:
         return True
 
     def _freeze(self) -> None:
-        """Put aside the footfalls that left the lag, and forget their samples once no warm-up needs them."""
+        """Put aside the footfalls that left the graph, and forget their samples once no warm-up needs them."""
         for frozen in self._graph.left():
             place = self._places.pop(0)
             assert place.number == frozen.place.number
@@ -326,16 +317,14 @@ class OnlineSmoother:
         found = [
             rest
             for rest in find_rests(window.recording, p.rest)
-            if rest.stop > begins
-            and (rest.stop - rest.start) * window.recording.period_s >= p.rest.shortest_s * (1 - 1e-3)
+            if rest.stop > begins and rest.lasts(window.recording.period_s, p.rest.shortest_s)
         ]
         agreeing = []
         for rest in found:
             longest = self._longest
             if longest is None or rest.stop - rest.start > longest.stop - longest.start:
                 self._longest = longest = rest
-            apart = np.abs(rest.rate - longest.rate).max()
-            if apart <= p.rest.most_apart_sigmas * np.hypot(rest.sigma, longest.sigma):
+            if rest.agrees_with(longest, p.rest):
                 agreeing.append(rest)
         return tuple(agreeing)
 

@@ -116,17 +116,15 @@ class WalkSoFar:
         self._rows[: len(kept)] = kept
         self._first, self._count = self._first + drop, len(kept)
 
-    def recording(self, first: int, stop: int | None = None) -> Recording:
-        """Cut out the samples `first <= i < stop`; a copy."""
-        rows = self._rows[first - self._first : (self.stop if stop is None else stop) - self._first]
+    def recording(self, first: int) -> Recording:
+        """Cut out the samples from one on; a copy."""
+        rows = self._rows[first - self._first : self._count]
         mag = rows[:, 7:] if self._with_mag else None
         return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
 
-    def stances(self, first_footfall: int, first: int, stop: int | None = None) -> Stances:
+    def stances(self, first_footfall: int, first: int) -> Stances:
         """Stances of the footfalls from one on, on the recording cut out from sample `first` on."""
-        return stances_of(
-            self._footfalls[first_footfall - self._forgotten :], first, self.stop if stop is None else stop
-        )
+        return stances_of(self._footfalls[first_footfall - self._forgotten :], first, self.stop)
 
     def with_more(self, samples: Samples, sample: int) -> tuple[Recording, int]:
         """Samples from some before `sample` on, with more behind them; and where in them `sample` is."""

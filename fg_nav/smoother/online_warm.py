@@ -20,17 +20,17 @@ from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.magnetic.verdicts import UNKNOWN
 from fg_nav.recording import Recording
+from fg_nav.smoother.batch import add_walk
 from fg_nav.smoother.field_rounds import Begun, FieldProblem, FieldVerdict, solve_with_field, unusable
-from fg_nav.smoother.field_state import FieldTies
+from fg_nav.smoother.field_state import E_H, FieldTies
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.known import Known, known_before
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.online_field import OnlineField, field_factors, turned
 from fg_nav.smoother.online_ties import GraphTies
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import Native, Part, Solved, solve, time_order
-from fg_nav.smoother.strides import add_start, add_stride, gauge, gauge_of, strides_of
+from fg_nav.smoother.strides import gauge, gauge_of
 from fg_nav.stances import Stances
 from fg_nav.start import starting_point
 
@@ -47,7 +47,6 @@ class Warm:
     known, parameters : of sensor and mounting; with the swing noise that was chosen.
     nodes : of the walk.
     graph : all factors, one by one; `values` of all variables at its minimum.
-    tree : of the last linearisation.
     field : to go on with; None where it is not used.
     verdict : on the field at all footfalls.
     """
@@ -57,7 +56,6 @@ class Warm:
     nodes: Nodes
     graph: gtsam.NonlinearFactorGraph
     values: gtsam.Values
-    tree: gtsam.GaussianBayesTree
     field: OnlineField | None
     verdict: FieldVerdict
 
@@ -92,12 +90,7 @@ def solve_so_far(
     nodes = place_nodes(recording, stances, p)
     graph, of_ties = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
     ties = GraphTies(of_ties)
-    add_start(graph, known.gyro_bias_sigma, p)
-    bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
-    measurements = preintegrate(recording, nodes.sample, bias, p)
-    lever = known.lever.lever
-    for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, rests, p):
-        add_stride(graph, ties, stride, p)
+    add_walk(graph, ties, recording, stances, nodes, known, p)
     told = gauge(start.nav_R_body, p.gauge_sigma, p)
     initial = initial_values(recording, stances, nodes, start.nav_R_body, known.gyro_bias, p.gravity)
     solved = solve(graph, [ties, Native(told)], initial, time_order(nodes), p.convergence, p.largest_steps)
@@ -110,17 +103,14 @@ def solve_so_far(
         solved, verdict = solve_with_field(problem, solved, p.magnetic)
     graph.push_back(of_ties)
     online_field = _hand_over(graph, solved, nodes, field, went, told, p)
-    return Warm(known, p, nodes, graph, solved.values, solved.tree, online_field, verdict)
+    return Warm(known, p, nodes, graph, solved.values, online_field, verdict)
 
 
 def whole_rests(rests: tuple[Rest, ...], recording: Recording, p: SmootherParameters) -> tuple[Rest, ...]:
     """Leave out what is a rest only if the recording ends there: a walk in progress does not."""
-    least = p.rest.shortest_s * (1 - 1e-3)
     first = recording.t[0] + 1.0
     return tuple(
-        rest
-        for rest in rests
-        if (rest.stop - rest.start) * recording.period_s >= least or recording.t[rest.start] < first
+        rest for rest in rests if rest.lasts(recording.period_s, p.rest.shortest_s) or recording.t[rest.start] < first
     )
 
 
@@ -128,14 +118,21 @@ def _field(
     recording: Recording, stances: Stances, heading: float | None, use_field: bool, p: SmootherParameters
 ) -> tuple[FootfallField | None, str]:
     """Field at the footfalls, or why it is not used."""
+    field, unseen = field_seen(recording, stances, heading, use_field)
+    reason = unseen or unusable(field, p.magnetic)
+    return (None if reason else field), reason
+
+
+def field_seen(
+    recording: Recording, stances: Stances, heading: float | None, use_field: bool
+) -> tuple[FootfallField | None, str]:
+    """Field at the footfalls, or None and, where it was looked for, why it was not seen."""
     if not use_field or recording.mag is None:
-        return None, unusable(None, p.magnetic)
+        return None, ""
     try:
-        field = footfall_field(recording, stances, heading or 0.0)
+        return footfall_field(recording, stances, heading or 0.0), ""
     except MagneticError as error:
         return None, str(error)
-    reason = unusable(field, p.magnetic)
-    return (None if reason else field), reason
 
 
 def _minimiser(
@@ -171,7 +168,7 @@ def _hand_over(
     values, states = solved.values, went.ties.states(solved.values)
     turn = values.atPose3(X(0)).rotation().matrix() @ went.start.T
     states = states.copy()
-    states[:, 3:5] = states[:, 3:5] @ turn[:2, :2].T
+    states[:, E_H] = states[:, E_H] @ turn[:2, :2].T
     for k, state in enumerate(states):
         values.update(M(k), state)
     began = told if went.begun is None else gauge_of(turn @ went.begun.nav_R_body, went.begun.free, p)

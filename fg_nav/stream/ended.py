@@ -42,21 +42,11 @@ def result(
     recording = replace(navigator.recording(), provenance=Provenance(format=f"canonical rows from {name}"))
     session = prepare(recording, _options(navigator.options))
     if calibration is not None:
-        session = replace(session, calibration=calibration, applied=applied_of(calibration, recording.mag is not None))
+        session = replace(session, calibration=calibration, applied=calibration.corrects(recording.mag is not None))
     solution = navigator.finish(progress, session.stances, session.field)
     if len(solution.stances) != session.stances.n_footfalls:  # it could not be solved, and has the rows told on the way
         session = replace(session, stances=navigator.stances(), field=None, verdicts=None)
     return session, measured(session, solution)
-
-
-def applied_of(calibration: Calibration, with_mag: bool) -> tuple[str, ...]:
-    """Return what a calibration corrects, in words."""
-    words = []
-    if calibration.magnetometer is not None and with_mag:
-        words.append(f"magnetometer ({calibration.magnetometer.method})")
-    if calibration.accelerometer is not None and calibration.accelerometer.separable:
-        words.append("accelerometer")
-    return tuple(words)
 
 
 def _options(options: OnlineOptions) -> Options:

@@ -199,8 +199,8 @@ class _Walk:
             return acc, mag
         if found.magnetometer is not None:
             mag = np.asarray(found.magnetometer.corrected(mag))
-        if found.accelerometer is not None and found.accelerometer.separable:
-            acc = (acc - found.accelerometer.bias) / found.accelerometer.scale
+        if found.accelerometer is not None:
+            acc = found.accelerometer.corrected(acc)
         return acc, mag
 
 
