@@ -15,7 +15,7 @@ goes with the gait; it falls with the square of the rate. What is left is of fou
 (`scripts/kinematic_consistency.py`). Source: Savage (1998), "Strapdown inertial navigation integration algorithm
 design", parts 1 and 2, for samples that are integrals over their period.
 
-Before that, peaks beyond the gyroscope's range are rebuilt (`fg_nav.peaks`). And a sample before a gap, which is held
+Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.peaks`). And a sample before a gap, which is held
 until the next stamp, is made the mean over all of that: of what the sensor saw and of what lies in the gap
 (`fg_nav.gaps`).
 """
@@ -29,10 +29,14 @@ from fg_nav.gaps import Gaps
 from fg_nav.peaks import rebuilt
 
 
-def integrable(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
-    """Specific forces and rates, (N, 3) as read, that integrate to what was moved when held over periods `h` (N,) s."""
+def integrable(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps, levels: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Specific forces and rates, (N, 3) as read, that integrate to what was moved when held over periods `h` (N,) s.
+
+    `levels` (2, 3) from which on each of the two is clipped, as in `fg_nav.saturation`.
+    """
     share = (gaps.unseen_s / h[gaps.sample])[:, None]
-    acc, gyr = acc.copy(), rebuilt(gyr, float(np.median(h)))
+    period_s = float(np.median(h))
+    acc, gyr = (rebuilt(samples, period_s, of).whole for samples, of in zip((acc, gyr), levels, strict=True))
     acc[gaps.sample] += share * (gaps.acc - acc[gaps.sample])
     gyr[gaps.sample] += share * (gaps.gyr - gyr[gaps.sample])
     return compensated(acc, gyr, h)

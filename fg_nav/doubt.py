@@ -1,9 +1,10 @@
 """Samples that are doubted for themselves, on top of the noise of all.
 
-One at the end of the sensor's range hides a part of its peak, and one before a gap stands for motion that nobody saw:
-of that it has the sigma with which the gap was bridged (`fg_nav.gaps`), times the share of the period that it fills.
-The doubt is a standard deviation in the units of the sample, constant over the sample's own period h, and taken axis by
-axis: a foot clips its pitch rate, and its heading need not suffer.
+One at the end of the sensor's range is part of a peak that was rebuilt, with the sigma of that (`fg_nav.peaks`), and
+the peak may hide a share of the range besides. One before a gap stands for motion that nobody saw: of that it has the
+sigma with which the gap was bridged (`fg_nav.gaps`), times the share of the period that it fills. The doubt is a
+standard deviation in the units of the sample, constant over the sample's own period h, and taken axis by axis: a foot
+clips its pitch rate, and its heading need not suffer.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.peaks import rebuilt
 from fg_nav.recording import Recording
-from fg_nav.saturation import saturated
 
 
 def doubts(recording: Recording, saturated_share: float) -> tuple[Floats, Floats]:
@@ -23,7 +24,7 @@ def doubts(recording: Recording, saturated_share: float) -> tuple[Floats, Floats
     recording
         With N samples.
     saturated_share
-        What a clipped peak may hide, as a share of the sample.
+        What a clipped peak may hide beyond what is rebuilt, as a share of the range, one sigma; 0 to believe it.
 
     Returns
     -------
@@ -34,8 +35,10 @@ def doubts(recording: Recording, saturated_share: float) -> tuple[Floats, Floats
     held_s = recording.t[gaps.sample + 1] - recording.t[gaps.sample]
     share = (gaps.unseen_s / held_s)[:, None]
     found = []
-    for samples, unseen in ((recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)):
-        doubt = saturated_share * np.abs(samples) * saturated(samples)
+    sensors = (recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)
+    for (samples, unseen), levels in zip(sensors, recording.clipping, strict=True):
+        peaks = rebuilt(samples, recording.period_s, levels)
+        doubt = np.hypot(peaks.sigma, saturated_share * np.abs(samples) * np.sqrt(peaks.run)) * (saturated_share > 0)
         doubt[gaps.sample] = np.hypot(doubt[gaps.sample], share * unseen)
         found.append(doubt)
     return found[0], found[1]

@@ -22,7 +22,8 @@ lost samples held interpolated learned
 ============ ==== ============ =======
 
 Where there is too little to learn from, and over gaps too long for a mean to stand for what moved, l is the linear
-interpolation, and its sigma the spread of the whole recording.
+interpolation, and its sigma the spread s of the recording. In a gap of T > `LONGEST_S` that is no less than the spread
+of a walking foot, for who has stood up to now may have walked in it.
 """
 
 from __future__ import annotations
@@ -45,6 +46,9 @@ gait."""
 
 LONGEST_S = 0.1
 """In a longer gap a foot turns too far for one mean of force and rate to stand for its motion, however well known."""
+
+WALKING = np.repeat([5.0, 2.0], 3)
+"""Spread of a walking foot's specific force, m/s^2, and rate, rad/s; both axis by axis, however the sensor sits."""
 
 FEWEST = 100
 """Fewer windows than this teach nothing."""
@@ -86,10 +90,11 @@ def bridged(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     values = np.hstack([acc, gyr]) / scale
     tick = np.concatenate([[0], np.cumsum(np.maximum(np.rint(step / period).astype(int), 1))])
     around = [_around(tick, int(i)) for i in gap]
+    long = _Long(LONGEST_S / period, WALKING / scale)
     mean, sigma = np.empty((len(gap), 6)), np.empty((len(gap), 6))
     for offsets in set(around):
         here = np.array([one == offsets for one in around])
-        mean[here], sigma[here] = _learned(values, gap, gap[here], np.array(offsets), LONGEST_S / period)
+        mean[here], sigma[here] = _learned(values, gap, gap[here], np.array(offsets), long)
     mean, sigma = mean * scale, sigma * scale
     return Gaps(gap, step[gap] - period, mean[:, :3], mean[:, 3:], sigma[:, :3], sigma[:, 3:])
 
@@ -106,12 +111,21 @@ def _around(tick: Ints, i: int) -> tuple[int, ...]:
     return tuple(int(k) for k in near if -REACH < k < after + REACH)
 
 
-def _learned(values: Floats, gap: Ints, asked: Ints, offsets: Ints, most_ticks: float) -> tuple[Floats, Floats]:
+class _Long(NamedTuple):
+    """What a long gap is, in sample periods: of more than `ticks`; and the `least` (6,) spread."""
+
+    ticks: float
+    least: Floats
+
+
+def _learned(values: Floats, gap: Ints, asked: Ints, offsets: Ints, long: _Long) -> tuple[Floats, Floats]:
     """Mean and sigma (A, 6) in the gaps behind the samples `asked` (A,), of which all have samples at these ticks."""
     after = int(offsets[offsets > 0][0])
     linear = (values[asked] + values[asked + 1]) / 2
     last = _windows(gap, len(values), offsets)
-    if len(last) < FEWEST or after > most_ticks:
+    if after > long.ticks:
+        return linear, np.tile(np.maximum(values.std(axis=0), long.least), (len(asked), 1))
+    if len(last) < FEWEST:
         return linear, np.tile(values.std(axis=0), (len(asked), 1))
     known = values[last[:, None] + offsets].reshape(len(last), -1)
     total = np.vstack([np.zeros(6), np.cumsum(values, axis=0)])

@@ -35,6 +35,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.coning import integrable
 from fg_nav.errors import RecordingError
 from fg_nav.gaps import Gaps, bridged
+from fg_nav.saturation import clipping_levels
 from fg_nav.timing import dejittered
 from fg_nav.wording import counted
 
@@ -172,7 +173,19 @@ class Recording:
     @cached_property
     def integrable(self) -> tuple[Floats, Floats]:
         """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.coning`)."""
-        return integrable(self.acc, self.gyr, np.append(np.diff(self.t), self.period_s), self.gaps)
+        h = np.append(np.diff(self.t), self.period_s)
+        return integrable(self.acc, self.gyr, h, self.gaps, self.clipping)
+
+    @cached_property
+    def clipping(self) -> tuple[Floats, Floats]:
+        """Levels (2, 3) from which on specific force and rate are clipped, as in `fg_nav.saturation`."""
+        return clipping_levels(self.acc), clipping_levels(self.gyr)
+
+    def known_by(self, period_s: float, clipping: tuple[Floats, Floats]) -> Recording:
+        """Return the same samples with what a longer recording of the same sensor tells of it."""
+        same = replace(self)
+        same.__dict__.update(period_s=period_s, clipping=clipping)
+        return same
 
     @property
     def duration_s(self) -> float:
@@ -196,7 +209,9 @@ class Recording:
         mag = None if self.mag is None else self.mag[part]
         cut = replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag)
         acc, gyr = self.integrable
-        cut.__dict__.update(gaps=self.gaps.within(start, stop), integrable=(acc[part], gyr[part]))
+        cut.__dict__.update(
+            gaps=self.gaps.within(start, stop), integrable=(acc[part], gyr[part]), clipping=self.clipping
+        )
         return cut
 
 

@@ -44,25 +44,31 @@ _PILE = 5
 """Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half."""
 
 
-def saturated(samples: Floats) -> Bools:
+def saturated(samples: Floats, levels: Floats | None = None) -> Bools:
     """Find the samples at the end of an axis's range.
 
     Parameters
     ----------
     samples
         (N, 3) of one sensor, evenly sampled, any unit.
+    levels
+        (2, 3) from which on it is clipped, where that is known; None to find them in the samples (`clipping_levels`).
 
     Returns
     -------
     Bools
         (N, 3) True where an axis is saturated, at either end of its range.
     """
-    flags = np.zeros(samples.shape, dtype=np.bool_)
-    for axis in range(samples.shape[1]):
-        for sign in (1.0, -1.0):
-            level = saturation_level(sign * samples[:, axis])
-            flags[:, axis] |= sign * samples[:, axis] >= level
-    return flags
+    upper, lower = clipping_levels(samples) if levels is None else levels
+    return np.asarray((samples >= upper) | (-samples >= lower))
+
+
+def clipping_levels(samples: Floats) -> Floats:
+    """Levels (2, 3) from which on each axis is clipped, at its upper and its lower end (with the sign turned about).
+
+    Infinite where it is not. `samples` (N, 3) as in `saturated`.
+    """
+    return np.array([[saturation_level(sign * samples[:, axis]) for axis in range(3)] for sign in (1.0, -1.0)])
 
 
 def saturation_level(signal: Floats) -> float:

@@ -1,9 +1,10 @@
-"""What a gyroscope hides that cuts the peaks of a swing, and what is left when they are rebuilt (`fg_nav.peaks`).
+"""What a sensor hides that cuts its peaks, and what is left when they are rebuilt (`fg_nav.peaks`).
 
     python scripts/clipped_peaks.py [RECORDING ...] [--strides N] [--seed N] [--mount NAME] [--rate HZ]
 
-The axis that turns fastest is cut at a share of its median peak. What is hidden is the angle of each peak, in degrees:
-of simulated noise-free strides, or of recordings whose sensor did not clip.
+The axis that turns fastest is cut at a share of its median peak, and so is the one that is pushed most. What is hidden
+is the angle of each peak, in degrees, or its change of velocity, in m/s: of simulated noise-free strides, or of
+recordings whose sensor did not clip. What is left over its sigma is 1 where the sigma is true.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from fg_nav.io import read
 from fg_nav.peaks import rebuilt
 from fg_nav.simulation.person import MOUNTS, mount_named
 
-SHARES = (0.95, 0.85, 0.7)
+SHARES = (0.95, 0.85, 0.7, 0.5)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -33,42 +34,48 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--mount", default="instep", help=f"{' or '.join(MOUNTS)}")
     parser.add_argument("--rate", type=float, default=200.0, metavar="HZ", help="of the samples (200)")
     chosen = parser.parse_args(arguments)
-    table = [row for path in chosen.recordings for row in rows(path.name, *_recorded(path))]
-    if not table:
+    walks = [(path.name, *_recorded(path)) for path in chosen.recordings]
+    if not walks:
         walked = walk(chosen.strides, mount_named(chosen.mount), chosen.rate, np.random.default_rng(chosen.seed))
-        table = rows("simulated", walked.gyr, walked.period_s)
+        walks = [("simulated", walked.gyr, walked.acc, walked.period_s)]
+    columns = ("walk", "cut at", "peaks", "hidden", "left when rebuilt", "over sigma")
     fig.print_heading("Angle hidden in a clipped peak, rms, deg")
-    fig.print_table(("walk", "cut at", "peaks", "hidden", "left when rebuilt"), table)
+    fig.print_table(columns, [row for name, gyr, _, period_s in walks for row in rows(name, np.degrees(gyr), period_s)])
+    fig.print_heading("Change of velocity hidden in a clipped peak, rms, m/s")
+    fig.print_table(columns, [row for name, _, acc, period_s in walks for row in rows(name, acc, period_s)])
 
 
-def _recorded(path: Path) -> tuple[Floats, float]:
+def _recorded(path: Path) -> tuple[Floats, Floats, float]:
     recording = read(path)
-    return recording.gyr, recording.period_s
+    return recording.gyr, recording.acc, recording.period_s
 
 
-def rows(name: str, gyr: Floats, period_s: float) -> list[list[str]]:
-    """One row a level."""
-    axis = int(np.argmax(np.abs(gyr).max(axis=0)))
-    median = median_peak(np.abs(gyr[:, axis]))
+def rows(name: str, samples: Floats, period_s: float) -> list[list[str]]:
+    """One row a level, of rates in deg/s or of forces in m/s^2, (N, 3)."""
+    axis = int(np.argmax(np.abs(samples).max(axis=0)))
+    median = median_peak(np.abs(samples[:, axis]))
     table = []
     for share in SHARES:
-        cut = gyr.copy()
-        cut[:, axis] = np.clip(gyr[:, axis], -share * median, share * median)
-        hidden = by_peak(gyr[:, axis], cut[:, axis], cut[:, axis], period_s)
-        left = by_peak(gyr[:, axis], rebuilt(cut, period_s)[:, axis], cut[:, axis], period_s)
-        rms = [f"{np.degrees(np.sqrt(np.mean(some**2))):.2f}" for some in (hidden, left)]
-        table.append([name, f"{100 * share:.0f} %", str(len(hidden)), *rms])
+        cut = samples.copy()
+        cut[:, axis] = np.clip(samples[:, axis], -share * median, share * median)
+        found = rebuilt(cut, period_s)
+        hidden = by_peak(samples[:, axis], cut[:, axis], cut[:, axis], period_s)
+        left = by_peak(samples[:, axis], found.whole[:, axis], cut[:, axis], period_s)
+        variance = by_peak(found.sigma[:, axis] ** 2, np.zeros(len(cut)), cut[:, axis], period_s) * period_s
+        over_sigma = np.sqrt(np.mean(left[variance > 0] ** 2 / variance[variance > 0]))
+        rms = [f"{np.sqrt(np.mean(some**2)):.2f}" for some in (hidden, left)]
+        table.append([name, f"{100 * share:.0f} %", str(len(hidden)), *rms, f"{over_sigma:.2f}"])
     return table
 
 
 def median_peak(size: Floats) -> float:
-    """Median of the peaks of a rate's size (N,) that reach half of the highest."""
+    """Median of the peaks of a size (N,) that reach half of the highest."""
     high = size > size.max() / 2
     return float(np.median([size[a:b].max() for a, b in _runs(high)]))
 
 
 def by_peak(whole: Floats, found: Floats, cut: Floats, period_s: float) -> Floats:
-    """Angle (P,) rad by which `found` (N,) misses each peak that was cut."""
+    """Angle or change of velocity (P,) by which `found` (N,) misses each peak that was cut."""
     clipped = np.abs(cut) >= np.abs(cut).max()
     return np.array([(whole - found)[a:b].sum() * period_s for a, b in _runs(clipped)])
 

@@ -16,7 +16,9 @@ import pandas as pd
 import pytest
 
 from fg_nav import cli
-from fg_nav.errors import FormatError, StreamError
+from fg_nav.calibration import AccelerometerCalibration
+from fg_nav.calibration.file import Calibration
+from fg_nav.errors import EstimationError, FormatError, StreamError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.stream import StreamOptions, follow
@@ -55,6 +57,16 @@ class Pieces:
         return self._pieces.pop(0) if self._pieces else None
 
     def close(self) -> None: ...
+
+
+class Breaking(Pieces):
+    """The same, and the program is killed when they have come and what came was saved."""
+
+    def read(self, wait_s: float) -> bytes | None:
+        if not self._pieces:
+            time.sleep(0.3)
+            raise KeyboardInterrupt
+        return super().read(wait_s)
 
 
 class Quiet(Pieces):
@@ -124,6 +136,41 @@ def test_without_a_header_there_is_no_walk(csv):
     for data in (b"", b"".join(rows[1:10]), b"".join(rows[1:]), rows[0].replace(b"acc_y_m_s2", b"acc_y") + rows[1]):
         with pytest.raises(FormatError, match=r"header|no column"):
             followed(Pieces(data))
+
+
+def test_a_source_that_has_sent_its_header_goes_on_without_it(csv, whole, tmp_path):
+    """As a socket does that a resumed walk connects to; the columns are those of before."""
+    rows = csv.read_bytes().splitlines(keepends=True)
+    path = tmp_path / "walk.npz"
+    with suppress(KeyboardInterrupt):
+        followed(Breaking(b"".join(rows[:700])), checkpoint=path, checkpoint_s=1e-9)
+    assert load(path, TOLD).store.stop == 699
+    for again in (rows[700:], rows, [rows[0], *rows[700:]]):
+        kept = path.read_bytes()
+        navigator, _, _ = followed(Pieces(*cut(b"".join(again), 20)), checkpoint=path, checkpoint_s=1e9)
+        path.write_bytes(kept)
+        assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+
+
+def test_a_header_that_comes_again_names_the_same_columns(csv):
+    header, *rows = csv.read_bytes().splitlines(keepends=True)
+    names = header.decode().strip().split(",")
+    reader = RowReader("a test", header=names)
+    turned = [b",".join(reversed(row.strip().split(b","))) + b"\n" for row in (header, *rows[:3])]
+    assert np.array_equal(reader.read(b"".join(turned)), RowReader("a test").read(b"".join([header, *rows[:3]])))
+    with pytest.raises(FormatError, match="other columns"):
+        RowReader("a test", header=names).read(HEADER)
+    half = RowReader("a test", header=names).read(rows[0][10:] + rows[1])
+    assert np.array_equal(half, RowReader("a test").read(header + rows[1]))
+
+
+def test_another_calibration_is_no_way_to_go_on(csv, tmp_path):
+    path = tmp_path / "walk.npz"
+    followed(Pieces(csv.read_bytes()), checkpoint=path)
+    nothing = np.zeros(3)
+    scale = AccelerometerCalibration(1.001, 1e-4, nothing, nothing, 9.81, 6, 60.0, separable=True)
+    with pytest.raises(EstimationError, match="another calibration"):
+        followed(Pieces(csv.read_bytes()), checkpoint=path, calibration=Calibration("x", accelerometer=scale))
 
 
 def test_rows_are_read_in_any_order_and_ending(csv):

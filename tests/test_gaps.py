@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.doubt import doubts
-from fg_nav.gaps import REACH, Gaps, bridged
+from fg_nav.gaps import LONGEST_S, REACH, WALKING, Gaps, bridged
+from fg_nav.peaks import rebuilt
 from fg_nav.recording import Recording
 
 RATE_HZ = 100.0
@@ -145,7 +146,10 @@ def test_a_clipped_sample_is_doubted_for_what_it_may_hide() -> None:
     )
     _, doubt = doubts(clipped, 0.3)
     cut = np.abs(gyr[:, 1]) > limit
-    np.testing.assert_allclose(doubt[cut, 1], 0.3 * limit)
+    peaks = rebuilt(clipped.gyr, clipped.period_s)
+    share = np.sqrt(doubt[cut, 1] ** 2 - peaks.sigma[cut, 1] ** 2) / limit
+    np.testing.assert_allclose(share, 0.3 * np.sqrt(peaks.run[cut, 1]))
+    assert not doubts(clipped, 0.0)[1].any()
     assert not doubt[np.abs(gyr[:, 1]) < 0.97 * limit].any()
     assert not doubt[:, [0, 2]].any()
 
@@ -159,3 +163,33 @@ def test_a_part_of_a_recording_has_the_gaps_and_the_motion_of_the_whole() -> Non
     assert part.gaps.sample.tolist() == [0, 89]  # the last sample has no next one in the part
     np.testing.assert_array_equal(part.gaps.gyr, whole.gaps.gyr[:2])
     np.testing.assert_array_equal(part.integrable[1], whole.integrable[1][59:297])
+
+
+@pytest.mark.parametrize("lost", [15, 40, 160])
+def test_who_stood_before_a_long_gap_may_have_walked_in_it(lost: int) -> None:
+    """Nothing but rest is on record: the angle and the change of velocity unseen are still those of a walking foot."""
+    rng = np.random.default_rng(3)
+    acc, gyr = (size * rng.standard_normal((600, 3)) for size in (0.01, 0.001))
+    gaps = without((acc, gyr), dropped(600, np.array([300]), lost))
+    assert lost / RATE_HZ > LONGEST_S
+    np.testing.assert_allclose(gaps.acc_sigma[0], WALKING[:3])
+    np.testing.assert_allclose(gaps.gyr_sigma[0], WALKING[3:])
+
+
+def test_a_short_gap_at_rest_is_not_doubted_for_a_step() -> None:
+    rng = np.random.default_rng(3)
+    acc, gyr = (size * rng.standard_normal((600, 3)) for size in (0.01, 0.001))
+    gaps = without((acc, gyr), dropped(600, np.array([300]), 3))
+    assert (gaps.acc_sigma < 0.05).all()
+    assert (gaps.gyr_sigma < 0.005).all()
+
+
+def test_the_angle_unseen_in_a_long_gap_is_within_its_sigma() -> None:
+    """Windows of 0.2 to 1.5 s of a walk, cut out one at a time: not believed too much, nor twenty times too little."""
+    acc, gyr = samples = strides(40, np.random.default_rng(4))
+    for lost in (20, 60, 150):
+        over = []
+        for first in range(600, 4000, 331):
+            gaps = without(samples, dropped(len(acc), np.array([first]), lost))
+            over.append((gaps.gyr - between(gyr, np.array([first]), lost)) / gaps.gyr_sigma)
+        assert 0.05 < np.sqrt(np.mean(np.square(over))) < 1.5

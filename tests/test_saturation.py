@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from fg_nav.io import read
-from fg_nav.saturation import saturated, saturation_level
+from fg_nav.saturation import clipping_levels, saturated, saturation_level
 from tests.real_data import DATA, needs_data
 
 RATE = 200.0
@@ -49,6 +49,18 @@ def test_cut_peaks_are_flagged(mixing: float, noise: float) -> None:
     assert flags[cut, 1].mean() > 0.9
     assert cut[flags[:, 1]].mean() > 0.9
     assert not flags[:, [0, 2]].any()
+
+
+def test_a_part_is_clipped_where_the_whole_is() -> None:
+    """Few of the cut tops of a long recording are flat for long enough to show a range by themselves."""
+    motion = _motion(np.random.default_rng(5), 120.0)
+    limit = np.quantile(np.abs(motion[:, 1]), 0.995)
+    clipped = motion.copy()
+    clipped[:, 1] = np.clip(motion[:, 1], -limit, limit)
+    levels, whole = clipping_levels(clipped), saturated(clipped)
+    alone, told = (np.concatenate([saturated(part, of) for part in np.split(clipped, 60)]) for of in (None, levels))
+    np.testing.assert_array_equal(told, whole)
+    assert alone[whole].mean() < 0.9
 
 
 def test_one_end_only() -> None:

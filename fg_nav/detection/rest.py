@@ -11,7 +11,7 @@ after one second, by the sensor's noise, and by a floor for what a bias does wit
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,6 +69,17 @@ class Rest:
         """Whether it shows the same bias as the longest rest."""
         apart = float(np.abs(self.rate - longest.rate).max())
         return bool(apart <= p.most_apart_sigmas * np.hypot(self.sigma, longest.sigma))
+
+    def beyond(self, before: Rest) -> Rest | None:
+        """Return what this rest shows beyond what an earlier view of it showed; None if nothing.
+
+        The two together weigh as much as this one alone: information that was counted is not counted again.
+        """
+        weight, counted = self.sigma**-2, before.sigma**-2
+        if weight <= counted:
+            return None
+        rate = (weight * self.rate - counted * before.rate) / (weight - counted)
+        return replace(self, rate=rate, sigma=float((weight - counted) ** -0.5))
 
 
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:

@@ -1,9 +1,9 @@
 """Save a walk in progress and take it up again, to the same answer.
 
 A checkpoint is one .npz of arrays with a version: the samples that were taken, the footfalls that were told, and as
-JSON the options and what was left out. To resume, the samples go through a new navigator: the same samples give the
-same answer to the last bit. That takes some hundredths of the time that was walked, and saving takes time in
-proportion to the walk.
+JSON the options, what the source was, and what was left out. To resume, the samples go through a new navigator: the
+same samples give the same answer to the last bit. That takes some hundredths of the time that was walked, and saving
+takes time in proportion to the walk.
 
 The file appears whole or not at all: it is written beside its place, brought to the disk and then moved there.
 
@@ -32,7 +32,7 @@ from fg_nav.online.store import CHUNK, COLUMNS
 from fg_nav.plain import plain
 from fg_nav.smoother.online import OnlineOptions
 
-VERSION = 1
+VERSION = 2
 """Of the arrays in a checkpoint."""
 
 
@@ -53,11 +53,17 @@ def content_of(navigator: OnlineNavigator) -> dict[str, Any]:
     """Return a copy of what a checkpoint holds, while the walk goes on; raises `EstimationError` with a lag."""
     if navigator.options.lag_s is not None:
         raise EstimationError("a walk with a lag forgets its samples and has no checkpoint: leave one of the two out.")
+    facts = {
+        "options": _words(navigator.options),
+        "judge": navigator.judge.state(),
+        "source": dict(navigator.source),
+        "has_ended": navigator.has_ended,
+    }
     return {
         "version": np.array(VERSION),
         "samples": navigator.store.between(0, navigator.store.stop),
         "footfall_stop": _stops(navigator),
-        "facts": np.array(json.dumps({"options": _words(navigator.options), "judge": navigator.judge.state()})),
+        "facts": np.array(json.dumps(facts)),
     }
 
 
@@ -78,6 +84,9 @@ def load(
     progress: Callable[[float], None] | None = None,
 ) -> OnlineNavigator:
     """Take up a walk where a checkpoint left it.
+
+    Push what the source sends then, from its beginning or from a later moment on (`overlap`, `judge`). A walk that had
+    ended when it was saved has ended now too: it takes no more samples, and can be asked for all else.
 
     Parameters
     ----------
@@ -102,11 +111,14 @@ def load(
     options = _options(facts["options"]) if options is None else options
     if json.loads(json.dumps(_words(options))) != facts["options"]:
         raise EstimationError(f"{path.name} was made with other options: give the same, or name another checkpoint.")
-    navigator = OnlineNavigator(options, remark, judge=SampleJudge.resumed(facts["judge"], remark))
+    navigator = OnlineNavigator(options, remark, judge=SampleJudge.resumed(facts["judge"], samples, remark))
+    navigator.source.update(facts["source"])
     for start in range(0, len(samples), CHUNK):
         navigator.take(samples[start : start + CHUNK])
         if progress is not None:
             progress(min(start + CHUNK, len(samples)) / len(samples))
+    if facts["has_ended"]:
+        navigator.close()
     if not np.array_equal(_stops(navigator), stops):
         raise EstimationError(f"{path.name} is of a version that found other footfalls: begin the walk anew.")
     return navigator

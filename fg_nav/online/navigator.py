@@ -12,7 +12,7 @@ With a lag the samples are forgotten when the smoother has them, and there is no
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from itertools import compress
 from time import perf_counter
@@ -53,6 +53,7 @@ class OnlineNavigator:
     options : of the smoother.
     footfalls : those told so far, in the order of their estimates.
     store, judge : the samples so far, and what was left out of them.
+    source : what a checkpoint keeps of the source for who reads it, as JSON knows it.
     """
 
     def __init__(
@@ -67,9 +68,11 @@ class OnlineNavigator:
         self.footfalls: list[Footfall] = []
         self.store = SampleStore()
         self.judge = SampleJudge(remark) if judge is None else judge
+        self.source: dict[str, Any] = {}
         self._detection = detection
         self._stances = CausalStances(detection)
         self._smoother = OnlineSmoother(options)
+        self._remark, self._waits = remark, False
         self._handed = 0
         self._closed = False
         self._busy_s = 0.0
@@ -101,16 +104,17 @@ class OnlineNavigator:
     def take(self, rows: Floats) -> list[StanceEstimate]:
         """Take in rows (n, 10) that were judged: t, acc, gyr, mag."""
         self.store.append(rows)
-        return [self._add(f) for f in self._stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])]
+        return self._estimates(self._stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 
     def close(self) -> list[StanceEstimate]:
         """End the walk and return the estimates of the footfalls that were still open."""
         if self._closed:
             return []
         self._closed = True
+        found = self.take(self.judge.rest())
         if self.store.stop < MIN_SAMPLES:
-            return []
-        return [self._add(f) for f in self._stances.finish() if self._first_of(f) < self.store.stop]
+            return found
+        return found + self._estimates(f for f in self._stances.finish() if self._first_of(f) < self.store.stop)
 
     def finish(
         self,
@@ -175,6 +179,11 @@ class OnlineNavigator:
             return last
         return last._replace(t=rows[-1:, 0], velocity=np.zeros((1, 3)))
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the walk was closed."""
+        return self._closed
+
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was told."""
         return self._smoother.causal()
@@ -183,8 +192,24 @@ class OnlineNavigator:
         """Return one row an estimate, as it is known now."""
         return self._smoother.smoothed()
 
+    def _estimates(self, footfalls: Iterable[Footfall]) -> list[StanceEstimate]:
+        """Return the estimates of footfalls; a walk begins at the first of them that it can begin at."""
+        found = []
+        for footfall in footfalls:
+            try:
+                found.append(self._add(footfall))
+            except EstimationError as error:
+                if self.footfalls:
+                    raise
+                if not self._waits:
+                    self._remark(f"the walk does not begin yet: {error}")
+                self._waits = True
+                self._smoother = OnlineSmoother(self.options)
+        return found
+
     def _add(self, footfall: Footfall) -> StanceEstimate:
         """Hand a footfall and the samples up to the one behind it to the smoother."""
+        footfall = replace(footfall, continues=footfall.continues and bool(self.footfalls))
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.store.stop)
         stop = np.minimum(footfall.stop, until - 1)
         inside = footfall.start < stop
@@ -242,8 +267,8 @@ class OnlineNavigator:
         for with_field in (field, None) if field is not None else (None,):
             try:
                 found = smooth(recording, stances, p, heading, progress, with_field)
-            except EstimationError as error:
-                why = why or str(error)
+            except (EstimationError, RuntimeError, np.linalg.LinAlgError) as error:
+                why = why or str(error).strip().partition("\n")[0]
                 continue
             left_out = (f"the field was left out at the end: {why}",) if why else ()
             return replace(found, notes=(*found.notes, *left_out))

@@ -13,7 +13,7 @@ of the field estimated on it; from the last of these on they are held. So the mi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 
 import gtsam
@@ -24,6 +24,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest, find_rests
 from fg_nav.errors import EstimationError
 from fg_nav.frames import heading_of
+from fg_nav.magnetic.verdicts import UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.batch import smooth
@@ -34,6 +35,7 @@ from fg_nav.smoother.online_field_seen import seen_on
 from fg_nav.smoother.online_graph import WholeGraph
 from fg_nav.smoother.online_lag import LaggedGraph
 from fg_nav.smoother.online_propagate import Track, carried_on
+from fg_nav.smoother.online_restart import REASON, UNSOLVED, check, go_on
 from fg_nav.smoother.online_rows import Packed, StanceEstimate, packed, table_of
 from fg_nav.smoother.online_strides import (
     CONTEXT_S,
@@ -46,7 +48,7 @@ from fg_nav.smoother.online_strides import (
 )
 from fg_nav.smoother.online_ties import GraphTies
 from fg_nav.smoother.online_walk import Footfall, Samples, WalkSoFar
-from fg_nav.smoother.online_warm import WARM_UPS, Warm, field_seen, solve_so_far
+from fg_nav.smoother.online_warm import LAST_WITH_LAG, WARM_UPS, Warm, field_seen, solve_so_far
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.strides import add_stride
 from fg_nav.solution import Solution, StanceTable
@@ -86,6 +88,7 @@ class OnlineSmoother:
         self._latest: StanceEstimate | None = None
         self._warm: Warm | None = None
         self._longest: Rest | None = None
+        self._counted: Rest | None = None
         self._runtime_s = 0.0
 
     def add_footfall(self, samples: Samples, footfall: Footfall) -> StanceEstimate:
@@ -108,7 +111,7 @@ class OnlineSmoother:
         """
         began = perf_counter()
         self._walk.add(samples, footfall)
-        warm_up = self._walk.n_steps in WARM_UPS and not footfall.continues
+        warm_up = self._walk.n_steps in self._warm_ups and not footfall.continues
         if not warm_up or not self._begin_anew():
             self._extend_or_begin_anew()
         latest = self._latest = self._estimate()
@@ -186,7 +189,7 @@ class OnlineSmoother:
         """
         if self._options.lag_s is not None:
             return self._footfalls_only()
-        recording, stances = self._walk.recording(0), self._walk.stances(0, 0)
+        recording, stances = self._walk.whole(), self._walk.stances(0, 0)
         options = self._options
         field, _ = field_seen(recording, stances, options.heading_rad, options.use_field)
         return smooth(recording, stances, options.parameters, options.heading_rad, progress, field)
@@ -207,27 +210,39 @@ class OnlineSmoother:
         )
 
     @property
+    def _warm_ups(self) -> tuple[int, ...]:
+        """Footfalls at which the walk so far is solved anew."""
+        if self._options.lag_s is None:
+            return WARM_UPS
+        return tuple(step for step in WARM_UPS if step <= LAST_WITH_LAG)
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Remarks for the user."""
         return () if self._warm is None else (*self._warm.known.notes, *self._warm.verdict.notes)
 
     def _begin_anew(self) -> bool:
         """Solve the walk so far in batch and go on from there; False where that finds no solution."""
-        recording, stances = self._walk.recording(0), self._walk.stances(0, 0)
+        recording, stances = self._walk.whole(), self._walk.stances(0, 0)
         options = self._options
         try:
             warm = solve_so_far(recording, stances, options.heading_rad, options.use_field, options.parameters)
-        except (EstimationError, RuntimeError, np.linalg.LinAlgError):
+            places = places_of(warm.nodes, recording.t)
+            self._graph.restart(warm.graph, warm.values, places)
+            check(self._graph, places[-1])
+        except UNSOLVED as error:
             if self._warm is None:
-                raise
+                raise EstimationError(
+                    f"the walk has no beginning at footfall {self.n_footfalls - 1}: leave out the samples before it."
+                ) from error
             return False
         self._warm = warm
-        self._places = places_of(warm.nodes, recording.t)
+        self._places = places
         self._frozen = []
         self._t_first = self._places[0].t
-        self._graph.restart(warm.graph, warm.values, self._places)
         self._verdicts = [Verdict(*both) for both in zip(warm.verdict.words, warm.verdict.reason, strict=True)]
         self._longest = max(warm.known.rests, key=lambda rest: rest.stop - rest.start, default=None)
+        self._counted = warm.known.rests[-1] if warm.known.rests else None
         return True
 
     def _freeze(self) -> None:
@@ -236,27 +251,36 @@ class OnlineSmoother:
             place = self._places.pop(0)
             assert place.number == frozen.place.number
             self._frozen.append(packed(self._row(*frozen, self._verdicts.pop(0))))
-        if self._options.lag_s is not None and self._walk.n_steps >= WARM_UPS[-1]:
+        if self._options.lag_s is not None and self._walk.n_steps >= self._warm_ups[-1]:
             newest = self.n_footfalls - 1
             starts = self._walk.t[int(self._walk.footfall(newest).start[0]) - self._walk.first]
             first = self._walk.first + int(np.searchsorted(self._walk.t, starts - 2 * CONTEXT_S))
             self._walk.forget(newest, first)
 
     def _extend_or_begin_anew(self) -> None:
-        """Add the newest stride; where the graph has no solution any more, solve the walk anew.
+        """Add the newest stride; where the graph has no solution with it, go on from the last footfall.
 
-        Raises
-        ------
-        EstimationError
-            Where that does not help.
+        In the first minutes the walk is solved anew in batch, and only goes on so where that does not help.
         """
+        if self._warm is None or self._latest is None:
+            self._begin_anew()
+            return
+        known = len(self._places)
         try:
             self._extend()
-        except (RuntimeError, np.linalg.LinAlgError) as error:
-            if self._options.lag_s is not None or not self._begin_anew():
-                raise EstimationError(
-                    f"the walk has no solution from footfall {self.n_footfalls} on: begin a new one."
-                ) from error
+            check(self._graph, self._places[-1])
+        except UNSOLVED:
+            del self._places[known:], self._verdicts[known:]
+            if self._walk.n_steps < self._warm_ups[-1] and self._begin_anew():
+                return
+            last, warm, p = self._latest, self._warm, self._warm.parameters
+            window = window_of(self._walk, self._places[-1], self._t_first, p)
+            stride = stride_of(window, warm.known.gyro_bias, warm.known.lever.lever, (), p)
+            turned = turned_about_start(last.position[None], warm.verdict.north_sigma)[0]
+            go_on(self._graph, last, last.pose_cov - turned, window, stride, p, warm.field is not None)
+            self._graph.left()
+            self._frozen += self._causal[len(self._frozen) :]
+            self._places, self._verdicts = [window.place], [Verdict(str(UNKNOWN), REASON)]
 
     def _extend(self) -> None:
         """Add the newest stride to the graph: first its motion, then its field."""
@@ -312,21 +336,28 @@ class OnlineSmoother:
         )
 
     def _rests(self, window: StrideWindow) -> tuple[Rest, ...]:
-        """Rests of the window that agree with the longest of the walk."""
-        p, begins = self._options.parameters, window.nodes.sample[window.known + 1]
-        found = [
-            rest
-            for rest in find_rests(window.recording, p.rest)
-            if rest.stop > begins and rest.lasts(window.recording.period_s, p.rest.shortest_s)
-        ]
-        agreeing = []
-        for rest in found:
-            longest = self._longest
-            if longest is None or rest.stop - rest.start > longest.stop - longest.start:
-                self._longest = longest = rest
-            if rest.agrees_with(longest, p.rest):
-                agreeing.append(rest)
-        return tuple(agreeing)
+        """What the rests of the window show that was not counted yet, if they agree with the longest of the walk."""
+        p, begins = self._options.parameters.rest, window.nodes.sample[window.known + 1]
+        new = []
+        for rest in find_rests(window.recording, p):
+            if rest.stop <= begins or not rest.lasts(window.recording.period_s, p.shortest_s):
+                continue
+            if self._longest is None or rest.stop - rest.start > self._longest.stop - self._longest.start:
+                self._longest = rest
+            if rest.agrees_with(self._longest, p):
+                new.append(self._not_counted(rest, window.first_sample))
+        return tuple(rest for rest in new if rest is not None)
+
+    def _not_counted(self, rest: Rest, first_sample: int) -> Rest | None:
+        """What a rest shows beyond what was counted of it; a long one is seen again and again as it goes on."""
+        start, stop = rest.start + first_sample, rest.stop + first_sample
+        before, self._counted = self._counted, replace(rest, start=start, stop=stop)
+        if before is None or start >= before.stop:
+            return rest
+        further = rest.beyond(before)
+        if further is None:
+            self._counted = replace(before, stop=stop)
+        return further
 
     def _estimate(self) -> StanceEstimate:
         place = self._places[-1]

@@ -14,7 +14,7 @@ What a new footfall changes is eliminated anew, and what does not change stays. 
 
 An update after which the newest footfall has turned from where it is linearised is repeated, but not often, so that the
 time that a footfall takes is bounded. Where the equations have no unique solution the graph is built anew with weak
-priors on what was added last: a walk goes on.
+priors on what was added last; where that has none either, the walk goes on without its past (`online_restart`).
 
 The cost of an update grows with the variables there are, and the tree of a chain of hours is so deep that to let go of
 it overflows the stack. So when there are `MOST_FOOTFALLS` the older half leaves (`online_leaving`): what is told of it
@@ -23,6 +23,7 @@ stays as it is then, until the walk is solved in batch at its end.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
 
 import gtsam
@@ -30,7 +31,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.covariances import marginal_covariances
+from fg_nav.smoother.covariances import DIMENSION, marginal_covariances
 from fg_nav.smoother.online_leaving import frozen_of, keys_of, without
 from fg_nav.smoother.online_strides import Frozen, Place, order_of
 
@@ -88,13 +89,16 @@ class WholeGraph:
     def __init__(self) -> None:
         self._graph = gtsam.NonlinearFactorGraph()
         self._left: list[Frozen] = []
-        self._begin()
+        self._covariances: dict[int, Floats] = {}
+        self._begin_empty()
 
     def restart(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
-        """Begin again from a graph of these footfalls at its minimum."""
+        """Begin again from a graph of these footfalls at its minimum; all stays as it was where that raises."""
+        isam = gtsam.ISAM2(isam_parameters())
+        theta = isam.getLinearizationPoint()
+        isam.update(graph, values, constrainedKeys=_in_time(places, len(places), values))
         self._graph = gtsam.NonlinearFactorGraph(graph)
-        self._begin()
-        self._isam.update(self._graph, values, constrainedKeys=_in_time(places, len(places), values))
+        self._begin(isam, theta)
 
     def add(
         self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place], more: bool = False
@@ -105,8 +109,14 @@ class WholeGraph:
         ----------
         places : of the walk so far.
         more : whether another part of the same footfall follows, so that none leaves yet.
+
+        Raises
+        ------
+        RuntimeError
+            Where there is no solution, with weak priors on what is new either.
         """
         self._graph.push_back(graph)
+        self._covariances = {}
         try:
             order = _in_time(places, IN_ORDER, self._theta, values)
             self._isam.update(graph, values, constrainedKeys=order)
@@ -141,20 +151,40 @@ class WholeGraph:
         return self._theta
 
     def covariance(self, key: int) -> Floats:
-        """Return the marginal covariance of a variable in its tangent space."""
-        return np.asarray(self._isam.marginalCovariance(key))
+        """Return the marginal covariance of a variable in its tangent space; raises `RuntimeError` if it has none."""
+        if key not in self._covariances:
+            try:
+                self._covariances[key] = np.asarray(self._isam.marginalCovariance(key))
+            except RuntimeError:
+                linear = self._graph.linearize(self._best())
+                tree = linear.eliminateMultifrontal(gtsam.Ordering.ColamdGaussianFactorGraph(linear), gtsam.EliminateQR)
+                self._covariances[key] = marginal_covariances(tree, {key})[key]
+        return self._covariances[key]
 
     def solution(self, places: list[Place]) -> tuple[gtsam.Values, dict[int, Floats]]:
         """Return all values as now known, and the covariances of poses and biases at the footfalls.
 
         The covariances need all factors linearised anew at the values; the Gauss-Newton step that comes with it is
-        taken.
+        taken. Where these have no solution they are solved with weak priors on all variables; and where that has none,
+        the values are returned as they are, and what these priors say.
         """
-        values = self._isam.calculateBestEstimate()
-        linear = self._graph.linearize(values)
-        tree = linear.eliminateMultifrontal(order_of(places, values), gtsam.EliminateQR)
+        values = self._best()
         keys = {key for place in places for key in (X(place.result), B(place.bias))}
-        return values.retract(tree.optimize()), marginal_covariances(tree, keys)
+        weak = weak_priors(values)
+        for more in (gtsam.NonlinearFactorGraph(), weak):
+            graph = gtsam.NonlinearFactorGraph(self._graph)
+            graph.push_back(more)
+            with suppress(RuntimeError, ArithmeticError):
+                tree = graph.linearize(values).eliminateMultifrontal(order_of(places, values), gtsam.EliminateQR)
+                return values.retract(tree.optimize()), marginal_covariances(tree, keys)
+        return values, {key: np.diag(_weak_sigmas(key) ** 2) for key in keys}
+
+    def _best(self) -> gtsam.Values:
+        """All values as now known; where they are linearised, if the tree cannot be solved."""
+        try:
+            return self._isam.calculateBestEstimate()
+        except RuntimeError:
+            return gtsam.Values(self._theta)
 
     def _leave(self, places: list[Place], count: int) -> None:
         """Let go of the first footfalls, and go on from where all are now known."""
@@ -169,9 +199,14 @@ class WholeGraph:
             graph.push_back(factor)
         self.restart(graph, values, places[count:])
 
-    def _begin(self) -> None:
-        self._isam = gtsam.ISAM2(isam_parameters())
-        self._theta = self._isam.getLinearizationPoint()
+    def _begin(self, isam: gtsam.ISAM2, theta: gtsam.Values) -> None:
+        """Go on with a tree and its linearisation point, which is held from before the tree's first update on."""
+        self._isam, self._theta = isam, theta
+        self._covariances = {}
+
+    def _begin_empty(self) -> None:
+        isam = gtsam.ISAM2(isam_parameters())
+        self._begin(isam, isam.getLinearizationPoint())
 
     def _settled(self, key: int) -> bool:
         """Whether a pose is near where it is linearised."""
@@ -187,7 +222,7 @@ class WholeGraph:
         values.insert(missing)
         weak = weak_priors(newest)
         self._graph.push_back(weak)
-        self._begin()
+        self._begin_empty()
         self._isam.update(self._graph, values)
 
 
@@ -210,12 +245,19 @@ def weak_priors(values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
     graph = gtsam.NonlinearFactorGraph()
     for key in list(values.keys()):
         letter = chr(gtsam.Symbol(key).chr())
+        wide = gtsam.noiseModel.Diagonal.Sigmas(_weak_sigmas(key))
         if letter == "x":
-            wide = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([3.0, 100.0], 3))
             graph.addPriorPose3(key, values.atPose3(key), wide)
         elif letter == "b":
-            graph.addPriorConstantBias(key, values.atConstantBias(key), gtsam.noiseModel.Isotropic.Sigma(6, 1.0))
+            graph.addPriorConstantBias(key, values.atConstantBias(key), wide)
         else:
-            at = values.atVector(key)
-            graph.addPriorVector(key, at, gtsam.noiseModel.Isotropic.Sigma(len(at), 100.0))
+            graph.addPriorVector(key, values.atVector(key), wide)
     return graph
+
+
+def _weak_sigmas(key: int) -> Floats:
+    """Sigmas that tell nothing of a variable, in its tangent space."""
+    letter = gtsam.Symbol(key).chr()
+    if letter == ord("x"):
+        return np.repeat([3.0, 100.0], 3)
+    return np.full(DIMENSION[letter], 1.0 if letter == ord("b") else 100.0)

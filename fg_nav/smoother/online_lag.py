@@ -31,12 +31,14 @@ class LaggedGraph:
         self._left: list[Frozen] = []
 
     def restart(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
-        """Begin again from a graph of these footfalls at its minimum."""
-        self._factors = [graph.at(i) for i in range(graph.size())]
-        self._values = gtsam.Values(values)
-        self._places = list(places)
-        self._step()
-        self._leave()
+        """Begin again from a graph of these footfalls at its minimum; all stays as it was where that raises."""
+        anew = LaggedGraph(self._lag_s)
+        anew._factors = [graph.at(i) for i in range(graph.size())]
+        anew._values = gtsam.Values(values)
+        anew._places = list(places)
+        anew._step()
+        anew._leave()
+        self.__dict__.update(anew.__dict__)
 
     def add(
         self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place], more: bool = False
@@ -47,6 +49,11 @@ class LaggedGraph:
         ----------
         places : the last of them is the newest.
         more : whether another part of the same footfall follows, so that nothing needs to be solved yet.
+
+        Raises
+        ------
+        RuntimeError
+            Where there is no solution, with weak priors on all variables either: then `restart`.
         """
         self._factors += [graph.at(i) for i in range(graph.size())]
         self._values.insert(values)

@@ -160,13 +160,13 @@ def stride_of(
     Parameters
     ----------
     gyro_bias, lever : (3,) rad/s, (3,) m, as in `strides_of`.
-    rests : of the window.
+    rests : what the window shows of them that was not counted before.
     """
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias)
     new = preintegrate(window.recording, window.nodes.sample[window.known :], bias, p)
     in_graph = gtsam.PreintegratedImuMeasurementsG(gtsam.PreintegrationParams.MakeSharedU(p.gravity))
     measurements = chain(repeat(in_graph, window.known), new)
-    strides = strides_of(window.recording, window.stances, window.nodes, measurements, gyro_bias, lever, rests, p)
+    strides = strides_of(window.recording, window.stances, window.nodes, measurements, gyro_bias, lever, (), p)
     *_, stride = strides
     return replace(
         stride,
@@ -175,6 +175,7 @@ def stride_of(
         bias=window.place.bias,
         bias_before=window.before.bias,
         bias_age_s=window.place.t - window.before.bias_begun_s,
+        rests=list(rests),
     )
 
 

@@ -1,7 +1,8 @@
 """The walk so far: samples and footfalls as they came, cut out again as a recording and its stances.
 
 Samples, footfalls and stance intervals are counted from the first of the walk. What was forgotten leaves the count as
-it is.
+it is. What only a whole recording tells of a sensor, its sample period and at which levels it clips, is kept from when
+the walk was last cut out as a whole, for the parts that are cut out after that.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ class WalkSoFar:
         self._forgotten = 0
         self._steps = 0
         self._with_mag = False
+        self._sensor: tuple[float, tuple[Floats, Floats]] | None = None
 
     @property
     def first(self) -> int:
@@ -116,11 +118,15 @@ class WalkSoFar:
         self._rows[: len(kept)] = kept
         self._first, self._count = self._first + drop, len(kept)
 
+    def whole(self) -> Recording:
+        """Cut out all samples; a copy."""
+        recording = self._cut(self._rows[: self._count])
+        self._sensor = recording.period_s, recording.clipping
+        return recording
+
     def recording(self, first: int) -> Recording:
         """Cut out the samples from one on; a copy."""
-        rows = self._rows[first - self._first : self._count]
-        mag = rows[:, 7:] if self._with_mag else None
-        return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
+        return self._of_sensor(self._cut(self._rows[first - self._first : self._count]))
 
     def stances(self, first_footfall: int, first: int) -> Stances:
         """Stances of the footfalls from one on, on the recording cut out from sample `first` on."""
@@ -130,7 +136,20 @@ class WalkSoFar:
         """Samples from some before `sample` on, with more behind them; and where in them `sample` is."""
         first = max(sample - _BEFORE, self._first)
         rows = np.vstack([self._rows[first - self._first : self._count], _as_rows(samples)])
-        return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7]), sample - first
+        return self._of_sensor(self._cut(rows)), sample - first
+
+    def _cut(self, rows: Floats) -> Recording:
+        mag = rows[:, 7:] if self._with_mag else None
+        return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
+
+    def _of_sensor(self, part: Recording) -> Recording:
+        """A part of the walk, clipped at the levels of the whole, or where that did not clip yet, at its own."""
+        if self._sensor is None:
+            return part
+        period_s, known = self._sensor
+        acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(known, part.clipping, strict=True))
+        self._sensor = period_s, (acc, gyr)
+        return part.known_by(*self._sensor)
 
     def _check(self, rows: Floats, footfall: Footfall) -> None:
         begins = self._footfalls[-1].stop[-1] if self._footfalls else 0

@@ -6,8 +6,10 @@ looks like a yaw bias. The noise of an interval is the mean over its samples of
 
     s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
 
-and more on an axis at the end of its range, and before a gap (`fg_nav.doubt`). The interval gets the same total as from
-a noise set sample by sample.
+and the interval gets the same total as from a noise set sample by sample. What is doubted more, on an axis at the end
+of its range and before a gap (`fg_nav.doubt`), is so at its own sample: a force that was hidden when the foot pushed
+off moves the end of its swing, and one that was hidden when it came down does not. A gap is integrated in steps of the
+sample period: within a step, what turns does not yet move.
 """
 
 from __future__ import annotations
@@ -32,40 +34,43 @@ def preintegrate(
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[gtsam.PreintegratedImuMeasurementsG]:
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
-    acc_noise, gyr_noise = (_diagonal(variance) for variance in _interval_variances(recording, sample, p))
+    acc_noise, gyr_noise = _interval_variances(recording, sample, p)
+    doubt = [size**2 for size in doubts(recording, p.saturated_share)]
+    doubted = np.concatenate([[0], np.cumsum((doubt[0] + doubt[1]).any(axis=1))])[sample]
     period = np.diff(recording.t).tolist()
     force, rate = recording.integrable
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
     for k, (i, j) in enumerate(pairwise(sample)):
-        params.setAccelerometerCovariance(acc_noise[k])
-        params.setGyroscopeCovariance(gyr_noise[k])
+        params.setAccelerometerCovariance(np.diag(acc_noise[k]))
+        params.setGyroscopeCovariance(np.diag(gyr_noise[k]))
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
         integrate = measurement.integrateMeasurement
-        for acc, gyr, h in zip(force[i:j], rate[i:j], period[i:j], strict=True):
-            integrate(acc, gyr, h)
+        samples = zip(force[i:j], rate[i:j], period[i:j], strict=True)
+        if doubted[k] == doubted[k + 1]:
+            for acc, gyr, h in samples:
+                integrate(acc, gyr, h)
+        else:
+            for (acc, gyr, h), acc_doubt, gyr_doubt in zip(samples, doubt[0][i:j], doubt[1][i:j], strict=True):
+                params.setAccelerometerCovariance(np.diag(acc_noise[k] + acc_doubt * h))
+                params.setGyroscopeCovariance(np.diag(gyr_noise[k] + gyr_doubt * h))
+                steps = max(1, round(h / recording.period_s))
+                for _ in range(steps):
+                    integrate(acc, gyr, h / steps)
         if progress is not None and k % 64 == 0:
             progress(k / len(sample))
         yield measurement
 
 
 def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameters) -> tuple[Floats, Floats]:
-    """Squared noise densities (M-1, 3) of specific force and rate in each interval, per body axis."""
+    """Squared noise densities (M-1, 3) of specific force and rate in each interval, without what is doubted."""
     off_gravity = np.linalg.norm(recording.acc, axis=1) - p.gravity
     rate_squared = (recording.gyr**2).sum(axis=1)
     acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2
     gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * rate_squared
     h = np.append(np.diff(recording.t), recording.period_s)
-    acc_doubt, gyr_doubt = doubts(recording, p.saturated_share)
-    return (
-        _means(acc[:, None] + acc_doubt**2 * h[:, None], h, sample),
-        _means(gyr[:, None] + gyr_doubt**2 * h[:, None], h, sample),
-    )
-
-
-def _diagonal(variance: Floats) -> Floats:
-    """Diagonal matrices (M, 3, 3) of the rows (M, 3)."""
-    return np.asarray(variance[:, :, None] * np.eye(3))
+    acc, gyr = (np.repeat(variance[:, None], 3, axis=1) for variance in (acc, gyr))
+    return _means(acc, h, sample), _means(gyr, h, sample)
 
 
 def _means(values: Floats, h: Floats, sample: Ints) -> Floats:

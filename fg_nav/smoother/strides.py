@@ -69,6 +69,10 @@ class Stride:
     rests: list[Rest]
 
 
+STANDS_S = 1.5
+"""Nobody walks with stances so long: the foot stands, and its sole has settled."""
+
+
 def strides_of(
     recording: Recording,
     stances: Stances,
@@ -85,7 +89,7 @@ def strides_of(
     off_gravity = np.linalg.norm(recording.acc, axis=1, keepdims=True) - p.gravity
     off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
     body_velocity = np.cross(rate, lever)
-    sinks_per_m = 1.0 / _settling_time(recording.t, stances, p)[nodes.footfall]
+    sinks_per_m = _sinking(recording.t, stances, p)[nodes.footfall]
     settling, sigma = _stance_noise(sinks_per_m, rate, off_gravity, p)
     t = recording.t[nodes.sample[nodes.result]]
     begun = t[np.flatnonzero(np.diff(nodes.bias, prepend=-1))]
@@ -219,11 +223,18 @@ def _one_sigma(sigma: float) -> gtsam.noiseModel.Isotropic:
     return gtsam.noiseModel.Isotropic.Sigma(1, sigma)
 
 
-def _settling_time(t: Floats, stances: Stances, p: SmootherParameters) -> Floats:
-    """Time (F,) s in which the sole settles, for each footfall: once, though its stance may be in pieces."""
+def _sinking(t: Floats, stances: Stances, p: SmootherParameters) -> Floats:
+    """Share (F,) 1/s of its settling by which the sole sinks in each second of a footfall.
+
+    It settles once, though the stance may be in pieces. Who stands has settled: a long stance, or one that begins where
+    the one before ended, is taken to settle no more.
+    """
     first = np.searchsorted(stances.footfall, np.arange(stances.n_footfalls))
     last = np.append(first[1:], len(stances)) - 1
-    return np.asarray(np.maximum(t[stances.stop[last] - 1] - t[stances.start[first]], p.settling_time_s))
+    duration = t[stances.stop[last] - 1] - t[stances.start[first]]
+    continues = np.append(False, stances.start[first[1:]] == stances.stop[last[:-1]])
+    sinking = 1.0 / np.maximum(duration, p.settling_time_s)
+    return np.where(continues | (duration > STANDS_S), 0.0, sinking)
 
 
 def _stance_noise(

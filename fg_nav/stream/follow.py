@@ -7,6 +7,7 @@ long: at most one part in twenty of the time goes into it.
 
 from __future__ import annotations
 
+import json
 import signal
 import threading
 import time
@@ -21,9 +22,10 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.file import Calibration
-from fg_nav.errors import FormatError, OutputError
+from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.checkpoint import content_of, write
+from fg_nav.plain import plain
 from fg_nav.smoother.online import OnlineOptions
 from fg_nav.smoother.online_rows import StanceEstimate
 from fg_nav.stream.lines import line_of
@@ -115,15 +117,15 @@ def follow(
     """
     navigator = _begun(options, remark)
     walk = _Walk(navigator, options, tell, remark)
-    reader = RowReader(source.name, remark)
+    reader = RowReader(source.name, remark, navigator.source.get("header"))
     silence = _Silence(source.name, options, remark)
     while not (stop is not None and stop.is_set()):
         piece = source.read(WAIT_S)
         if piece is None or silence.is_over(piece):
             break
-        walk.take(reader.read(piece))
-    walk.take(reader.finish())
-    if not reader.has_header:
+        walk.take(reader.read(piece), reader.header)
+    walk.take(reader.finish(), reader.header)
+    if reader.header is None:
         raise FormatError(f"{source.name} ended before a header came: its first line must name the columns.")
     if reader.bad:
         remark(f"{reader.bad} rows were left out in all.")
@@ -134,10 +136,19 @@ def follow(
 def _begun(options: StreamOptions, remark: Tell) -> OnlineNavigator:
     path = options.checkpoint
     if path is None or not path.exists():
-        return OnlineNavigator(options.online, remark)
+        navigator = OnlineNavigator(options.online, remark)
+        navigator.source["calibration"] = _words(options.calibration)
+        return navigator
     navigator = load(path, options.online, remark)
+    if navigator.source.get("calibration") != _words(options.calibration):
+        raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
     remark(f"taken up from {path.name}: {len(navigator.footfalls)} stances, {navigator.store.stop} samples.")
     return navigator
+
+
+def _words(calibration: Calibration | None) -> Any:
+    """A calibration as JSON knows it."""
+    return None if calibration is None else json.loads(json.dumps(plain(calibration)))
 
 
 class _Walk:
@@ -149,9 +160,10 @@ class _Walk:
         self._remark, self._unsaved = remark, False
         self._saving: threading.Thread | None = None
 
-    def take(self, rows: Floats) -> None:
+    def take(self, rows: Floats, header: list[str] | None) -> None:
         if not len(rows):
             return
+        self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
         self._say(self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None))

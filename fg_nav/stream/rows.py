@@ -3,6 +3,9 @@
 The first line that names canonical columns is the header; the same line again is passed over. Then each line is a row.
 A row that has another number of fields than the header, or a field that is no number, is left out and counted; an empty
 field is NaN. The last line waits for its end.
+
+Where a walk is taken up again its header is known. A source that sent it before and goes on with rows is read by that;
+one that begins again sends it again, and it must name the same columns, in any order.
 """
 
 from __future__ import annotations
@@ -33,20 +36,27 @@ class RowReader:
         Of the source, for messages.
     remark
         Told a sentence about the first bad row.
+    header
+        Names of the columns, where they are known from before; None where the source must send them.
 
     Raises
     ------
     FormatError
-        From `read`, where no header comes, or one without the columns of a recording.
+        From `read`, where no header comes, or one without the columns of a recording, or with others than before.
     """
 
-    def __init__(self, name: str, remark: Callable[[str], None] = lambda words: None) -> None:
+    def __init__(
+        self, name: str, remark: Callable[[str], None] = lambda words: None, header: list[str] | None = None
+    ) -> None:
         self.bad = 0
         self._name, self._remark = name, remark
         self._rest = b""
         self._line = 0
         self._header: list[str] | None = None
         self._positions: list[int] = []
+        self._to_confirm = header is not None
+        if header is not None:
+            self._take_up(header)
 
     def read(self, piece: bytes) -> Floats:
         """Return the samples (n, 10) whose rows end in this piece: t, acc, gyr, mag (NaN without one)."""
@@ -62,15 +72,18 @@ class RowReader:
         return self.read(rest + b"\n") if rest and self._header is not None else np.empty((0, 10))
 
     @property
-    def has_header(self) -> bool:
-        """Whether the header has come."""
-        return self._header is not None
+    def header(self) -> list[str] | None:
+        """Names of the columns; None before they are known."""
+        return self._header
 
     def _row(self, line: bytes) -> list[float] | None:
         self._line += 1
         fields = [field.strip() for field in line.decode("utf-8", "replace").strip("\ufeff\r\n ").split(",")]
         if self._header is None:
             self._begin(fields)
+            return None
+        if self._to_confirm and not {*TIME, *ACC, *GYR}.isdisjoint(fields):
+            self._confirm(fields)
             return None
         if fields == self._header or fields == [""]:
             return None
@@ -93,6 +106,20 @@ class RowReader:
                     f"{self._name} sends no header: its first line must name the columns ({TIME[0]},{ACC[0]},...)."
                 )
             return
+        self._take_up(fields)
+
+    def _confirm(self, fields: list[str]) -> None:
+        """Take the header of a source that begins again."""
+        assert self._header is not None
+        names = {*TIME, *ACC, *GYR, *MAG}
+        if names.intersection(fields) != names.intersection(self._header):
+            raise FormatError(
+                f"{self._name} names other columns than before the walk was taken up: name another checkpoint."
+            )
+        self._to_confirm = False
+        self._take_up(fields)
+
+    def _take_up(self, fields: list[str]) -> None:
         place = Path(self._name)
         names = TIME + ACC + GYR + (() if set(MAG).isdisjoint(fields) else MAG)
         positions = [position_of(name, fields, place) for name in names]

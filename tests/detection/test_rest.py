@@ -1,6 +1,7 @@
 """Rests: the bias is where it is said to be, and a foot that rolls, however slowly, does not rest."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -76,6 +77,17 @@ def test_a_longer_rest_knows_more():
     sigmas = [find_rests(standing(seconds))[0].sigma for seconds in (1.0, 4.0, 16.0, 120.0)]
     assert sigmas[0] > 2 * sigmas[1] > 2 * sigmas[2]
     assert sigmas[2] > sigmas[3] > np.radians(RestParameters().least_sigma_deg_s)
+
+
+def test_a_rest_that_goes_on_counts_once():
+    recording = standing(8.0, gyr_noise_deg_s=0.05)
+    views = [find_rests(recording.slice(0, stop))[-1] for stop in (400, 800, 1200, 1600)]
+    added = [views[0], *(later.beyond(before) for before, later in pairwise(views))]
+    weight = np.array([rest.sigma**-2 for rest in added])
+    rate = weight @ np.array([rest.rate for rest in added]) / weight.sum()
+    assert weight.sum() == pytest.approx(views[-1].sigma ** -2)
+    np.testing.assert_allclose(rate, views[-1].rate)
+    assert views[0].beyond(views[-1]) is None
 
 
 def test_the_force_is_gravity_in_the_body():

@@ -1,6 +1,7 @@
 """Save, kill, resume: the same answer, whatever the instant."""
 
 import json
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load, save
+from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
 from fg_nav.smoother.online import OnlineOptions
 from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
 
@@ -48,6 +50,136 @@ def test_what_the_checkpoint_knows_is_not_taken_twice(whole, tmp_path):
     assert worst_difference(again.smoothed(), whole.smoothed()) < 1e-9
     assert again.judge.counts["known"] == 700
     assert len(told) == 1
+
+
+def admitted(judge, rows, block):
+    """Rows (n, 10) that a judge takes in blocks."""
+    parts = [rows[i : i + block] for i in range(0, len(rows), block)]
+    return [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:]) for part in parts]
+
+
+def resumed(rows, saved, then, block=7):
+    """Samples that a judge takes of the first `saved` rows, and after a resume of the rows `then`; and that judge."""
+    judge = SampleJudge()
+    before = np.concatenate(admitted(judge, rows[:saved], 13))
+    again = SampleJudge.resumed(json.loads(json.dumps(judge.state())), before, lambda words: None)
+    return np.concatenate([before, *admitted(again, then, block), again.rest()]), again
+
+
+def odd_rows():
+    """Rows with all that a judge leaves out, and two restarts of the clock, with as many rows before as after."""
+    rows = rows_of(short_walk()).copy()
+    rows[200:203, 2] = np.nan
+    rows[300:310] = rows[299]
+    rows[400:420, 0] -= 0.5
+    rows[450, 0] = 1e6
+    for first in (550, 900):
+        rows[first:, 0] -= rows[first, 0]
+    return rows
+
+
+@pytest.mark.parametrize("saved", [20, 203, 305, 410, 451, 550, 600, 649, 650, 700, 950, 1300])
+@pytest.mark.parametrize("block", [1, 7, 5000])
+def test_a_replay_is_known_up_to_the_checkpoint_whatever_the_clock_did(saved, block):
+    """The rows before a restart have the stamps of those after it; only their values tell them apart."""
+    rows = odd_rows()
+    whole = np.concatenate([*admitted(uninterrupted := SampleJudge(), rows, 11), uninterrupted.rest()])
+    taken, judge = resumed(rows, saved, rows, block)
+    np.testing.assert_array_equal(taken, whole)
+    known = judge.counts.pop("known")
+    assert 0 < known <= saved
+    assert judge.counts - uninterrupted.counts <= Counter(missing=3)
+
+
+@pytest.mark.parametrize("saved", [20, 305, 451, 650, 700, 1300])
+@pytest.mark.parametrize("back", [0, 2, 10, 150])
+def test_a_source_that_goes_on_some_way_back_or_at_once_loses_nothing(saved, back):
+    rows = odd_rows()
+    whole = np.concatenate(admitted(SampleJudge(), rows, 11))
+    taken, _ = resumed(rows, saved, rows[max(saved - back, 0) :])
+    np.testing.assert_array_equal(taken, whole)
+
+
+@pytest.mark.parametrize("saved", [400, 800])
+def test_a_source_that_goes_on_later_leaves_a_gap_and_no_more(saved):
+    """Before a restart of the clock, and after it."""
+    rows = rows_of(short_walk()).copy()
+    rows[600:, 0] -= rows[600, 0]
+    taken, judge = resumed(rows, saved, rows[saved + 40 :])
+    assert judge.counts["known"] == judge.counts["rebooted"] == 0
+    assert judge.counts["restart"] == 1
+    step = np.diff(taken[:, 0])
+    assert step[saved - 1 - 99 * (saved > 600)] == pytest.approx(0.41)
+    np.testing.assert_array_equal(taken[-500:, 1:], rows[-500:, 1:])
+
+
+def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
+    """Its stamps begin again at 0; and a replay of that second part is known, as is one of the first."""
+    rows = rows_of(short_walk()).copy()
+    rows[740:, 0] -= rows[740, 0]
+    taken, judge = resumed(rows, 700, rows[740:])
+    assert judge.counts["rebooted"] == 1
+    np.testing.assert_array_equal(taken[700:, 1:], rows[740:, 1:])
+    assert taken[700, 0] - taken[699, 0] == pytest.approx(UNKNOWN_GAP_S)
+    for begin in (0, 740):
+        again = SampleJudge.resumed(json.loads(json.dumps(judge.state())), taken, lambda words: None)
+        assert sum(map(len, admitted(again, rows[begin:], 50))) == 0
+        assert again.counts["known"] == len(rows) - begin
+        more = rows[-30:] + 0.31 * np.eye(10)[0]
+        np.testing.assert_array_equal(np.concatenate(admitted(again, more, 50))[:, 1:], more[:, 1:])
+
+
+def test_where_the_last_rows_of_the_checkpoint_were_lost_the_walk_goes_on():
+    rows = rows_of(short_walk())
+    replayed = np.delete(rows, np.s_[690:720], axis=0)
+    taken, judge = resumed(rows, 700, replayed)
+    np.testing.assert_array_equal(taken, np.delete(rows, np.s_[700:720], axis=0))
+    assert judge.counts["known"] == 690
+
+
+def test_sigmas_grow_where_a_sensor_was_switched_off(tmp_path):
+    rows = rows_of(short_walk()).copy()
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows[:700])
+    save(navigator, tmp_path / "walk.npz")
+    told = []
+    navigator = load(tmp_path / "walk.npz", remark=told.append)
+    rows[:, 0] -= rows[750, 0]
+    before = navigator.causal()
+    push(navigator, rows[750:], range(20, 600, 20))
+    navigator.close()
+    table = navigator.causal()
+    assert len(told) == 2
+    assert "began anew" in told[0]
+    assert len(table) > len(before) + 3
+    assert (table.position_sigma[len(before) :].max(axis=1) > 2.0).all()
+    assert table.heading_sigma[len(before)] > 10 * before.heading_sigma[-1]
+    assert np.isfinite(table.position).all()
+    assert np.isfinite(navigator.finish().position).all()
+
+
+@pytest.mark.parametrize("step_s", [100.0, 1.7e9])
+def test_after_minutes_without_a_sample_the_walk_is_carried_on(step_s):
+    rows = rows_of(short_walk()).copy()
+    rows[700:, 0] += step_s
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows, range(33, len(rows), 33))
+    navigator.close()
+    assert navigator.judge.counts["unseen"] == 1
+    assert len(navigator.causal()) > 8
+    assert np.isfinite(navigator.causal().position).all()
+
+
+def test_a_walk_that_had_ended_can_still_be_asked(whole, tmp_path):
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows_of(short_walk()))
+    assert navigator.close()
+    save(navigator, tmp_path / "walk.npz")
+    again = load(tmp_path / "walk.npz", TOLD)
+    assert worst_difference(again.causal(), whole.causal()) < 1e-9
+    assert len(again.finish().stances) == len(navigator.finish().stances)
+    with pytest.raises(EstimationError, match="has ended"):
+        push(again, rows_of(short_walk()))
 
 
 def test_a_save_that_fails_leaves_the_old_checkpoint(tmp_path, monkeypatch):
@@ -95,7 +227,7 @@ def test_a_checkpoint_is_arrays_with_a_version(tmp_path):
     push(navigator, rows_of(short_walk())[:900])
     save(navigator, tmp_path / "walk.npz")
     with np.load(tmp_path / "walk.npz", allow_pickle=False) as content:
-        assert int(content["version"]) == 1
+        assert int(content["version"]) == 2
         assert content["samples"].shape == (900, 10)
         assert len(content["footfall_stop"]) == len(navigator.footfalls) > 3
         assert json.loads(str(content["facts"]))["options"]["heading_rad"] == 0.0

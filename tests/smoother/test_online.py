@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -191,6 +192,23 @@ def test_an_indeterminate_graph_is_repaired():
     last = int(demo().stances.stop[demo().stances.footfall == 9][-1]) + 5
     add(online, demo(), 10, last)
     assert np.isfinite(online.latest.position).all()
+
+
+def test_a_long_standing_told_in_pieces_is_one_rest():
+    walk = demo()
+    online, at = OnlineSmoother(), 0
+    last = walk.stances.n_footfalls - 1
+    for k in range(last):
+        at = add(online, walk, k, at)
+    ends = np.linspace(walk.stances.start[-1], walk.stances.stop[-1], 5).astype(int)
+    for start, stop in pairwise(ends):
+        continues = start > ends[0]
+        piece = Footfall(np.array([start]), np.array([stop]), int(start + stop) // 2, continues)
+        online.add_footfall(samples(walk.recording, at, stop), piece)
+        at = stop
+    in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances).stances
+    np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.1)
+    np.testing.assert_allclose(in_pieces.position[last - 1], whole_walk.position[last - 1], atol=0.1)
 
 
 def test_what_is_no_walk_is_refused():

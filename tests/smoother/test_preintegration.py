@@ -9,6 +9,7 @@ import pytest
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.peaks import rebuilt
 from fg_nav.recording import Recording
 from fg_nav.saturation import saturated
 from fg_nav.smoother.preintegration import preintegrate
@@ -123,7 +124,8 @@ def test_a_saturated_axis_is_doubted_and_no_other(axis: int) -> None:
     doubt, without = (measurements(recording, [0, 400], p)[0].preintMeasCov()[:3, :3] for p in (QUIET, believing))
     added = doubt - without
     cut = recording.gyr[flags[:, axis], axis]
-    hidden = np.sum((QUIET.saturated_share * cut) ** 2) / 200**2
+    one_error = np.sum(QUIET.saturated_share * cut) ** 2 / 200**2
+    hidden = one_error + np.sum(rebuilt(recording.gyr, 1 / 200).sigma ** 2) / 200**2
     assert added[axis, axis] == pytest.approx(hidden, rel=1e-6)
     others = [k for k in range(3) if k != axis]
     np.testing.assert_allclose(added[np.ix_(others, others)], 0.0, atol=1e-9 * hidden)
@@ -136,6 +138,39 @@ def test_a_saturated_peak_does_not_spoil_the_stride_after() -> None:
     np.testing.assert_allclose(variances(second)[0], np.radians(p.gyr_density_deg_s) ** 2 * 0.75, rtol=1e-2)
 
 
+def pushed(when: slice, size: float) -> Recording:
+    """A still sensor but for two pushes forward, the one at `when` beyond the end of the range at 40 m/s^2."""
+    base = still()
+    acc = base.acc.copy()
+    for some in (slice(40, 60), slice(340, 360)):
+        acc[some, 0] = (size if some == when else 30.0) * np.sin(np.linspace(0.0, np.pi, 20))
+    return replace(base, acc=np.minimum(acc, 40.0))
+
+
+def test_a_force_hidden_early_moves_the_end_of_the_interval_and_one_hidden_late_does_not() -> None:
+    """The position's variance is the velocity's times the square of the time left."""
+    believing = replace(QUIET, saturated_share=0.0)
+    for when, middle in ((slice(40, 60), 50), (slice(340, 360), 350)):
+        recording = pushed(when, 60.0)
+        doubt, without = (variances(measurements(recording, [0, 400], p)[0]) for p in (QUIET, believing))
+        added = (doubt - without)[:, 0]
+        left = (400 - middle) / 200
+        assert added[2] > 0.001
+        assert np.sqrt(added[1] / added[2]) == pytest.approx(left, rel=0.02)
+
+
+def test_the_end_of_a_push_that_was_cut_is_within_its_sigma() -> None:
+    """Drawn heights of the push, cut, rebuilt and integrated: the velocity at the end, over its sigma."""
+    rng, over = np.random.default_rng(7), []
+    for size in rng.uniform(45.0, 90.0, 30):
+        recording = pushed(slice(40, 60), size)
+        hidden = np.maximum(size * np.sin(np.linspace(0.0, np.pi, 20)) - 40.0, 0.0).sum() / 200
+        (found,) = measurements(recording, [0, 400])
+        velocity = np.sum((recording.integrable[0] - recording.acc)[:, 0]) / 200
+        over.append((velocity - hidden) / np.sqrt(variances(found)[2, 0]))
+    assert 0.1 < np.sqrt(np.mean(np.square(over))) < 1.5
+
+
 def test_an_interval_with_a_gap_is_doubted_and_no_other() -> None:
     base = clipped(1)
     gap = np.arange(401) > 300
@@ -145,6 +180,20 @@ def test_an_interval_with_a_gap_is_doubted_and_no_other() -> None:
     assert variances(with_gap)[0, 1] > 100 * variances(usual[1])[0, 1]
     for found, expected in ((before, usual[0]), (after, usual[2])):
         np.testing.assert_allclose(variances(found)[0], variances(expected)[0], rtol=1e-6)
+
+
+def test_what_nobody_saw_for_long_adds_up_within_the_gap() -> None:
+    """A force unknown for T moves the end of the gap by its share of T^2 / sqrt(3), as noise does; so does a tilt."""
+    base = still()
+    T = 1.0
+    holed = replace(base, t=base.t + T * (np.arange(401) > 200))
+    found, usual = (variances(measurements(one, [200, 202], QUIET)[0]) for one in (holed, base))
+    acc, gyr = (sigma[0, 0] * T for sigma in (holed.gaps.acc_sigma, holed.gaps.gyr_sigma))
+    added = found - usual
+    np.testing.assert_allclose(added[0], gyr**2, rtol=0.02)
+    np.testing.assert_allclose(added[2], acc**2 + (GRAVITY_M_S2 * gyr * T) ** 2 / 3 * np.array([1, 1, 0]), rtol=0.05)
+    tilted = (GRAVITY_M_S2 * gyr * T**2) ** 2 / 20 * np.array([1, 1, 0])
+    np.testing.assert_allclose(added[1], acc**2 * T**2 / 3 + tilted, rtol=0.05)
 
 
 def test_progress_is_told(recording: Recording) -> None:

@@ -1,0 +1,227 @@
+"""A graph without a solution: wherever it shows, `push` raises nothing, and the track goes on with larger sigmas."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from fg_nav.errors import EstimationError
+from fg_nav.online import OnlineNavigator
+from fg_nav.smoother import online, online_graph, online_lag, online_restart
+from fg_nav.smoother.online import OnlineSmoother
+from fg_nav.smoother.online_graph import WholeGraph
+from fg_nav.smoother.online_lag import LaggedGraph
+from tests.online.walks import TOLD, push, rows_of, short_walk
+
+LAGS = [None, 6.0]
+BEGINS = 7
+"""Footfall at which it begins to fail, after the last warm-up of these tests."""
+
+
+@pytest.fixture(autouse=True)
+def early_warm_ups(monkeypatch):
+    monkeypatch.setattr(online, "WARM_UPS", (1, 2, 3, 4))
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    patched = pytest.MonkeyPatch()
+    patched.setattr(online, "WARM_UPS", (1, 2, 3, 4))
+    tables = {lag: walked(lag).causal() for lag in LAGS}
+    patched.undo()
+    return tables
+
+
+def walked(lag: float | None, remark: Callable[[str], None] = lambda words: None) -> OnlineNavigator:
+    navigator = OnlineNavigator(replace(TOLD, lag_s=lag), remark)
+    rows = rows_of(short_walk())
+    push(navigator, rows, range(40, len(rows), 40))
+    navigator.close()
+    return navigator
+
+
+class Failing:
+    """Breaks a function from footfall `BEGINS` on: for so many footfalls, or so many calls of one footfall."""
+
+    def __init__(self, monkeypatch, footfalls: int = 1, calls: int = 10**9, error: type[Exception] = RuntimeError):
+        self._monkeypatch, self._error = monkeypatch, error
+        self._footfalls, self._calls = range(BEGINS, BEGINS + footfalls), calls
+        self._now, self.failed = -1, 0
+        add = OnlineSmoother.add_footfall
+
+        def counted(smoother: OnlineSmoother, *given):
+            self._now, self._left = smoother.n_footfalls, self._calls
+            try:
+                return add(smoother, *given)
+            finally:
+                self._now = -1
+
+        monkeypatch.setattr(OnlineSmoother, "add_footfall", counted)
+
+    def breaks(self, place: object, name: str, instead: Callable | None = None) -> None:
+        whole = getattr(place, name)
+
+        def failing(*given, **named):
+            if self._now in self._footfalls and self._left > 0:
+                self._left -= 1
+                self.failed += 1
+                if instead is None:
+                    raise self._error("Indeterminate linear system detected")
+                return instead(whole(*given, **named))
+            return whole(*given, **named)
+
+        self._monkeypatch.setattr(place, name, failing)
+
+
+def goes_on(navigator: OnlineNavigator, expected, least_growth: float) -> None:
+    """All footfalls told, finite; sigmas grow where it failed, and the strides behind that are those of the walk."""
+    table = navigator.causal()
+    assert len(table) == len(expected)
+    for column in (table.position, table.position_cov, table.heading_sigma, table.gyro_bias_sigma, table.nav_R_body):
+        assert np.isfinite(column).all()
+    sigma = table.position_sigma.max(axis=1)
+    assert sigma[BEGINS] > least_growth * sigma[BEGINS - 1]
+    assert sigma[-1] > 0.9 * expected.position_sigma[-1].max()
+    stride = np.linalg.norm(np.diff(table.position[BEGINS + 3 :], axis=0), axis=1)
+    usual = np.linalg.norm(np.diff(expected.position[BEGINS + 3 :], axis=0), axis=1)
+    np.testing.assert_allclose(stride, usual, atol=0.15)
+    smoothed = navigator.smoothed()
+    np.testing.assert_array_equal(smoothed.sample, table.sample)
+    assert np.isfinite(smoothed.position).all()
+    assert (smoothed.heading_sigma > 0.0).all()
+    assert np.isfinite(navigator.finish().position).all()
+
+
+@pytest.mark.parametrize("lag", LAGS)
+@pytest.mark.parametrize("error", [RuntimeError, ValueError, np.linalg.LinAlgError])
+def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, lag, error):
+    fault = Failing(monkeypatch, calls=1, error=error)
+    fault.breaks(WholeGraph if lag is None else LaggedGraph, "add")
+    navigator = walked(lag)
+    assert fault.failed == 1
+    goes_on(navigator, undisturbed[lag], 1.0)
+    assert navigator.causal().field_reason[BEGINS] == online_restart.REASON
+
+
+@pytest.mark.parametrize("lag", LAGS)
+@pytest.mark.parametrize("footfalls", [1, 3])
+def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, lag, footfalls):
+    """Nor the stride alone: then it begins again with sigmas for all that may have happened."""
+    fault = Failing(monkeypatch, footfalls)
+    fault.breaks(WholeGraph if lag is None else LaggedGraph, "add")
+    fault.breaks(online_restart, "without")
+    fault.breaks(online_restart, "first_values")
+    navigator = walked(lag)
+    assert fault.failed == 3 * footfalls
+    goes_on(navigator, undisturbed[lag], 5.0)
+    assert navigator.causal().heading_sigma[BEGINS] > 0.9
+
+
+@pytest.mark.parametrize("calls", [1, 2])
+def test_an_update_and_its_repair_have_no_solution(monkeypatch, undisturbed, calls):
+    fault = Failing(monkeypatch, calls=calls)
+    fault.breaks(gtsam.ISAM2, "update")
+    goes_on(walked(None), undisturbed[None], 1.0 if calls == 2 else 0.9)
+    assert fault.failed == calls
+
+
+@pytest.mark.parametrize("calls", [1, 2])
+def test_a_window_has_no_solution_with_weak_priors_either(monkeypatch, undisturbed, calls):
+    fault = Failing(monkeypatch, calls=calls)
+    fault.breaks(LaggedGraph, "_solve")
+    goes_on(walked(6.0), undisturbed[6.0], 1.0 if calls == 2 else 0.9)
+    assert fault.failed == calls
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_nothing_can_leave(monkeypatch, undisturbed, lag):
+    monkeypatch.setattr(online_graph, "MOST_FOOTFALLS", BEGINS + 1)
+    fault = Failing(monkeypatch, calls=1)
+    fault.breaks(online_graph if lag is None else online_lag, "without")
+    goes_on(walked(lag), undisturbed[lag], 0.9)
+    assert fault.failed == 1
+
+
+def test_a_covariance_that_isam_does_not_find_is_found_anew(monkeypatch, undisturbed):
+    fault = Failing(monkeypatch, footfalls=4)
+    fault.breaks(gtsam.ISAM2, "marginalCovariance")
+    navigator = walked(None)
+    assert fault.failed == 8
+    goes_on(navigator, undisturbed[None], 0.9)
+    found, expected = navigator.causal(), undisturbed[None]
+    np.testing.assert_allclose(found.heading_sigma, expected.heading_sigma, rtol=0.05)
+    np.testing.assert_allclose(found.position_sigma, expected.position_sigma, rtol=0.05)
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_no_covariance_is_found_or_it_is_no_number(monkeypatch, undisturbed, lag):
+    for instead in (None, lambda found: {key: np.full_like(part, np.nan) for key, part in found.items()}):
+        with monkeypatch.context() as patched:
+            fault = Failing(patched, calls=1, error=ZeroDivisionError)
+            fault.breaks(gtsam.ISAM2, "marginalCovariance") if lag is None else None
+            second = Failing(patched, calls=1, error=ZeroDivisionError)
+            second.breaks(online_graph if lag is None else online_lag, "marginal_covariances", instead)
+            goes_on(walked(lag), undisturbed[lag], 0.9)
+
+
+def test_the_smoothed_past_is_told_though_it_cannot_be_solved(monkeypatch, undisturbed):
+    navigator = walked(None)
+    expected = navigator.smoothed()
+
+    def never(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(online_graph, "marginal_covariances", never)
+    told = navigator.smoothed()
+    np.testing.assert_allclose(told.position, expected.position, atol=0.05)
+    assert (told.position_sigma > 50.0).all()
+
+    def no_batch(*_: object) -> None:
+        raise RuntimeError("Indeterminate linear system detected\nand more")
+
+    monkeypatch.setattr("fg_nav.online.navigator.smooth", no_batch)
+    ended = navigator.finish()
+    assert any("Indeterminate" in note and "more" not in note for note in ended.notes)
+    assert np.isfinite(ended.position).all()
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_a_warm_up_that_finds_nothing_is_left_out(monkeypatch, undisturbed, lag):
+    solve, calls = online.solve_so_far, []
+
+    def failing(*given):
+        calls.append(0)
+        if len(calls) in (3, 4):
+            raise RuntimeError("Indeterminate linear system detected")
+        return solve(*given)
+
+    monkeypatch.setattr(online, "solve_so_far", failing)
+    navigator = walked(lag)
+    assert len(navigator.causal()) == len(undisturbed[lag])
+    np.testing.assert_allclose(navigator.causal().position, undisturbed[lag].position, atol=0.5)
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_a_walk_begins_where_it_can(monkeypatch, undisturbed, lag):
+    """The first two footfalls cannot be leveled, say; the third is the first."""
+    solve, calls = online.solve_so_far, []
+
+    def failing(*given):
+        calls.append(0)
+        if len(calls) <= 2:
+            raise EstimationError("it has no up.")
+        return solve(*given)
+
+    monkeypatch.setattr(online, "solve_so_far", failing)
+    told = []
+    navigator = walked(lag, told.append)
+    assert len(told) == 1
+    assert "does not begin yet" in told[0]
+    table, expected = navigator.causal(), undisturbed[lag]
+    assert 0 < len(expected) - len(table) <= 2
+    assert np.isfinite(table.position).all()
+    stride, usual = (np.linalg.norm(np.diff(one.position[-6:], axis=0), axis=1) for one in (table, expected))
+    np.testing.assert_allclose(stride, usual, atol=0.1)
+    assert np.isfinite(navigator.finish().position).all()
