@@ -26,17 +26,15 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.gaps import Gaps
-from fg_nav.peaks import rebuilt
 
 
-def integrable(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps, levels: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Specific forces and rates, (N, 3) as read, that integrate to what was moved when held over periods `h` (N,) s.
+def integrable(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
+    """Specific forces and rates that integrate to what was moved when held over periods `h` (N,) s.
 
-    `levels` (2, 3) from which on each of the two is clipped, as in `fg_nav.saturation`.
+    `acc`, `gyr` (N, 3) with their peaks rebuilt.
     """
     share = (gaps.unseen_s / h[gaps.sample])[:, None]
-    period_s = float(np.median(h))
-    acc, gyr = (rebuilt(samples, period_s, of).whole for samples, of in zip((acc, gyr), levels, strict=True))
+    acc, gyr = acc.copy(), gyr.copy()
     acc[gaps.sample] += share * (gaps.acc - acc[gaps.sample])
     gyr[gaps.sample] += share * (gaps.gyr - gyr[gaps.sample])
     return compensated(acc, gyr, h)

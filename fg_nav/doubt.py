@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.peaks import rebuilt
 from fg_nav.recording import Recording
 
 
@@ -36,8 +35,7 @@ def doubts(recording: Recording, saturated_share: float) -> tuple[Floats, Floats
     share = (gaps.unseen_s / held_s)[:, None]
     found = []
     sensors = (recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)
-    for (samples, unseen), levels in zip(sensors, recording.clipping, strict=True):
-        peaks = rebuilt(samples, recording.period_s, levels)
+    for (samples, unseen), peaks in zip(sensors, recording.peaks, strict=True):
         doubt = np.hypot(peaks.sigma, saturated_share * np.abs(samples) * np.sqrt(peaks.run)) * (saturated_share > 0)
         doubt[gaps.sample] = np.hypot(doubt[gaps.sample], share * unseen)
         found.append(doubt)

@@ -35,6 +35,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.coning import integrable
 from fg_nav.errors import RecordingError
 from fg_nav.gaps import Gaps, bridged
+from fg_nav.peaks import Peaks, rebuilt
 from fg_nav.saturation import clipping_levels
 from fg_nav.timing import dejittered
 from fg_nav.wording import counted
@@ -174,7 +175,14 @@ class Recording:
     def integrable(self) -> tuple[Floats, Floats]:
         """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.coning`)."""
         h = np.append(np.diff(self.t), self.period_s)
-        return integrable(self.acc, self.gyr, h, self.gaps, self.clipping)
+        acc, gyr = self.peaks
+        return integrable(acc.whole, gyr.whole, h, self.gaps)
+
+    @cached_property
+    def peaks(self) -> tuple[Peaks, Peaks]:
+        """Specific force and rate with the peaks rebuilt that the sensor cut."""
+        acc, gyr = self.clipping
+        return rebuilt(self.acc, self.period_s, acc), rebuilt(self.gyr, self.period_s, gyr)
 
     @cached_property
     def clipping(self) -> tuple[Floats, Floats]:
@@ -210,7 +218,10 @@ class Recording:
         cut = replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag)
         acc, gyr = self.integrable
         cut.__dict__.update(
-            gaps=self.gaps.within(start, stop), integrable=(acc[part], gyr[part]), clipping=self.clipping
+            gaps=self.gaps.within(start, stop),
+            integrable=(acc[part], gyr[part]),
+            peaks=tuple(Peaks(*(column[part] for column in peaks)) for peaks in self.peaks),
+            clipping=self.clipping,
         )
         return cut
 

@@ -13,6 +13,7 @@ of the field estimated on it; from the last of these on they are held. So the mi
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 
@@ -35,7 +36,7 @@ from fg_nav.smoother.online_field_seen import seen_on
 from fg_nav.smoother.online_graph import WholeGraph
 from fg_nav.smoother.online_lag import LaggedGraph
 from fg_nav.smoother.online_propagate import Track, carried_on
-from fg_nav.smoother.online_restart import REASON, UNSOLVED, check, go_on
+from fg_nav.smoother.online_restart import REASON, check, go_on
 from fg_nav.smoother.online_rows import Packed, StanceEstimate, packed, table_of
 from fg_nav.smoother.online_strides import (
     CONTEXT_S,
@@ -50,6 +51,7 @@ from fg_nav.smoother.online_ties import GraphTies
 from fg_nav.smoother.online_walk import Footfall, Samples, WalkSoFar
 from fg_nav.smoother.online_warm import LAST_WITH_LAG, WARM_UPS, Warm, field_seen, solve_so_far
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.smoother.strides import add_stride
 from fg_nav.solution import Solution, StanceTable
 
@@ -223,9 +225,9 @@ class OnlineSmoother:
 
     def _begin_anew(self) -> bool:
         """Solve the walk so far in batch and go on from there; False where that finds no solution."""
-        recording, stances = self._walk.whole(), self._walk.stances(0, 0)
-        options = self._options
+        options, before = self._options, copy(self._graph)
         try:
+            recording, stances = self._walk.whole(), self._walk.stances(0, 0)
             warm = solve_so_far(recording, stances, options.heading_rad, options.use_field, options.parameters)
             places = places_of(warm.nodes, recording.t)
             self._graph.restart(warm.graph, warm.values, places)
@@ -235,6 +237,7 @@ class OnlineSmoother:
                 raise EstimationError(
                     f"the walk has no beginning at footfall {self.n_footfalls - 1}: leave out the samples before it."
                 ) from error
+            self._graph = before
             return False
         self._warm = warm
         self._places = places
@@ -265,11 +268,12 @@ class OnlineSmoother:
         if self._warm is None or self._latest is None:
             self._begin_anew()
             return
-        known = len(self._places)
+        known, rests = len(self._places), (self._longest, self._counted)
         try:
             self._extend()
             check(self._graph, self._places[-1])
         except UNSOLVED:
+            self._longest, self._counted = rests
             del self._places[known:], self._verdicts[known:]
             if self._walk.n_steps < self._warm_ups[-1] and self._begin_anew():
                 return

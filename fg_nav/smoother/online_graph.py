@@ -34,6 +34,7 @@ from fg_nav.arrays import Floats
 from fg_nav.smoother.covariances import DIMENSION, marginal_covariances
 from fg_nav.smoother.online_leaving import frozen_of, keys_of, without
 from fg_nav.smoother.online_strides import Frozen, Place, order_of
+from fg_nav.smoother.solver import UNSOLVED
 
 ATTITUDE_RAD = 0.005
 """0.3 deg: half its square is 12 millionths of a stride's length."""
@@ -155,7 +156,7 @@ class WholeGraph:
         if key not in self._covariances:
             try:
                 self._covariances[key] = np.asarray(self._isam.marginalCovariance(key))
-            except RuntimeError:
+            except UNSOLVED:
                 linear = self._graph.linearize(self._best())
                 tree = linear.eliminateMultifrontal(gtsam.Ordering.ColamdGaussianFactorGraph(linear), gtsam.EliminateQR)
                 self._covariances[key] = marginal_covariances(tree, {key})[key]
@@ -174,16 +175,18 @@ class WholeGraph:
         for more in (gtsam.NonlinearFactorGraph(), weak):
             graph = gtsam.NonlinearFactorGraph(self._graph)
             graph.push_back(more)
-            with suppress(RuntimeError, ArithmeticError):
+            with suppress(*UNSOLVED):
                 tree = graph.linearize(values).eliminateMultifrontal(order_of(places, values), gtsam.EliminateQR)
-                return values.retract(tree.optimize()), marginal_covariances(tree, keys)
+                step, covariances = tree.optimize(), marginal_covariances(tree, keys)
+                if np.isfinite(step.norm()) and all(np.isfinite(one).all() for one in covariances.values()):
+                    return values.retract(step), covariances
         return values, {key: np.diag(_weak_sigmas(key) ** 2) for key in keys}
 
     def _best(self) -> gtsam.Values:
         """All values as now known; where they are linearised, if the tree cannot be solved."""
         try:
             return self._isam.calculateBestEstimate()
-        except RuntimeError:
+        except UNSOLVED:
             return gtsam.Values(self._theta)
 
     def _leave(self, places: list[Place], count: int) -> None:

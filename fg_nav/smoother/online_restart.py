@@ -16,7 +16,6 @@ import numpy as np
 from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import FgNavError
 from fg_nav.smoother.field_state import E_H, SIZE
 from fg_nav.smoother.online_graph import weak_priors
 from fg_nav.smoother.online_leaving import without
@@ -24,11 +23,8 @@ from fg_nav.smoother.online_rows import StanceEstimate
 from fg_nav.smoother.online_strides import Place, StrideWindow, first_values
 from fg_nav.smoother.online_ties import GraphTies
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.smoother.strides import Stride, add_stride
-
-UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)
-"""What gtsam, numpy and fg_nav say where there is no solution: an indeterminate system, a key that is not there, a
-matrix that cannot be divided by, no convergence."""
 
 REASON = "the walk had no solution here, and goes on from the footfall before"
 """In place of a verdict on the field."""

@@ -22,6 +22,9 @@ _COLUMNS = 10
 
 _FIRST_ROWS = 4096
 
+AT_END = 0.97
+"""Share of the largest that was read, from which on a level may be that of a range: calibration smears it."""
+
 _BEFORE = 40
 """Samples before a node that are cut out with those after it: enough for a recording."""
 
@@ -62,6 +65,7 @@ class WalkSoFar:
         self._steps = 0
         self._with_mag = False
         self._sensor: tuple[float, tuple[Floats, Floats]] | None = None
+        self._extreme = np.zeros((2, 2, 3))  # specific force and rate, upper and lower end
 
     @property
     def first(self) -> int:
@@ -105,6 +109,9 @@ class WalkSoFar:
         self._make_room(len(rows))
         self._rows[self._count : self._count + len(rows)] = rows
         self._count += len(rows)
+        for sensor, columns in enumerate((rows[:, 1:4], rows[:, 4:7])):
+            ends = columns.max(axis=0, initial=0.0), -columns.min(axis=0, initial=0.0)
+            self._extreme[sensor] = np.maximum(self._extreme[sensor], ends)
         self._with_mag |= samples.mag is not None
         self._footfalls.append(footfall)
         self._steps += not footfall.continues
@@ -143,13 +150,18 @@ class WalkSoFar:
         return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
 
     def _of_sensor(self, part: Recording) -> Recording:
-        """A part of the walk, clipped at the levels of the whole, or where that did not clip yet, at its own."""
+        """A part of the walk, clipped at the levels of the whole.
+
+        Where the whole had not clipped yet, at its own, if these are at the end of all that was read: what is flat in a
+        part may be someone who stands.
+        """
         if self._sensor is None:
             return part
         period_s, known = self._sensor
-        acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(known, part.clipping, strict=True))
-        self._sensor = period_s, (acc, gyr)
-        return part.known_by(*self._sensor)
+        of_part = zip(part.clipping, self._extreme, strict=True)
+        believed = (np.where(level >= AT_END * extreme, level, np.inf) for level, extreme in of_part)
+        acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(known, believed, strict=True))
+        return part.known_by(period_s, (acc, gyr))
 
     def _check(self, rows: Floats, footfall: Footfall) -> None:
         begins = self._footfalls[-1].stop[-1] if self._footfalls else 0

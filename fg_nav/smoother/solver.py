@@ -19,10 +19,14 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, M, S, V, X
 
-from fg_nav.errors import EstimationError
+from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.smoother.nodes import Nodes
 
 MOST_HALVINGS = 6
+
+UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)
+"""What gtsam, numpy and fg_nav say where there is no solution: an indeterminate system, a key that is not there, a
+matrix that cannot be divided by, no convergence."""
 
 
 class Part(Protocol):

@@ -12,6 +12,7 @@ from gtsam.symbol_shorthand import X
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation.alignment import align
 from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother import online as online_smoother
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.online import Footfall, OnlineOptions, OnlineSmoother, Samples
 from fg_nav.smoother.online_lag import LaggedGraph
@@ -209,6 +210,27 @@ def test_a_long_standing_told_in_pieces_is_one_rest():
     in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances).stances
     np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.1)
     np.testing.assert_allclose(in_pieces.position[last - 1], whole_walk.position[last - 1], atol=0.1)
+
+
+@pytest.mark.parametrize("options", [OnlineOptions(), OnlineOptions(lag_s=8.0)])
+def test_a_warm_up_that_fails_late_leaves_no_trace(monkeypatch, options):
+    """Nothing of it is left in the graph, whether it has no solution or one that is not finite."""
+    monkeypatch.setattr(online_smoother, "WARM_UPS", (1, 4, 8))
+    tables = []
+    for broken in ("solve_so_far", "check"):
+        whole_of_it, calls = getattr(online_smoother, broken), []
+
+        def failing(*given, whole_of_it=whole_of_it, calls=calls, broken=broken):
+            calls.append(0)
+            if len(calls) == {"solve_so_far": 3, "check": 8}[broken]:
+                raise RuntimeError("Indeterminate linear system detected")
+            return whole_of_it(*given)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(online_smoother, broken, failing)
+            tables.append(fed(demo(), options, 12).causal())
+    np.testing.assert_array_equal(tables[0].position, tables[1].position)
+    np.testing.assert_array_equal(tables[0].position_cov, tables[1].position_cov)
 
 
 def test_what_is_no_walk_is_refused():
