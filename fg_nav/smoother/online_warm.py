@@ -34,10 +34,13 @@ from fg_nav.smoother.strides import gauge, gauge_of
 from fg_nav.stances import Stances
 from fg_nav.start import starting_point
 
-WARM_UPS = (1, 2, 3, 4, 8, 16, 32, 64, 128, 256, 512, 724, 1024, 1448)
+WARM_UPS = (
+    *(1, 2, 3, 4, 6, 8, 10, 13, 16, 19, 23, 27, 32, 38, 45, 54, 64, 76, 91, 108, 128, 152, 181, 215, 256),
+    *(362, 512, 724, 1024, 1448),
+)
 """Footfalls at which a walk is solved anew. At 512 it knows its lever to a few millimetres; how rough the field is, and
-with it how far each compass reading pulls, still changes. Each solves half as much again as the one before, until
-half of the graph leaves (`online_graph.MOST_FOOTFALLS`)."""
+with it how far each compass reading pulls, still changes. While that takes less than a second, each has a fifth more than the one
+before, then half as much again, until half of the graph leaves (`online_graph.MOST_FOOTFALLS`)."""
 
 LAST_WITH_LAG = 512
 """With a lag the samples of a walk are forgotten once it is not solved anew any more."""
