@@ -39,8 +39,8 @@ WARM_UPS = (
     *(362, 512, 724, 1024, 1448),
 )
 """Footfalls at which a walk is solved anew. At 512 it knows its lever to a few millimetres; how rough the field is, and
-with it how far each compass reading pulls, still changes. While that takes less than a second, each has a fifth more than the one
-before, then half as much again, until half of the graph leaves (`online_graph.MOST_FOOTFALLS`)."""
+with it how far each compass reading pulls, still changes. While that takes less than a second each has a fifth more
+than the one before, then half as much again, until half of the graph leaves (`online_graph.MOST_FOOTFALLS`)."""
 
 LAST_WITH_LAG = 512
 """With a lag the samples of a walk are forgotten once it is not solved anew any more."""
