@@ -22,6 +22,7 @@ from fg_nav.errors import EstimationError, FormatError, StreamError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.stream import StreamOptions, follow
+from fg_nav.stream.lines import lines_of
 from fg_nav.stream.rows import RowReader
 from fg_nav.stream.server import LineServer
 from fg_nav.stream.sources import opened
@@ -60,11 +61,17 @@ class Pieces:
 
 
 class Breaking(Pieces):
-    """The same, and the program is killed when they have come and what came was saved."""
+    """The same, and the program is killed when they have come and what came was saved there."""
+
+    def __init__(self, saved: Path, *pieces: bytes) -> None:
+        super().__init__(*pieces)
+        self._saved = saved
 
     def read(self, wait_s: float) -> bytes | None:
         if not self._pieces:
-            time.sleep(0.3)
+            deadline = time.monotonic() + 30.0
+            while not self._saved.exists() and time.monotonic() < deadline:
+                time.sleep(0.01)
             raise KeyboardInterrupt
         return super().read(wait_s)
 
@@ -107,6 +114,21 @@ def test_a_line_for_each_footfall(csv, whole):
     assert remarks == []
 
 
+def test_a_line_has_the_stamp_of_the_sensor_where_that_is_another(csv):
+    header, *rows = csv.read_bytes().splitlines(keepends=True)
+    later = [b"1000%s,%s" % tuple(row.split(b",", 1)) for row in rows[700:]]
+    navigator, lines, remarks = followed(Pieces(b"".join([header, *rows[:700], *later])))
+    assert any("set back by" in words for words in remarks)
+    sent_t = np.array([float(row.split(b",")[0]) for row in rows[:700] + later])
+    sample = navigator.causal().sample
+    assert 2 < (sample >= 700).sum() < len(sample) - 2
+    for line, i in zip(lines, sample.tolist(), strict=True):
+        assert ("sensor_t" in line) == (i >= 700)
+        assert line.get("sensor_t", line["t"]) == pytest.approx(sent_t[i], abs=1e-8)
+    smoothed = [json.loads(line) for line in lines_of(navigator.smoothed(), navigator.judge.sensor_time)]
+    assert [line.get("sensor_t") for line in smoothed] == [line.get("sensor_t") for line in lines]
+
+
 def test_bad_rows_are_left_out_and_told_once(csv, whole):
     rows = csv.read_bytes().splitlines(keepends=True)
     bad = [b"1,2,3\n", b"\xff\xfe,,,,,,,,,\n", b"1," * 40 + b"\n", b"x,0,0,9.8,0,0,0,0,0,0\n", b"\n", rows[0]]
@@ -143,7 +165,7 @@ def test_a_source_that_has_sent_its_header_goes_on_without_it(csv, whole, tmp_pa
     rows = csv.read_bytes().splitlines(keepends=True)
     path = tmp_path / "walk.npz"
     with suppress(KeyboardInterrupt):
-        followed(Breaking(b"".join(rows[:700])), checkpoint=path, checkpoint_s=1e-9)
+        followed(Breaking(path, b"".join(rows[:700])), checkpoint=path, checkpoint_s=1e-9)
     assert load(path, TOLD).store.stop == 699
     for again in (rows[700:], rows, [rows[0], *rows[700:]]):
         kept = path.read_bytes()

@@ -1,9 +1,9 @@
 """Save a walk in progress and take it up again, to the same answer.
 
 A checkpoint is one .npz of arrays with a version: the samples that were taken, the footfalls that were told, and as
-JSON the options, what the source was, and what was left out. To resume, the samples go through a new navigator: the
-same samples give the same answer to the last bit. That takes some hundredths of the time that was walked, and saving
-takes time in proportion to the walk.
+JSON the options, how footfalls are found, what the source was, and what was left out. To resume, the samples go through
+a new navigator: the same samples give the same answer to the last bit. That takes some hundredths of the time that was
+walked, and saving takes time in proportion to the walk.
 
 The file appears whole or not at all: it is written beside its place, brought to the disk and then moved there.
 
@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import OnlineNavigator
@@ -32,7 +33,7 @@ from fg_nav.online.store import CHUNK, COLUMNS
 from fg_nav.plain import plain
 from fg_nav.smoother.online import OnlineOptions
 
-VERSION = 2
+VERSION = 3
 """Of the arrays in a checkpoint."""
 
 
@@ -55,6 +56,7 @@ def content_of(navigator: OnlineNavigator) -> dict[str, Any]:
         raise EstimationError("a walk with a lag forgets its samples and has no checkpoint: leave one of the two out.")
     facts = {
         "options": _words(navigator.options),
+        "detection": _words(navigator.detection),
         "judge": navigator.judge.state(),
         "source": dict(navigator.source),
         "has_ended": navigator.has_ended,
@@ -82,6 +84,7 @@ def load(
     options: OnlineOptions | None = None,
     remark: Callable[[str], None] = lambda words: None,
     progress: Callable[[float], None] | None = None,
+    detection: CausalParameters = CausalParameters(),
 ) -> OnlineNavigator:
     """Take up a walk where a checkpoint left it.
 
@@ -98,20 +101,23 @@ def load(
         As for `OnlineNavigator`.
     progress
         Told from time to time which fraction is done.
+    detection
+        How footfalls were found.
 
     Raises
     ------
     FormatError
         If the file is no checkpoint, or one of another version.
     EstimationError
-        If it was made with other options, or finds other footfalls now.
+        If it was made with other options or another detection, or finds other footfalls now.
     """
     path = Path(path)
     samples, stops, facts = _read(path)
     options = _options(facts["options"]) if options is None else options
-    if json.loads(json.dumps(_words(options))) != facts["options"]:
-        raise EstimationError(f"{path.name} was made with other options: give the same, or name another checkpoint.")
-    navigator = OnlineNavigator(options, remark, judge=SampleJudge.resumed(facts["judge"], samples, remark))
+    for given, name, other in ((options, "options", "other options"), (detection, "detection", "another detection")):
+        if json.loads(json.dumps(_words(given))) != facts[name]:
+            raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
+    navigator = OnlineNavigator(options, remark, detection, SampleJudge.resumed(facts["judge"], samples, remark))
     navigator.source.update(facts["source"])
     for start in range(0, len(samples), CHUNK):
         navigator.take(samples[start : start + CHUNK])
@@ -128,8 +134,8 @@ def _stops(navigator: OnlineNavigator) -> Ints:
     return np.array([int(footfall.stop[-1]) for footfall in navigator.footfalls], dtype=np.int64)
 
 
-def _words(options: OnlineOptions) -> Any:
-    return plain(asdict(options))
+def _words(parameters: OnlineOptions | CausalParameters) -> Any:
+    return plain(asdict(parameters))
 
 
 def _options(words: Mapping[str, Any]) -> OnlineOptions:

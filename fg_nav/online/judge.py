@@ -5,19 +5,20 @@ missing (NaN, empty, no range)    left out
 stamp as the one before           left out
 stamp before the last one         left out; after `RESTART` of them in order the clock has begun anew, and
                                   is carried on
-stamp more than `JUMP_S` ahead    waits for the next: left out if that one is back in line
-more than `LONGEST_GAP_S` ahead   carried on as after `UNKNOWN_GAP_S`: stamps are set back by the rest
+stamp more than `JUMP_S` ahead    waits for the next: left out if that one is back in line, or never comes
+more than `LONGEST_GAP_S` ahead   carried on as `LONGEST_GAP_S`: stamps from there on are set back by the rest
 gap of more than `MAX_GAP_S`      told; the estimator doubts what nobody saw
 wrong unit, gravity removed       refused, as in a file, once `CHECKED` samples are there
 ================================= ==========================================================================
 
-Each kind is counted, and told once.
+Each kind is counted, and told once. Nothing depends on the blocks in which the rows come. Where stamps were set on or
+back, `sensor_time` tells those that the sensor gave.
 
 A judge is resumed from a checkpoint to the last bit. What comes then may be the same stream from its beginning, or
-what a sensor sends now (`overlap`). If the stamps of that are before the last one, the sensor was switched off and on,
-and its clock began anew. For how long nobody saw the foot cannot be known; the walk is carried on after a gap of
-`UNKNOWN_GAP_S`, in which heading and place are lost: their sigmas say so. A clock that began anew and has already
-passed the last stamp looks like a gap, and is taken for one.
+what a sensor sends now (`overlap`). If the first stamps of that, `HEAD` of them, are before the last one, the sensor
+was switched off and on, and its clock began anew. For how long nobody saw the foot cannot be known; the walk is carried
+on after a gap of `LONGEST_GAP_S`, in which heading and place are lost: their sigmas say so. A clock that began anew and
+has already passed the last stamp looks like a gap, and is taken for one.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online.overlap import TAIL, Overlap, prints_of
+from fg_nav.online.overlap import HEAD, TAIL, TICK_S, Overlap, prints_of
 from fg_nav.online.store import COLUMNS
 from fg_nav.plausibility import acc_problem, field_strength, mag_problem, median_period_s, stamp_problem
 from fg_nav.recording import MAX_GAP_S, RawRecording, usable_samples
@@ -43,12 +44,10 @@ JUMP_S = 1.0
 RESTART = 100
 """Stamps before the last one that follow each other: no delay on the way, but a clock that was set anew."""
 
-LONGEST_GAP_S = 30.0
-"""A longer step is no gap: its sigmas are kilometres, a second one makes more of them than the solver bears, and nobody
-walks so far. It may be a clock that was set, too."""
-
-UNKNOWN_GAP_S = 10.0
-"""In place of a time that nobody knows: it loses place and heading."""
+LONGEST_GAP_S = 10.0
+"""A longer gap, or one whose length nobody knows, is carried on as so long: it loses heading and place. The sigmas it
+leaves are 0.4 to 27 km, by where in the stride it begins; those of half a minute would be up to 1000 km, more than the
+solver bears, and nobody walks so far. It may be a clock that was set, too."""
 
 MOST_LEFT = 4096
 """Rows left out for their stamps that a checkpoint knows again."""
@@ -69,12 +68,13 @@ WORDS = {
     "missing": "samples are missing (empty, NaN or out of any range) and left out",
     "repeated": "stamps repeat the one before, and their samples are left out",
     "backward": "stamps are before the last one, and their samples are left out",
-    "ahead": "stamps are far ahead of the next ones, and their samples are left out",
+    "ahead": "stamps are far ahead of those around them, and their samples are left out",
     "restart": "the clock of the sensor was set anew, and is carried on",
-    "rebooted": f"the clock of the sensor began anew while nobody listened: a gap of {UNKNOWN_GAP_S:g} s is assumed",
+    "rebooted": f"the clock of the sensor began anew while nobody listened: a gap of {LONGEST_GAP_S:g} s is assumed",
     "gap": f"there is a gap of more than {MAX_GAP_S:g} s: the track goes on with larger sigmas",
-    "unseen": f"nothing came for more than {LONGEST_GAP_S:g} s: a gap of {UNKNOWN_GAP_S:g} s is assumed",
+    "unseen": f"nothing came for more than {LONGEST_GAP_S:g} s, which is carried on as {LONGEST_GAP_S:g} s",
     "known": "samples are in the checkpoint already and left out",
+    "late": "samples that the checkpoint does not hold come before its last one, and are left out",
 }
 """What is said of each kind, the first time."""
 
@@ -101,6 +101,7 @@ class SampleJudge:
         self._offset = 0.0
         self._clocks = [(0, 0.0)]
         self._taken = 0
+        self._missing_last = self._missing_again = self._missing_unsure = 0
         self._behind: list[float] = []
         self._waits = np.empty((0, COLUMNS))
         self._tail = np.empty((0, COLUMNS))
@@ -118,15 +119,20 @@ class SampleJudge:
             (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT; whatever a sensor may deliver.
         """
         field = np.full((len(t), 3), np.nan) if mag is None else mag
-        raw = RawRecording(t, acc, gyr, np.arange(len(t)), field)
-        usable = usable_samples(raw)
-        if not usable.all():
-            self._count("missing", int((~usable).sum()), f"near t = {self._last:.3f} s")
-        return self._taken_of(self._unknown(np.column_stack([t, acc, gyr, field])[usable]))
+        usable = usable_samples(RawRecording(t, acc, gyr, np.arange(len(t)), field))
+        new = self._unknown(np.column_stack([t, acc, gyr, field])[usable])
+        self._count_missing(usable, len(new))
+        return self._taken_of(new)
 
     def rest(self) -> Floats:
         """Return the rows (m, 10) to take of those that wait, at the end of the stream, for more to be judged by."""
-        return self._taken_of(self._unknown(np.empty((0, COLUMNS)), at_end=True))
+        new = self._unknown(np.empty((0, COLUMNS)), at_end=True)
+        self._count_missing(np.empty(0, dtype=np.bool_), len(new))
+        return self._taken_of(new, at_end=True)
+
+    def sensor_time(self, sample: int, t: float) -> float:
+        """Return the stamp, s, that the sensor gave a sample which was taken with stamp t."""
+        return t - next(offset for first, offset in reversed(self._clocks) if first <= sample)
 
     def state(self) -> dict[str, Any]:
         """Return what `resumed` needs, as JSON knows it."""
@@ -143,6 +149,7 @@ class SampleJudge:
             "held": held.tolist(),
             "left": list(self._left),
             "to_check": self._to_check,
+            "missing_last": self._missing_last,
         }
 
     @classmethod
@@ -157,109 +164,147 @@ class SampleJudge:
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
         judge._to_check = int(state["to_check"])
         judge._first = [samples[:CHECKED]] if judge._to_check > 0 else []
+        judge._missing_last = judge._missing_again = int(state["missing_last"])
         judge._left.extend(state["left"])
-        judge._overlap = Overlap(samples, judge._clocks, judge._left, judge._tail, held)
+        left = [*judge._left, *prints_of(judge._waits).tolist()]
+        judge._overlap = Overlap(samples, judge._clocks, left, judge._tail, held)
         return judge
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What there was, in words."""
-        return tuple(f"{number} times: {WORDS[kind]}" for kind, number in self.counts.items())
+        there_was = [f"{number} times: {WORDS[kind]}" for kind, number in self.counts.items()]
+        if self._offset:
+            there_was.append(f"at the end stamps are {_set_by(self._offset)} from those of the sensor")
+        return tuple(there_was)
 
     def _count(self, kind: str, number: int, where: str) -> None:
-        if number and not self.counts[kind]:
+        if number == 0:
+            return
+        if not self.counts[kind]:
             self._remark(f"{WORDS[kind]}, the first {where}.")
         self.counts[kind] += number
 
+    def _count_missing(self, usable: Bools, new: int) -> None:
+        """Count what is not usable (n,) of a block, but for what came before the checkpoint.
+
+        `new` rows come now, of this block and of what was held until it was clear what the checkpoint knows.
+        """
+        self._missing_last = _behind_last(usable) + (0 if usable.any() else self._missing_last)
+        if self._overlap is not None and not self._overlap.is_over:
+            self._missing_unsure = 0 if self._overlap.skips else self._missing_unsure + int((~usable).sum())
+            return
+        known = max(int(usable.sum()) - new, 0)
+        missing = int((np.cumsum(usable) >= known)[~usable].sum())
+        again = min(missing, self._missing_again)
+        self._missing_again = 0 if new else self._missing_again - again
+        self._count("missing", missing - again + self._missing_unsure, f"near t = {self._last:.3f} s")
+        self._missing_unsure = 0
+
     def _unknown(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Leave out what a checkpoint knows already."""
+        """Leave out what a checkpoint knows already, and what comes before that."""
         overlap = self._overlap
         if overlap is None:
             return rows
-        began, known = overlap.is_over, overlap.known
+        before = Counter(known=overlap.known, late=overlap.late)
         rows = overlap.beyond(rows, at_end)
-        if overlap.known > known:
-            self._count("known", overlap.known - known, f"before t = {self._tail[-1, 0]:.3f} s")
-        if overlap.is_over and not began:
-            if not overlap.known:
-                self._look_for_reboot(rows[:, 0])
+        for kind, number in (Counter(known=overlap.known, late=overlap.late) - before).items():
+            self._count(kind, number, f"before t = {self._tail[-1, 0]:.3f} s")
+        if overlap.is_over:
+            if not overlap.skips:
+                self._missing_again = 0
+                self._look_for_reboot(rows[:HEAD, 0])
             self._overlap = None
         return rows
 
     def _look_for_reboot(self, t: Floats) -> None:
         """Set the clock on where a source goes on with stamps (n,) that are all before the last one."""
-        restarts = self._behind and t[0] + self._offset > self._behind[-1]
-        if len(t) and not restarts and (t[:RESTART] + self._offset < self._last).all():
-            self._count("rebooted", 1, f"at t = {t[0]:.3f} s, after {self._last:.3f} s")
-            self._set_on(self._last + UNKNOWN_GAP_S - (float(t[0]) + self._offset), self._taken)
+        if len(t) == 0 or (t + self._offset >= self._last).any():
+            return
+        if self._behind and t[0] + self._offset > self._behind[-1]:
+            return  # they go on from stamps that are counted already
+        shift = self._last + LONGEST_GAP_S - (float(t[0]) + self._offset)
+        self._count("rebooted", 1, f"at t = {t[0]:.3f} s, after {self._last:.3f} s; {_from_there(shift)}")
+        self._set_on(shift)
 
-    def _taken_of(self, sent: Floats) -> Floats:
+    def _taken_of(self, sent: Floats, at_end: bool = False) -> Floats:
         """Return the rows to take, of these as they were sent and of what waited."""
         self._tail = np.concatenate([self._tail, sent[-TAIL:]])[-TAIL:]
-        rows = self._in_order(np.concatenate([self._waits, sent]))
-        self._taken += len(rows)
+        rows = self._in_order(np.concatenate([self._waits, sent]), at_end)
         self._tell_gaps(rows)
         self._check_units(rows)
         return rows
 
-    def _in_order(self, sent: Floats) -> Floats:
-        """Leave out the rows whose stamps do not go on from the last one."""
+    def _in_order(self, sent: Floats, at_end: bool) -> Floats:
+        """Leave out the rows whose stamps do not go on from the last one, and set the clock on where it must be."""
         self._waits = sent[:0]
         rows = sent.copy()
         rows[:, 0] += self._offset
-        step = np.diff(rows[:, 0], prepend=self._last)
-        started = self._last > -np.inf
-        if not self._behind and (step > 0).all() and (step[not started :] <= JUMP_S).all():
+        if self._all_go_on(rows[:, 0]):
+            self._taken += len(rows)
             self._last = float(rows[-1, 0]) if len(rows) else self._last
             return rows
         keep = np.zeros(len(rows), dtype=bool)
-        for i in range(len(rows)):
-            t, before, shift = float(rows[i, 0]), self._last, 0.0
-            if t <= before:
-                shift = self._restart(t)
-                keep[i] = shift > 0.0
-            elif t - before <= JUMP_S or not started:
-                keep[i], self._behind = True, []
-            elif i + 1 == len(rows):
+        for i, stamp in enumerate(sent[:, 0].tolist()):
+            following = float(sent[i + 1, 0]) if i + 1 < len(sent) else None
+            if following is None and not at_end and self._is_far_ahead(stamp + self._offset):
                 self._waits = sent[i:]
-            elif rows[i + 1, 0] > t:
-                keep[i], self._behind = True, []
-                shift = self._jump(t)
-            else:
-                self._count("ahead", 1, f"at t = {t:.3f} s")
-            if shift:
-                self._set_on(shift, self._taken + int(keep[:i].sum()))
-                rows[i:, 0] = sent[i:, 0] + self._offset
+                break
+            keep[i] = self._is_taken(stamp + self._offset, following is not None and following > stamp)
             if keep[i]:
-                self._last, started = float(rows[i, 0]), True
+                rows[i, 0] = self._last = stamp + self._offset
+                self._taken += 1
         judged = len(sent) - len(self._waits)
         self._left.extend(prints_of(sent[:judged][~keep[:judged]]).tolist())
         return rows[keep]
 
-    def _restart(self, t: float) -> float:
-        """Count a stamp that is not after the last one; by how much the clock has to be set on, mostly nothing, s."""
+    def _all_go_on(self, t: Floats) -> bool:
+        """Whether stamps (n,) go on from the last one, as they nearly always do."""
+        step = np.diff(t, prepend=self._last)
+        step[np.isinf(step)] = 0.5 * JUMP_S  # the very first
+        return not self._behind and bool(((step > 0.0) & (step <= JUMP_S)).all())
+
+    def _is_far_ahead(self, t: float) -> bool:
+        return np.isfinite(self._last) and t - self._last > JUMP_S
+
+    def _is_taken(self, t: float, is_followed: bool) -> bool:
+        """Judge a stamp; `is_followed` by a later one. Where it starts a clock anew, that is set on."""
         if t == self._last:
             self._count("repeated", 1, f"at t = {t:.3f} s")
-            return 0.0
+            return False
+        if t < self._last:
+            return self._is_clock_set_anew(t)
+        if self._is_far_ahead(t):
+            if not is_followed:
+                self._count("ahead", 1, f"at t = {t:.3f} s")
+                return False
+            self._shorten(t)
+        self._behind = []
+        return True
+
+    def _is_clock_set_anew(self, t: float) -> bool:
+        """Count a stamp before the last one; after `RESTART` of them in order, set the clock on."""
         self._count("backward", 1, f"at t = {t:.3f} s, after {self._last:.3f} s")
         self._behind = [*self._behind, t] if not self._behind or t > self._behind[-1] else [t]
         if len(self._behind) < RESTART:
-            return 0.0
-        first, period = self._behind[0], (t - self._behind[0]) / (RESTART - 1)
-        self._count("restart", 1, f"at t = {t:.3f} s, after {self._last:.3f} s")
-        return self._last + period - first
+            return False
+        period = (t - self._behind[0]) / (RESTART - 1)
+        shift = self._last + period - self._behind[0]
+        self._count("restart", 1, f"at t = {t:.3f} s, after {self._last:.3f} s; {_from_there(shift)}")
+        self._set_on(shift)
+        return True
 
-    def _jump(self, t: float) -> float:
-        """By how much the clock has to be set back for a stamp far ahead, mostly nothing, s."""
-        if t - self._last <= LONGEST_GAP_S:
-            return 0.0
-        self._count("unseen", 1, f"before t = {t:.3f} s, after {self._last:.3f} s")
-        return self._last + UNKNOWN_GAP_S - t
+    def _shorten(self, t: float) -> None:
+        """Set the clock back where a gap is too long."""
+        shift = self._last + LONGEST_GAP_S - t
+        if shift < -TICK_S:
+            self._count("unseen", 1, f"before t = {t:.3f} s, after {self._last:.3f} s; {_from_there(shift)}")
+            self._set_on(shift)
 
-    def _set_on(self, shift: float, sample: int) -> None:
-        """Set the clock on from a sample on."""
+    def _set_on(self, shift: float) -> None:
+        """Set the clock on from the next sample on."""
         self._offset += shift
-        self._clocks.append((sample, self._offset))
+        self._clocks.append((self._taken, self._offset))
         self._behind = []
 
     def _tell_gaps(self, rows: Floats) -> None:
@@ -285,6 +330,19 @@ class SampleJudge:
         for problem in _unit_problems(seen[:, 0], seen[:, 1:4], seen[:, 7:10]):
             if problem is not None:
                 raise RecordingError(f"{problem} (seen in the first {counted(CHECKED, 'sample')}).")
+
+
+def _set_by(shift: float) -> str:
+    return f"set {'back' if shift < 0.0 else 'on'} by {abs(shift):.3f} s"
+
+
+def _from_there(shift: float) -> str:
+    return f"from there on stamps are {_set_by(shift)}"
+
+
+def _behind_last(usable: Bools) -> int:
+    """Return how many samples behind the last usable one are not."""
+    return int((np.cumsum(usable[::-1]) == 0).sum())
 
 
 def _rows(content: Any) -> Floats:

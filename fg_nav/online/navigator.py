@@ -51,6 +51,7 @@ class OnlineNavigator:
     Attributes
     ----------
     options : of the smoother.
+    detection : how footfalls are found.
     footfalls : those told so far, in the order of their estimates.
     store, judge : the samples so far, and what was left out of them.
     source : what a checkpoint keeps of the source for who reads it, as JSON knows it.
@@ -69,7 +70,7 @@ class OnlineNavigator:
         self.store = SampleStore()
         self.judge = SampleJudge(remark) if judge is None else judge
         self.source: dict[str, Any] = {}
-        self._detection = detection
+        self.detection = detection
         self._stances = CausalStances(detection)
         self._smoother = OnlineSmoother(options)
         self._remark, self._waits = remark, False
@@ -97,12 +98,17 @@ class OnlineNavigator:
             raise EstimationError("this walk has ended: begin a new one for more samples.")
         began = perf_counter()
         rows = self.judge.admit(t, acc, gyr, mag)
-        found = self.take(rows)
+        self._busy_s += perf_counter() - began
+        return self.take(rows)
+
+    def take(self, rows: Floats) -> list[StanceEstimate]:
+        """Take in rows (n, 10) that were judged, here or as a recording: t, acc, gyr, mag."""
+        began = perf_counter()
+        found = self._take(rows)
         self._busy_s += perf_counter() - began
         return found
 
-    def take(self, rows: Floats) -> list[StanceEstimate]:
-        """Take in rows (n, 10) that were judged: t, acc, gyr, mag."""
+    def _take(self, rows: Floats) -> list[StanceEstimate]:
         self.store.append(rows)
         return self._estimates(self._stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 
@@ -111,7 +117,7 @@ class OnlineNavigator:
         if self._closed:
             return []
         self._closed = True
-        found = self.take(self.judge.rest())
+        found = self._take(self.judge.rest())
         if self.store.stop < MIN_SAMPLES:
             return found
         return found + self._estimates(f for f in self._stances.finish() if self._first_of(f) < self.store.stop)
@@ -141,7 +147,7 @@ class OnlineNavigator:
         if self.options.lag_s is None:
             recording = self.recording()
             if stances is None:
-                stances = detect_stances(recording, self._detection.stance)
+                stances = detect_stances(recording, self.detection.stance)
                 field, _ = field_seen(recording, stances, self.options.heading_rad, self.options.use_field)
             found = self._solved(recording, stances, field, progress)
         else:

@@ -7,9 +7,10 @@ A source may be taken up again in two ways, and its first `HEAD` rows tell which
   last `TAIL` rows that were seen before the checkpoint, those that were not taken and restarts of the clock among them.
 * It goes on from a later moment: a socket, a device. Then nothing is left out.
 
-Rows are compared by value, so it does not matter how often the sensor's clock began anew. If the last rows of the
-checkpoint never come, because they were lost on the way, `LOST` rows that it does not hold and whose stamps lie behind
-its last are believed to be new.
+Rows are compared by value, so it does not matter how often the sensor's clock began anew. Rows from a gap of the
+checkpoint, which were lost on the way before and come now, are too late: they are left out too. If the last rows of the
+checkpoint never come, because they were lost this time, `LOST` rows that it does not hold, and that are not from the
+gap behind the last one that it holds, are believed to be new; at the end of the stream as many as there are.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.online.store import COLUMNS
 
 HEAD = 16
@@ -34,12 +35,17 @@ TAIL = 8
 LOST = 100
 """Rows in a row, about a second."""
 
+LEFT_OUT, UNKNOWN = -1, -2
+"""In place of a sample's number."""
+
 TICK_S = 1e-6
 """To which stamps are compared: an offset of the clock and its removal round differently."""
 
 
 class Overlap:
-    """Leaves out the rows of a resumed stream that a checkpoint holds; `known` of them so far.
+    """Leaves out the rows of a resumed stream that a checkpoint holds, `known` so far, and those `late` from its gaps.
+
+    `skips` once it is clear that the stream began again, `is_over` once nothing has to be left out any more.
 
     Parameters
     ----------
@@ -53,42 +59,67 @@ class Overlap:
     def __init__(
         self, samples: Floats, clocks: Sequence[tuple[int, float]], left: Iterable[int], tail: Floats, held: Floats
     ) -> None:
-        self.known = 0
+        self.known, self.late = 0, 0
         self.held = held
-        self.is_over = len(tail) == 0
-        taken = prints_of(_as_sent(samples, clocks))
-        self._prints = np.sort(np.append(taken, np.array(list(left), dtype=np.uint64)))
+        self.skips, self.is_over = False, len(tail) == 0
+        sent = _as_sent(samples, clocks)
+        prints = np.append(prints_of(sent), np.array(list(left), dtype=np.uint64))
+        order = np.argsort(prints, kind="stable")
+        self._prints = prints[order]
+        self._numbers = np.where(order < len(samples), order, LEFT_OUT)
+        self._sent_t = np.append(sent[:, 0], np.nan)
         self._tail = _plain(tail)
         self._before = np.empty((0, COLUMNS))
-        self._skips = False
+        self._last = -1
 
     def beyond(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Return those of the held rows and of these (n, 10) that are new; at the end of the stream none are held."""
+        """Return those of the held rows and of these (n, 10) that are new; at the end of the stream no row is held on.
+
+        Held are the first `HEAD` rows, and of a stream that began again those of which it is not clear yet whether they
+        are new.
+        """
         rows, self.held = np.concatenate([self.held, rows]), rows[:0]
         if self.is_over:
             return rows
-        if not self._skips:
+        if not self.skips:
             if len(rows) < HEAD and not at_end:
                 self.held = rows
                 return rows[:0]
-            self._skips = int(self._holds(rows[:HEAD]).sum()) >= LEAST
-            self.is_over = not self._skips
-        return rows if self.is_over else self._behind_tail(rows)
+            self.skips = int((self._numbers_of(rows[:HEAD]) != UNKNOWN).sum()) >= LEAST
+            self.is_over = not self.skips
+        return rows if self.is_over else self._behind_tail(rows, at_end)
 
-    def _behind_tail(self, rows: Floats) -> Floats:
-        """Leave out all up to the last rows of the checkpoint, or what is known where they did not come."""
-        stop = self._end_of_tail(rows)
-        if stop is None:
-            stop = int(np.max(np.flatnonzero(self._holds(rows)), initial=-1)) + 1
-            unknown = rows[stop:]
-            self.is_over = len(unknown) >= LOST and bool((unknown[-LOST:, 0] > self._tail[-1, 0]).all())
-            if not self.is_over:
-                stop = max(stop, len(rows) - LOST)
-                self.held, self._before = rows[stop:], np.concatenate([self._before, rows[:stop]])[1 - TAIL :]
-        else:
-            self.is_over = True
-        self.known += stop
-        return rows[stop:] if self.is_over else rows[:0]
+    def _behind_tail(self, rows: Floats, at_end: bool) -> Floats:
+        """Leave out all up to the last rows of the checkpoint, or up to what is new where they did not come."""
+        numbers = self._numbers_of(rows)
+        last = self._last_held(numbers)
+        stop, self.is_over = _first_run(self._are_new(rows[:, 0], numbers, last))
+        tail = self._end_of_tail(rows)
+        if tail is not None and not (self.is_over and stop + LOST <= tail):
+            stop, self.is_over = tail, True
+        self.is_over = self.is_over or at_end
+        held = int((numbers[:stop] != UNKNOWN).sum())
+        self.known, self.late = self.known + held, self.late + stop - held
+        if self.is_over:
+            return rows[stop:]
+        self._last = int(last[stop - 1]) if stop else self._last
+        self.held, self._before = rows[stop:], np.concatenate([self._before, rows[:stop]])[1 - TAIL :]
+        return rows[:0]
+
+    def _last_held(self, numbers: Ints) -> Ints:
+        """(n,) The last sample of the checkpoint that has come up to each row; -1 before the first."""
+        at = np.maximum.accumulate(np.where(numbers >= 0, np.arange(len(numbers)), -1))
+        return np.where(at >= 0, numbers[at], self._last)
+
+    def _are_new(self, t: Floats, numbers: Ints, last: Ints) -> Bools:
+        """(n,) True for rows that are not held, and not from the gap between the last one held and the next.
+
+        A gap in which the clock of the sensor began anew ends before it begins.
+        """
+        begin, end = self._sent_t[last], self._sent_t[last + 1]
+        within = (t > begin) & (t < end)
+        within |= (end < begin) & ((t > begin) | (t < end))
+        return np.asarray((numbers == UNKNOWN) & ~within)
 
     def _end_of_tail(self, rows: Floats) -> int | None:
         """Row after the first at which the last rows of the checkpoint have come, as far as they came at all."""
@@ -100,11 +131,21 @@ class Overlap:
                 return int(last) + 1
         return None
 
-    def _holds(self, rows: Floats) -> Bools:
-        """(n,) True for rows that are samples of the checkpoint."""
+    def _numbers_of(self, rows: Floats) -> Ints:
+        """(n,) The sample of the checkpoint that each row is; `LEFT_OUT` if it was, `UNKNOWN` if it is none."""
+        if not len(self._prints):
+            return np.full(len(rows), UNKNOWN)
         wanted = prints_of(rows)
         at = np.minimum(np.searchsorted(self._prints, wanted), len(self._prints) - 1)
-        return np.asarray(self._prints[at] == wanted) if len(self._prints) else np.zeros(len(rows), dtype=np.bool_)
+        return np.where(self._prints[at] == wanted, self._numbers[at], UNKNOWN)
+
+
+def _first_run(flags: Bools) -> tuple[int, bool]:
+    """Return where the first run of `LOST` flags (n,) begins, and True; or where that at the end begins, and False."""
+    edges = np.concatenate([[-1], np.flatnonzero(~flags), [len(flags)]])
+    long = np.flatnonzero(np.diff(edges) > LOST)
+    begin = edges[long[0]] if len(long) else edges[-2]
+    return int(begin) + 1, len(long) > 0
 
 
 def _as_sent(samples: Floats, clocks: Sequence[tuple[int, float]]) -> Floats:

@@ -50,7 +50,7 @@ def show_end(walk: Followed, served: bool) -> None:
     if served:
         return
     tell = printed()
-    for line in lines_of(_solution(walk).stances):
+    for line in lines_of(_solution(walk).stances, walk.navigator.judge.sensor_time):
         tell(line)
 
 

@@ -178,7 +178,8 @@ class _Walk:
 
     def _say(self, estimates: list[StanceEstimate]) -> None:
         for estimate in estimates:
-            self._tell(line_of(estimate, self._navigator.footfalls[estimate.number].continues))
+            continues = self._navigator.footfalls[estimate.number].continues
+            self._tell(line_of(estimate, continues, self._navigator.judge.sensor_time))
 
     def _save(self, path: Path) -> None:
         """Save beside the walk: only the copy holds it up."""

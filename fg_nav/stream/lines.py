@@ -5,6 +5,7 @@ kind                      "now": as known when the footfall was complete; "smoot
 stance                    number of the row, from 0
 continues                 of "now": a further piece of a long standing, no new footfall
 t                         s, of its stillest sample
+sensor_t                  s, the stamp that the sensor gave it, only where that is another: its clock was set on or back
 position_m                [east, north, up]
 heading_deg               of the body's x axis, clockwise from north, in [0, 360)
 position_sigma_m          [east, north, up]
@@ -20,7 +21,7 @@ Sigmas are one standard deviation. What is not finite is null.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -30,17 +31,24 @@ from fg_nav.plain import plain
 from fg_nav.smoother.online_rows import StanceEstimate
 from fg_nav.solution import StanceTable
 
+SensorTime = Callable[[int, float], float]
+"""The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleJudge.sensor_time`)."""
+
 DIGITS = 6
 """After the point: a micrometre, a microdegree."""
 
 
-def line_of(estimate: StanceEstimate, continues: bool) -> str:
+def _as_taken(sample: int, t: float) -> float:
+    return t
+
+
+def line_of(estimate: StanceEstimate, continues: bool, sensor_time: SensorTime = _as_taken) -> str:
     """Return the line of an estimate of the moment."""
     return _line(
         "now",
         estimate.number,
         {"continues": continues},
-        estimate.t,
+        (estimate.t, sensor_time(estimate.sample, estimate.t)),
         estimate.position,
         np.degrees(estimate.heading),
         np.sqrt(np.diagonal(estimate.pose_cov)),
@@ -50,7 +58,7 @@ def line_of(estimate: StanceEstimate, continues: bool) -> str:
     )
 
 
-def lines_of(table: StanceTable) -> Iterator[str]:
+def lines_of(table: StanceTable, sensor_time: SensorTime = _as_taken) -> Iterator[str]:
     """Yield the lines of the smoothed past."""
     heading = np.degrees(heading_of(table.nav_R_body))
     for k in range(len(table)):
@@ -58,7 +66,7 @@ def lines_of(table: StanceTable) -> Iterator[str]:
             "smoothed",
             k,
             {},
-            float(table.t[k]),
+            (float(table.t[k]), sensor_time(int(table.sample[k]), float(table.t[k]))),
             table.position[k],
             heading[k],
             np.append(table.position_sigma[k], table.heading_sigma[k]),
@@ -72,7 +80,7 @@ def _line(
     kind: str,
     number: int,
     more: dict[str, object],
-    t: float,
+    stamps: tuple[float, float],
     position: Floats,
     heading_deg: float,
     sigma: Floats,
@@ -80,11 +88,13 @@ def _line(
     bias_sigma: Floats,
     field: tuple[str, str],
 ) -> str:
+    t, sensor_t = (round(stamp, 9) for stamp in stamps)
     content = {
         "kind": kind,
         "stance": number,
         **more,
-        "t": round(t, 9),
+        "t": t,
+        **({} if sensor_t == t else {"sensor_t": sensor_t}),
         "position_m": np.round(position, DIGITS),
         "heading_deg": round(float(heading_deg % 360.0), DIGITS),
         "position_sigma_m": np.round(sigma[:3], DIGITS),

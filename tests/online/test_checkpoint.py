@@ -7,9 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load, save
-from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
+from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
 from fg_nav.smoother.online import OnlineOptions
 from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
 
@@ -88,7 +89,7 @@ def test_a_replay_is_known_up_to_the_checkpoint_whatever_the_clock_did(saved, bl
     np.testing.assert_array_equal(taken, whole)
     known = judge.counts.pop("known")
     assert 0 < known <= saved
-    assert judge.counts - uninterrupted.counts <= Counter(missing=3)
+    assert judge.counts == uninterrupted.counts
 
 
 @pytest.mark.parametrize("saved", [20, 305, 451, 650, 700, 1300])
@@ -120,11 +121,12 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     taken, judge = resumed(rows, 700, rows[740:])
     assert judge.counts["rebooted"] == 1
     np.testing.assert_array_equal(taken[700:, 1:], rows[740:, 1:])
-    assert taken[700, 0] - taken[699, 0] == pytest.approx(UNKNOWN_GAP_S)
+    assert taken[700, 0] - taken[699, 0] == pytest.approx(LONGEST_GAP_S)
     for begin in (0, 740):
         again = SampleJudge.resumed(json.loads(json.dumps(judge.state())), taken, lambda words: None)
         assert sum(map(len, admitted(again, rows[begin:], 50))) == 0
-        assert again.counts["known"] == len(rows) - begin
+        assert again.counts["late"] == (40 if begin == 0 else 0)  # that nobody listened to
+        assert again.counts["known"] == len(rows) - begin - again.counts["late"]
         more = rows[-30:] + 0.31 * np.eye(10)[0]
         np.testing.assert_array_equal(np.concatenate(admitted(again, more, 50))[:, 1:], more[:, 1:])
 
@@ -135,6 +137,83 @@ def test_where_the_last_rows_of_the_checkpoint_were_lost_the_walk_goes_on():
     taken, judge = resumed(rows, 700, replayed)
     np.testing.assert_array_equal(taken, np.delete(rows, np.s_[700:720], axis=0))
     assert judge.counts["known"] == 690
+
+
+def test_where_they_were_lost_shortly_before_the_end_what_is_behind_them_is_taken():
+    rows = rows_of(short_walk())[:780]
+    taken, _ = resumed(rows, 700, np.delete(rows, np.s_[690:710], axis=0))
+    np.testing.assert_array_equal(taken, np.delete(rows, np.s_[700:710], axis=0))
+
+
+@pytest.mark.parametrize("block", [1, 40, 5000])
+def test_a_clock_that_began_anew_behind_lost_rows_loses_nothing(block):
+    """But the rows that show that it did."""
+    rows = rows_of(short_walk()).copy()
+    rows[710:, 0] -= rows[710, 0]
+    taken, judge = resumed(rows, 700, np.delete(rows, np.s_[690:710], axis=0), block)
+    assert judge.counts["restart"] == 1
+    assert judge.counts["known"] == 690
+    np.testing.assert_array_equal(taken[700:, 1:], rows[710 + 99 :, 1:])
+
+
+@pytest.mark.parametrize("block", [1, 40, 5000])
+@pytest.mark.parametrize("until", [450, 800, 1486])
+def test_what_was_lost_before_and_comes_now_is_too_late(block, until):
+    """Two seconds, longer than what shows that the last rows of a checkpoint were lost; before a restart, and after."""
+    rows = rows_of(short_walk()).copy()
+    rows[600:, 0] -= rows[600, 0]
+    heard = np.delete(rows, np.s_[300:500], axis=0)
+    taken, judge = resumed(heard, 800, rows[:until], block)
+    known = np.concatenate(admitted(SampleJudge(), heard, 13))
+    np.testing.assert_array_equal(taken, known[: max(800, until - 200) - 99])
+    assert judge.counts["known"] == (min(until, 1000) - 200 if until > 450 else 300)
+    assert judge.counts["late"] == min(until - 300, 200)
+    assert judge.counts["restart"] == 1
+
+
+@pytest.mark.parametrize("block", [1, 16, 17, 200])
+def test_blocks_do_not_matter_to_whether_a_clock_began_anew(block):
+    """Another sensor, say, whose stamps pass the last one of the checkpoint after 40 rows."""
+    rows = rows_of(short_walk())
+    other = rows[660:1000].copy()
+    other[:, 1] += 1e-3
+    taken, judge = resumed(rows, 700, other, block)
+    assert judge.counts == Counter(rebooted=1, gap=1)
+    np.testing.assert_array_equal(taken[700:, 1:], other[:, 1:])
+
+
+def test_a_stream_that_ended_behind_its_last_stamps_can_be_closed_and_asked(tmp_path):
+    rows = rows_of(short_walk())
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows[:700])
+    push(navigator, rows[600:605])
+    save(navigator, tmp_path / "walk.npz")
+    again = load(tmp_path / "walk.npz")
+    again.close()
+    assert again.store.stop == 700
+    save(again, tmp_path / "walk.npz")
+    assert load(tmp_path / "walk.npz").has_ended
+
+
+def test_samples_that_are_missing_are_counted_once_though_they_come_again():
+    rows = rows_of(short_walk())[:720].copy()
+    rows[[3, 200, 690, 705, 712], 2] = np.nan
+    for block in (1, 7, 50, 5000):
+        _, judge = resumed(rows, 700, rows, block)
+        assert judge.counts["missing"] == 5
+        _, judge = resumed(rows, 700, rows[700:], block)
+        assert judge.counts["missing"] == 5
+
+
+def test_a_walk_with_another_detection_is_taken_up_with_the_same(tmp_path):
+    other = CausalParameters(settle_s=0.35)
+    navigator = OnlineNavigator(TOLD, detection=other)
+    push(navigator, rows_of(short_walk())[:900])
+    save(navigator, tmp_path / "walk.npz")
+    again = load(tmp_path / "walk.npz", detection=other)
+    assert worst_difference(again.causal(), navigator.causal()) < 1e-9
+    with pytest.raises(EstimationError, match="another detection"):
+        load(tmp_path / "walk.npz")
 
 
 def test_sigmas_grow_where_a_sensor_was_switched_off(tmp_path):
@@ -227,7 +306,7 @@ def test_a_checkpoint_is_arrays_with_a_version(tmp_path):
     push(navigator, rows_of(short_walk())[:900])
     save(navigator, tmp_path / "walk.npz")
     with np.load(tmp_path / "walk.npz", allow_pickle=False) as content:
-        assert int(content["version"]) == 2
+        assert int(content["version"]) == 3
         assert content["samples"].shape == (900, 10)
         assert len(content["footfall_stop"]) == len(navigator.footfalls) > 3
         assert json.loads(str(content["facts"]))["options"]["heading_rad"] == 0.0

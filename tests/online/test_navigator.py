@@ -7,8 +7,10 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
+from fg_nav.estimators import ESTIMATORS, Given
 from fg_nav.magnetic import footfall_field
 from fg_nav.online import OnlineNavigator
+from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
 from fg_nav.smoother import smooth
 from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
 
@@ -139,6 +141,59 @@ def test_blocks_do_not_matter_to_the_judge(kind):
     assert np.array_equal(stores[0], stores[1], equal_nan=True)
     assert np.array_equal(stores[0], stores[2], equal_nan=True)
     assert (np.diff(stores[0][:, 0]) > 0).all()
+
+
+@pytest.mark.parametrize(("step_s", "taken_s"), [(9.9, 9.91), (12.0, LONGEST_GAP_S), (1.7e9, LONGEST_GAP_S)])
+def test_a_long_gap_is_shortened_and_it_is_said_by_how_much(step_s, taken_s):
+    rows = rows_of(short_walk()).copy()
+    rows[700:, 0] += step_s
+    told = []
+    judge = SampleJudge(told.append)
+    taken = judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    assert taken[700, 0] - taken[699, 0] == pytest.approx(taken_s)
+    sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
+    np.testing.assert_allclose(sensor_t, rows[:, 0], rtol=1e-15, atol=1e-9)
+    back = f"{step_s + 0.01 - taken_s:.3f} s"
+    assert any(f"set back by {back}" in words for words in told) == (taken_s == LONGEST_GAP_S)
+    assert any(f"set back by {back}" in words for words in judge.notes) == (taken_s == LONGEST_GAP_S)
+
+
+def test_a_longer_gap_leaves_no_smaller_sigmas():
+    sigma = []
+    for step_s in (2.0, 9.0, 29.0, 31.0):
+        rows = rows_of(short_walk()).copy()
+        rows[700:, 0] += step_s
+        navigator = OnlineNavigator(TOLD)
+        push(navigator, rows[:1000])
+        table = navigator.causal()
+        sigma.append(table.position_sigma[table.sample >= 700][0].max())
+    assert (np.diff(sigma) > -1e-3 * sigma[-1]).all()
+    assert sigma[-1] < 1e5
+
+
+@pytest.mark.parametrize("alone_s", [2.0, 1e6])
+def test_a_last_sample_far_ahead_is_counted(alone_s):
+    rows = rows_of(short_walk())[:300].copy()
+    rows[-1, 0] += alone_s
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, rows)
+    assert navigator.judge.counts["ahead"] == 0
+    navigator.close()
+    assert navigator.judge.counts["ahead"] == 1
+    assert navigator.store.stop == 299
+
+
+@pytest.mark.parametrize(("first", "step_s"), [(700, 15.0), (-1, 2.0)])
+def test_a_recording_keeps_its_samples_and_its_stamps(first, step_s):
+    """It was judged as a file already: no gap in it is shortened, and no sample left out."""
+    walk = short_walk()
+    t = walk.t.copy()
+    t[first:] += step_s
+    recording = replace(walk, t=t)
+    found = ESTIMATORS["online"](Given(recording, detect_stances(recording), heading=0.0), None)
+    np.testing.assert_array_equal(found.t, t)
+    assert found.runtime_s > 0.1
+    assert not any("times" in note for note in found.notes)
 
 
 def test_where_input_is_lost_the_sigmas_grow(whole):
