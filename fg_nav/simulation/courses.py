@@ -29,6 +29,9 @@ CORNER_M = 1.2
 MAGNET_POSITION = (0.45, 15.0, 0.0)
 """Of the magnet on the floor of the corridor, m: a foot's length to the right of a right foot on its way north."""
 
+CLOSE_TO = {2: (230.0, 5.0), 3: (147.0, 4.25), 4: (470.0, 5.0), 5: (297.0, 4.25)}
+"""By leg of `past_cars`: how far along the street one has come how far to its left, m; two cars, two lights."""
+
 TIGHTEST_M = 1.5
 """Smallest radius of a winding way: below it nobody walks, but turns."""
 
@@ -88,9 +91,23 @@ def pocket_street(rng: np.random.Generator) -> list[Section]:
     return _to_and_fro(straight(500.0).turned(np.pi / 2), 3, rng, LONG_REST_S, 39 * 60)
 
 
-def pocket_long(rng: np.random.Generator) -> list[Section]:
-    """Twelve round trips of 360 m on a straight way to the east: 4.3 km in 44 minutes."""
-    return _to_and_fro(straight(180.0).turned(np.pi / 2), 12, rng, LONG_REST_S, 44 * 60)
+def past_cars(rng: np.random.Generator) -> list[Section]:
+    """As `pocket_street`, but coming close to what stands along it at four places (Munoz Diaz 2017, Figures 7b and 10).
+
+    In a street with the template `PAST_CARS` one passes a parked car 16 and 32 minutes after the start and a light
+    after 24 and 35, at the usual pace, and keeps away from all others. The sideways steps are ours.
+    """
+    ways = [_coming_close(*CLOSE_TO.get(leg, (0.0, 0.0))) for leg in range(6)]
+    return _walked_in([way.reversed() if leg % 2 else way for leg, way in enumerate(ways)], rng, LONG_REST_S, 39 * 60)
+
+
+def pocket_long(rng: np.random.Generator, trips: int = 12) -> list[Section]:
+    """So many round trips on a straight way to the east: 4.3 km in 44 minutes.
+
+    Sections of 360 m "repeated 12 times" may be 12 round trips of 360 m, or 6 of 720 m; the latter fits the 50 deg that
+    the paper's yaw is off after the first, by 0.12 deg/s (Table 3): `scripts/reproduce_munoz_diaz2017.py`.
+    """
+    return _to_and_fro(straight(2160.0 / trips).turned(np.pi / 2), trips, rng, LONG_REST_S, 44 * 60)
 
 
 def stairs() -> list[Section]:
@@ -193,14 +210,29 @@ def _to_and_fro(
     path: Path, trips: int, rng: np.random.Generator, rest_s: float, total_s: float | None = None
 ) -> list[Section]:
     """Round trips along a path, turning about at the ends to the side one likes; in `total_s`, or at the usual pace."""
-    about = [TurnOnSpot(np.pi * side) for side in rng.choice([-1.0, 1.0], 2 * trips)]
+    return _walked_in([path, path.reversed()] * trips, rng, rest_s, total_s)
+
+
+def _walked_in(
+    paths: Sequence[Path], rng: np.random.Generator, rest_s: float, total_s: float | None = None
+) -> list[Section]:
+    """Paths one after the other with a turn about after each, to the side one likes; in `total_s`, or as usual."""
+    about = [TurnOnSpot(np.pi * side) for side in rng.choice([-1.0, 1.0], len(paths))]
     gait = Person().gait(Style.TURN)
     turning_s = 3 * gait.stride_s * len(about)
-    pace = 1.0 if total_s is None else _pace(2 * trips * path.length_m, total_s - 2 * rest_s - turning_s, len(about))
+    length_m = sum(path.length_m for path in paths)
+    pace = 1.0 if total_s is None else _pace(length_m, total_s - 2 * rest_s - turning_s, len(about))
     sections: list[Section] = [Stand(rest_s)]
-    for i, turn in enumerate(about):
-        sections += [Walk(path if i % 2 == 0 else path.reversed(), pace=pace), turn]
+    for path, turn in zip(paths, about, strict=True):
+        sections += [Walk(path, pace=pace), turn]
     return [*sections, Stand(rest_s)]
+
+
+def _coming_close(where_m: float, aside_m: float) -> Path:
+    """The street of 500 m to the east; at `where_m` one has come `aside_m` to the left, in 20 m, and then goes back."""
+    along = np.arange(0.0, 500.1, 2.0)
+    share = np.clip((along - where_m) / 20.0, -1.0, 1.0)
+    return open_curve(np.stack([along, aside_m / 2 * (1 + np.cos(np.pi * share))], axis=1))
 
 
 def _pace(length_m: float, seconds: float, walks: int = 1) -> float:

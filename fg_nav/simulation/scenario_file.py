@@ -102,6 +102,7 @@ class Surroundings:
     site: str
     field: str
     magnets: tuple[tuple[float, float, float], ...] = ()
+    aligned: bool = False
 
     def __post_init__(self) -> None:
         if not all(_is_place(place, 3) for place in self.magnets):
@@ -132,10 +133,10 @@ def _scenario(name: str, content: Mapping[str, Any]) -> Scenario:
     sections = _changed(OwnCourse(_ANY_WAY), given.pop("course"), "course").sections()
     sensor = given.pop("sensor", {})
     prior = sensor if isinstance(sensor, str) else _changed(like.prior, sensor, "sensor")
-    place = _changed(Surroundings(like.worn, like.site, like.field), given, "the file")
-    return Scenario(
-        name, f"{name}{SUFFIX}", lambda _: sections, place.worn, prior, place.site, place.field, place.magnets
-    )
+    place = _changed(Surroundings(like.worn, like.site, like.field, aligned=like.aligned), given, "the file")
+    summary = f"{name}{SUFFIX}"
+    where = place.worn, prior, place.site, place.field, place.magnets, place.aligned
+    return Scenario(name, summary, lambda _: sections, *where)
 
 
 def _like(name: object) -> Scenario:

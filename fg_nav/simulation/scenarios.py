@@ -21,7 +21,9 @@ from fg_nav.simulation import courses
 from fg_nav.simulation.fields import (
     AS_PRINTED,
     LEVELS,
+    PAST_CARS,
     PHYSICAL,
+    TEMPLATE,
     Field,
     Homogeneous,
     Sum,
@@ -37,8 +39,13 @@ WORN: tuple[Worn, ...] = get_args(Worn)
 
 Course: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
 
-STREET_FIELDS: Mapping[str, float] = {"street": PHYSICAL, "street-as-printed": AS_PRINTED}
-"""Fields of lamps and parked cars, and the exponent of their decay."""
+STREET_FIELDS: Mapping[str, tuple[tuple[tuple[float, float, float], ...], float]] = {
+    "street": (TEMPLATE, PHYSICAL),
+    "street-as-printed": (TEMPLATE, AS_PRINTED),
+    "past-cars": (PAST_CARS, PHYSICAL),
+    "past-cars-as-printed": (PAST_CARS, AS_PRINTED),
+}
+"""Fields of lamps and parked cars: where these stand in a block, and the exponent of their decay."""
 
 FIELDS = (*LEVELS, *STREET_FIELDS)
 
@@ -59,6 +66,8 @@ class Scenario:
     site : where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
     field : one of `FIELDS`.
     magnets : positions (3,) m of permanent magnets on the floor, with `FLOOR_MAGNET_MOMENT`.
+    aligned : a sensor in a pocket sits as the thigh does, x forward and z along the bone, as strapped to it; otherwise
+        it is turned as drawn by the seed. Nothing to sensors elsewhere.
     """
 
     name: str
@@ -69,6 +78,7 @@ class Scenario:
     site: str = "munich"
     field: str = "indoor"
     magnets: tuple[tuple[float, float, float], ...] = ()
+    aligned: bool = False
 
     @property
     def prior(self) -> SensorPrior:
@@ -86,6 +96,7 @@ class Choices:
     rate_hz : of the recording; None for the sensor's own.
     turned_deg : the whole course, clockwise.
     calibrated : leave out the magnetometer's hard and soft iron.
+    aligned : see `Scenario`; False leaves it as it is.
     """
 
     sensor: str | None = None
@@ -95,6 +106,7 @@ class Choices:
     rate_hz: float | None = None
     turned_deg: float = 0.0
     calibrated: bool = False
+    aligned: bool = False
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with what was chosen in place of its defaults.
@@ -109,7 +121,8 @@ class Choices:
         changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
         _check_worn(changed.worn)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
-        changed = replace(changed, sensor=_calibrated(prior) if self.calibrated else prior)
+        prior = _calibrated(prior) if self.calibrated else prior
+        changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
         return _turned_by(changed, self.turned_deg) if self.turned_deg else changed
 
 
@@ -177,6 +190,10 @@ SCENARIOS: Mapping[str, Scenario] = {
             courses.pocket_street, "pocket", _MUNOZ_DIAZ, field="homogeneous",
         ),
         Scenario(
+            "pocket-past-cars", "the same street at the equator, past cars at 16 and 32 min, lamps at 24 and 35",
+            courses.past_cars, "pocket", _MUNOZ_DIAZ, site="equator", field="past-cars", aligned=True,
+        ),
+        Scenario(
             "pocket-long", "twelve round trips of 360 m in 44 minutes, in the pocket (Munoz Diaz 2017)",
             courses.pocket_long, "pocket", "xsens-mtw", field="homogeneous",
         ),
@@ -240,7 +257,8 @@ def _background(name: str, earth: Homogeneous, ways: Floats, rng: np.random.Gene
         return environment(name, earth, ways, rng)
     start, forward, length_m = _street(ways[:, :2])
     heading_deg = float(np.rad2deg(np.arctan2(forward[0], forward[1])))
-    return street(earth, length_m, start=start, heading_deg=heading_deg, exponent=STREET_FIELDS[name])
+    template, exponent = STREET_FIELDS[name]
+    return street(earth, length_m, start=start, heading_deg=heading_deg, exponent=exponent, template=template)
 
 
 def _street(ways: Floats) -> tuple[tuple[float, float], Floats, float]:

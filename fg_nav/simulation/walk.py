@@ -183,7 +183,8 @@ def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams
     if chosen.worn == "table":
         return Lying.drawn(streams.of_this_walk("table")), None
     if chosen.worn == "pocket":
-        return thigh_motion(strides, Pocket(), streams.of_this_walk("leg"), streams.lasting("leg")), None
+        pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
+        return thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
     mount = mount_named(chosen.worn).drawn(streams.lasting("mount"))
     foot = foot_motion(strides, person, mount, streams.of_this_walk("foot"))
     return foot, foot.flat

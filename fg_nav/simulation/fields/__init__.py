@@ -29,7 +29,7 @@ floor is added to it: `Sum((field, magnet(position, moment)))`.
 """
 
 from fg_nav.simulation.fields.circuit import Circuit, upright_loop
-from fg_nav.simulation.fields.cylinder import AS_PRINTED, PHYSICAL, Cylinders, street
+from fg_nav.simulation.fields.cylinder import AS_PRINTED, PAST_CARS, PHYSICAL, TEMPLATE, Cylinders, street
 from fg_nav.simulation.fields.dipole import Dipoles, magnet, rod, sphere_moment, spheroid_moment
 from fg_nav.simulation.fields.earth import SITES, Homogeneous, earth_at, earth_field, site
 from fg_nav.simulation.fields.field import Field, Sum
@@ -43,8 +43,10 @@ from fg_nav.simulation.fields.ways import Ways, closely_spaced
 __all__ = [
     "AS_PRINTED",
     "LEVELS",
+    "PAST_CARS",
     "PHYSICAL",
     "SITES",
+    "TEMPLATE",
     "Cables",
     "Circuit",
     "Clutter",

@@ -16,11 +16,13 @@ measurements across it; `cell` says where one is.
 The template of Figure 4 is four streetlights (0.30 m) and a parked car (2 m). The text gives no positions; here a
 pedestrian walks along the middle of a pavement 2 m wide, the lights stand at the kerb 30 m apart, their axes 1 m to
 the left, and the car is parked half-way along the block, its axis 4 m to the left (2 m of air between). The template
-repeats every 120 m.
+repeats every 120 m. `PAST_CARS` is the same template for one who keeps 4 m farther away but where the paper's
+pedestrian came close; its phase puts a car or a light at each of those places (`fg_nav.simulation.courses.past_cars`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +49,15 @@ TEMPLATE: tuple[tuple[float, float, float], ...] = (
     (105.0, 1.0, STREETLIGHT_M),
 )
 """Along the way (m), to the left of it (m), radius (m); our choice, see above."""
+
+PAST_CARS: tuple[tuple[float, float, float], ...] = (
+    (27.0, 5.0, STREETLIGHT_M),
+    (57.0, 5.0, STREETLIGHT_M),
+    (87.0, 5.0, STREETLIGHT_M),
+    (110.0, 8.0, CAR_M),
+    (117.0, 5.0, STREETLIGHT_M),
+)
+"""The same for one who walks on the far side; our choice, see above."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +141,7 @@ def street(
     start: tuple[float, float] = (0.0, 0.0),
     heading_deg: float = 90.0,
     exponent: float = PHYSICAL,
+    template: Sequence[tuple[float, float, float]] = TEMPLATE,
 ) -> Cylinders:
     """Street with the template of Figure 4, repeated along it.
 
@@ -140,6 +152,7 @@ def street(
     start : east and north of its beginning, m.
     heading_deg : direction of the street; 90 is east, as in the paper.
     exponent : `PHYSICAL` or `AS_PRINTED`.
+    template : of a block: along the way, to the left of it and radius of each cylinder, m.
 
     Raises
     ------
@@ -152,7 +165,7 @@ def street(
     forward = np.array([np.sin(heading), np.cos(heading)])
     left = np.array([-forward[1], forward[0]])
     blocks = TEMPLATE_LENGTH_M * np.arange(-1, np.ceil(length_m / TEMPLATE_LENGTH_M) + 1)
-    along, aside, radius = np.array(TEMPLATE).T
+    along, aside, radius = np.array(template).T
     along = np.add.outer(blocks, along).ravel()
     axis = start + along[:, None] * forward + np.tile(aside, len(blocks))[:, None] * left
     return Cylinders(axis, np.tile(radius, len(blocks)), far, exponent=exponent)

@@ -1,9 +1,10 @@
 """The slow part of a bias: what wanders while the sensor is on.
 
-Two processes beside each other, independent per axis, in the unit u of their sensor (rad/s or m/s^2):
+Two processes and a trend beside each other, independent per axis, in the unit u of their sensor (rad/s or m/s^2):
 
     x_(k+1) = c x_k + s sqrt(1 - c^2) n_k,    c = exp(-d / T)     first-order Gauss-Markov, that is AR(1)
     w_(k+1) = w_k + q sqrt(d) n'_k                                random walk
+    m t                                                           trend, of a sensor that warms up
 
 d is the distance of knots (s), s the standard deviation of x at any time (u), T its correlation time (s),
 q the density of the walk (u/sqrt(s)). x starts anywhere in its distribution, w at 0. Between knots, a
@@ -25,6 +26,7 @@ from scipy.signal import lfilter
 
 from fg_nav.arrays import Floats
 from fg_nav.simulation.sensors import checks
+from fg_nav.simulation.sensors.checks import ZERO, Triple
 
 KNOTS_PER_TIME = 20.0
 """Knots in a correlation time: half-way between two of them the variance is 2.5 per cent too small."""
@@ -48,15 +50,18 @@ class Drift:
     sd : of the Gauss-Markov part at any time, u.
     time_s : its correlation time, s.
     walk : density of the random walk, u/sqrt(s): after t seconds its standard deviation is walk sqrt(t).
+    trend : m (3,), steady change per axis since t = 0, u/s.
     """
 
     sd: float = 0.0
     time_s: float = 100.0
     walk: float = 0.0
+    trend: Triple = ZERO
 
     def __post_init__(self) -> None:
         checks.not_negative(self, "sd", "walk")
         checks.at_least(self, "time_s", SHORTEST_TIME_S)
+        checks.vector(self, "trend")
 
     @classmethod
     def of_instability(cls, lowest_allan: float, time_s: float, walk: float = 0.0) -> Drift:
@@ -82,6 +87,13 @@ class DriftPath:
 
     def at(self, t: Floats) -> Floats:
         """Drift (N, 3) u at any instants `t` (N,) s; before 0 it is as at 0."""
+        wander = self._wander(t)
+        if any(self._drift.trend):
+            wander += np.maximum(t, 0.0)[:, None] * self._drift.trend
+        return wander
+
+    def _wander(self, t: Floats) -> Floats:
+        """The part that is chance."""
         if self._absent or not len(t):
             return np.zeros((len(t), 3))
         place = np.maximum(t, 0.0) / self._drift.step_s

@@ -75,6 +75,7 @@ class TriadPrior:
         checks.up_to(most, self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution", called=called)
         checks.vector(self, "bias", most=most, called=called)
         checks.up_to(most, self.drift, "sd", "walk", called=f"{called}.drift")
+        checks.vector(self.drift, "trend", most=most, called=f"{called}.drift")
 
     def draw(self, rng: np.random.Generator) -> Triad:
         """Draw one unit's triad; takes the same number of draws whatever the parameters."""
