@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from fg_nav.errors import CalibrationError, FgNavError, MagneticError, OutputError, SimulationError
+from fg_nav.errors import CalibrationError, EstimationError, FgNavError, MagneticError, OutputError, SimulationError
 
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
@@ -40,6 +40,7 @@ METHOD_NAMES = (
     "smoother, inertial, online, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
     "all but the first three also smoothed, as `iez-rts`"
 )
+POCKET_METHOD_NAMES = "pocket or munoz-diaz2017"
 PRESET_NAMES = "tuned, physical or as-printed"
 """In words for the help, which must not load the methods; a test holds both to those that there are."""
 
@@ -107,6 +108,19 @@ AlignmentMode = Annotated[
     Literal["yaw", "none", "origin", "se3"],
     typer.Option("--alignment", help="How the solution is laid on the truth before errors are counted."),
 ]
+MountPlace = Annotated[
+    Literal["foot", "pocket"], typer.Option("--mount", help="Where the sensor was worn; a pocket is one of trousers.")
+]
+StepConstant = Annotated[
+    float | None,
+    typer.Option("--step-constant", metavar="M", help="Of the person, with --mount pocket: a step over its opening."),
+]
+KnownDistance = Annotated[
+    float | None,
+    typer.Option(
+        "--known-distance", metavar="M", help="Walked in this recording, with --mount pocket: finds the step constant."
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace an older result in the folder.")]
 Seed = Annotated[int, typer.Option(min=0, help="Draws person, sensor, walk, field and noise.")]
 OutDir = Annotated[
@@ -160,7 +174,16 @@ def inspect(
 @app.command()
 def run(
     recording: RecordingPath,
-    method: Annotated[str, typer.Option(metavar="NAME", help=f"{METHOD_NAMES}.")] = "smoother",
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help=f"{METHOD_NAMES}. With --mount pocket: {POCKET_METHOD_NAMES}. \\[default: smoother, or pocket]",
+        ),
+    ] = None,
+    mount: MountPlace = "foot",
+    step_constant: StepConstant = None,
+    known_distance: KnownDistance = None,
     no_mag: NoMag = False,
     heading: Heading = None,
     truth: TruthPath = None,
@@ -174,12 +197,21 @@ def run(
     force: Force = False,
 ) -> None:
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
-    _methods_exist([method])
+    from fg_nav.estimators import DEFAULT_METHOD
+
+    method = method or DEFAULT_METHOD[mount]
+    _methods_exist([method], mount)
+    _check_mount(mount, step_constant, known_distance, detector, preset)
     _check_free(out, force)
     from fg_nav.report.writing import write_run_folder
     from fg_nav.session import load
 
-    options = _options(no_mag, heading, alignment, truth, detector, calibration, preset, fixes)
+    options = replace(
+        _options(no_mag, heading, alignment, truth, detector, calibration, preset, fixes),
+        mount=mount,
+        step_constant_m=step_constant,
+        known_distance_m=known_distance,
+    )
     session = load(recording, format, options)
     outcomes = _solved(session, [method])
     with _folder(out, force, f"{recording.stem}-{method}") as (place, folder):
@@ -496,11 +528,23 @@ def _strength(strength_uT: float | None, place: str | None) -> float | None:
     return strength_uT if earth is None else earth.strength_uT
 
 
-def _methods_exist(names: Sequence[str]) -> None:
+def _methods_exist(names: Sequence[str], mount: Literal["foot", "pocket"] = "foot") -> None:
     from fg_nav.estimators import estimator
 
     for name in names:
-        estimator(name)
+        estimator(name, mount)
+
+
+def _check_mount(
+    mount: str, step_constant: float | None, known_distance: float | None, detector: str | None, preset: str
+) -> None:
+    """Refuse options that are for a sensor worn elsewhere."""
+    if mount == "foot" and (step_constant is not None or known_distance is not None):
+        raise EstimationError(
+            "--step-constant and --known-distance are for a sensor in a pocket: add --mount pocket, or leave them out."
+        )
+    if mount == "pocket" and (detector is not None or preset != "tuned"):
+        raise EstimationError("--detector and --preset are for a sensor on a foot: leave them out with --mount pocket.")
 
 
 def _check_free(out: Path | None, force: bool, ours: frozenset[str] | None = None) -> None:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Literal, TypeAlias
+
+import numpy as np
 
 from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
@@ -20,6 +22,9 @@ from fg_nav.stances import Stances
 
 Progress: TypeAlias = Callable[[float], None]
 """Told from time to time what fraction of the work is done."""
+
+Mount: TypeAlias = Literal["foot", "pocket"]
+"""Where the sensor is worn."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,7 @@ class Given:
         the compass says.
     preset : of a filter's parameters (`fg_nav.ekf.presets`).
     fixes : positions known from elsewhere; of use to the smoother only.
+    step_constant_m, known_distance_m : of one who walks with the sensor in a pocket (`fg_nav.pocket.step_length`).
     """
 
     recording: Recording
@@ -42,6 +48,8 @@ class Given:
     heading: float | None = None
     preset: str = "tuned"
     fixes: tuple[Fix, ...] = ()
+    step_constant_m: float | None = None
+    known_distance_m: float | None = None
 
 
 Estimator: TypeAlias = Callable[[Given, Progress | None], Solution]
@@ -55,6 +63,11 @@ SMOOTHERS = ("smoother", "inertial", "online")
 
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 """Each also as `-rts`: with the way back over its pass."""
+
+POCKET_METHODS = ("pocket", "munoz-diaz2017")
+"""For a sensor in a trouser pocket: orientation by the factor graph, and by the paper's filter."""
+
+DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
 
 def _smoother(given: Given, progress: Progress | None) -> Solution:
@@ -83,10 +96,10 @@ def _online(given: Given, progress: Progress | None) -> Solution:
 
     recording, field = given.recording, given.field
     navigator = OnlineNavigator(OnlineOptions(given.heading, field is not None))
+    mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
+    rows = np.column_stack([recording.t, recording.acc, recording.gyr, mag])
     for start in range(0, len(recording), BLOCK):
-        block = slice(start, start + BLOCK)
-        mag = None if recording.mag is None else recording.mag[block]
-        navigator.push(recording.t[block], recording.acc[block], recording.gyr[block], mag)
+        navigator.take(rows[start : start + BLOCK])  # they were judged as a recording
         if progress is not None:
             progress(start / len(recording))
     return navigator.finish(progress, given.stances, field)
@@ -114,6 +127,16 @@ def _swing_density(given: Given) -> float:
     return known_before(given.recording, given.stances, rests, p).swing.gyr_relative_density
 
 
+def _pocket(method: str) -> Estimator:
+    def run(given: Given, progress: Progress | None) -> Solution:
+        from fg_nav.pocket.estimators import navigate_pocket
+
+        lengths = (given.step_constant_m, given.known_distance_m)
+        return navigate_pocket(given.recording, method, given.heading, *lengths, progress)
+
+    return run
+
+
 ESTIMATORS: dict[str, Estimator] = {
     "smoother": _smoother,
     "inertial": _inertial,
@@ -123,8 +146,15 @@ ESTIMATORS: dict[str, Estimator] = {
 }
 
 
-def estimator(name: str) -> Estimator:
-    """Return the estimator of this name; raises `EstimationError` if there is none."""
-    if name not in ESTIMATORS:
-        raise EstimationError(f"there is no method '{name}': choose one of {', '.join(ESTIMATORS)}.")
-    return ESTIMATORS[name]
+POCKET_ESTIMATORS: dict[str, Estimator] = {method: _pocket(method) for method in POCKET_METHODS}
+
+
+def estimator(name: str, mount: Mount = "foot") -> Estimator:
+    """Return the estimator of this name for a sensor worn there; raises `EstimationError` if there is none."""
+    there, elsewhere = (ESTIMATORS, POCKET_ESTIMATORS) if mount == "foot" else (POCKET_ESTIMATORS, ESTIMATORS)
+    if name in there:
+        return there[name]
+    if name in elsewhere:
+        other = "pocket" if mount == "foot" else "foot"
+        raise EstimationError(f"{name} is for --mount {other}: choose one of {', '.join(there)}.")
+    raise EstimationError(f"there is no method '{name}': choose one of {', '.join(there)}.")

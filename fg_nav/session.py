@@ -18,7 +18,7 @@ import numpy as np
 from fg_nav.calibration.file import Calibration, read_calibration
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.estimators import WITH_FIXES, Given, Progress, estimator
+from fg_nav.estimators import WITH_FIXES, Given, Mount, Progress, estimator
 from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.evaluation.walked import WalkErrors, walk_errors
@@ -46,6 +46,9 @@ class Options:
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     preset : of the filters (`fg_nav.ekf.presets`).
     fixes_path : file with fixes of the position for the smoother; None without.
+    mount : where the sensor is worn, to be held against the recording; None for a foot that nobody doubts.
+    step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
+        (`fg_nav.pocket.step_length`).
     """
 
     use_magnetometer: bool = True
@@ -56,6 +59,9 @@ class Options:
     calibration_path: Path | None = None
     preset: str = "tuned"
     fixes_path: Path | None = None
+    mount: Mount | None = None
+    step_constant_m: float | None = None
+    known_distance_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -122,14 +128,22 @@ class Outcome:
 
 
 def load(path: Path, format: str | None = None, options: Options | None = None) -> Session:
-    """Read a recording, and truth and calibration if they were named, find the stances and judge the field.
+    """Read a recording, and truth and calibration if they were named; on a foot find stances and judge the field.
 
     Raises
     ------
-    FormatError, RecordingError, CalibrationError, DetectionError
-        If a file cannot be read, if the recording cannot be navigated with, or the calibration is not for it.
+    FormatError, RecordingError, CalibrationError, DetectionError, EstimationError
+        If a file cannot be read, if the recording cannot be navigated with, the calibration is not for it, or a sensor
+        that is said to be on a foot was clearly in a pocket.
     """
-    return with_footfalls(opened(path, format, options))
+    session = opened(path, format, options)
+    if session.options.mount == "pocket":
+        return session  # a pocket has no footfalls
+    if session.options.mount == "foot":
+        from fg_nav.pocket.mount import refuse_pocket
+
+        refuse_pocket(session.recording)
+    return with_footfalls(session)
 
 
 def opened(path: Path, format: str | None = None, options: Options | None = None) -> Session:
@@ -201,8 +215,9 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
             f"{method} makes no use of fixes: leave --fixes out, or choose {' or '.join(WITH_FIXES)}."
         )
     fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
-    given = Given(session.recording, session.stances, session.field, _heading(options), options.preset, fixes)
-    return measured(session, estimator(method)(given, progress))
+    lengths = (options.step_constant_m, options.known_distance_m)
+    given = Given(session.recording, session.stances, session.field, _heading(options), options.preset, fixes, *lengths)
+    return measured(session, estimator(method, options.mount or "foot")(given, progress))
 
 
 def measured(session: Session, found: Solution) -> Outcome:

@@ -71,7 +71,8 @@ class Facts:
     """A recording in numbers.
 
     `refusal` is why it cannot be navigated with, None if it can; `unit_problems` name wrong units and axes;
-    `field` is None without a magnetometer; `notes` are the remarks of reader and admission.
+    `field` is None without a magnetometer; `wearing` is "foot" or "pocket" where the turning is clearly that of one
+    (`fg_nav.pocket.mount`), else None; `notes` are the remarks of reader and admission.
     """
 
     name: str
@@ -85,6 +86,7 @@ class Facts:
     gravity: GravityTransport
     field: MagneticField | None
     stance: StanceShare
+    wearing: str | None
     truth: str
     refusal: str | None
     unit_problems: tuple[str, ...]

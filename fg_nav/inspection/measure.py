@@ -10,6 +10,7 @@ from fg_nav.detection import detect_stances, find_rests
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.inspection.facts import Facts, Inspection, MagneticField, Range, Rest, Stamps, StanceShare
 from fg_nav.inspection.words import verdict
+from fg_nav.pocket.mount import turn_signs
 from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, usable_samples
 from fg_nav.saturation import saturated
 from fg_nav.timing import fit_clock
@@ -40,6 +41,7 @@ def _facts(raw: RawRecording) -> Facts:
         gravity=plausibility.gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
         field=None if raw.mag is None else _field(raw.mag, duration),
         stance=_stance_share(recording),
+        wearing=None if recording is None else turn_signs(recording).wearing,
         truth=_described(raw.truth),
         refusal=refusal,
         unit_problems=plausibility.unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),

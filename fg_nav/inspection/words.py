@@ -100,6 +100,8 @@ def _stance_problems(facts: Facts) -> list[str]:
     stance = facts.stance
     if facts.refusal is not None:
         return []
+    if facts.wearing == "pocket":
+        return ["It turns like a thigh that walks, not like a foot: run it with --mount pocket."]
     if np.isnan(stance.share):
         return [f"No stance was found: {stance.reason}"]
     low, high = _STANCE_SHARES
@@ -124,7 +126,7 @@ def _good(facts: Facts) -> list[str]:
     if field is not None and field.spread_uT <= _SPREAD_SHARE * field.strength_uT and not facts.unit_problems:
         said.append(f"The field is steady: {field.strength_uT:.0f} uT, {field.spread_uT:.0f} uT about it.")
     low, high = _STANCE_SHARES
-    if low <= facts.stance.share <= high:
+    if low <= facts.stance.share <= high and facts.wearing != "pocket":
         said.append(f"{facts.stance.count} stances make {100 * facts.stance.share:.0f} % of the time.")
     return said
 

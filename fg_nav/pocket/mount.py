@@ -1,0 +1,151 @@
+"""Was the sensor on a foot or in a trouser pocket? What the rate of turn tells of it.
+
+A foot stands in every stride: it hardly turns for a third of the time (a fifth where it runs), and in between it turns
+at 300 to 600 deg/s. A thigh that walks never rests: its rate passes through nought only where it turns back, and peaks
+at 150 to 350. Looked at in windows of some strides, of the slow rate (below 6 Hz):
+
+* rest share   share of the time in which the rate is below 15 % of the window's peak
+* peak         the highest rate
+* rhythm       how much the rate about its principal axis comes back to that of one stride before
+* impact       the highest specific force: what walks is hit at every footfall
+
+====================================== ========== ========== ========= ============
+medians over the windows that turn     rest share peak deg/s rhythm    impact m/s^2
+====================================== ========== ========== ========= ============
+real feet (gdin, openshoe, vicon, xio) 0.27-0.55  140-630    0.56-0.99 20 and more
+... of those, that run throughout      0.12-0.17  320-570    0.92-0.98 50 and more
+real thighs (qmt_fullbody)             0.05, 0.10 290, 360   0.94      71, 47
+simulated feet                         0.36-0.44  440-560    0.88-0.95 50 and more
+simulated thighs                       0.06-0.08  240-260    0.96-0.99 45 to 60
+moved by hand, hand that swings        0.00-0.14  150-770    0.32-0.97 12 to 30
+====================================== ========== ========== ========= ============
+
+What lies between is said to be neither, and so is what has no rhythm, or no impact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
+from fg_nav.pocket.swing_axis import slow
+from fg_nav.recording import Recording
+
+Wearing: TypeAlias = Literal["foot", "pocket"]
+
+WINDOW_S = 4.0
+"""Three or four strides."""
+
+MOVING_DEG_S = 80.0
+"""A window with a lower peak is one of standing or sitting."""
+
+LEAST_WINDOWS = 3
+"""In fewer nothing is said."""
+
+RESTING_PART = 0.15
+"""Of the peak; below it the sensor rests."""
+
+LEAST_RHYTHM = 0.6
+"""A correlation below this is no gait."""
+
+FOOT_SHARE = 0.2
+"""A rest share above this is that of a foot."""
+
+RUNNING_SHARE, RUNNING_DEG_S = 0.115, 430.0
+"""... and above this, with peaks above this, that of a foot that runs."""
+
+POCKET_SHARE, POCKET_DEG_S, POCKET_M_S2 = 0.105, 450.0, 20.0
+"""A rest share and peaks below these, with impacts above this, are those of a thigh."""
+
+STRIDE_S = (0.25, 1.8)
+"""Within this it comes back to what it was: half of the quickest stride, and the slowest."""
+
+
+@dataclass(frozen=True)
+class TurnSigns:
+    """What the rate of turn is like: medians over `windows` windows in which the sensor turns; NaN without one."""
+
+    windows: int
+    rest_share: float
+    peak_deg_s: float
+    rhythm: float
+    impact_m_s2: float
+
+    @property
+    def wearing(self) -> Wearing | None:
+        """Where the sensor was worn; None where that is not clear."""
+        if self.windows < LEAST_WINDOWS or not self.rhythm > LEAST_RHYTHM:
+            return None
+        running = self.rest_share > RUNNING_SHARE and self.peak_deg_s > RUNNING_DEG_S
+        if self.rest_share > FOOT_SHARE or running:
+            return "foot"
+        swings = self.rest_share < POCKET_SHARE and self.peak_deg_s < POCKET_DEG_S
+        return "pocket" if swings and self.impact_m_s2 > POCKET_M_S2 else None
+
+    @property
+    def words(self) -> str:
+        """The signs in words."""
+        return f"{100 * self.rest_share:.0f} % of the time at rest between turns of {self.peak_deg_s:.0f} deg/s"
+
+
+def turn_signs(recording: Recording) -> TurnSigns:
+    """Measure how the sensor turns."""
+    rate = slow(recording.gyr - np.median(recording.gyr, axis=0), recording.period_s)
+    count = round(WINDOW_S / recording.period_s)
+    whole = len(rate) // count if count > 1 else 0
+    windows = rate[: whole * count].reshape(whole, count, 3)
+    size = np.linalg.norm(windows, axis=2)
+    moving = size.max(axis=1, initial=0.0) > np.radians(MOVING_DEG_S) if whole else np.zeros(0, dtype=np.bool_)
+    if not moving.any():
+        return TurnSigns(0, np.nan, np.nan, np.nan, np.nan)
+    size, windows = size[moving], windows[moving]
+    force = np.linalg.norm(recording.acc[: whole * count], axis=1).reshape(whole, count)[moving]
+    peak = size.max(axis=1)
+    return TurnSigns(
+        windows=int(moving.sum()),
+        rest_share=float(np.median((size < RESTING_PART * peak[:, None]).mean(axis=1))),
+        peak_deg_s=float(np.degrees(np.median(peak))),
+        rhythm=float(np.median(_rhythm(windows, recording.period_s))),
+        impact_m_s2=float(np.median(force.max(axis=1))),
+    )
+
+
+def refuse_foot(recording: Recording) -> None:
+    """Raise `EstimationError` if a recording that is to be of a pocket is clearly that of a foot."""
+    signs = turn_signs(recording)
+    if signs.wearing == "foot":
+        raise EstimationError(f"the sensor was on a foot, not in a pocket ({signs.words}): leave --mount pocket out.")
+
+
+def refuse_pocket(recording: Recording) -> None:
+    """Raise `EstimationError` if a recording that is to be of a foot is clearly that of a thigh."""
+    signs = turn_signs(recording)
+    if signs.wearing == "pocket":
+        raise EstimationError(
+            f"the sensor was in a trouser pocket, not on a foot (only {signs.words}): try `fg-nav run --mount pocket`."
+        )
+
+
+def _rhythm(windows: Floats, period_s: float) -> Floats:
+    """Highest correlation (W,) of the rate (W, n, 3) with that before, once it has fallen to half and come back.
+
+    About its principal axis; what only turns slowly comes back to nothing within `STRIDE_S`.
+    """
+    axes = np.linalg.eigh(np.einsum("wni,wnj->wij", windows, windows))[1][:, :, 2]
+    about = np.einsum("wni,wi->wn", windows, axes)
+    lags = np.unique(np.round(np.arange(*STRIDE_S, 0.025) / period_s).astype(int))
+    lags = lags[(lags > 0) & (lags < about.shape[1])]
+    if not lags.size:
+        return np.zeros(len(windows))
+    found = np.array([_correlation(about[:, lag:], about[:, :-lag]) for lag in lags])
+    back = np.logical_or.accumulate(found < 0.5, axis=0)
+    return np.asarray(np.where(back, found, -1.0).max(axis=0))
+
+
+def _correlation(a: Floats, b: Floats) -> Floats:
+    scale = np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1))
+    return np.asarray((a * b).sum(axis=1) / np.maximum(scale, 1e-12))

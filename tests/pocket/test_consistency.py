@@ -1,0 +1,74 @@
+"""Monte Carlo: sensors drawn from the filter's own beliefs, and whether its claims hold.
+
+The filter takes the noises of successive field differences for independent. For its own model they are: a field that
+takes a step of that size each sample. A magnetometer's noise is in two differences with either sign, so that there the
+filter claims too large a doubt of the bias.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from fg_nav.pocket.belief import belief_of, blank_chain
+from fg_nav.pocket.ekf import Inputs, _blank, initial_state, run
+from fg_nav.pocket.parameters import PocketParameters
+from fg_nav.pocket.start import PocketStart
+from tests.pocket.leg import MUNICH, walking
+
+RUNS = 60
+SURE = 0.999
+MODEL = PocketParameters(
+    gyro_bias_sigma_deg_s=0.3, bias_instability_deg_h=200.0, bias_time_s=50.0, acc_sigma_m_s2=0.5, gravity_window_s=0.0
+)
+SIGMA0 = np.array([0.02, 0.02, 0.05, *[np.radians(0.3)] * 3])
+
+
+@pytest.fixture(scope="module")
+def leg():
+    return walking(15.0, rate_hz=50.0)
+
+
+def errors(leg, rng, white_field):
+    """Error (6,) and covariance at the end of one run with drawn noises."""
+    R, h, n = leg.attitude, leg.h, len(leg.attitude) - 1
+    step = (Rotation.from_matrix(R[:-1]).inv() * Rotation.from_matrix(R[1:])).as_matrix()
+    bias = SIGMA0[3:] * rng.standard_normal(3) + np.cumsum(
+        np.radians(MODEL.bias_walk_deg_s) * np.sqrt(h) * rng.standard_normal((n, 3)), axis=0
+    )
+    rate = Rotation.from_matrix(step).as_rotvec() / h + bias
+    rate += np.radians(MODEL.gyr_density_deg) / np.sqrt(h) * rng.standard_normal((n, 3))
+    force = 9.80665 * R[:-1, 2] + MODEL.acc_sigma_m_s2 * rng.standard_normal((n, 3))
+    noise = MODEL.mag_sigma_uT * rng.standard_normal((n, 3))
+    if not white_field:
+        noise = np.cumsum(np.sqrt(2) * np.einsum("nij,nj->ni", R[:-1], noise), axis=0)
+        noise = np.einsum("nji,nj->ni", R[:-1], noise)
+    field = np.einsum("nji,j->ni", R[:-1], MUNICH) + noise
+    always = np.ones(n, dtype=np.bool_)
+    wrong = Rotation.from_rotvec(SIGMA0[:3] * rng.standard_normal(3)).as_matrix() @ R[0]
+    state = initial_state(PocketStart(wrong, SIGMA0[0], SIGMA0[2]), MODEL)
+    inputs = Inputs(np.full(n, h), rate, force, field, always, always, always)
+    run(inputs, state, blank_chain(), belief_of(MODEL), _blank(n, n))
+    attitude = Rotation.from_matrix(state.nav_R_body @ R[n - 1].T).as_rotvec()
+    return np.concatenate([attitude, state.gyro_bias - bias[n - 1]]), state.P
+
+
+def nees(leg, part, white_field=False, seed=7):
+    rng = np.random.default_rng(seed)
+    runs = [errors(leg, rng, white_field) for _ in range(RUNS)]
+    return np.mean([x[part] @ np.linalg.solve(P[part, part], x[part]) for x, P in runs])
+
+
+def bounds(freedom):
+    """Of the mean of `RUNS` NEES with so many degrees of freedom."""
+    return chi2.ppf([(1 - SURE) / 2, (1 + SURE) / 2], RUNS * freedom) / RUNS
+
+
+@pytest.mark.parametrize("part", [slice(0, 6), slice(0, 3), slice(3, 6)], ids=["all", "attitude", "bias"])
+def test_errors_are_what_the_filter_claims(leg, part):
+    low, high = bounds(part.stop - part.start)
+    assert low < nees(leg, part) < high
+
+
+def test_a_real_magnetometer_is_better_than_the_filter_claims(leg):
+    assert nees(leg, slice(3, 6), white_field=True) < bounds(3)[0]

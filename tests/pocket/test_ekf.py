@@ -1,0 +1,259 @@
+"""The filter on a leg that swings by hand: what it sees, what it cannot, and what it does not hang on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from fg_nav.errors import EstimationError
+from fg_nav.frames import yaw_rotation
+from fg_nav.pocket import PRESETS, PocketParameters, PocketStart, estimate_pocket, level_start, pocket_parameters
+from tests.pocket.leg import BIAS, Leg, resting, walking
+
+WIDE = PocketParameters(gyro_bias_sigma_deg_s=0.5, acc_sigma_m_s2=0.05)
+GRAVITY_ALONE = replace(WIDE, field_update=False)
+FIELD_ALONE = replace(WIDE, gravity_update=False)
+NOISE = (np.radians(0.1), 0.03, 0.015)
+POLE = np.array([0.0, 0.0, -65.0])
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return walking(60.0)
+
+
+def error_deg_s(track):
+    return np.degrees(track.gyro_bias[-1] - BIAS)
+
+
+def start_of(leg, offset=0.0):
+    return PocketStart(yaw_rotation(offset) @ leg.attitude[0], 1e-3)
+
+
+def tilt_deg(track, leg):
+    cosine = np.einsum("ni,ni->n", track.nav_R_body[:, 2], leg.attitude[:-1, 2])
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def test_gravity_shows_the_level_biases_and_not_the_upright_one():
+    leg = resting(180.0)
+    track = estimate_pocket(leg.recording(field=None, sigma=NOISE), GRAVITY_ALONE)
+    R, covariance = track.nav_R_body[-1], track.covariance[-1, 3:, 3:]
+    left, upright = R @ error_deg_s(track), (R @ np.degrees(BIAS))[2]
+    sigma = np.degrees(np.sqrt(np.diag(R @ covariance @ R.T)))
+    assert np.abs(left[:2]).max() < 0.01
+    assert sigma[:2].max() < 0.01
+    assert sigma[2] > 0.48
+    assert abs(left[2] + upright) < 0.3 * sigma[2]  # nothing learnt
+
+
+def test_the_field_shows_all_three_to_a_leg_that_swings(walk):
+    track = estimate_pocket(walk.recording(sigma=(0, 0, 0.015)), FIELD_ALONE, start_of(walk))
+    assert np.abs(error_deg_s(track)).max() < 0.02
+    assert not track.gravity_used.any()
+    assert track.field_used[60:].all()
+
+
+@pytest.mark.parametrize(("swing", "lowest", "highest"), [(0.0, 0.45, 0.51), (30.0, 0.0, 0.1)])
+def test_over_a_field_that_points_down_only_the_swing_shows_the_upright_bias(swing, lowest, highest):
+    still = 1e3 if swing == 0.0 else 1.5
+    leg = walking(60.0, swing_deg=swing, still_s=still, curves=False)
+    track = estimate_pocket(leg.recording(field=POLE, sigma=(0, 0, 0.015)), FIELD_ALONE, start_of(leg))
+    assert lowest < np.degrees(track.sigma[-1, 5]) < highest
+    assert np.abs(error_deg_s(track)[:2]).max() < 0.02
+
+
+def test_with_both_the_paper_s_sensor_is_brought_to_its_biases(walk):
+    track = estimate_pocket(walk.recording(sigma=NOISE), WIDE)
+    assert np.abs(error_deg_s(track)).max() < 0.02
+    assert tilt_deg(track, walk)[1000:].max() < 1.0
+
+
+@pytest.mark.parametrize("euler", [False, True])
+def test_nothing_hangs_on_the_heading_at_the_start(walk, euler):
+    recording, parameters = walk.recording(sigma=NOISE), replace(WIDE, euler_state=euler)
+    here, there = (estimate_pocket(recording, parameters, start_of(walk, offset)) for offset in (0.0, 2.0))
+    assert np.allclose(here.gyro_bias, there.gyro_bias, atol=1e-11)
+    assert np.allclose(yaw_rotation(2.0) @ here.nav_R_body, there.nav_R_body, atol=1e-9)
+    assert np.allclose(here.sigma[:, 2:], there.sigma[:, 2:], rtol=1e-6)
+    assert np.allclose(np.hypot(*here.sigma[:, :2].T), np.hypot(*there.sigma[:, :2].T), rtol=1e-6)
+
+
+def test_angles_and_rotations_find_the_same(walk):
+    recording = walk.recording(sigma=NOISE)
+    parameters = replace(WIDE, gravity_window_s=0.0)
+    free, angles = (estimate_pocket(recording, replace(parameters, euler_state=e)) for e in (False, True))
+    assert np.degrees(np.abs(free.gyro_bias - angles.gyro_bias)[500:]).max() < 2e-3
+    assert np.allclose(free.sigma[500:], angles.sigma[500:], rtol=0.05)
+
+
+@pytest.mark.parametrize("facing", [0.0, np.pi / 2])
+def test_the_turn_of_the_earth_is_a_bias_unless_taken_off(facing):
+    """At rest, heading known: gravity shows the level part of what is left, which is the Earth's to the north."""
+    earth = 7.29e-5 * np.array([0.0, np.cos(np.radians(48.0)), np.sin(np.radians(48.0))])
+    leg = resting(300.0, angles=(facing, 0.1, -0.2))
+    recording = leg.recording(bias=np.zeros(3), field=None, nav_rate=earth)
+    quiet = replace(GRAVITY_ALONE, acc_sigma_m_s2=0.01, bias_instability_deg_h=0.1)
+    taken_off, left = (
+        (track.nav_R_body[-1] @ track.gyro_bias[-1])[:2]
+        for track in (
+            estimate_pocket(recording, replace(quiet, latitude_deg=latitude), start_of(leg))
+            for latitude in (48.0, None)
+        )
+    )
+    assert np.abs(taken_off).max() < 2e-6
+    assert np.allclose(left, earth[:2], atol=5e-6)
+
+
+def test_a_compensation_that_faces_wrong_doubles_the_error():
+    earth = 7.29e-5 * np.array([0.0, np.cos(np.radians(48.0)), np.sin(np.radians(48.0))])
+    leg = resting(300.0)
+    recording = leg.recording(bias=np.zeros(3), field=None, nav_rate=earth)
+    quiet = replace(GRAVITY_ALONE, acc_sigma_m_s2=0.01, bias_instability_deg_h=0.1, latitude_deg=48.0)
+    track = estimate_pocket(recording, quiet, start_of(leg, np.pi))
+    assert (track.nav_R_body[-1] @ track.gyro_bias[-1])[1] == pytest.approx(-2 * earth[1], rel=0.1)
+
+
+def test_a_slower_magnetometer_is_used_where_it_has_samples(walk):
+    recording = walk.recording(sigma=(0, 0, 0.015))
+    mag = recording.mag.copy()
+    mag[np.arange(len(mag)) % 4 != 1] = np.nan
+    track = estimate_pocket(replace(recording, mag=mag), FIELD_ALONE, start_of(walk))
+    assert not track.field_used[np.isnan(mag[:, 0])].any()
+    assert track.field_used[np.isfinite(mag[:, 0])][15:].all()
+    assert np.abs(error_deg_s(track)).max() < 0.02
+
+
+def test_fields_on_either_side_of_a_gap_are_not_compared(walk):
+    recording = walk.recording(sigma=(0, 0, 0.015))
+    mag = recording.mag.copy()
+    mag[3000:3030] = np.nan
+    used = estimate_pocket(replace(recording, mag=mag), FIELD_ALONE).field_used
+    assert used[2999]
+    assert not used[3000:3031].any()
+    assert used[3031]
+
+
+def test_farther_apart_differences_learn_sooner(walk):
+    """The noise of a difference is the same however long the bias had to turn it."""
+    recording = walk.recording(sigma=(0, 0, 0.015))
+    near, far = (estimate_pocket(recording, replace(FIELD_ALONE, shortest_difference_s=s)) for s in (0.0, 0.25))
+    assert far.sigma[2000, 5] < near.sigma[2000, 5] / 3
+    assert np.abs(error_deg_s(far)).max() < 0.02
+    assert far.field_used.sum() == pytest.approx(len(far) / 25, rel=0.05)
+
+
+def test_a_rate_that_does_not_divide_the_shortest_difference_is_no_matter():
+    leg = walking(20.0, rate_hz=60.0)
+    used = estimate_pocket(leg.recording(), replace(FIELD_ALONE, shortest_difference_s=0.26)).field_used
+    assert np.array_equal(np.diff(np.flatnonzero(used)), np.full(used.sum() - 1, 16))
+
+
+def test_without_a_magnetometer_gravity_is_all_there_is(walk):
+    track = estimate_pocket(walk.recording(field=None), WIDE)
+    assert not track.field_used.any()
+    assert track.gravity_used.any()
+
+
+def test_a_disturbance_is_left_out_unless_told_not_to(walk):
+    recording = walk.recording(sigma=(0, 0, 0.015))
+    bump = 8.0 * np.exp(-(((recording.t - 30.0) / 0.6) ** 2))
+    mag = recording.mag + bump[:, None] * np.einsum("nji,j->ni", walk.attitude[:-1], [1.0, 0.0, 0.5])
+    gated, open_ = (
+        estimate_pocket(replace(recording, mag=mag), replace(FIELD_ALONE, field_gated=gate)) for gate in (True, False)
+    )
+    assert not gated.field_used[2920:3080].any()
+    assert open_.field_used[1:].all()
+    worst = [np.degrees(np.abs(track.gyro_bias[2500:3500] - BIAS)).max() for track in (gated, open_)]
+    assert worst[1] > 3 * worst[0]
+
+
+def sitting_down():
+    """A walker who sits down for ten seconds, the thigh lying level, and gets up: pitch through -90 deg."""
+    leg = walking(20.0, curves=False)
+    both = Rotation.concatenate([Rotation.from_matrix(leg.attitude[-1]), Rotation.from_euler("Y", -np.pi / 2)])
+    down = Slerp([0.0, 1.0], both)(np.linspace(0.0, 1.0, 100)).as_matrix()
+    seated = np.concatenate([down, np.tile(down[-1], (1000, 1, 1)), down[::-1]])
+    return Leg(np.concatenate([leg.attitude, seated, leg.attitude[-1] @ leg.attitude[0].T @ leg.attitude]), leg.h)
+
+
+def test_a_thigh_that_lies_level_ends_the_angles_and_not_the_filter():
+    leg = sitting_down()
+    recording = leg.recording(sigma=NOISE)
+    assert np.abs(leg.attitude[:, 2, 0]).max() > 0.9998
+    track = estimate_pocket(recording, WIDE)
+    assert tilt_deg(track, leg)[500:].max() < 1.5
+    assert np.abs(error_deg_s(track)).max() < 0.03
+    with pytest.raises(EstimationError, match=r"x axis is vertical at 2\d\.\d+ s, where the paper's Euler angles end"):
+        estimate_pocket(recording, replace(WIDE, euler_state=True))
+
+
+def test_the_filter_as_printed_is_led_astray(walk):
+    """Eq. 15: the field is turned the wrong way, and the leg's own turn is taken for bias."""
+    recording = walk.recording(sigma=NOISE)
+    right, printed = (estimate_pocket(recording, pocket_parameters(name)) for name in PRESETS)
+    only_that = estimate_pocket(recording, replace(WIDE, difference_as_printed=True))
+    assert np.abs(error_deg_s(right)).max() < 0.1
+    assert np.abs(error_deg_s(printed)).max() > 1.0
+    assert np.abs(error_deg_s(only_that)).max() > 1.0
+
+
+def test_the_printed_model_pulls_a_constant_bias_to_zero(walk):
+    """Eq. 10: with a stationary deviation of B / sqrt(2) = 0.002 deg/s, 0.1 deg/s is no bias it believes in."""
+    recording = walk.recording(sigma=NOISE)
+    kept, pulled = (
+        estimate_pocket(recording, replace(WIDE, bias_time_s=10.0, bias_returns_to_zero=printed))
+        for printed in (False, True)
+    )
+    assert np.abs(error_deg_s(kept)[2]) < 0.02
+    assert np.abs(error_deg_s(pulled)[2]) > 0.08
+
+
+def test_the_printed_roll_turns_over_a_sensor_worn_upside_down():
+    """The start levels it right; each gravity update of Eq. 12 then asks for half a turn of roll."""
+    leg = resting(20.0, angles=(0.0, 0.1, 3.0))
+    parameters = replace(GRAVITY_ALONE, euler_state=True, gravity_window_s=0.0)
+    right, printed = (
+        tilt_deg(estimate_pocket(leg.recording(field=None), replace(parameters, arctangent_as_printed=p)), leg)[-1]
+        for p in (False, True)
+    )
+    assert right < 0.1
+    assert printed > 90.0
+
+
+def test_an_uncalibrated_magnetometer_is_believed(walk):
+    """Section 3.2.1: an offset turns with the body, and is taken for a bias."""
+    recording = walk.recording(sigma=NOISE)
+    offset = replace(recording, mag=recording.mag + np.array([10.0, -8.0, 6.0]))
+    track = estimate_pocket(offset, replace(WIDE, field_gated=False))
+    assert np.abs(error_deg_s(track)).max() > 0.3
+
+
+def test_what_is_kept_of_the_covariance_is_one(walk):
+    track = estimate_pocket(walk.recording(sigma=NOISE), WIDE)
+    assert track.covariance.shape == (60, 6, 6)
+    assert np.array_equal(
+        np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2)), track.sigma[track.covariance_sample]
+    )
+    assert np.allclose(track.covariance, track.covariance.transpose(0, 2, 1), rtol=1e-9, atol=1e-18)
+    assert (np.linalg.eigvalsh(track.covariance) > 0).all()
+    assert np.allclose(track.nav_R_body @ track.nav_R_body.transpose(0, 2, 1), np.eye(3), atol=1e-9)
+
+
+def test_the_sampling_rate_does_not_change_the_gyroscope_s_part(walk):
+    """Noises of the gyroscope are densities: without a field, half the samples give the same sigmas."""
+    fine, coarse = (
+        estimate_pocket(walking(20.0, rate_hz=f).recording(field=None), GRAVITY_ALONE) for f in (100.0, 50.0)
+    )
+    assert np.allclose(fine.sigma[::2][50:], coarse.sigma[50:], rtol=0.02)
+
+
+def test_a_preset_that_is_not_there_is_said():
+    with pytest.raises(EstimationError, match="no preset 'ekf' for the pocket: choose from munoz-diaz2017, "):
+        pocket_parameters("ekf")
+
+
+def test_a_start_is_the_mean_of_a_second(walk):
+    start = level_start(walk.recording(sigma=NOISE))
+    assert np.allclose(start.nav_R_body[2], walk.attitude[0, 2], atol=2e-3)

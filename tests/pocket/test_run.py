@@ -1,0 +1,171 @@
+"""`fg-nav run --mount pocket`: files, figures, and words for what cannot be."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fg_nav import estimators
+from fg_nav.errors import EstimationError
+from fg_nav.evaluation import evaluate
+from fg_nav.io import write_canonical
+from fg_nav.pocket.estimators import METHODS, navigate_pocket
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.simulation import Choices, simulate
+from fg_nav.simulation.path import straight
+from fg_nav.simulation.plan import Stand, TurnOnSpot, Walk
+from fg_nav.simulation.scenarios import scenario
+
+PAPER = METHODS[1]
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """Seventy metres of corridors, in the pocket."""
+    return simulate("demo", 103, Choices(worn="pocket"))
+
+
+@pytest.fixture(scope="module")
+def files(walk, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pocket")
+    recording = walk.recording.slice(0, len(walk.recording) // 2)
+    write_canonical(recording, folder / "pocket.csv")
+    write_canonical(replace(recording, mag=None), folder / "bare.csv")
+    write_canonical(recording.slice(0, 500), folder / "standing.csv")
+    write_canonical(simulate("demo", 103).recording.slice(0, 5000), folder / "foot.csv")
+    return folder
+
+
+def way(walk):
+    """Metres that the foot below has gone."""
+    return float(np.linalg.norm(np.diff(walk.strides.footprint[:, :2], axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_it_finds_the_way_with_a_known_distance(walk, method):
+    solution = navigate_pocket(walk.recording, method, known_distance_m=way(walk))
+    assert solution.method == method
+    assert len(solution.t) == len(solution.position) == len(solution.velocity) == len(walk.recording)
+    assert abs(len(solution.stances) - 1 - len(walk.strides)) <= 1
+    metrics = evaluate(solution, walk.recording.truth)
+    assert metrics.rmse_2d_m < 1.5
+    assert metrics.scale == pytest.approx(1.0, abs=0.06)
+    assert metrics.heading_rmse_deg < 6.0
+    assert np.isfinite(solution.stances.position_cov).all()
+    assert (np.linalg.eigvalsh(solution.stances.position_cov) >= -1e-9).all()
+
+
+def test_the_constant_of_one_walk_serves_another(walk):
+    law = navigate_pocket(walk.recording, PAPER, known_distance_m=way(walk)).parameters["step_length"]
+    other = simulate("calibration-loop", 103, Choices(worn="pocket"))
+    solution = navigate_pocket(other.recording, PAPER, step_constant_m=law["constant_m"])
+    gone = np.linalg.norm(np.diff(solution.stances.position, axis=0), axis=1).sum()
+    assert gone == pytest.approx(way(other), rel=0.05)
+
+
+def test_position_and_velocity_belong_together(walk):
+    solution = navigate_pocket(walk.recording, PAPER)
+    h = np.diff(solution.t)
+    middle = (solution.velocity[1:] + solution.velocity[:-1]) / 2
+    np.testing.assert_allclose(
+        solution.position[0] + np.cumsum(middle * h[:, None], axis=0)[-1], solution.position[-1], atol=0.05
+    )
+    assert 0.8 < np.linalg.norm(solution.velocity, axis=1).max() < 3.0
+
+
+def test_standing_and_turning_on_the_spot_go_nowhere():
+    out, about = Walk(straight(15.0)), TurnOnSpot(np.pi)
+    course = [Stand(4.0), out, about, Stand(6.0), Walk(straight(15.0).reversed()), Stand(3.0)]
+    own = replace(scenario("demo"), name="to and fro", course=lambda rng: course)
+    made = simulate(own, 104, Choices(worn="pocket"))
+    solution = navigate_pocket(made.recording, PAPER, step_constant_m=0.78)
+    end = solution.position[-1] - solution.position[0]
+    assert np.linalg.norm(end) < 2.5
+    truth = made.recording.truth.position
+    quiet = np.flatnonzero(np.linalg.norm(np.gradient(truth[:, :2], solution.t, axis=0), axis=1) < 0.01)
+    inner = quiet[(quiet > 100) & (quiet < len(truth) - 100)]
+    assert np.median(np.linalg.norm(solution.velocity[inner], axis=1)) == 0.0
+
+
+def test_the_files_are_those_of_a_foot(fg_nav, files):
+    options = ("--mount", "pocket", "--method", PAPER, "--known-distance", 36)
+    ran = fg_nav("run", files / "pocket.csv", *options, "--out", "o")
+    assert ran.code == 0, ran.err
+    names = {path.name for path in Path("o").iterdir()}
+    assert {"trajectory.tum", "strides.csv", "summary.json", "config.json", "trajectory.png"} <= names
+    strides, summary = pd.read_csv("o/strides.csv"), json.loads(Path("o/summary.json").read_text())
+    assert summary["method"] == PAPER
+    assert summary["strides"] == len(strides) - 1
+    assert summary["magnetometer"] == "used"
+    assert 33 < summary["distance_m"] < 36.5  # along the rows, which cut the corners
+    assert strides["sigma_x_m"].iloc[0] == 0.0
+    assert strides["sigma_x_m"].iloc[-1] > 0.0
+    assert set(strides["field"]) <= {"quasi-static", "disturbed", "none"}
+    assert json.loads(Path("o/config.json").read_text())["parameters"]["step_length"]["source"] == "known distance"
+    assert len(np.loadtxt("o/trajectory.tum")) == json.loads(Path("o/config.json").read_text())["samples"]
+
+
+def test_without_a_magnetometer_it_says_so_and_goes_on(fg_nav, files):
+    for name in (["bare.csv"], ["pocket.csv", "--no-mag"]):
+        ran = fg_nav("run", files / name[0], *name[1:], "--mount", "pocket", "--method", PAPER, "--out", "o", "--force")
+        assert ran.code == 0, ran.err
+        assert "the heading at the start is unknown" in ran.out
+        assert set(pd.read_csv("o/strides.csv", keep_default_na=False)["field"]) == {"none"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["foot.csv", "--mount", "pocket"], ["on a foot", "leave --mount pocket out"]),
+        (["pocket.csv"], ["in a trouser pocket", "--mount pocket"]),
+        (["standing.csv", "--mount", "pocket"], ["no walk in it"]),
+        (["pocket.csv", "--mount", "pocket", "--method", "iez"], ["iez is for --mount foot", "pocket"]),
+        (["pocket.csv", "--method", "pocket"], ["pocket is for --mount pocket"]),
+        (["pocket.csv", "--mount", "pocket", "--method", "best"], ["no method 'best'", PAPER]),
+        (["foot.csv", "--known-distance", "10"], ["add --mount pocket"]),
+        (["pocket.csv", "--mount", "pocket", "--known-distance", "0"], ["known distance", "metres walked"]),
+        (["pocket.csv", "--mount", "pocket", "--known-distance", "nan"], ["known distance"]),
+        (["pocket.csv", "--mount", "pocket", "--step-constant", "7"], ["no person's"]),
+        (["pocket.csv", "--mount", "pocket", "--step-constant", "0.8", "--known-distance", "70"], ["give one of them"]),
+        (["pocket.csv", "--mount", "pocket", "--detector", "ma2018"], ["for a sensor on a foot"]),
+        (["pocket.csv", "--mount", "pocket", "--preset", "physical"], ["for a sensor on a foot"]),
+        (["pocket.csv", "--mount", "pocket", "--heading", "nan"], ["no direction"]),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(fg_nav, files, arguments, words):
+    name, *options = arguments
+    if "pocket" in options and "--method" not in options:
+        options += ["--method", PAPER]
+    ran = fg_nav("run", files / name, *options, "--out", "o")
+    assert ran.refused(*words), ran.err
+    assert not Path("o").exists()
+
+
+def test_missing_samples_are_borne(walk):
+    recording = walk.recording
+    acc = recording.acc.copy()
+    acc[500::700] = np.nan
+    raw = RawRecording(recording.t, acc, recording.gyr, np.arange(len(acc)) + 1, recording.mag)
+    solution = navigate_pocket(Recording.from_raw(raw), PAPER, step_constant_m=0.78)
+    whole = navigate_pocket(recording, PAPER, step_constant_m=0.78)
+    assert len(solution.stances) == len(whole.stances)
+    assert np.linalg.norm(solution.position[-1] - whole.position[-1]) < 1.0
+
+
+def test_a_magnetometer_that_is_empty_is_none(walk):
+    nothing = np.full_like(walk.recording.gyr, np.nan)
+    solution = navigate_pocket(replace(walk.recording, mag=nothing), PAPER)
+    assert any("unknown" in note for note in solution.notes)
+    assert set(solution.stances.field) == {"none"}
+
+
+def test_the_names_of_the_methods_are_the_same_everywhere():
+    from fg_nav.cli import POCKET_METHOD_NAMES
+
+    assert estimators.POCKET_METHODS == METHODS == tuple(POCKET_METHOD_NAMES.split(" or "))
+    assert estimators.DEFAULT_METHOD["pocket"] == METHODS[0]
+    with pytest.raises(EstimationError, match="no method"):
+        estimators.estimator("best", "pocket")

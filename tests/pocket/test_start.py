@@ -1,0 +1,40 @@
+"""The start: level, heading given or the compass's, in any position."""
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import EstimationError
+from fg_nav.frames import heading_of
+from fg_nav.pocket import compass_start, level_start
+from tests.pocket.leg import resting, walking
+
+
+@pytest.mark.parametrize("angles", [(0.3, 0.1, -0.2), (2.0, -1.2, 3.0), (-1.0, -np.pi / 2, 0.0)])
+def test_a_sensor_at_rest_is_levelled_and_the_compass_finds_north(angles):
+    leg = resting(5.0, angles=angles)
+    start = compass_start(leg.recording())
+    assert np.allclose(start.nav_R_body, leg.attitude[0], atol=1e-6)
+
+
+def test_declination_is_added_to_the_compass_s_heading():
+    leg = resting(5.0)
+    there, here = compass_start(leg.recording(), declination=0.1), compass_start(leg.recording())
+    assert heading_of(there.nav_R_body) - heading_of(here.nav_R_body) == pytest.approx(0.1)
+
+
+def test_the_heading_given_is_that_of_the_x_axis():
+    assert heading_of(level_start(resting(5.0).recording(), heading=1.2).nav_R_body) == pytest.approx(1.2)
+
+
+def test_who_starts_on_the_move_knows_less_of_the_tilt():
+    moving = walking(10.0, still_s=0.0).recording()
+    assert level_start(moving).tilt_sigma > 5 * level_start(resting(5.0).recording()).tilt_sigma
+
+
+def test_without_gravity_or_a_field_it_is_said():
+    recording = resting(5.0).recording(field=None)
+    with pytest.raises(EstimationError, match="no magnetometer in the first 1 s to begin with: give the heading"):
+        compass_start(recording)
+    object.__setattr__(recording, "acc", 0.01 * recording.acc)
+    with pytest.raises(EstimationError, match=r"is 0.10 m/s\^2, so there is no up"):
+        level_start(recording)

@@ -1,0 +1,141 @@
+"""Steps of a thigh: by hand-made flexions, and the axes of a simulated one, however it is mounted."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.errors import EstimationError
+from fg_nav.pocket import estimate_pocket
+from fg_nav.pocket.steps import find_steps, turning_points
+from fg_nav.pocket.swing_axis import thigh_swing
+from fg_nav.recording import Recording
+from fg_nav.simulation import Choices, simulate
+
+RATE_HZ = 50.0
+
+
+def found(pieces):
+    """Steps in pieces of flexion, deg, one after the other; up turns about one axis alone."""
+    flexion = np.radians(np.concatenate(pieces))
+    t = np.arange(len(flexion)) / RATE_HZ
+    up = np.stack([np.sin(flexion), np.zeros(len(t)), np.cos(flexion)], axis=1)
+    return t, find_steps(t, flexion, up)
+
+
+def standing(seconds, at=0.0):
+    """A thigh that stands at an angle, and sways by half a degree."""
+    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    return at + 0.5 * np.sin(2 * np.pi * t / 3.0)
+
+
+def walking(strides, opening=50.0, stride_s=1.1, at=0.0):
+    """Cycles from upright to upright: half a swing out of standing, and half a one into it, so one swing more."""
+    t = np.arange(round(strides * stride_s * RATE_HZ)) / RATE_HZ
+    return at + opening / 2 * np.sin(2 * np.pi * t / stride_s)
+
+
+def moved(begin, end, seconds):
+    """From one angle to another, smoothly."""
+    t = np.linspace(0.0, 1.0, round(seconds * RATE_HZ))
+    return begin + (end - begin) * (1 - np.cos(np.pi * t)) / 2
+
+
+def test_every_swing_of_the_leg_is_a_stride_and_every_opening_a_step():
+    t, steps = found([standing(3), walking(10), standing(3)])
+    assert len(steps.strides) == 11
+    assert len(steps) == 21  # 19 between the turning points, and half a step at either end
+    assert steps.forward.tolist() == [k % 2 == 0 for k in range(21)]
+    np.testing.assert_allclose(np.degrees(steps.opening[1:-1]), 50.0, atol=0.5)
+    np.testing.assert_allclose(np.degrees(steps.opening[[0, -1]]), 25.0, atol=1.5)
+    np.testing.assert_allclose(t[[steps.start[0], steps.stop[-1]]], [3.0, 14.0], atol=0.2)
+    assert (steps.start[1:] == steps.stop[:-1]).all()
+
+
+def test_a_pause_parts_two_walks_and_adds_no_stride():
+    _, steps = found([standing(2), walking(6), standing(5), walking(4), standing(2)])
+    assert len(steps.strides) == 7 + 5
+    assert np.bincount(steps.bout).tolist() == [13, 9]
+
+
+def test_where_the_other_leg_begins_its_step_goes_with_the_first_swing():
+    _, steps = found([standing(2), -walking(6), standing(2)])
+    assert not steps.forward[0]
+    assert len(steps.strides) == 6
+    assert steps.strides[0] == 0
+
+
+@pytest.mark.parametrize(
+    "pieces",
+    [
+        [standing(20)],
+        [standing(3), moved(0, 75, 1.5), standing(10, 75), moved(75, 0, 1.5), standing(3)],
+        [standing(3), moved(0, 75, 0.8), standing(3, 75), walking(8, 24.0, at=75.0), moved(75, 0, 0.8), standing(3)],
+        [standing(3), walking(6, 14.0), standing(3)],
+        [standing(3), moved(0, 40, 0.5), standing(0.3, 40), moved(40, 0, 0.5), standing(3)],
+        [standing(2), walking(200, 3.0, 0.25), standing(2)],
+        [walking(6, 50.0, 6.0)],
+    ],
+    ids=["stands", "sits down", "moves on a chair", "turns on the spot", "kicks", "trembles", "bows"],
+)
+def test_what_is_no_step(pieces):
+    _, steps = found(pieces)
+    assert len(steps) == 0
+    assert len(steps.strides) == 0
+
+
+def test_a_leg_that_gives_way_at_the_footfall_makes_one_step():
+    wobble = np.concatenate([moved(-25, 20, 0.35), moved(20, 12, 0.1), moved(12, 18, 0.1), moved(18, -25, 0.5)])
+    _, steps = found([np.tile(wobble, 8)])
+    assert len(steps.strides) in (7, 8)  # at the very ends there is nothing to turn from
+    np.testing.assert_allclose(np.degrees(steps.opening), 45.0, atol=1.0)
+
+
+def test_no_sample_no_turn():
+    assert turning_points(np.zeros(100), 0.1).size == 0
+    assert turning_points(np.array([0.0, 1.0, 0.0, 2.0, 0.0]), 0.5).tolist() == [0, 1, 2, 3, 4]
+    assert turning_points(np.array([0.0, 1.0, 0.7, 2.0, 0.0]), 0.5).tolist() == [0, 3, 4]
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return simulate("demo", 101, Choices(worn="pocket"))
+
+
+def mounted(recording, turn):
+    """The same walk with the sensor turned in the pocket."""
+    samples = (turn.inv().apply(x) for x in (recording.acc, recording.gyr, recording.mag))
+    return Recording(recording.t, *samples)
+
+
+@pytest.mark.parametrize("rotvec", [(0, 0, 0), (1.2, 0.4, -2.0), (0, 3.1, 0), (-0.5, 1.6, 0.3)])
+def test_axes_and_steps_do_not_hang_on_the_mounting(walk, rotvec):
+    turn = Rotation.from_rotvec(rotvec)
+    recording = mounted(walk.recording, turn)
+    swing = thigh_swing(recording, estimate_pocket(recording))
+    thigh_R_body = walk.recording.truth.nav_R_body  # true attitudes, of the sensor as it was
+    left = np.einsum("nij,j->ni", thigh_R_body, turn.apply(swing.left))
+    heading = np.arctan2(left[:, 1], -left[:, 0])  # of forward, clockwise from north
+    assert swing.is_forward_known
+    moving = np.flatnonzero(np.linalg.norm(np.gradient(walk.recording.truth.position, axis=0), axis=1) > 0.002)
+    way = np.gradient(walk.recording.truth.position, axis=0)[moving]
+    course = np.arctan2(way[:, 0], way[:, 1])
+    off = np.angle(np.mean(np.exp(1j * (course + np.pi - np.unwrap(heading)[moving] - np.pi))))
+    assert abs(np.degrees(off)) < 8.0
+    steps = find_steps(recording.t, swing.flexion, swing.up_now)
+    assert abs(len(steps.strides) - len(walk.strides)) <= 1
+
+
+def test_a_sensor_that_lies_still_has_no_swing(walk):
+    n = 3000
+    rng = np.random.default_rng(0)
+    still = Recording(np.arange(n) / 100, [0, 0, 9.8] + 0.01 * rng.standard_normal((n, 3)), np.zeros((n, 3)) + 1e-4)
+    with pytest.raises(EstimationError, match="no walk in it"):
+        thigh_swing(still, estimate_pocket(still))
+
+
+def test_a_sensor_that_is_turned_every_way_has_no_axis():
+    t = np.arange(3000) / 100
+    gyr = 3.0 * np.stack([np.sin(3 * t), np.sin(4.1 * t + 1), np.sin(5.3 * t + 2)], axis=1)
+    recording = Recording(t, np.tile([0, 0, 9.8], (3000, 1)), gyr)
+    with pytest.raises(EstimationError, match="no level axis"):
+        thigh_swing(recording, estimate_pocket(recording))
