@@ -35,6 +35,13 @@ def skew(v: Array) -> Array:
     return out
 
 
+def unskew(R: Array) -> Array:
+    """Return vectors (..., 3) of the antisymmetric part of matrices (..., 3, 3); for small rotations, of rotation."""
+    return (
+        np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1) / 2
+    )
+
+
 def rotation_exp(t: Array) -> Array:
     """Rotations (..., 3, 3) by the rotation vectors (..., 3) rad."""
     x, a, b = _coefficients(t)

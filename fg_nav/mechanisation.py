@@ -130,3 +130,14 @@ def nudge_tilt(nav_R_body: Floats, force: Floats, gain: float) -> None:
     R[0, 0] = north[1] * up[2] - north[2] * up[1]
     R[0, 1] = north[2] * up[0] - north[0] * up[2]
     R[0, 2] = north[0] * up[1] - north[1] * up[0]
+
+
+@njit(cache=True)
+def rotation_vector(R: Floats) -> Floats:
+    """Return the rotation vector (3,) rad of a rotation well below half a turn."""
+    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = np.sqrt((axis**2).sum())
+    if sine < 1e-12:
+        return axis
+    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    return np.asarray(axis * (np.arctan2(sine, cosine) / sine))

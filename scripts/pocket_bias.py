@@ -69,7 +69,6 @@ STREET_M = 500.0
 TILT_SIGMA = math.radians(0.5)
 
 FIELDS = ("equator", "munich", "street", "past-cars")
-PERTURBED = ("street", "past-cars")
 FOUND_S = {"equator": 60.0, "munich": 60.0, "street": 300.0, "past-cars": 300.0}
 YAW_DEG = {"equator": 3.0, "munich": 3.0, "street": 6.0, "past-cars": 6.0}
 GRAPH = ("online", "batch")

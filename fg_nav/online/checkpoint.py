@@ -18,7 +18,6 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +54,8 @@ def content_of(navigator: OnlineNavigator) -> dict[str, Any]:
     if navigator.options.lag_s is not None:
         raise EstimationError("a walk with a lag forgets its samples and has no checkpoint: leave one of the two out.")
     facts = {
-        "options": _words(navigator.options),
-        "detection": _words(navigator.detection),
+        "options": plain(navigator.options),
+        "detection": plain(navigator.detection),
         "judge": navigator.judge.state(),
         "source": dict(navigator.source),
         "has_ended": navigator.has_ended,
@@ -115,7 +114,7 @@ def load(
     samples, stops, facts = _read(path)
     options = _options(facts["options"]) if options is None else options
     for given, name, other in ((options, "options", "other options"), (detection, "detection", "another detection")):
-        if json.loads(json.dumps(_words(given))) != facts[name]:
+        if plain(given) != facts[name]:
             raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
     navigator = OnlineNavigator(options, remark, detection, SampleJudge.resumed(facts["judge"], samples, remark))
     navigator.source.update(facts["source"])
@@ -132,10 +131,6 @@ def load(
 
 def _stops(navigator: OnlineNavigator) -> Ints:
     return np.array([int(footfall.stop[-1]) for footfall in navigator.footfalls], dtype=np.int64)
-
-
-def _words(parameters: OnlineOptions | CausalParameters) -> Any:
-    return plain(asdict(parameters))
 
 
 def _options(words: Mapping[str, Any]) -> OnlineOptions:

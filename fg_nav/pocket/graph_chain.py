@@ -27,6 +27,7 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.ekf.update import correct
+from fg_nav.mechanisation import rotation_vector
 
 TURN, BIAS, FIELD, REGION, SIZE = 0, 3, 6, 9, 12
 """Where x has its parts."""
@@ -137,7 +138,7 @@ def _between(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, F: Floats
     F[: TURN + 3, BIAS : BIAS + 3] = predicted @ factors.per_bias[k]
     decay = np.exp(-h * beliefs.bias_decay)
     offset, noise = np.zeros(SIZE), np.zeros(SIZE)
-    offset[:3] = -_small_log(nodes.R[k + 1] @ predicted.T)
+    offset[:3] = -rotation_vector(nodes.R[k + 1] @ predicted.T)
     for i in range(3):
         F[BIAS + i, BIAS + i] = decay
         F[FIELD + i, FIELD + i] = 1.0
@@ -267,11 +268,3 @@ def _exp(v: Floats) -> Floats:
     if angle < 1e-6:
         return np.asarray(np.eye(3) + K + K @ K / 2)
     return np.asarray(np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * (K @ K))
-
-
-@njit(cache=True)
-def _small_log(R: Floats) -> Floats:
-    """Rotation vector (3,) of a rotation well below half a turn."""
-    v = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    sine = np.sqrt((v**2).sum())
-    return v * (np.arctan2(sine, (np.trace(R) - 1) / 2) / sine if sine > 1e-9 else 1.0)

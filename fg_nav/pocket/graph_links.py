@@ -51,10 +51,6 @@ class Links:
     def __len__(self) -> int:
         return len(self.h)
 
-    def after(self, first: int) -> Links:
-        """Return those from the one numbered `first` on."""
-        return self.part(first, len(self))
-
     def part(self, first: int, last: int) -> Links:
         """Return those from the one numbered `first` to before `last`."""
         kept = {f.name: getattr(self, f.name)[first:last] for f in fields(self) if f.name != "bias"}

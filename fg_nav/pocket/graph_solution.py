@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from factors.rotation import rotation_exp
+from factors.rotation import rotation_exp, unskew
 from fg_nav.arrays import Floats
 from fg_nav.pocket.belief import earth_rate
 from fg_nav.pocket.graph_chain import BIAS, FIELD, REGION, TURN, Beliefs, Factors, Nodes, Solved, solve
@@ -130,8 +130,7 @@ def reweighed(walk: Floats, links: Links, solved: Solved, gravity: Gravity, p: P
 
 def _offset(prior: Prior, nodes: Nodes) -> Floats:
     """Return x (12,) from the first of the nodes to the prior."""
-    off = prior.R @ nodes.R[0].T
-    turn = np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]) / 2
+    turn = unskew(prior.R @ nodes.R[0].T)
     return np.concatenate([turn, prior.b - nodes.b[0], prior.m - nodes.m[0], prior.E - nodes.E[0]])
 
 

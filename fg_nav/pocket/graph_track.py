@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.rotation import relative_rotations, rotation_exp
+from factors.rotation import relative_rotations, rotation_exp, unskew
 from fg_nav.arrays import Floats, Ints
 from fg_nav.pocket.ekf import KEPT_EVERY_S
 from fg_nav.pocket.graph_chain import Nodes, Solved
@@ -59,11 +59,8 @@ def _joined(recording: Recording, node: Ints, nodes: Nodes) -> Floats:
     R, _ = relative_rotations(gyr, periods, segment, nodes.b)
     last = node[1:] - 1
     at_end = nodes.R[:-1] @ R[last] @ rotation_exp((gyr[last] - nodes.b[:-1]) * periods[last, None])
-    left = nodes.R[1:] @ np.swapaxes(at_end, 1, 2)
-    axis = (
-        np.stack([left[:, 2, 1] - left[:, 1, 2], left[:, 0, 2] - left[:, 2, 0], left[:, 1, 0] - left[:, 0, 1]], 1) / 2
-    )
-    axis = np.concatenate([axis, np.zeros((1, 3))])
+    left = unskew(nodes.R[1:] @ np.swapaxes(at_end, 1, 2))
+    axis = np.concatenate([left, np.zeros((1, 3))])
     share = (recording.t - recording.t[node[segment]]) / np.append(np.diff(recording.t[node]), 1.0)[segment]
     return np.asarray(rotation_exp(axis[segment] * share[:, None]) @ nodes.R[segment] @ R)
 

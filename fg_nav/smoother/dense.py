@@ -19,7 +19,7 @@ from gtsam.symbol_shorthand import B, V, X
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.mechanisation import NavState, rotate_in_body, strapdown
+from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.nodes import Nodes
 
@@ -136,7 +136,7 @@ def _meet(
     """Bend the path from sample `first` to `last` so that it ends in the given state."""
     duration = h[first:last].sum()
     d_p, d_v = position - p[last], velocity - v[last]
-    d_R = _log(R[last].T @ nav_R_body)
+    d_R = rotation_vector(R[last].T @ nav_R_body)
     elapsed = 0.0
     for i in range(first + 1, last):
         elapsed += h[i - 1]
@@ -148,14 +148,3 @@ def _meet(
             v[i, k] += da * d_p[k] + db * d_v[k]
         rotate_in_body(R[i], a * d_R[0], a * d_R[1], a * d_R[2])
     p[last], v[last], R[last] = position, velocity, nav_R_body
-
-
-@njit(cache=True)
-def _log(R: Floats) -> Floats:
-    """Rotation vector of a rotation well below half a turn."""
-    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = np.sqrt((axis**2).sum())
-    if sine < 1e-12:
-        return axis
-    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
-    return np.asarray(axis * (np.arctan2(sine, cosine) / sine))

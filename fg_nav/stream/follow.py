@@ -7,7 +7,6 @@ long: at most one part in twenty of the time goes into it.
 
 from __future__ import annotations
 
-import json
 import signal
 import threading
 import time
@@ -137,18 +136,13 @@ def _begun(options: StreamOptions, remark: Tell) -> OnlineNavigator:
     path = options.checkpoint
     if path is None or not path.exists():
         navigator = OnlineNavigator(options.online, remark)
-        navigator.source["calibration"] = _words(options.calibration)
+        navigator.source["calibration"] = plain(options.calibration)
         return navigator
     navigator = load(path, options.online, remark)
-    if navigator.source.get("calibration") != _words(options.calibration):
+    if navigator.source.get("calibration") != plain(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
     remark(f"taken up from {path.name}: {len(navigator.footfalls)} stances, {navigator.store.stop} samples.")
     return navigator
-
-
-def _words(calibration: Calibration | None) -> Any:
-    """A calibration as JSON knows it."""
-    return None if calibration is None else json.loads(json.dumps(plain(calibration)))
 
 
 class _Walk:
