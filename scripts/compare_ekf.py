@@ -12,16 +12,8 @@ that was asked for. What other code made is joined and told; `--renew` makes tha
 methods on a walk share recording, stances and field, and are told the heading at the start, the true one; Munich has
 no declination, so that a compass and the truth have the same north. Seeds begin at 101: filters are tuned below 100.
 
-============ ===================================================================================================
-magnetometer what was known of the iron on the shoe
-============ ===================================================================================================
-loop         what the scenario `calibration-loop` told, walked before with the same shoe and sensor (the ellipse,
-             `fg_nav.calibration.ellipse`): as Ma did it, and the default
-perfect      all of it: there is none
-walk         what the walk itself told (`fg_nav.calibration.walk`); where that refuses, nothing. So are real walks
-             unless they are to be `raw`: they have no loop
-raw          nothing
-============ ===================================================================================================
+What was known of the iron on the shoe is in `fg_nav.campaign.sources`: `loop` is as Ma did it, and the default. Real
+walks have no loop, and are `walk` unless they are to be `raw`.
 
 Figures are medians over the walks (5 % to 95 %), of their size where they have a sign. A method that fails on a walk
 is infinitely wrong there. `as started` and `yaw` are two ways to lay a path on the truth, see
@@ -36,12 +28,12 @@ import argparse
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import figures as fig
-import kept
+import numpy as np
 import walks
 from compare_tables import (
     BUILDING,
@@ -55,33 +47,19 @@ from compare_tables import (
     print_remarks,
     print_speed,
 )
-from kept import Key, Result
-from walked_by import (
-    GDIN,
-    LOOP,
-    MAGNETOMETERS,
-    MIXTURES,
-    OPENSHOE,
-    RAW,
-    REAL_WALKS,
-    WALK,
-    jobs_of,
-    made,
-    name_and_preset,
-    solved,
-)
+from walks import GDIN, OPENSHOE, REAL_WALKS
 
-from fg_nav.calibration.ellipse import EllipseParameters
-from fg_nav.calibration.walk_model import WalkCalibrationParameters
-from fg_nav.detection import StanceParameters
-from fg_nav.errors import EstimationError, OutputError, SimulationError
+from fg_nav.campaign import kept
+from fg_nav.campaign.kept import Key, Result
+from fg_nav.campaign.made import jobs_of, made, name_and_preset
+from fg_nav.campaign.settings import settings_of
+from fg_nav.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES, RAW, WALK
+from fg_nav.errors import OutputError, SimulationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
-from fg_nav.plain import plain
 from fg_nav.report import style
-from fg_nav.report.methods import plot_detection_maps, plot_error_over_distance, plot_paths
+from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from fg_nav.report.terminal import progress
-from fg_nav.session import Options, Session, prepare
-from fg_nav.simulation import Choices, scenario, simulate
+from fg_nav.simulation import scenario
 from fg_nav.simulation.scenarios import FIELDS
 
 FIRST_SEED, SEEDS = 101, 20
@@ -89,9 +67,6 @@ REAL_FIELD = "real"
 
 METHODS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched", "matched-rts", "inertial", "smoother")
 """Where nothing else is said; `inertial` is the smoother without the field."""
-
-PROBE = ("demo", 1)
-"""A short walk on which a method tells its effective parameters before it is asked for long ones."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def made_and_kept(chosen: Chosen) -> list[Result]:
     """Return all results that were asked for, made now where they are missing."""
     keys = all_keys(chosen)
-    settings = {key: settings_of(key) for key in keys}
+    settings = {key: settings_of(key, recorded=key.group in REAL_WALKS) for key in keys}
     holds = found(chosen.out, settings)
     if chosen.renew:
         holds = {key: result for key, result in holds.items() if result.code == kept.code_sum()}
@@ -207,44 +182,6 @@ def all_keys(chosen: Chosen) -> list[Key]:
     return simulated + real
 
 
-def settings_of(key: Key) -> dict[str, Any]:
-    """What a result is made with, as JSON has it; a result that was made with something else does not hold."""
-    made_with = {
-        "method": parameters_of(key.method),
-        "stances": StanceParameters(),
-        "magnetometer": {LOOP: EllipseParameters(), WALK: WalkCalibrationParameters()}.get(key.magnetometer),
-        "walk": None if key.group in REAL_WALKS else _scenario_in_words(key.group, key.field),
-    }
-    return dict(plain(made_with))
-
-
-@cache
-def parameters_of(method: str) -> Any:
-    """Effective parameters of a method, or why it has none, as it tells them after a short walk."""
-    try:
-        return plain(solved(_probe(), method).solution.parameters)
-    except EstimationError as error:
-        return str(error)
-
-
-@cache
-def _probe() -> Session:
-    return replace(prepare(simulate(*PROBE).recording, Options(heading_deg=0.0)), truth=None)
-
-
-@cache
-def _scenario_in_words(name: str, level: str) -> dict[str, Any]:
-    one = Choices(field=level).applied_to(scenario(name))
-    told = {
-        "worn": one.worn,
-        "site": one.site,
-        "field": (level, MIXTURES.get(level)),
-        "magnets": one.magnets,
-        "sensor": one.prior,
-    }
-    return dict(plain(told))
-
-
 def found(folder: Path, settings: Mapping[Key, Mapping[str, Any]]) -> dict[Key, Result]:
     """Results that are there and hold."""
     read_in = {key: kept.kept(folder, key, made_with) for key, made_with in settings.items()}
@@ -253,10 +190,12 @@ def found(folder: Path, settings: Mapping[Key, Mapping[str, Any]]) -> dict[Key, 
 
 def make(missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]], chosen: Chosen) -> None:
     """Make results, a walk at a time in each process."""
-    jobs = jobs_of(missing, settings)
+    real = {(key.group, key.walk) for key in missing if key.group in REAL_WALKS}
+    recorded = {one: walks.real_path(*one, walks.data_folder(chosen.data)) for one in real}
+    jobs = jobs_of(missing, settings, recorded)
     if not jobs:
         return
-    work = partial(made, folder=chosen.out, code=kept.code_sum(), data=chosen.data)
+    work = partial(made, folder=chosen.out, code=kept.code_sum())
     with progress(f"{len(jobs)} walks") as report, ProcessPoolExecutor(min(chosen.jobs, len(jobs))) as pool:
         for done, future in enumerate(as_completed([pool.submit(work, job) for job in jobs]), start=1):
             future.result()
@@ -267,7 +206,7 @@ def draw_case(folder: Path, name: str, case: Case) -> None:
     """Draw paths, detection and errors; the first walk stands for all in the maps."""
     mode, words = _drawn_mode(case)
     tracks = {
-        method: [result.track(mode) for result in results if mode in result.estimate]
+        method: [track_of(result, mode) for result in results if mode in result.estimate]
         for method, results in case.items()
     }
     tracks = {method: some for method, some in tracks.items() if some}
@@ -280,6 +219,13 @@ def draw_case(folder: Path, name: str, case: Case) -> None:
     style.save(plot_detection_maps(first, f"{name}, walk {walk}"), folder / f"{stem}_detection.png")
     if all(track.every for some in tracks.values() for track in some):
         style.save(plot_error_over_distance(tracks, f"{name}, {words}"), folder / f"{stem}_errors.png")
+
+
+def track_of(result: Result, mode: str) -> Track:
+    """Return the walk to be drawn, laid on the truth by this alignment."""
+    truth = np.array(result.truth, dtype=np.float64).reshape(-1, 2)
+    used = np.array([mark == kept.USED for mark in result.used], dtype=bool)
+    return Track(result.key.method, np.array(result.estimate[mode], dtype=np.float64), used, truth, result.every)
 
 
 def _drawn_mode(case: Case) -> tuple[str, str]:

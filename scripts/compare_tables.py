@@ -13,13 +13,14 @@ from functools import partial
 from typing import TypeAlias
 
 import figures as fig
-import kept
 import numpy as np
 from figures import Figure
-from kept import Result
-from walked_by import WALK, name_and_preset
 
 from fg_nav.arrays import Floats
+from fg_nav.campaign import kept
+from fg_nav.campaign.kept import Result
+from fg_nav.campaign.made import name_and_preset
+from fg_nav.campaign.sources import WALK
 from fg_nav.evaluation.landmarks import error_reduction_percent
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.report.terminal import console

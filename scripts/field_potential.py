@@ -44,13 +44,13 @@ from pathlib import Path
 
 import figures as fig
 import numpy as np
-import walked_by
 import walks
 from matplotlib.figure import Figure
 
 from factors.field_potential import way_integral
 from factors.rotation import rotation_exp, turn_about_up
 from fg_nav.arrays import Floats, Ints
+from fg_nav.campaign.sources import LOOP, RAW, Recorded, Simulated
 from fg_nav.errors import OutputError
 from fg_nav.frames import wrap
 from fg_nav.recording import TrajectoryTruth
@@ -173,7 +173,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="The integral of the field along the way.")
     parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"walks of a scenario ({SEEDS}); 0: none")
     parser.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), metavar="NAME")
-    parser.add_argument("--magnetometer", default=walked_by.LOOP, choices=("perfect", "loop", "raw"))
+    parser.add_argument("--magnetometer", default=LOOP, choices=("perfect", "loop", "raw"))
     parser.add_argument("--trajectory", default=TRUE, choices=TRAJECTORIES, help="to sum the field along (true)")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
     parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
@@ -278,7 +278,7 @@ def as_good(orders: Floats, fit: Fit) -> float:
 
 def simulated(name: str, level: str, magnetometer: str, seed: int) -> tuple[Session, Trajectory, Floats]:
     """A simulated walk, its true trajectory, and the Earth's field (3,) uT."""
-    source = walked_by.Simulated(walked_by.Job(name, level, str(seed), {}))
+    source = Simulated(name, level, seed)
     session = source.session(magnetometer)
     truth = session.truth
     assert isinstance(truth, TrajectoryTruth)
@@ -317,7 +317,7 @@ def _plain(value: float) -> str:
 
 def real(data: Path, names: Sequence[str] | None) -> Iterator[tuple[str, Way]]:
     """Ways of the real walks that have a magnetometer."""
-    for group, members in walked_by.REAL_WALKS.items():
+    for group, members in walks.REAL_WALKS.items():
         for name in (f"{group} {member}" for member in members):
             if names is None or name in names:
                 yield name, real_way(name, data)
@@ -326,7 +326,7 @@ def real(data: Path, names: Sequence[str] | None) -> Iterator[tuple[str, Way]]:
 def real_way(name: str, data: Path | None) -> Way:
     """Of one real walk, along the trajectory of the smoother without magnetometer."""
     group, member = name.split()
-    session = walked_by.RealWalk(group, member, data).session(walked_by.RAW)
+    session = Recorded(walks.real_path(group, member, walks.data_folder(data))).session(RAW)
     return way_of(session, inertial(session))
 
 
@@ -422,7 +422,7 @@ def draw(name: str, path: Path, magnetometer: str, data: Path | None) -> None:
     E and h are fitted to the truth of a simulated walk, and to the trajectory of a real one.
     """
     words = name.split()
-    if words[0] in walked_by.REAL_WALKS:
+    if words[0] in walks.REAL_WALKS:
         way = shown = real_way(name, data)
     else:
         session, truth, _ = simulated(words[0], words[1], magnetometer, int(words[2]))

@@ -32,7 +32,6 @@ from pathlib import Path
 from typing import Any
 
 import figures as fig
-import kept
 import numpy as np
 from compare_tables import (
     BUILDING,
@@ -49,9 +48,11 @@ from compare_tables import (
     print_remarks,
     spread,
 )
-from kept import Key, Result
-from walked_by import LOOP, PERFECT, Job, Simulated, measured
 
+from fg_nav.campaign import kept
+from fg_nav.campaign.kept import Key, Result
+from fg_nav.campaign.made import measured
+from fg_nav.campaign.sources import LOOP, PERFECT, Simulated
 from fg_nav.errors import FgNavError, OutputError
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.pose_consistency import PARTS
@@ -213,7 +214,7 @@ def make(missing: Sequence[Key], folder: Path, jobs: int) -> None:
 def made(keys: Sequence[Key], folder: Path, code: str) -> None:
     """Simulate one walk and keep what each variant makes of it."""
     first = keys[0]
-    source = Simulated(Job(first.group, first.field, first.walk, {}))
+    source = Simulated(first.group, first.field, int(first.walk))
     session = source.session(first.magnetometer)
     for key in keys:
         blank = Result(key, settings_of(key), code)

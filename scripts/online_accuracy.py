@@ -32,9 +32,11 @@ import figures as fig
 import numpy as np
 from compare_tables import spread
 from figures import Figure
-from walked_by import GDIN, LOOP, OPENSHOE, REAL_WALKS, Job, RealWalk, Simulated, solved
+from walks import GDIN, OPENSHOE, REAL_WALKS, data_folder, real_path
 
 from fg_nav.arrays import Floats
+from fg_nav.campaign.made import solved
+from fg_nav.campaign.sources import LOOP, Recorded, Simulated, Source
 from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
 from fg_nav.online import OnlineNavigator
 from fg_nav.recording import Recording, Truth
@@ -103,11 +105,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
 REAL = (GDIN, OPENSHOE)
 
 
+def source_of(group: str, level: str, name: str, data: Path | None) -> Source:
+    """Walk `name` of a group of recorded walks, or the seed of a scenario."""
+    if group in REAL_WALKS:
+        return Recorded(real_path(group, name, data_folder(data)))
+    return Simulated(group, level, int(name))
+
+
 def walked_on(walk: tuple[str, str, str, Path | None]) -> Walked:
     """Push one walk through, and run filter and batch on it."""
     group, level, name, data = walk
-    source = RealWalk(group, name, data) if group in REAL_WALKS else Simulated(Job(group, level, name, {}))
-    session = source.session(LOOP)
+    session = source_of(group, level, name, data).session(LOOP)
     navigator = pushed(session)
     batch = replace(navigator.finish(), method="smoother")
     hindsight = solved(replace(session, truth=None), "smoother").solution

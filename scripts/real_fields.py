@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def real_fields(data: Path, names: Sequence[str] | None = None) -> list[FieldWalk]:
     """Load the walks, all or those named."""
-    numbers = [n for n in walks.GDIN if names is None or f"gdin {n}" in names]
+    numbers = [n for n in walks.GDIN_WALKS if names is None or f"gdin {n}" in names]
     some = [name for name in OPENSHOE if names is None or name in names]
     return [_judged(walk) for walk in (*walks.gdin(data, numbers), *walks.loops(data, some))]
 

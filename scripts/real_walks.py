@@ -31,10 +31,10 @@ import figures as fig
 import numpy as np
 import walks
 from figures import Figure
-from walked_by import GDIN, OPENSHOE, RAW, REAL_WALKS, WALK, RealWalk
-from walks import Walk
+from walks import GDIN, OPENSHOE, REAL_WALKS, Walk
 
 from fg_nav.arrays import Floats
+from fg_nav.campaign.sources import RAW, WALK, Recorded
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import Consistency, Metrics, evaluate, stance_nees
@@ -398,7 +398,7 @@ def measure_magnetic(data: Path, names: Mapping[str, Sequence[str]] = REAL_WALKS
 
 def pair(group: str, walk: str, data: Path) -> Pair:
     """One walk without the field and with it."""
-    source = RealWalk(group, walk, data)
+    source = Recorded(walks.real_path(group, walk, data))
     sessions = {iron: source.session(iron) for iron in KNOWN_IRON}
     return Pair(
         f"{group} {walk}",

@@ -256,7 +256,7 @@ def _steadiness(stances: Stances, nav_field: Floats, fewest: int = 5) -> float:
     return float(np.median([np.sqrt(field.var(axis=0).mean()) for field in finite if len(field) >= fewest]))
 
 
-def real_walks(data: Path, numbers: Sequence[int] = walks.GDIN) -> list[Sensed]:
+def real_walks(data: Path, numbers: Sequence[int] = walks.GDIN_WALKS) -> list[Sensed]:
     """Load the gdin walks with their magnetometer."""
     return [_with_magnetometer(walk) for walk in walks.gdin(data, numbers)]
 

@@ -32,10 +32,10 @@ import figures as fig
 import numpy as np
 from compare_tables import BUILDING, MALL, OFFICE, OFFICE_OPEN, print_remarks
 from figures import Figure
-from kept import Result
-from walked_by import LOOP, PERFECT
 
 from fg_nav.arrays import Floats
+from fg_nav.campaign.kept import Result
+from fg_nav.campaign.sources import LOOP, PERFECT
 from fg_nav.evaluation.pose_consistency import PARTS, PLACES, band, freedom_of_mean, inside
 
 FIRST_SEED, SEEDS = 101, 20

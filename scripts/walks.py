@@ -14,7 +14,7 @@ The magnetometer is taken off: these figures are inertial ones.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from fg_nav.stances import Stances
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
-GDIN = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
+GDIN_WALKS = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
 RUNNING = (35, 43)
 NEWEST_OBSOLETE = 29
 """gdin walks up to this one lie in a folder of their own."""
@@ -38,6 +38,14 @@ LOOPS = {
     "xio short": "xio/short_walk.csv",
     "xio long": "xio/long_walk.csv",
 }
+
+GDIN, OPENSHOE = "gdin", "openshoe"
+
+REAL_WALKS: Mapping[str, tuple[str, ...]] = {
+    GDIN: tuple(str(number) for number in GDIN_WALKS),
+    OPENSHOE: tuple(name.removeprefix("openshoe ") for name in LOOPS if name.startswith(OPENSHOE)),
+}
+"""Those with a magnetometer, by group."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ def vicon_detected(data: Path) -> list[Walk]:
     return [_detected(path.stem, path) for path in _vicon_paths(data)]
 
 
-def gdin(data: Path, numbers: Sequence[int] = GDIN) -> list[Walk]:
+def gdin(data: Path, numbers: Sequence[int] = GDIN_WALKS) -> list[Walk]:
     """Indoor walks by number."""
     return [_detected(f"gdin {number}", gdin_path(data, number)) for number in numbers]
 
@@ -105,3 +113,8 @@ def gdin_path(data: Path, number: int) -> Path:
     """File of an indoor walk."""
     folder = "own" if number > NEWEST_OBSOLETE else "own_obsolete"
     return data / "gdin" / folder / f"SensorConnectData_{number}.csv"
+
+
+def real_path(group: str, walk: str, data: Path) -> Path:
+    """File of a walk of `REAL_WALKS`."""
+    return data / LOOPS[f"{OPENSHOE} {walk}"] if group == OPENSHOE else gdin_path(data, int(walk))

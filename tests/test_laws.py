@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 LIBRARY = sorted([*ROOT.glob("fg_nav/**/*.py"), *ROOT.glob("factors/**/*.py")])
 BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "simulation", "evaluation")
 ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
-TOP = {"fg_nav.cli", "fg_nav.report", "fg_nav.session", "fg_nav.estimators"}
+TOP = {"fg_nav.cli", "fg_nav.report", "fg_nav.session", "fg_nav.estimators", "fg_nav.campaign"}
 TEXT = {".py", ".md", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".json", ".csv", ""}
 
 
@@ -74,13 +74,16 @@ def test_estimators_do_not_know_each_other_nor_what_uses_them():
 
 
 def test_the_report_is_imported_by_the_command_line_alone():
-    assert importers_of("fg_nav.report") <= {"fg_nav.cli", "fg_nav.report"}
+    """The papers' experiments too draw, and nobody but the command line knows them."""
+    assert importers_of("fg_nav.report") <= {"fg_nav.cli", "fg_nav.report", "fg_nav.reproduce"}
+    assert importers_of("fg_nav.reproduce") <= {"fg_nav.cli", "fg_nav.reproduce"}
+    assert importers_of("fg_nav.campaign") <= {"fg_nav.cli", "fg_nav.campaign", "fg_nav.reproduce"}
     assert importers_of("fg_nav.cli") <= {"fg_nav.cli"}
 
 
 def test_gtsam_and_matplotlib_each_have_their_place():
     assert importers_of("gtsam") <= {"fg_nav.smoother", "factors"}
-    assert importers_of("matplotlib") <= {"fg_nav.report"}
+    assert importers_of("matplotlib") <= {"fg_nav.report", "fg_nav.reproduce"}
 
 
 def test_imports_run_one_way():

@@ -10,6 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fg_nav.campaign import kept, settings
+from fg_nav.campaign.made import measured, name_and_preset, solved
+from fg_nav.campaign.sources import Simulated, loop_calibration, simulated
 from fg_nav.errors import EstimationError, OutputError, SimulationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, WalkErrors
 from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
@@ -18,9 +21,7 @@ from tests.real_data import DATA, needs_data
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
-kept = importlib.import_module("kept")
 script = importlib.import_module("compare_ekf")
-walked_by = importlib.import_module("walked_by")
 
 KEY = kept.Key("mall", "indoor", "101", "loop", "ma2018")
 SETTINGS = {"method": {"sigma": 0.1, "names": ["a", "b"]}, "walk": None}
@@ -56,7 +57,7 @@ def test_a_result_is_read_back_as_it_was_kept(tmp_path):
     found = kept.kept(tmp_path, KEY, SETTINGS)
     assert found.errors == result().errors
     assert (found.key, found.landmark_m, found.us_per_sample) == (KEY, result().landmark_m, 4.0)
-    track = found.track(BEST_YAW)
+    track = script.track_of(found, BEST_YAW)
     np.testing.assert_array_equal(track.used, [True, False, True])
     np.testing.assert_allclose(track.error_m, [0.0, 0.0, 3.0])
     assert [path.name for path in tmp_path.iterdir()] == [KEY.file]
@@ -213,7 +214,7 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     assert "other code" not in capsys.readouterr().out
     assert len(asked) == 2  # what the new code made holds
     # Other parameters make it anew.
-    monkeypatch.setattr(script, "parameters_of", lambda method: {"other": method})
+    monkeypatch.setattr(settings, "parameters_of", lambda method: {"other": method})
     script.main([*demo, "--methods", "iez"])
     assert len(asked) == 3
 
@@ -244,8 +245,8 @@ def test_a_loop_with_the_same_shoe_takes_the_iron_off():
     walk = simulate("demo", 101)
     sensor = walk.drawn["sensor"]
     hard, soft = np.array(sensor["hard_iron_uT"]), np.array(sensor["soft_iron"])
-    calibration = walked_by.loop_calibration("demo", 101).magnetometer
-    session = walked_by.Simulated(walked_by.Job("demo", "smooth", "101", {})).session("loop")
+    calibration = loop_calibration("demo", 101).magnetometer
+    session = Simulated("demo", "smooth", 101).session("loop")
     body_up = session.field.nav_R_body[:, 2].mean(axis=0)
     body_up /= np.linalg.norm(body_up)
     level = np.eye(3) - np.outer(body_up, body_up)
@@ -270,25 +271,24 @@ def test_real_walks_have_the_best_yaw_or_their_closure(tmp_path, capsys, monkeyp
 
 def test_errors_at_landmarks_are_those_of_the_path_there():
     """Landmarks where footfalls truly are: their errors are those of the footfalls, in both alignments."""
-    job = walked_by.Job("demo", "smooth", "101", {})
-    whole = walked_by.Simulated(job)
+    whole = Simulated("demo", "smooth", 101)
     session = whole.session("perfect")
-    outcome = walked_by.solved(replace(session, truth=None), "iez")
+    outcome = solved(replace(session, truth=None), "iez")
     stood = outcome.solution.stances.sample[5:40:7]
 
-    class Marked(walked_by.Simulated):
+    class Marked(Simulated):
         landmark = tuple("ABCAB")
         passed = session.truth.t[stood], session.truth.position[stood]
 
-    found = walked_by.measured(kept.Result(KEY, SETTINGS, "code"), Marked(job), session, outcome)
+    found = measured(kept.Result(KEY, SETTINGS, "code"), Marked("demo", "smooth", 101), session, outcome)
     assert found.landmark == tuple("ABCAB")
     for mode in (AS_STARTED, BEST_YAW):
-        np.testing.assert_allclose(found.landmark_m[mode], found.track(mode).error_m[5:40:7], atol=0.02)
+        np.testing.assert_allclose(found.landmark_m[mode], script.track_of(found, mode).error_m[5:40:7], atol=0.02)
     assert found.landmark_m[AS_STARTED] != found.landmark_m[BEST_YAW]
 
 
 def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
-    smooth, between, indoor = (walked_by.simulated("demo", 101, level) for level in ("smooth", "between", "indoor"))
+    smooth, between, indoor = (simulated("demo", 101, level) for level in ("smooth", "between", "indoor"))
     np.testing.assert_array_equal(between.recording.gyr, smooth.recording.gyr)
     np.testing.assert_array_equal(between.recording.acc, indoor.recording.acc)
     away = [np.nanmean(np.abs(between.recording.mag - other.recording.mag)) for other in (smooth, indoor)]
@@ -296,12 +296,12 @@ def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
 
 
 def test_a_preset_goes_with_the_method():
-    session = replace(walked_by.Simulated(walked_by.Job("demo", "smooth", "101", {})).session("raw"), truth=None)
-    tuned, printed = (walked_by.solved(session, name).solution for name in ("iez", "iez:as-printed"))
+    session = replace(Simulated("demo", "smooth", 101).session("raw"), truth=None)
+    tuned, printed = (solved(session, name).solution for name in ("iez", "iez:as-printed"))
     assert tuned.parameters != printed.parameters
-    assert script.parameters_of("iez") != script.parameters_of("iez:as-printed")
+    assert settings.parameters_of("iez") != settings.parameters_of("iez:as-printed")
     with pytest.raises(EstimationError, match="no preset 'magic'"):
-        walked_by.name_and_preset("iez:magic")
+        name_and_preset("iez:magic")
 
 
 def test_figures_that_were_asked_for_are_judged():

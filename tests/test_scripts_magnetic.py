@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fg_nav.campaign import kept
 from fg_nav.errors import OutputError
 from fg_nav.evaluation.walked import AS_STARTED, WalkErrors
 from fg_nav.recording import Recording, TrajectoryTruth
@@ -19,7 +20,6 @@ from tests.real_data import DATA, needs_data
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
-kept = importlib.import_module("kept")
 compare = importlib.import_module("compare_ekf")
 ablation = importlib.import_module("magnetic_ablation")
 bias = importlib.import_module("bias_convergence")

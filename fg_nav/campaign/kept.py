@@ -19,23 +19,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import factors
 import fg_nav
 from fg_nav.errors import OutputError
 from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.plain import plain
-from fg_nav.report.methods import Track
 
 FORM = 2
 """Of the files: a result of another form is none."""
 
-SEEN_ONLY = ("report", "cli.py")
+SEEN_ONLY = ("report", "reproduce", "cli.py")
 """Of the packages' sources what changes no result."""
-
-MAKES_RESULTS = "walked_by.py"
-"""Of the scripts' sources what does."""
 
 
 @dataclass(frozen=True, order=True)
@@ -67,7 +61,8 @@ class Result:
     landmark : names, one a crossing.
     landmark_m : error at each crossing, by alignment.
     whitened : errors of place and heading over their claim, by part (`fg_nav.evaluation.pose_consistency`).
-    estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment; `every` as of a `Track`.
+    estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment.
+    every : whether the truth is that of every footfall.
     used : (K,) whether the method believed the field.
     samples, runtime_s : of the method.
     parameters : effective ones of the method.
@@ -95,12 +90,6 @@ class Result:
     def us_per_sample(self) -> float:
         """Runtime of the method alone."""
         return 1e6 * self.runtime_s / max(self.samples, 1)
-
-    def track(self, mode: str) -> Track:
-        """Return the walk to be drawn, laid on the truth by this alignment."""
-        truth = np.array(self.truth, dtype=np.float64).reshape(-1, 2)
-        used = np.array([mark == USED for mark in self.used], dtype=bool)
-        return Track(self.key.method, np.array(self.estimate[mode], dtype=np.float64), used, truth, self.every)
 
 
 USED, NOT_USED = "u", "-"
@@ -156,7 +145,6 @@ def code_sum() -> str:
         for path in sorted(root.rglob("*.py")):
             if path.relative_to(root).parts[0] not in SEEN_ONLY:
                 total.update(what_runs(path.read_text(encoding="utf-8")).encode())
-    total.update(what_runs((Path(__file__).parent / MAKES_RESULTS).read_text(encoding="utf-8")).encode())
     return total.hexdigest()[:16]
 
 

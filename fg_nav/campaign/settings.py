@@ -1,0 +1,59 @@
+"""What a result is made with: a kept result with other settings does not hold, and is made anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from fg_nav.calibration.ellipse import EllipseParameters
+from fg_nav.calibration.walk_model import WalkCalibrationParameters
+from fg_nav.campaign.kept import Key
+from fg_nav.campaign.made import solved
+from fg_nav.campaign.sources import LOOP, MIXTURES, WALK
+from fg_nav.detection import StanceParameters
+from fg_nav.errors import EstimationError
+from fg_nav.plain import plain
+from fg_nav.session import Options, Session, prepare
+from fg_nav.simulation import Choices, scenario, simulate
+
+PROBE = ("demo", 1)
+"""A short walk on which a method tells its effective parameters before it is asked for long ones."""
+
+
+def settings_of(key: Key, recorded: bool = False) -> dict[str, Any]:
+    """What a result is made with, as JSON has it; the walk is one of a scenario, or `recorded`."""
+    made_with = {
+        "method": parameters_of(key.method),
+        "stances": StanceParameters(),
+        "magnetometer": {LOOP: EllipseParameters(), WALK: WalkCalibrationParameters()}.get(key.magnetometer),
+        "walk": None if recorded else _scenario_in_words(key.group, key.field),
+    }
+    return dict(plain(made_with))
+
+
+@cache
+def parameters_of(method: str) -> Any:
+    """Effective parameters of a method, or why it has none, as it tells them after a short walk."""
+    try:
+        return plain(solved(_probe(), method).solution.parameters)
+    except EstimationError as error:
+        return str(error)
+
+
+@cache
+def _probe() -> Session:
+    return replace(prepare(simulate(*PROBE).recording, Options(heading_deg=0.0)), truth=None)
+
+
+@cache
+def _scenario_in_words(name: str, level: str) -> dict[str, Any]:
+    one = Choices(field=level).applied_to(scenario(name))
+    told = {
+        "worn": one.worn,
+        "site": one.site,
+        "field": (level, MIXTURES.get(level)),
+        "magnets": one.magnets,
+        "sensor": one.prior,
+    }
+    return dict(plain(told))

@@ -1,0 +1,141 @@
+"""Walks that methods are tried on, simulated or recorded, with what was known of the iron on the shoe.
+
+============ ===================================================================================================
+magnetometer what was known of the iron
+============ ===================================================================================================
+loop         what the scenario `calibration-loop` told, walked before with the same shoe and sensor (the ellipse,
+             `fg_nav.calibration.ellipse`), as Ma et al. did it; simulated walks only
+perfect      all of it: there is none; simulated walks only
+walk         what the walk itself told (`fg_nav.calibration.walk`); where that refuses, nothing
+raw          nothing
+============ ===================================================================================================
+
+A simulated walk starts with the true heading; of a recorded one nobody knows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration.ellipse import ellipse_of_walk
+from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.walk import calibrate_on_walk
+from fg_nav.detection import detect_stances
+from fg_nav.errors import CalibrationError
+from fg_nav.frames import heading_of
+from fg_nav.io import read
+from fg_nav.magnetic import footfall_field
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.session import Options, Session, prepare
+from fg_nav.simulation import Choices, SimulatedWalk, scenario, simulate
+
+LOOP, PERFECT, WALK, RAW = "loop", "perfect", "walk", "raw"
+MAGNETOMETERS = (LOOP, PERFECT, WALK, RAW)
+
+MIXTURES: Mapping[str, float] = {"between": 0.35}
+"""Share of the field `indoor` in a mixture with `smooth`: with one seed the two have the same steps and the same
+noise, and what the magnetometer shows is linear in the field. The mixture's own truth is not kept."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The walk of one scenario, field and seed; simulated when first asked for."""
+
+    name: str
+    level: str
+    seed: int
+
+    def session(self, magnetometer: str) -> Session:
+        """What all methods see; raises `CalibrationError` where the loop does not calibrate."""
+        walk = self._perfect if magnetometer == PERFECT else self._with_iron
+        truth = walk.recording.truth
+        assert isinstance(truth, TrajectoryTruth)
+        assert truth.nav_R_body is not None
+        heading_deg = float(np.rad2deg(heading_of(truth.nav_R_body[0])))
+        calibration = loop_calibration(self.name, self.seed) if magnetometer == LOOP else None
+        session = prepare(walk.recording, Options(heading_deg=heading_deg), calibration)
+        return calibrated_on_itself(session) if magnetometer == WALK else session
+
+    @property
+    def landmark(self) -> tuple[str, ...]:
+        """Names of the landmarks, one a crossing."""
+        return tuple(passing.landmark for passing in self._any.landmarks)
+
+    @property
+    def passed(self) -> tuple[Floats, Floats]:
+        """When (L,) s and where (L, 3) m they are crossed."""
+        passings = self._any.landmarks
+        return np.array([p.time_s for p in passings]), np.array([p.position for p in passings])
+
+    @property
+    def _any(self) -> SimulatedWalk:
+        """Landmarks are the same with and without iron."""
+        return self._perfect if "_with_iron" not in self.__dict__ else self._with_iron
+
+    @cached_property
+    def _with_iron(self) -> SimulatedWalk:
+        return simulated(self.name, self.seed, self.level)
+
+    @cached_property
+    def _perfect(self) -> SimulatedWalk:
+        return simulated(self.name, self.seed, self.level, calibrated=True)
+
+
+def simulated(name: str, seed: int, level: str, calibrated: bool = False) -> SimulatedWalk:
+    """Simulate a walk in one of the simulator's fields, or in one of `MIXTURES`."""
+    if level not in MIXTURES:
+        return simulate(name, seed, Choices(field=level, calibrated=calibrated))
+    smooth, indoor = (simulate(name, seed, Choices(field=one, calibrated=calibrated)) for one in ("smooth", "indoor"))
+    one, other = smooth.recording.mag, indoor.recording.mag
+    assert one is not None
+    assert other is not None
+    mixed = (1.0 - MIXTURES[level]) * one + MIXTURES[level] * other
+    return replace(smooth, recording=replace(smooth.recording, mag=mixed))
+
+
+def loop_calibration(name: str, seed: int) -> Calibration:
+    """What the same shoe and sensor tell on a calibration loop; raises `CalibrationError` where they do not."""
+    one = scenario(name)
+    loop = replace(scenario("calibration-loop"), sensor=one.sensor, worn=one.worn)
+    recording = simulate(loop, seed).recording
+    _, magnetometer = ellipse_of_walk(footfall_field(recording, detect_stances(recording)))
+    return Calibration(magnetometer=magnetometer)
+
+
+def calibrated_on_itself(session: Session) -> Session:
+    """The session with what its walk tells of the iron; as it is where that is not enough, or there is no field."""
+    if session.field is None:
+        return session
+    try:
+        calibration = Calibration(magnetometer=calibrate_on_walk(session.field))
+    except CalibrationError:
+        return session
+    return prepare(replace(session.recording, truth=session.truth), session.options, calibration)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recorded walk, with its magnetometer."""
+
+    path: Path
+    landmark: tuple[str, ...] = ()
+    passed: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros(0), np.zeros((0, 3))))
+
+    def session(self, magnetometer: str) -> Session:
+        """What all methods see: the heading at the start is not known."""
+        session = prepare(self._recording, Options())
+        return calibrated_on_itself(session) if magnetometer == WALK else session
+
+    @cached_property
+    def _recording(self) -> Recording:
+        return read(self.path)
+
+
+Source: TypeAlias = Simulated | Recorded
