@@ -1,0 +1,142 @@
+"""What an experiment of a paper came to: the paper's figures beside ours, each with a verdict, and the pictures.
+
+A row has the paper's figure p, as printed and as a number where it is one, and what each of our columns (methods)
+made of it over the seeds. The verdict is of one column, the paper's own method, by its median m:
+
+    reproduced     |m - p| <= tolerance |p|, or where the paper has a bound ("at most 0.5 m"): m holds it
+    better         m is off p on the good side
+    explained      off on the bad side, and `why` says why
+    not reproduced off on the bad side, and nobody knows why
+    ""             the paper has no figure for it
+
+So a verdict is computed, and only the reason is written by hand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+REPRODUCED, BETTER, EXPLAINED, NOT_REPRODUCED = "reproduced", "better", "explained", "not reproduced"
+
+TOLERANCE = 0.4
+"""Share of the printed figure: one walk of theirs beside a median of ours, with another sensor and building."""
+
+LOW_PERCENT, HIGH_PERCENT = 5.0, 95.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median over `n` walks, and their 5 and 95 %; infinite where the method failed or the moment never came."""
+
+    median: float
+    low: float
+    high: float
+    n: int
+
+
+def spread_of(values: Sequence[float]) -> Spread:
+    """Median and spread of one figure over the walks; NaN of none. Infinite ones count, as the largest."""
+    x = np.sort(np.asarray(values, dtype=np.float64))
+    if not len(x):
+        return Spread(math.nan, math.nan, math.nan, 0)
+    low, median, high = (float(np.percentile(x, q, method=_method(x))) for q in (LOW_PERCENT, 50.0, HIGH_PERCENT))
+    return Spread(median, low, high, len(x))
+
+
+def _method(x: Any) -> Any:
+    """Infinite values cannot be interpolated."""
+    return "linear" if np.isfinite(x).all() else "nearest"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure.
+
+    Attributes
+    ----------
+    quantity, unit : what it is; "" for a pure number.
+    printed : as it stands in the paper; "" where it does not.
+    ours : by column.
+    paper : the printed figure as a number, None where there is none to compare with.
+    judged : the column that is the paper's own method.
+    bound : the paper gives a bound and not a value: +1 for "at most", -1 for "at least", 0 for a value.
+    good : -1 where less is better, +1 where more is, 0 where neither (a rate to be met).
+    tolerance : share of `paper` that still is the same.
+    why : reason of a difference.
+    pattern : of the numbers.
+    """
+
+    quantity: str
+    unit: str
+    printed: str
+    ours: Mapping[str, Spread]
+    paper: float | None = None
+    judged: str = ""
+    bound: int = 0
+    good: int = -1
+    tolerance: float = TOLERANCE
+    why: str = ""
+    pattern: str = "{:.2f}"
+
+    @property
+    def verdict(self) -> str:
+        """As in the table above."""
+        if self.paper is None or self.judged not in self.ours:
+            return ""
+        off = self.ours[self.judged].median - self.paper
+        if (self.bound and off * self.bound <= 0) or abs(off) <= self.tolerance * abs(self.paper):
+            return REPRODUCED
+        if off * self.good > 0:
+            return BETTER
+        return EXPLAINED if self.why else NOT_REPRODUCED
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A file in the folder of the report, named relatively, and what it shows."""
+
+    file: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment: its name in the list of the papers' experiments (M-E3), setting, table and pictures."""
+
+    name: str
+    title: str
+    setting: str
+    columns: Sequence[str]
+    rows: Sequence[Row]
+    pictures: Sequence[Picture] = ()
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """All experiments of a paper.
+
+    Attributes
+    ----------
+    paper : its short name, as on the command line.
+    citation : authors, year, title, journal.
+    command : what makes this.
+    seeds : of the simulated walks.
+    experiments : in the order of the paper.
+    differs : paragraphs: what differs from the paper, and why.
+    parameters : effective ones, by method.
+    versions : of what it was made with.
+    """
+
+    paper: str
+    citation: str
+    command: str
+    seeds: Sequence[int]
+    experiments: Sequence[Experiment]
+    differs: Sequence[str] = ()
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
