@@ -88,7 +88,8 @@ Heading = Annotated[
     typer.Option(
         "--heading",
         metavar="DEG",
-        help="Heading at the start, degrees clockwise from north. "
+        help="Heading at the start, degrees clockwise from north: of the sensor's x axis, or of the first strides with "
+        "--mount pocket. "
         "\\[default: what the compass says, in a method that uses it; else 0]",
     ),
 ]

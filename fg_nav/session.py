@@ -25,7 +25,7 @@ from fg_nav.evaluation.walked import WalkErrors, walk_errors
 from fg_nav.io import read, read_fixes, read_truth
 from fg_nav.magnetic import FieldVerdicts, FootfallField, footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, detector_named, judge
-from fg_nav.magnetic.verdicts import UNKNOWN
+from fg_nav.magnetic.verdicts import QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording, Truth
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -222,7 +222,8 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
 
 def measured(session: Session, found: Solution) -> Outcome:
     """Measure a solution of the session's recording and stances; raises `EvaluationError` as `solve` does."""
-    used = any(word != UNKNOWN for word in found.stances.field)
+    on_foot = session.options.mount != "pocket"  # in a pocket "disturbed" is a stride without a sample that was used
+    used = any(word == QUASI_STATIC or (word != UNKNOWN and on_foot) for word in found.stances.field)
     solution = _with_verdicts(found, session)
     if session.truth is None:
         return Outcome(solution, evaluate(solution), None, used)

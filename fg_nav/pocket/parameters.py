@@ -6,9 +6,19 @@ the bias model, none of the accelerometer, and no threshold: what is chosen here
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
+
+_ABOVE_ZERO = (
+    "gyr_density_deg", "gyro_bias_sigma_deg_s", "bias_time_s", "acc_sigma_m_s2", "zero_acceleration_m_s2", "gravity",
+    "mag_sigma_uT", "field_window_s", "field_drift_uT_s", "field_false_alarm", "longest_difference_s", "still_s",
+)  # fmt: skip
+_NOT_BELOW_ZERO = (
+    "bias_instability_deg_h", "gravity_window_s", "zero_acceleration_s", "shortest_difference_s", "tilt_sigma_deg",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -73,6 +83,18 @@ class PocketParameters:
     """The attitude at the start is levelled by the mean over this, s (2.1)."""
     tilt_sigma_deg: float = 0.5
     """Tilt after levelling at rest, deg: a MEMS accelerometer's bias. Not printed."""
+
+    def __post_init__(self) -> None:
+        for name in _ABOVE_ZERO:
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise EstimationError(f"{name} of {getattr(self, name):g} cannot be: give a number above zero.")
+        for name in _NOT_BELOW_ZERO:
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise EstimationError(f"{name} of {getattr(self, name):g} cannot be: give zero or more.")
+        if not self.field_false_alarm < 1.0:
+            raise EstimationError(f"field_false_alarm of {self.field_false_alarm:g} is no share: give one below 1.")
+        if self.latitude_deg is not None and not abs(self.latitude_deg) <= 90.0:
+            raise EstimationError(f"latitude_deg of {self.latitude_deg:g} is none: give -90 to 90, or None.")
 
     @property
     def bias_walk_deg_s(self) -> float:

@@ -88,5 +88,19 @@ def compass_start(
     return level_start(recording, parameters, float(true_heading(heading, declination)), heading_sigma)
 
 
+def field_noise_uT(recording: Recording, least_uT: float = PocketParameters().mag_sigma_uT) -> float:
+    """White error of the magnetometer, uT an axis and sample, from the quietest tenth of the seconds.
+
+    By second differences, of variance 6 sigma^2, in which a thigh that swings leaves 0.1 uT or less at 100 Hz where it
+    turns back. Nothing below `least_uT` is believed.
+    """
+    mag = np.zeros((0, 3)) if recording.mag is None else recording.mag[np.isfinite(recording.mag).all(axis=1)]
+    second = np.diff(mag, n=2, axis=0)
+    rate = len(mag) / (recording.t[-1] - recording.t[0])
+    blocks = np.array_split(second, max(int(len(second) / max(rate, 4.0)), 1))
+    scatter = [float(np.sqrt((block**2).mean() / 6.0)) for block in blocks if len(block) > 1]
+    return max(float(np.percentile(scatter, 10)), least_uT) if scatter else least_uT
+
+
 def _first(recording: Recording, parameters: PocketParameters) -> slice:
     return slice(0, int(np.searchsorted(recording.t, recording.t[0] + parameters.still_s)))

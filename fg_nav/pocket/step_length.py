@@ -10,8 +10,9 @@ c being the constant of the person, m. It is no leg to be measured: knees bend, 
 to the length, and a sensor in a pocket moves more than the bone.
 
 Default: c is the leg of an adult, 0.90 m, for a hip is 0.53 of the height over the floor, and the height 1.70 m. Then a
-usual step of 0.70 m opens the legs by 46 deg. Between persons, trousers and the two legs of one person the constant
-differs by a tenth and more, which is the sigma of all lengths alike.
+usual step of 0.70 m opens the legs by 46 deg. Two real thighs (`qmt_fullbody`) were in view when it was settled on, so
+their distance by it is no check; simulated legs need 0.78. Between persons, trousers and the two legs of one person
+the constant differs by a tenth and more, which is the sigma of all lengths alike.
 """
 
 from __future__ import annotations

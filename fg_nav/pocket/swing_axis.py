@@ -58,6 +58,7 @@ class ThighSwing:
     up_now : (N, 3) direction of up in the body, slow.
     flexion : (N,) rad, positive with the knee ahead, slow.
     skewness : of the rate of flexion; forward is known where it is well above zero.
+    slipped_deg : by how much the axis of one half of the swinging is turned about up from that of the other.
     """
 
     left: Floats
@@ -65,6 +66,7 @@ class ThighSwing:
     up_now: Floats
     flexion: Floats
     skewness: float
+    slipped_deg: float
 
     @property
     def is_forward_known(self) -> bool:
@@ -96,7 +98,7 @@ def thigh_swing(recording: Recording, track: PocketTrack) -> ThighSwing:
     skewness = _skewness(-slow(rate @ left, recording.period_s, GAIT_HZ)[upright])
     if skewness < 0:
         left, flexion = -left, -flexion
-    return ThighSwing(left, up, up_now, flexion, abs(skewness))
+    return ThighSwing(left, up, up_now, flexion, abs(skewness), _slipped_deg(rate[swinging], up))
 
 
 def slow(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> Floats:
@@ -117,14 +119,28 @@ def _flexion(up_now: Floats, left: Floats, up: Floats) -> Floats:
 
 def _principal_axis(rate: Floats, up: Floats) -> Floats:
     """Axis (3,) about which most of the `rate` (M, 3) is, made level."""
-    power, axes = np.linalg.eigh(rate.T @ rate)
-    axis = axes[:, 2] - (axes[:, 2] @ up) * up
-    if power[2] < LEAST_SHARE * power.sum() or np.linalg.norm(axis) < 0.5:
+    share, axis = _principal(rate)
+    axis = axis - (axis @ up) * up
+    if share < LEAST_SHARE or np.linalg.norm(axis) < 0.5:
         raise EstimationError(
             "the sensor turns about no level axis in particular, as a thigh does in walking: "
             "is it in a trouser pocket, and held there?"
         )
     return _unit(axis)
+
+
+def _principal(rate: Floats) -> tuple[float, Floats]:
+    """Axis (3,) about which most of the `rate` (M, 3) is, and how much of its power that is."""
+    power, axes = np.linalg.eigh(rate.T @ rate)
+    return float(power[2] / power.sum()), axes[:, 2]
+
+
+def _slipped_deg(rate: Floats, up: Floats) -> float:
+    """Angle between the axes of the first and the second half of the swinging."""
+    halves = (rate[: len(rate) // 2], rate[len(rate) // 2 :])
+    one, other = (_principal(half)[1] for half in halves)
+    axes = [_unit(axis - (axis @ up) * up) for axis in (one, other)]
+    return float(np.degrees(np.arccos(min(abs(float(axes[0] @ axes[1])), 1.0))))
 
 
 def _skewness(values: Floats) -> float:

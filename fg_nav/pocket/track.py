@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.frames import yaw_rotation
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,10 @@ class PocketTrack:
     def field_used(self) -> Bools:
         """(N,) True where the differential magnetic field update was used (DMFU)."""
         return np.asarray(np.isfinite(self.field_nis))
+
+    def turned(self, clockwise: float) -> PocketTrack:
+        """Turn all of it about up, rad clockwise; the sigmas are those of the axes that east and north become."""
+        return replace(self, nav_R_body=yaw_rotation(-clockwise) @ self.nav_R_body)
 
     def __len__(self) -> int:
         return len(self.t)

@@ -100,7 +100,9 @@ def magnetometer(session: Session, outcome: Outcome) -> str:
     """Say in words whether the magnetic field had a part in this solution."""
     if outcome.field_used:
         return "used"
-    return "not used" if session.recording.mag is not None else "not used (none given)"
+    if session.recording.mag is not None or not session.options.use_magnetometer:
+        return "not used"
+    return "not used (none given)"
 
 
 def config(session: Session, solution: Solution) -> dict[str, object]:

@@ -8,8 +8,8 @@ C being the attitude and H the field in nav at the place. So the field is all th
 and specific forces are the same to the last bit. Here attitude and place are the truth's.
 
 A street's field jumps where one cylinder's cell ends and the next begins (`fg_nav.simulation.fields.cylinder`). The
-paper takes no difference across such a border (2.2); here there is no field for a while after it, so that no filter
-can.
+paper takes no difference across such a border (2.2); here there is no field for a while after it, longer than the
+filter's longest difference (`fg_nav.pocket.parameters`).
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ def given(headings, twist_deg=0.0, sigma=None, mounting=(0.3, -0.8, 2.0)):
     t = np.arange(n) / RATE_HZ
     track = PocketTrack(t, R, np.zeros((n, 3)), sigmas, np.zeros(1, int), np.zeros((1, 6, 6)), nothing, nothing)
     left, up = body_R_thigh @ [0, 1, 0], body_R_thigh @ [0, 0, 1]
-    swing = ThighSwing(left, up, np.tile(up, (n, 1)), np.zeros(n), 0.5)
+    swing = ThighSwing(left, up, np.tile(up, (n, 1)), np.zeros(n), 0.5, 0.0)
     start = STEP * (2 + np.arange(len(headings)))
     opening = np.full(len(headings), np.radians(46.0))
     steps = Steps(start, start + STEP, opening, np.arange(len(headings)) % 2 == 0, np.zeros(len(headings), int))
@@ -49,6 +49,8 @@ def test_a_way_north_and_then_east():
     np.testing.assert_allclose(way.position[-1], [20 * length, 30 * length, 0.0], atol=length)
     np.testing.assert_allclose(way.heading[[0, 20, 40]], [0.0, 0.0, np.pi / 2], atol=1e-9)
     assert (way.sample[1::2] == steps.stop).all()
+    slope = ReckoningParameters().slope_sigma * 50 * length
+    assert np.sqrt(way.covariance[-1, 2, 2]) == pytest.approx(slope)
 
 
 def test_the_twist_of_the_pelvis_leaves_nothing():

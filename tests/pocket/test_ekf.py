@@ -257,3 +257,21 @@ def test_a_preset_that_is_not_there_is_said():
 def test_a_start_is_the_mean_of_a_second(walk):
     start = level_start(walk.recording(sigma=NOISE))
     assert np.allclose(start.nav_R_body[2], walk.attitude[0, 2], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"mag_sigma_uT": 0.0},
+        {"mag_sigma_uT": -1.0},
+        {"bias_time_s": 0.0},
+        {"gravity_window_s": np.nan},
+        {"latitude_deg": 500.0},
+        {"field_false_alarm": 2.0},
+        {"still_s": 0.0},
+    ],
+    ids=str,
+)
+def test_parameters_that_cannot_be_are_refused(changed):
+    with pytest.raises(EstimationError, match=f"{next(iter(changed))} of .* (cannot be|is none|is no share): give"):
+        PocketParameters(**changed)

@@ -11,6 +11,7 @@ import pytest
 from fg_nav import estimators
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
+from fg_nav.frames import yaw_rotation
 from fg_nav.io import write_canonical
 from fg_nav.pocket.estimators import METHODS, navigate_pocket
 from fg_nav.recording import RawRecording, Recording
@@ -76,12 +77,53 @@ def test_position_and_velocity_belong_together(walk):
     assert 0.8 < np.linalg.norm(solution.velocity, axis=1).max() < 3.0
 
 
+def test_a_heading_is_that_of_the_first_strides_however_the_sensor_lies(walk):
+    """A quarter turn of the sensor about any axis leaves the way as it is."""
+    ways = []
+    for turn in (np.eye(3), np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])):
+        r = walk.recording
+        turned = replace(r, acc=r.acc @ turn.T, gyr=r.gyr @ turn.T, mag=r.mag @ turn.T, truth=None)
+        ways.append(navigate_pocket(turned, heading=2.0, step_constant_m=0.78).position)
+    np.testing.assert_allclose(ways[0], ways[1], atol=0.3)
+    first = ways[0][np.searchsorted(np.linalg.norm(ways[0], axis=1), 4.0)]
+    assert np.arctan2(first[0], first[1]) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("heading", [np.nan, np.inf])
+def test_a_heading_that_is_none_is_refused(walk, heading):
+    with pytest.raises(EstimationError, match="is none: give an angle"):
+        navigate_pocket(walk.recording, PAPER, heading=heading)
+
+
+def test_what_speaks_against_a_recording_is_said():
+    r = replace(simulate("demo", 103, Choices(worn="pocket", aligned=True)).recording, mag=None, truth=None)
+    plain = navigate_pocket(r, PAPER, step_constant_m=0.78).notes
+    assert not [note for note in plain if "turned in the pocket" in note or "clipped" in note or "was it in" in note]
+    about_the_bone = yaw_rotation(np.radians(40.0))
+    later = (np.arange(len(r)) > len(r) // 2)[:, None]
+    acc, gyr = (np.where(later, x @ about_the_bone.T, x) for x in (r.acc, r.gyr))
+    slipped = navigate_pocket(replace(r, acc=acc, gyr=gyr), PAPER, step_constant_m=0.78).notes
+    assert any("turned in the pocket" in note for note in slipped)
+    clipped = navigate_pocket(replace(r, gyr=np.clip(r.gyr, -2.5, 2.5)), PAPER, step_constant_m=0.78).notes
+    assert any("clipped" in note for note in clipped)
+
+
+def test_a_field_that_is_hardly_used_is_told(fg_nav, files, walk):
+    """The paper's filter lets no field pass whose strength changes with the attitude: iron on the sensor."""
+    r = walk.recording.slice(0, len(walk.recording) // 2)
+    write_canonical(replace(r, mag=r.mag + np.array([60.0, -80.0, 70.0])), files / "iron.csv")
+    ran = fg_nav("run", files / "iron.csv", "--mount", "pocket", "--method", PAPER, "--out", "o")
+    assert ran.code == 0, ran.err
+    assert "calibrate the magnetometer" in ran.out.replace("\n", " ")
+
+
 def test_standing_and_turning_on_the_spot_go_nowhere():
     out, about = Walk(straight(15.0)), TurnOnSpot(np.pi)
     course = [Stand(4.0), out, about, Stand(6.0), Walk(straight(15.0).reversed()), Stand(3.0)]
     own = replace(scenario("demo"), name="to and fro", course=lambda rng: course)
     made = simulate(own, 104, Choices(worn="pocket"))
     solution = navigate_pocket(made.recording, PAPER, step_constant_m=0.78)
+    assert any("in 2 stretches;" in note for note in solution.notes)
     end = solution.position[-1] - solution.position[0]
     assert np.linalg.norm(end) < 2.5
     truth = made.recording.truth.position

@@ -1,11 +1,14 @@
 """The start: level, heading given or the compass's, in any position."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
 from fg_nav.frames import heading_of
 from fg_nav.pocket import compass_start, level_start
+from fg_nav.pocket.start import field_noise_uT
 from tests.pocket.leg import resting, walking
 
 
@@ -14,6 +17,7 @@ def test_a_sensor_at_rest_is_levelled_and_the_compass_finds_north(angles):
     leg = resting(5.0, angles=angles)
     start = compass_start(leg.recording())
     assert np.allclose(start.nav_R_body, leg.attitude[0], atol=1e-6)
+    assert start.heading_sigma == pytest.approx(np.radians(10.0))  # a compass near houses
 
 
 def test_declination_is_added_to_the_compass_s_heading():
@@ -24,6 +28,21 @@ def test_declination_is_added_to_the_compass_s_heading():
 
 def test_the_heading_given_is_that_of_the_x_axis():
     assert heading_of(level_start(resting(5.0).recording(), heading=1.2).nav_R_body) == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize("sigma_uT", [0.05, 0.5])
+def test_the_noise_of_the_magnetometer_is_told_at_rest_and_while_the_leg_swings(sigma_uT):
+    rng = np.random.default_rng(4)
+    for leg in (resting(30.0), walking(30.0)):
+        recording = leg.recording()
+        noisy = recording.mag + sigma_uT * rng.standard_normal(recording.mag.shape)
+        found = field_noise_uT(replace(recording, mag=noisy))
+        assert 0.85 * sigma_uT < found < 1.3 * np.hypot(sigma_uT, 0.1)
+
+
+def test_without_noise_or_field_the_magnetometer_is_not_believed_without_end():
+    recording = resting(5.0).recording()
+    assert field_noise_uT(recording) == field_noise_uT(replace(recording, mag=None)) == 0.015
 
 
 def test_who_starts_on_the_move_knows_less_of_the_tilt():

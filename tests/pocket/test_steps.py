@@ -74,8 +74,20 @@ def test_where_the_other_leg_begins_its_step_goes_with_the_first_swing():
         [standing(3), moved(0, 40, 0.5), standing(0.3, 40), moved(40, 0, 0.5), standing(3)],
         [standing(2), walking(200, 3.0, 0.25), standing(2)],
         [walking(6, 50.0, 6.0)],
+        [standing(3), walking(8, 100.0), standing(3)],
+        [walking(8, 30.0, 0.16)],
     ],
-    ids=["stands", "sits down", "moves on a chair", "turns on the spot", "kicks", "trembles", "bows"],
+    ids=[
+        "stands",
+        "sits down",
+        "moves on a chair",
+        "turns on the spot",
+        "kicks",
+        "trembles",
+        "bows",
+        "kicks high",
+        "shakes",
+    ],
 )
 def test_what_is_no_step(pieces):
     _, steps = found(pieces)
