@@ -95,8 +95,8 @@ def links_between(node: Ints, t: Floats, acc: Floats, gyr: Floats, mag: Floats |
     """
     blank = {name: np.zeros((len(node) - 1, *shape)) for name, shape in _SHAPES.items()}
     samples = [np.ascontiguousarray(x, dtype=np.float64) for x in (acc, gyr, _fields(mag, len(t)))]
-    given: list[Floats] = [np.asarray(node), np.diff(t), *samples, np.asarray(bias), *blank.values()]
-    _fill(*given)
+    given: list[Floats] = [np.diff(t), *samples, np.asarray(bias), *blank.values()]
+    _fill(node, *given)
     return Links(start_s=t[node[:-1]], h=np.diff(t[node]), bias=np.asarray(bias), **blank)
 
 
