@@ -66,12 +66,6 @@ def deviation_variance(h: Floats, square: Floats | None, p: PocketGraphParameter
     return np.asarray(least * share * heavier)
 
 
-def force_weight(square: Floats, variance: Floats, p: PocketGraphParameters) -> Floats:
-    """Factor (N,) on the variance of a mean force, from the expected square of its level parts."""
-    nu = p.gravity_freedom
-    return np.asarray((nu + square / variance) / (nu + 2.0))
-
-
 def _sums(x: Floats, reach: int) -> Floats:
     """Sums (K,) over the 2 `reach` links about the end of each."""
     total = np.concatenate([[0.0], np.cumsum(x)])

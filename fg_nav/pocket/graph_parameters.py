@@ -25,18 +25,40 @@ class PocketGraphParameters:
     """AR(1) as in Eq. 10 of the paper; otherwise a random walk of the same steps."""
     latitude_deg: float | None = None
     """Latitude, deg north, to take the Earth's rate off; None to leave it."""
-    gravity_window_s: float = 2.0
-    """Specific force is a mean over so long, two strides, taken in every half of it (`fg_nav.pocket.gravity`)."""
-    acc_sigma_m_s2: float = 0.3
-    """What such a mean still has of motion, m/s^2 an axis."""
-    zero_acceleration_m_s2: float = 0.3
-    """How far the strength of the mean may be off gravity, m/s^2."""
+    gyr_scale_sigma: float = 0.002
+    """Scale and misalignment before anything is known, a part of the rate: a sensor calibrated by its maker, as data
+    sheets have it, 0.1 to 0.3 % and axes within 0.1 deg; 0.01 for a bare chip."""
+    rest_rate_deg_s: float = 2.0
+    """A mean rate above this about any axis is none of a rest, but for a worse sensor, deg/s."""
+    rest_spread_deg_s: float = 1.0
+    """Nor is a spread of the rate above this, deg/s: ten times the noise of Table 2."""
+    rest_spread_m_s2: float = 0.25
+    """Nor one of the force above this, m/s^2: that of a MEMS sensor is 0.02 to 0.1."""
+    rest_apart_deg_s: float = 0.05
+    """Nor are means over half a second that are so far apart, deg/s, root mean square of an axis: white noise of 0.1
+    deg/s at 100 Hz leaves 0.014, a thigh that stands 0.2."""
+    rest_sigma_deg_s: float = 0.03
+    """How far such a mean may be off the bias, deg/s."""
+    rest_sigma_m_s: float = 0.05
+    """How fast a sensor at rest may still be, m/s."""
+    acc_density_m_s2: float = 0.05
+    """Error of the force, m/s^2/sqrt(Hz): white noise of 0.002, and a bias of 0.05 that the body turns in a second."""
+    pace_m_s: float = 1.4
+    """How fast the body goes, m/s an axis: a walker."""
+    pace_walk_m_s: float = 0.05
+    """How its velocity walks where it keeps its pace, m/s/sqrt(s): simulated walkers', by the NEES of the tilt."""
+    pace_freedom: float = 2.0
+    """Degrees of freedom of the t-distribution of such a change: seldom and sudden."""
+    swing_m: float = 0.3
+    """How far the sensor swings from its place on the body, m an axis: a thigh 0.2, an arm 0.4."""
+    swing_freedom: float = 5.0
+    """Degrees of freedom of its t-distribution."""
     gravity: float = GRAVITY_M_S2
     """m/s^2."""
-    gravity_freedom: float = 5.0
-    """Degrees of freedom of the t-distribution of a mean force: a start, a stop or a turn is no steady gait."""
     mag_sigma_uT: float = 0.5
     """White error of the magnetometer, uT an axis and sample: a MEMS one's at 100 Hz."""
+    mag_left_uT: float = 0.5
+    """What a calibration of the magnetometer leaves, uT an axis: 1 % of the field, other at each attitude."""
     field_walk_uT: float = 0.03
     """Random walk of the local field where it seems to keep still, uT/sqrt(s): 0.2 uT in 40 s, or 50 m. The same over
     the strength of the field across, 0.1 deg/sqrt(s), is the walk of heading that a bias is told from."""

@@ -23,7 +23,7 @@ def smoothed_track(recording: Recording, node: Ints, nodes: Nodes, solved: Solve
         sigma=_between(t, at, np.sqrt(solved.P[:, range(6), range(6)])),
         covariance_sample=node[::every],
         covariance=np.ascontiguousarray(solved.P[::every, :6, :6]),
-        gravity_nis=_at(node, solved.force_nis, len(t)),
+        gravity_nis=_at(node, solved.swing_nis, len(t)),
         field_nis=_at(node, solved.field_nis, len(t)) * (2.0 / 3.0),
     )
 

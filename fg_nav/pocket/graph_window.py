@@ -13,6 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.pocket.graph_chain import SIZE, Nodes, Solved
 from fg_nav.pocket.graph_field import walk_of_strength
 from fg_nav.pocket.graph_links import Links
+from fg_nav.pocket.graph_motion import REST_LINKS, rests_of
 from fg_nav.pocket.graph_parameters import PocketGraphParameters
 from fg_nav.pocket.graph_solution import (
     Prior,
@@ -26,7 +27,6 @@ from fg_nav.pocket.graph_solution import (
     solve_round,
     unweighed,
 )
-from fg_nav.pocket.gravity_force import gravity_of
 from fg_nav.pocket.start import PocketStart
 
 
@@ -46,7 +46,7 @@ class Window:
         self._p = parameters
         self._beliefs = beliefs_of(parameters, links.bias)
         self._prior = prior_of(start, links, parameters)
-        self._links, self._past, self._dropped = links, 0, 0
+        self._links, self._past = links, 0
         self.nodes = predicted(self._prior, links, self._beliefs)
         self._linearised = self.nodes
         self.weighed = unweighed(self._walk(), links, parameters)
@@ -68,12 +68,12 @@ class Window:
     def _solve(self) -> None:
         p, walk = self._p, self._walk()
         links = self._links.part(self._past, len(self._links))
-        gravity = gravity_of(self._links, p, self._dropped).after(self._past)
+        rests = rests_of(self._links, p).after(self._past)
         for _ in range(p.rounds):
             self._linearised = self.nodes
-            factors = factors_of(links, p, self.weighed, gravity)
+            factors = factors_of(links, p, self.weighed, rests)
             self.nodes, self.solved = solve_round(self._prior, self.nodes, links, self._beliefs, factors)
-            self.weighed = reweighed(walk, links, self.solved, gravity, p)
+            self.weighed = reweighed(walk, links, self.solved, p)
 
     def _with_new(self, old: Weighed, left: int) -> Weighed:
         """Weights of the last round for what was there, none for what is new; the last node begins no link before."""
@@ -83,11 +83,12 @@ class Window:
         return Weighed(
             np.concatenate([old.step[left:], blank.step[kept:]]),
             np.concatenate([old.deviation[left:-1], blank.deviation[kept:]]),
-            np.concatenate([old.force[left:], blank.force[kept + 1 :]]),
+            np.concatenate([old.pace[left:], blank.pace[kept:]]),
+            np.concatenate([old.swing[left:], blank.swing[kept + 1 :]]),
         )
 
     def _leave(self) -> int:
-        """Leave nodes older than the lag, but keep the links that the means of force and strength still reach."""
+        """Leave nodes older than the lag, but keep the links that rests and the spread of strength still reach."""
         p, links = self._p, self._links
         oldest = links.start_s[-1] + links.h[-1] - p.lag_s
         left = int(np.searchsorted(links.start_s[self._past :], oldest - 1e-6))
@@ -97,16 +98,15 @@ class Window:
             self._prior = _known(ahead, left, self.solved.P_ahead[left])
             self.nodes = Nodes(*(part[left:] for part in self.nodes))
         self._past += left
-        reach = int(np.ceil(max(p.gravity_window_s, p.field_window_s) / p.node_s)) + 1
+        reach = int(np.ceil(p.field_window_s / p.node_s)) + REST_LINKS
         useless = max(self._past - reach, 0)
         self._links = links.part(useless, len(links))
         self._past -= useless
-        self._dropped += useless
         return left
 
 
 def _known(nodes: Nodes, k: int, P: Floats = np.zeros((SIZE, SIZE))) -> Prior:
-    return Prior(nodes.R[k], nodes.b[k], nodes.m[k], nodes.E[k], P)
+    return Prior(nodes.R[k], nodes.y[k], P)
 
 
 def from_the_past(links: Links, start: PocketStart, p: PocketGraphParameters) -> tuple[Nodes, Weighed]:
@@ -119,10 +119,10 @@ def from_the_past(links: Links, start: PocketStart, p: PocketGraphParameters) ->
         old_nodes, old_weights = window.nodes, window.weighed
         left = window.extend(links.part(first, min(first + every, len(links))))
         nodes.append(Nodes(*(x[:left] for x in old_nodes)))
-        weights.append(Weighed(old_weights.step[:left], old_weights.deviation[:left], old_weights.force[:left]))
+        weights.append(Weighed(*(x[:left] for x in old_weights)))
     nodes.append(window.nodes)
     weights.append(window.weighed)
     return (
         Nodes(*(np.concatenate(x) for x in zip(*nodes, strict=True))),
-        Weighed(*(np.concatenate([getattr(w, name) for w in weights]) for name in ("step", "deviation", "force"))),
+        Weighed(*(np.concatenate(x) for x in zip(*weights, strict=True))),
     )

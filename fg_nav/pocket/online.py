@@ -103,7 +103,7 @@ class OnlinePocket:
             return
         acc, gyr = compensated(acc, gyr, np.append(np.diff(t), t[-1] - t[-2]))
         node = np.unique(node).astype(np.int64)
-        links = links_between(node, t, acc, gyr, mag, p.mag_sigma_uT, np.zeros(3))
+        links = links_between(node, t, acc, gyr, mag, np.zeros(3))
         assert self._start is not None
         if self._window is None:
             self._window = Window(self._start, links, p)
@@ -145,7 +145,7 @@ def follow_pocket(
     begun = level_start(recording, PocketParameters(gravity=p.gravity)) if start is None else start
     acc, gyr = recording.integrable
     node = node_samples(recording.t, p.node_s)
-    links = links_between(node, recording.t, acc, gyr, recording.mag, p.mag_sigma_uT, np.zeros(3))
+    links = links_between(node, recording.t, acc, gyr, recording.mag, np.zeros(3))
     return _followed(recording, node, links, begun, p, progress)
 
 
@@ -169,7 +169,7 @@ def _followed(
         b.append(window.nodes.b[-1])
         P.append(window.solved.P[-1, :6, :6])
         new = slice(-(last - first) - 1, -1)
-        nis.append(np.stack([window.solved.force_nis[new], window.solved.field_nis[new]], axis=1))
+        nis.append(np.stack([window.solved.swing_nis[new], window.solved.field_nis[new]], axis=1))
         if progress is not None:
             progress(last / len(links))
     at = node[np.append(0, ends)]

@@ -2,7 +2,7 @@
 
     nodes      every half second: attitude, gyro bias, the local field, and that of the region           (graph_chain)
     links      the gyroscope, preintegrated with its derivative by the bias; the field's means           (graph_links)
-    gravity    the mean force over two strides is up                                                   (gravity_force)
+    up         a sensor that is worn does not run away; one that rests has no rate and no velocity      (graph_motion)
     field      one local vector from node to node, that keeps still, or steps where there is iron        (graph_field)
 
 The paper compares each field with the last one. The noise of a difference does not grow with the time that the bias had
@@ -29,11 +29,11 @@ from fg_nav.errors import EstimationError
 from fg_nav.pocket.graph_chain import BIAS, Nodes, Solved
 from fg_nav.pocket.graph_field import walk_of_strength
 from fg_nav.pocket.graph_links import Links, links_between, node_samples
+from fg_nav.pocket.graph_motion import rests_of
 from fg_nav.pocket.graph_parameters import PocketGraphParameters
 from fg_nav.pocket.graph_solution import beliefs_of, factors_of, prior_of, reweighed, solve_round
 from fg_nav.pocket.graph_track import smoothed_track
 from fg_nav.pocket.graph_window import from_the_past
-from fg_nav.pocket.gravity_force import gravity_of
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.start import PocketStart, level_start
 from fg_nav.pocket.track import PocketTrack
@@ -72,7 +72,7 @@ def smooth_pocket(
     begun = level_start(recording, PocketParameters(gravity=parameters.gravity)) if start is None else start
     node = node_samples(recording.t, parameters.node_s)
     acc, gyr = recording.integrable
-    links = links_between(node, recording.t, acc, gyr, recording.mag, parameters.mag_sigma_uT, np.zeros(3))
+    links = links_between(node, recording.t, acc, gyr, recording.mag, np.zeros(3))
     nodes, solved = solve_links(links, begun, parameters, progress)
     return smoothed_track(recording, node, nodes, solved)
 
@@ -83,13 +83,13 @@ def solve_links(
     """Solve the graph of all links; the nodes, and the last round's linear solution about those before it."""
     beliefs, prior = beliefs_of(p, links.bias), prior_of(start, links, p)
     nodes, weighed = from_the_past(links, start, p)
-    walk, gravity = walk_of_strength(links, p), gravity_of(links, p)
+    walk, rests = walk_of_strength(links, p), rests_of(links, p)
     for done in range(p.iterations):
-        nodes, solved = solve_round(prior, nodes, links, beliefs, factors_of(links, p, weighed, gravity))
+        nodes, solved = solve_round(prior, nodes, links, beliefs, factors_of(links, p, weighed, rests))
         change = float(np.degrees(np.abs(solved.x[:, BIAS : BIAS + 3]).max()))
         if not np.isfinite(change):
             raise EstimationError("the graph of the pocket diverged to infinity: check the samples of the recording.")
-        weighed = reweighed(walk, links, solved, gravity, p)
+        weighed = reweighed(walk, links, solved, p)
         if progress is not None:
             progress((done + 1) / p.iterations)
         if change < p.enough_deg_s:

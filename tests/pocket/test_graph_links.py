@@ -1,17 +1,16 @@
 """Links: rotations, their derivative by the bias, means of fields and forces, against differences and by hand."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
 
 from factors.rotation import rotation_exp
-from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.pocket.graph_links import links_between, node_samples
+from fg_nav.pocket.graph_motion import REST_LINKS, rests_of
 from fg_nav.pocket.graph_parameters import PocketGraphParameters
-from fg_nav.pocket.gravity_force import gravity_of
-from tests.pocket.leg import BIAS, MUNICH, walking
-
-SIGMA = 0.5
+from tests.pocket.leg import BIAS, MUNICH, resting, walking
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +20,7 @@ def leg():
 
 def links_of(recording, bias=np.zeros(3), node_s=0.5):
     node = node_samples(recording.t, node_s)
-    return node, links_between(node, recording.t, recording.acc, recording.gyr, recording.mag, SIGMA, bias)
+    return node, links_between(node, recording.t, recording.acc, recording.gyr, recording.mag, bias)
 
 
 def test_nodes_are_where_they_should_be_and_the_last_sample_is_one():
@@ -61,7 +60,7 @@ def test_a_bias_turns_a_link_and_its_field_as_the_derivatives_say(leg, axis):
     (_, more), (_, less) = links_of(recording, d), links_of(recording, -d)
     turned = np.swapaxes(less.turn, 1, 2) @ more.turn
     rate = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1) / (2 * step)
-    assert np.allclose(rate, links.per_bias[:, :, axis], atol=1e-6)
+    assert np.allclose(rate, links.per_sensor[:, :, axis], atol=1e-6)
     # z = dR y turns by K about itself: -[z]x K, as long as all of a link's y are alike
     field_rate = (more.field - less.field) / (2 * step)
     assert np.allclose(field_rate, -np.cross(links.field, links.lever[:, :, axis]), atol=0.02)
@@ -75,14 +74,6 @@ def test_a_known_field_is_its_mean_in_the_body_at_the_node(leg):
     assert (links.count == np.diff(node)).all()
 
 
-def test_the_change_within_a_link_asks_for_the_bias(leg):
-    _, links = links_of(leg.recording())
-    A, r = links.swing[:, :, :3], links.swing[:, :, 3]
-    information = np.einsum("kij,kil->jl", A, A)
-    found = np.linalg.solve(information, np.einsum("kij,ki->j", A, r))
-    assert np.allclose(found, BIAS, atol=0.02 * np.abs(BIAS).max())
-
-
 def test_rows_without_a_field_are_left_out(leg):
     recording = leg.recording(bias=np.zeros(3))
     mag = recording.mag.copy()
@@ -90,10 +81,9 @@ def test_rows_without_a_field_are_left_out(leg):
     mag[200:260] = np.nan
     mag[260:320] = 0.0
     node = node_samples(recording.t, 0.5)
-    links = links_between(node, recording.t, recording.acc, recording.gyr, mag, SIGMA, np.zeros(3))
+    links = links_between(node, recording.t, recording.acc, recording.gyr, mag, np.zeros(3))
     assert (links.count[4:6] == 0).all()
     assert np.isnan(links.strength[4:6]).all()
-    assert not links.swing[4:6].any()
     full = links.count > 0
     expected = leg.attitude[node[:-1]].transpose(0, 2, 1) @ MUNICH
     assert np.allclose(links.field[full], expected[full], atol=1e-9)
@@ -103,7 +93,6 @@ def test_no_magnetometer_is_no_field(leg):
     _, links = links_of(leg.recording(field=None))
     assert not links.count.any()
     assert not links.field.any()
-    assert not links.swing.any()
 
 
 def test_parts_of_links_are_links_of_parts(leg):
@@ -113,36 +102,9 @@ def test_parts_of_links_are_links_of_parts(leg):
     assert len(joined) == len(links)
     assert np.array_equal(joined.turn, links.turn)
     node = np.arange(350, 651, 50)
-    there = links_between(node, recording.t, recording.acc, recording.gyr, recording.mag, SIGMA, np.zeros(3))
+    there = links_between(node, recording.t, recording.acc, recording.gyr, recording.mag, np.zeros(3))
     assert np.allclose(there.field, links.field[7:13])
     assert np.allclose(there.push, links.push[7:13])
-
-
-def test_the_mean_force_is_up_and_a_bias_tilts_it_as_the_derivative_says(leg):
-    p = PocketGraphParameters()
-    node, links = links_of(leg.recording(bias=np.zeros(3)))
-    up = gravity_of(links, p)
-    used = np.isfinite(up.variance)
-    assert used.sum() == 11  # one a second, from the second on
-    assert np.allclose(up.up[used], leg.attitude[node][used, 2], atol=2e-4)
-    assert np.allclose(up.variance[used], (p.acc_sigma_m_s2 / GRAVITY_M_S2) ** 2, rtol=0.01)
-    d = np.array([2e-3, -1e-3, 3e-3])
-    _, other = links_of(leg.recording(bias=np.zeros(3)), d)
-    moved = gravity_of(other, p)
-    assert np.allclose(moved.up[used] - up.up[used], up.per_bias[used] @ d, atol=2e-5)
-    assert np.abs(up.per_bias[used] @ d).max() > 1e-3
-
-
-def test_a_force_that_is_not_gravity_s_is_not_up(leg):
-    recording = leg.recording()
-    faster = recording.acc.copy()
-    faster[400:800] *= 1.1
-    node = node_samples(recording.t, 0.5)
-    links = links_between(node, recording.t, faster, recording.gyr, recording.mag, SIGMA, np.zeros(3))
-    used = np.isfinite(gravity_of(links, PocketGraphParameters()).variance)
-    at = recording.t[node]
-    assert not used[(at > 5.5) & (at < 8.5)].any()
-    assert used[(at > 10.0) & (at % 1.0 < 0.01)].all()
 
 
 def test_a_constant_rate_and_force_gain_what_they_should():
@@ -153,5 +115,40 @@ def test_a_constant_rate_and_force_gain_what_they_should():
     force = np.array([1.0, 2.0, 9.0])
     body = np.einsum("nji,j->ni", R, force).reshape(n, 20, 3).mean(axis=1)
     acc = np.concatenate([body, body[-1:]])
-    links = links_between(np.array([0, n]), t, acc, np.tile(rate, (n + 1, 1)), None, SIGMA, np.zeros(3))
+    links = links_between(np.array([0, n]), t, acc, np.tile(rate, (n + 1, 1)), None, np.zeros(3))
     assert np.allclose(links.push[0], force * n * h, atol=1e-3)
+    assert np.allclose(links.shift[0], force * (n * h) ** 2 / 2, atol=1e-3)
+
+
+@pytest.mark.parametrize("element", range(9))
+def test_a_scale_error_changes_a_link_as_the_derivatives_say(leg, element):
+    recording, step = leg.recording(bias=np.zeros(3)), 1e-4
+    S = np.zeros(9)
+    S[element] = step
+    S = S.reshape(3, 3)
+    (_, links), (_, more), (_, less) = (
+        links_of(replace(recording, gyr=recording.gyr @ (np.eye(3) - sign * S).T)) for sign in (0, 1, -1)
+    )
+    turned = np.swapaxes(less.turn, 1, 2) @ more.turn
+    rate = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1) / (2 * step)
+    assert np.allclose(rate, links.per_sensor[:, :, 3 + element], atol=1e-4)
+    for moved, by in (("push", "push_per_sensor"), ("shift", "shift_per_sensor")):
+        change = (getattr(more, moved) - getattr(less, moved)) / (2 * step)
+        assert np.allclose(change, getattr(links, by)[:, :, 3 + element], atol=0.02)
+
+
+def test_rest_is_seen_in_the_links():
+    recording = resting(10.0).recording(sigma=(np.radians(0.1), 0.05, 0.5))
+    _, links = links_of(recording)
+    assert np.allclose(links.rate, BIAS, atol=np.radians(0.1) / np.sqrt(25) * 5)
+    assert np.allclose(links.rate_spread, np.radians(0.1) * np.sqrt(3), rtol=0.5)
+    assert np.allclose(links.force_spread, 0.05 * np.sqrt(3), rtol=0.5)
+    assert np.isfinite(rests_of(links, PocketGraphParameters()).variance).sum() == len(links) - REST_LINKS + 1
+
+
+def test_what_sways_does_not_rest():
+    """0.2 deg/s to and fro within some seconds, as a standing thigh does: quiet, but no rest."""
+    recording = resting(60.0).recording(sigma=(np.radians(0.1), 0.05, 0.5))
+    sway = np.radians(0.2) * np.sin(2 * np.pi * recording.t / 3.0)
+    _, links = links_of(replace(recording, gyr=recording.gyr + sway[:, None]))
+    assert not np.isfinite(rests_of(links, PocketGraphParameters()).variance).any()

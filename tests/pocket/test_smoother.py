@@ -21,10 +21,13 @@ from fg_nav.pocket import (
     smooth_pocket,
 )
 from fg_nav.recording import Recording
-from tests.pocket.leg import BIAS, walking
+from tests.pocket.hand import moved
+from tests.pocket.leg import BIAS, resting, walking
 
 P = PocketGraphParameters()
 NOISE = (np.radians(0.1), 0.05, 0.5)
+EXACT = {"gyr_scale_sigma": 1e-5, "mag_left_uT": 1e-3}
+"""Sensors without an error that goes with attitude or rate."""
 ESTIMATORS = (smooth_pocket, follow_pocket)
 
 
@@ -57,7 +60,7 @@ def turn_deg(track, leg):
 def test_all_three_biases_are_found_within_a_minute(leg, recording, estimate):
     track = estimate(recording, P, start_of(leg))
     assert np.abs(error_deg_s(track)).max() < 0.02
-    assert np.degrees(track.sigma[-1, 3:]).max() < 0.02
+    assert np.degrees(track.sigma[-1, 3:]).max() < 0.04  # 0.02 but for the scale, which a swing turns into a bias
     assert np.abs(turn_deg(track, leg)[-1]).max() < 1.5
 
 
@@ -71,7 +74,7 @@ def test_the_bias_is_as_good_as_the_bound_lets_it(leg, seed):
     """A field known to keep still, all of it across the upright axis: 0.5 uT of noise a sample and 25 uT for 60 s."""
     recording = leg.recording(field=np.array([0.0, 25.0, 0.0]), sigma=(0, 0, 0.5), seed=seed)
     still = replace(P, field_walk_uT=1e-4, gyr_density_deg=1e-4, bias_instability_deg_h=1e-2)
-    still = replace(still, field_freedom=1e3, field_false_alarm=1e-6)
+    still = replace(still, field_freedom=1e3, field_false_alarm=1e-6, **EXACT)
     track = smooth_pocket(recording, still, start_of(leg))
     bound = np.degrees(0.5 / 25.0 * np.sqrt(12 / (100 * 60.0**3)))
     upright = track.nav_R_body[-1, 2]
@@ -83,7 +86,7 @@ def test_the_bias_is_as_good_as_the_bound_lets_it(leg, seed):
 def test_claims_are_true_over_many_walks():
     """NEES of the bias, 3 expected, in a field that walks as believed, where no t-distribution is needed."""
     leg = walking(20.0)
-    gauss = replace(P, field_freedom=1e6, gravity_freedom=1e6, field_deviation_uT=100.0, gravity_window_s=1.0)
+    gauss = replace(P, field_freedom=1e6, pace_freedom=1e6, swing_freedom=1e6, field_deviation_uT=100.0, **EXACT)
     nees = []
     for seed in range(24):
         rng = np.random.default_rng((7, seed))
@@ -98,6 +101,48 @@ def test_claims_are_true_over_many_walks():
         nees.append(error @ np.linalg.solve(track.covariance[-1, 3:, 3:], error))
     # mean of 24 values of chi-square of 3: 3 +- 0.5; forces average over 100 samples and are better than is claimed
     assert 1.2 < np.mean(nees) < 4.5
+
+
+@pytest.mark.parametrize("estimate", ESTIMATORS)
+def test_claims_are_true_of_a_fast_hand(estimate):
+    """NEES of attitude and bias, 3 expected, of sensors with all errors that are believed in."""
+    nees = []
+    for seed in range(4):
+        rng = np.random.default_rng((11, seed))
+        hand = moved(rng, 30.0)
+        bias, scale = np.radians(0.3) * rng.standard_normal(3), P.gyr_scale_sigma * rng.standard_normal((3, 3))
+        recording = hand.recording(rng, bias, scale, P.mag_left_uT * rng.standard_normal(3))
+        track = estimate(recording, P, PocketStart(hand.attitude[0], 0.01))
+        kept = slice(10, None, 5)
+        at = track.covariance_sample[kept]
+        off = track.nav_R_body[at] @ hand.attitude[at].transpose(0, 2, 1)
+        turn = np.stack([off[:, 2, 1] - off[:, 1, 2], off[:, 0, 2] - off[:, 2, 0], off[:, 1, 0] - off[:, 0, 1]], 1) / 2
+        for error, part in ((turn, slice(0, 3)), (track.gyro_bias[at] - bias, slice(3, 6))):
+            inverse = np.linalg.inv(track.covariance[kept, part, part])
+            nees.append(np.einsum("ni,nij,nj->n", error, inverse, error).mean())
+        assert np.degrees(np.abs(turn)).max() < 2.5
+    assert 0.5 < np.mean(nees[::2]) < 4.5
+    assert 0.3 < np.mean(nees[1::2]) < 4.5
+
+
+@pytest.mark.parametrize("estimate", ESTIMATORS)
+def test_a_rest_shows_the_bias(estimate):
+    """About up too, where there is no field: ten seconds of rest are known to 0.03 deg/s over the root of some 17."""
+    track = estimate(resting(10.0).recording(field=None, sigma=NOISE), P, start_of(resting(10.0)))
+    assert np.abs(error_deg_s(track)).max() < 0.02
+    assert np.degrees(track.sigma[-1, 3:]).max() < 0.015
+
+
+def test_a_scale_error_is_found_where_it_is_believed_in():
+    rng = np.random.default_rng(5)
+    hand = moved(rng, 30.0)
+    recording = hand.recording(rng, BIAS, 0.005 * rng.standard_normal((3, 3)))
+    start, errors = PocketStart(hand.attitude[0], 0.01), []
+    for scale in (1e-6, 0.005):
+        track = smooth_pocket(recording, replace(P, gyr_scale_sigma=scale), start)
+        off = track.nav_R_body @ hand.attitude[:-1].transpose(0, 2, 1)
+        errors.append(np.sqrt(np.mean(3.0 - np.trace(off, axis1=1, axis2=2))))
+    assert errors[1] < 0.7 * errors[0]
 
 
 @pytest.mark.parametrize("estimate", ESTIMATORS)
@@ -142,14 +187,15 @@ def test_a_large_bias_does_not_lead_the_batch_astray():
     """0.5 deg/s for 200 s by the gyroscope alone: 100 deg, far from where a linear solution is one."""
     leg, bias = walking(200.0), np.radians([0.2, -0.3, 0.5])
     track = smooth_pocket(leg.recording(bias=bias, sigma=NOISE), P, start_of(leg))
-    assert np.degrees(np.abs(track.gyro_bias[-1] - bias)).max() < 0.01
+    assert np.degrees(np.abs(track.gyro_bias[-1] - bias)).max() < 0.03
     assert np.abs(turn_deg(track, leg)[:, 2]).max() < 1.5
 
 
 def test_the_turn_of_the_earth_is_a_bias_unless_taken_off():
     leg = walking(150.0, curves=False)
     earth = 7.29e-5 * np.array([0.0, np.cos(np.radians(48.0)), np.sin(np.radians(48.0))])
-    quiet = replace(P, gyr_density_deg=1e-4, mag_sigma_uT=0.02, field_walk_uT=1e-3, acc_sigma_m_s2=0.01)
+    quiet = replace(P, gyr_density_deg=1e-4, mag_sigma_uT=0.02, field_walk_uT=1e-3, acc_density_m_s2=1e-3, **EXACT)
+    quiet = replace(quiet, pace_walk_m_s=1e-3)
     turning, resting = (
         leg.recording(bias=np.zeros(3), nav_rate=rate, sigma=(0, 0, 0.02)) for rate in (earth, np.zeros(3))
     )
@@ -160,7 +206,7 @@ def test_the_turn_of_the_earth_is_a_bias_unless_taken_off():
     )
     mean = leg.attitude[1000:14000].mean(axis=0)
     assert np.abs(taken).max() < 3e-6
-    assert np.allclose(left, mean.T @ earth, atol=8e-6)
+    assert np.allclose(left, mean.T @ earth, atol=1e-5)
 
 
 def test_the_causal_estimate_knows_nothing_of_what_comes_later(leg, recording):
