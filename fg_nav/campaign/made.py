@@ -31,7 +31,8 @@ from fg_nav.session import Outcome, Session, solve
 class Job:
     """All that is missing of one walk: methods by magnetometer, and what each result is made with.
 
-    A recorded walk has a `path`, and may have a file with its `truth`; of a simulated one the walk is the seed.
+    A recorded walk has a `path`, and may have a file with its `truth` and others `beside` it that its reader looks at;
+    of a simulated one the walk is the seed.
     """
 
     group: str
@@ -40,6 +41,7 @@ class Job:
     missing: Mapping[str, Mapping[str, Mapping[str, Any]]]
     path: Path | None = None
     truth: Path | None = None
+    beside: tuple[Path, ...] = ()
 
     @property
     def source(self) -> Source:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import cast
 
 from fg_nav.changes import Changes, Scalar, changed
 from fg_nav.ekf.presets import TUNED, check_preset
@@ -38,7 +40,7 @@ class Method:
         return ",".join([self.base, *(f"{name}={written(value)}" for name, value in self.changes)])
 
     def checked(self) -> Method:
-        """Return itself if it can be, with its values as the parameters have them.
+        """Return itself with its values as the parameters have them: 1 and 1.0 are one value of a real number.
 
         Raises
         ------
@@ -52,8 +54,9 @@ class Method:
         for name, value in self.changes:
             if isinstance(value, str) and not _WORD.fullmatch(value):
                 raise EstimationError(f"the parameter '{name}' cannot be {value!r}: give one word.")
-        changed(parameters_of(self.name, self.preset), self.changes)
-        return self
+        parameters = changed(parameters_of(self.name, self.preset), self.changes)
+        typed = tuple((name, cast("Scalar", attrgetter(name)(parameters))) for name, _ in self.changes)
+        return replace(self, changes=typed)
 
 
 def written(value: Scalar) -> str:
