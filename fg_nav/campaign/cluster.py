@@ -30,7 +30,7 @@ from typing import Any, TypeAlias
 
 from fg_nav.campaign import kept
 from fg_nav.campaign.made import Job
-from fg_nav.campaign.parcel import Brought, failed, in_cells, parcel, unpacked
+from fg_nav.campaign.parcel import Brought, Parcel, failed, in_cells, parcel, unpacked
 from fg_nav.errors import CampaignError
 from fg_nav.wording import counted
 
@@ -50,6 +50,9 @@ LOOK_S = 1.0
 
 Take: TypeAlias = Callable[[Job, Brought, int], None]
 """Is given each job with what came of it, and how many work at once."""
+
+Work: TypeAlias = Callable[[Parcel], Brought]
+"""What a worker does; `unpacked` but in tests."""
 
 Tell: TypeAlias = Callable[[str], None]
 """Tells the user a sentence."""
@@ -96,11 +99,13 @@ class Cluster:
     scheduler : address, `tcp://host:port`; None for a cluster of our own, as long as the campaign.
     workers : processes of our own cluster, one thread each.
     patience_s : how long to wait for a scheduler or workers that are gone.
+    work : what they do.
     """
 
     scheduler: str | None = None
     workers: int = 1
     patience_s: float = PATIENCE_S
+    work: Work = unpacked
 
     @property
     def far(self) -> bool:
@@ -129,7 +134,7 @@ class Cluster:
                     threads_per_worker=1,
                     processes=True,
                     host="127.0.0.1",
-                    dashboard_address=None,
+                    dashboard_address="127.0.0.1:0",
                     silence_logs=logging.CRITICAL,
                 )
             except (OSError, RuntimeError) as error:
@@ -240,7 +245,7 @@ class _Session:
         try:
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", message="Sending large graph")  # the files of a recorded walk
-                future = self._client.submit(unpacked, parcel(job, self._cluster.far), pure=False)
+                future = self._client.submit(self._cluster.work, parcel(job, self._cluster.far), pure=False)
         except (OSError, RuntimeError, ValueError, CancelledError) as error:
             self._flying[object()] = job
             raise _LostError from error
