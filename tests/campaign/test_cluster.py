@@ -1,16 +1,15 @@
 """Work on Dask: workers and schedulers that go, tasks that kill, and that nothing is lost or made twice."""
 
-import os
 import socket
 import subprocess
 import sys
 import time
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import pytest
-
-pytest.importorskip("distributed")
+from distributed.scheduler import KilledWorker
 
 from fg_nav.campaign import cluster
 from fg_nav.campaign.cluster import Cluster, check_installed, on_cluster
@@ -133,8 +132,6 @@ def test_a_cluster_without_workers_is_waited_for_so_long(connections):
 
 
 def test_a_job_that_kills_is_tried_cell_by_cell(connections):
-    from distributed.scheduler import KilledWorker
-
     killed = KilledWorker("task", None, 3)
     connections += [Scheduler(value=killed)]
     jobs = [fakes.job("deadly", "1", "iez", "qsf")]
@@ -181,9 +178,8 @@ def test_a_real_scheduler_started_anew_goes_on():
     worker = ("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny")
     jobs = [fakes.job("quick", str(walk)) for walk in range(30)]
     taken, running = Taken(), []
-    paths = os.environ.get("PYTHONPATH", "")
     with pytest.MonkeyPatch.context() as environment:
-        environment.setenv("PYTHONPATH", os.pathsep.join([os.getcwd(), paths]))
+        environment.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
 
         def start():
             running.extend(started.enter_context(dask(*words)) for words in (scheduler, worker))
@@ -195,8 +191,6 @@ def test_a_real_scheduler_started_anew_goes_on():
                     process.kill()
                     process.wait()
                 start()
-
-        from contextlib import ExitStack
 
         with ExitStack() as started:
             start()
