@@ -67,6 +67,8 @@ _OURS = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,  # a paused worker would never be given work again
     "distributed.worker.memory.terminate": 0.95,
+    # Ctrl-C goes to all processes of a terminal: the campaign ends its workers, which would complain of it
+    "distributed.worker.preload": ["import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"],
 }
 """Settings of our own cluster."""
 

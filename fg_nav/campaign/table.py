@@ -43,8 +43,8 @@ def write_tables(folder: Path, results: Sequence[Result]) -> None:
     from pyarrow import csv, parquet
 
     ordered = sorted(results, key=lambda result: result.key)
-    errors = pa.Table.from_pylist([row for result in ordered for row in rows_of(result)], schema=_results_schema(pa))
-    times = pa.Table.from_pylist([timing_of(result) for result in ordered], schema=_timings_schema(pa))
+    errors = pa.Table.from_pylist([row for result in ordered for row in rows_of(result)], schema=results_schema(pa))
+    times = pa.Table.from_pylist([timing_of(result) for result in ordered], schema=timings_schema(pa))
     _write(folder / RESULTS, lambda path: parquet.write_table(errors, path))
     _write(folder / RESULTS_CSV, lambda path: csv.write_csv(errors, path))
     _write(folder / TIMINGS, lambda path: parquet.write_table(times, path))
@@ -60,7 +60,8 @@ def _write(path: Path, write: Callable[[Path], None]) -> None:
         raise OutputError(f"{path} could not be written ({error.strerror or error}): name another folder.") from error
 
 
-def _results_schema(pa: Any) -> Any:
+def results_schema(pa: Any) -> Any:
+    """Columns of the results, by the library that is only there with the extra."""
     text, number, count = pa.string(), pa.float64(), pa.int64()
     return pa.schema(
         [(name, text) for name in (*WORDS, "failed", "alignment")]
@@ -70,7 +71,8 @@ def _results_schema(pa: Any) -> Any:
     )
 
 
-def _timings_schema(pa: Any) -> Any:
+def timings_schema(pa: Any) -> Any:
+    """Columns of the timings."""
     numbers = [("runtime_s", pa.float64()), ("us_per_sample", pa.float64()), ("code", pa.string())]
     return pa.schema([(name, pa.string()) for name in WORDS] + numbers)
 

@@ -1,9 +1,12 @@
 """Plans: what they ask for, and one sentence for each that cannot be."""
 
+import re
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 
+from fg_nav.campaign import table
 from fg_nav.campaign.plan import read_plan
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical
@@ -125,6 +128,20 @@ def test_a_plan_that_is_none(tmp_path, fg_nav: FgNav):
     assert fg_nav("campaign", tmp_path / "bytes.toml").refused("bytes.toml is no TOML")
     (tmp_path / "plan.toml").write_text(GOOD)
     assert fg_nav("campaign", tmp_path / "plan.toml", "--scheduler", "x", "--workers", 2).refused("--workers")
+
+
+def test_the_page_has_a_plan_that_can_be_and_names_every_column(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    (tmp_path / "walks").mkdir()
+    (tmp_path / "walks" / "one.csv").touch()
+    found = plan(tmp_path, page.partition("```toml\n")[2].partition("```")[0])
+    assert (len(found.methods), len(found.walks), len(found.seeds)) == (6, 1, 20)
+    columns = {*table.results_schema(pa).names, *table.timings_schema(pa).names}
+    told = {
+        name for row in page.splitlines() if row.startswith("| `") for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    }
+    assert columns <= told
+    assert told - columns == set()
 
 
 def test_folders_of_recordings_are_found_from_where_the_file_is(tmp_path):
