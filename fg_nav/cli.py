@@ -491,6 +491,33 @@ def simulate(
     print_simulation(walk, place)
 
 
+@app.command()
+def campaign(
+    plan: Annotated[Path, typer.Argument(metavar="FILE.toml", show_default=False, help="What is to be made.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder of the campaign. \\[default: results/ and the file's name]"),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Of a Dask cluster. \\[default: one of our own]")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes of our own. \\[default: one a core]")
+    ] = None,
+    renew: Annotated[bool, typer.Option("--renew", help="Make anew what other code made.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Make anew what failed.")] = False,
+) -> None:
+    """Try methods on many walks, simulated and recorded; the same command goes on with what was stopped."""
+    from fg_nav.campaign.command import Wanted
+    from fg_nav.campaign.command import campaign as made
+    from fg_nav.report.campaign import print_campaign, remark, shown
+
+    place = RESULTS / plan.stem if out is None else out
+    with shown() as show:
+        done = made(Wanted(plan, place, scheduler, workers, renew, retry), show, remark)
+    print_campaign(done, place)
+
+
 def _options(
     no_mag: bool,
     heading: float | None,

@@ -49,5 +49,9 @@ class StreamError(FgNavError):
     """A source of samples cannot be opened, or nobody can be served (`fg_nav.stream`)."""
 
 
+class CampaignError(FgNavError):
+    """A campaign cannot be as planned, or cannot go on (`fg_nav.campaign`)."""
+
+
 class OutputError(FgNavError):
     """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""

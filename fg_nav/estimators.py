@@ -13,6 +13,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from fg_nav.changes import Changes, changed
 from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
 from fg_nav.magnetic import FootfallField
@@ -40,6 +41,7 @@ class Given:
     preset : of a filter's parameters (`fg_nav.ekf.presets`).
     fixes : positions known from elsewhere; of use to the smoother only.
     step_constant_m, known_distance_m : of one who walks with the sensor in a pocket (`fg_nav.pocket.step_length`).
+    changes : of the method's parameters; of use to those on a foot only.
     """
 
     recording: Recording
@@ -50,6 +52,7 @@ class Given:
     fixes: tuple[Fix, ...] = ()
     step_constant_m: float | None = None
     known_distance_m: float | None = None
+    changes: Changes = ()
 
 
 Estimator: TypeAlias = Callable[[Given, Progress | None], Solution]
@@ -71,18 +74,14 @@ DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
 
 def _smoother(given: Given, progress: Progress | None) -> Solution:
-    from fg_nav.smoother import smooth
+    from fg_nav.smoother import SmootherParameters, smooth
 
-    recording, stances = given.recording, given.stances
-    return smooth(recording, stances, heading=given.heading, progress=progress, field=given.field, fixes=given.fixes)
+    parameters = changed(SmootherParameters(), given.changes)
+    return smooth(given.recording, given.stances, parameters, given.heading, progress, given.field, given.fixes)
 
 
 def _inertial(given: Given, progress: Progress | None) -> Solution:
-    from fg_nav.smoother import smooth
-
-    recording, stances = given.recording, given.stances
-    found = smooth(recording, stances, heading=given.heading, progress=progress, fixes=given.fixes)
-    return replace(found, method="inertial")
+    return replace(_smoother(replace(given, field=None), progress), method="inertial")
 
 
 BLOCK = 64
@@ -92,10 +91,12 @@ BLOCK = 64
 def _online(given: Given, progress: Progress | None) -> Solution:
     """Push a recording through as if it were being walked; then solve it as a whole, with the stances it was given."""
     from fg_nav.online import OnlineNavigator
+    from fg_nav.smoother import SmootherParameters
     from fg_nav.smoother.online import OnlineOptions
 
     recording, field = given.recording, given.field
-    navigator = OnlineNavigator(OnlineOptions(given.heading, field is not None))
+    parameters = changed(SmootherParameters(), given.changes)
+    navigator = OnlineNavigator(OnlineOptions(given.heading, field is not None, parameters=parameters))
     mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
     rows = np.column_stack([recording.t, recording.acc, recording.gyr, mag])
     for start in range(0, len(recording), BLOCK):
@@ -111,7 +112,7 @@ def _filter(method: str) -> Estimator:
 
         density = _swing_density(given) if method.startswith("matched") else None
         walk = (given.recording, given.stances, given.field, given.heading)
-        return run_filter(method, given.preset, *walk, density)
+        return run_filter(method, given.preset, *walk, density, given.changes)
 
     return run
 
@@ -158,3 +159,21 @@ def estimator(name: str, mount: Mount = "foot") -> Estimator:
         other = "pocket" if mount == "foot" else "foot"
         raise EstimationError(f"{name} is for --mount {other}: choose one of {', '.join(there)}.")
     raise EstimationError(f"there is no method '{name}': choose one of {', '.join(there)}.")
+
+
+def parameters_of(method: str, preset: str = "tuned") -> object:
+    """Return the parameters of a method on a foot, a frozen dataclass, as it begins with them.
+
+    Raises
+    ------
+    EstimationError
+        If there is no such method, or no such preset of it.
+    """
+    estimator(method)
+    if method in SMOOTHERS:
+        from fg_nav.smoother import SmootherParameters
+
+        return SmootherParameters()
+    from fg_nav.ekf.presets import parameters_of as of_filter
+
+    return of_filter(method, preset)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.calibration.file import Calibration, read_calibration
+from fg_nav.changes import Changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.estimators import WITH_FIXES, Given, Mount, Progress, estimator
@@ -49,6 +50,7 @@ class Options:
     mount : where the sensor is worn, to be held against the recording; None for a foot that nobody doubts.
     step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
         (`fg_nav.pocket.step_length`).
+    changes : of the method's parameters, on a foot.
     """
 
     use_magnetometer: bool = True
@@ -62,6 +64,7 @@ class Options:
     mount: Mount | None = None
     step_constant_m: float | None = None
     known_distance_m: float | None = None
+    changes: Changes = ()
 
 
 @dataclass(frozen=True)
@@ -216,7 +219,8 @@ def solve(session: Session, method: str, progress: Progress | None = None) -> Ou
         )
     fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
     lengths = (options.step_constant_m, options.known_distance_m)
-    given = Given(session.recording, session.stances, session.field, _heading(options), options.preset, fixes, *lengths)
+    of_walk = (session.recording, session.stances, session.field, _heading(options))
+    given = Given(*of_walk, options.preset, fixes, *lengths, options.changes)
     return measured(session, estimator(method, options.mount or "foot")(given, progress))
 
 

@@ -25,12 +25,10 @@ but that they end where they began (openshoe).
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import figures as fig
 import numpy as np
@@ -49,11 +47,12 @@ from compare_tables import (
 )
 from walks import GDIN, OPENSHOE, REAL_WALKS
 
-from fg_nav.campaign import kept
+from fg_nav.campaign import cells, kept
+from fg_nav.campaign.cells import recorded_keys, simulated_keys
 from fg_nav.campaign.kept import Key, Result
-from fg_nav.campaign.made import jobs_of, made, name_and_preset
+from fg_nav.campaign.made import Job, name_and_preset
 from fg_nav.campaign.settings import settings_of
-from fg_nav.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES, RAW, WALK
+from fg_nav.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES
 from fg_nav.errors import OutputError, SimulationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.report import style
@@ -107,12 +106,14 @@ def made_and_kept(chosen: Chosen) -> list[Result]:
     """Return all results that were asked for, made now where they are missing."""
     keys = all_keys(chosen)
     settings = {key: settings_of(key, recorded=key.group in REAL_WALKS) for key in keys}
-    holds = found(chosen.out, settings)
-    if chosen.renew:
-        holds = {key: result for key, result in holds.items() if result.code == kept.code_sum()}
-    make([key for key in keys if key not in holds], settings, chosen)
-    results = found(chosen.out, settings)
-    return [results[key] for key in keys]
+    real = {(key.group, key.walk) for key in keys if key.group in REAL_WALKS}
+    recorded = {one: walks.real_path(*one, walks.data_folder(chosen.data)) for one in real}
+    return cells.made_and_kept(chosen.out, settings, partial(_run, chosen), recorded, chosen.renew)
+
+
+def _run(chosen: Chosen, jobs: Sequence[Job]) -> None:
+    with progress(f"{len(jobs)} walks") as report:
+        cells.on_processes(jobs, chosen.out, chosen.jobs, report)
 
 
 def _parse(arguments: Sequence[str] | None) -> Chosen:
@@ -163,43 +164,9 @@ def checked(chosen: Chosen) -> Chosen:
 
 def all_keys(chosen: Chosen) -> list[Key]:
     """Everything asked for, method by method within a case."""
-    simulated = [
-        Key(name, level, str(seed), magnetometer, method)
-        for name in chosen.scenarios
-        for level in chosen.fields
-        for magnetometer in chosen.magnetometers
-        for method in chosen.methods
-        for seed in chosen.seeds
-    ]
-    magnetometers = list(dict.fromkeys(one if one == RAW else WALK for one in chosen.magnetometers))
-    real = [
-        Key(group, REAL_FIELD, walk, magnetometer, method)
-        for group in chosen.real
-        for magnetometer in magnetometers
-        for method in chosen.methods
-        for walk in REAL_WALKS[group]
-    ]
-    return simulated + real
-
-
-def found(folder: Path, settings: Mapping[Key, Mapping[str, Any]]) -> dict[Key, Result]:
-    """Results that are there and hold."""
-    read_in = {key: kept.kept(folder, key, made_with) for key, made_with in settings.items()}
-    return {key: result for key, result in read_in.items() if result is not None}
-
-
-def make(missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]], chosen: Chosen) -> None:
-    """Make results, a walk at a time in each process."""
-    real = {(key.group, key.walk) for key in missing if key.group in REAL_WALKS}
-    recorded = {one: walks.real_path(*one, walks.data_folder(chosen.data)) for one in real}
-    jobs = jobs_of(missing, settings, recorded)
-    if not jobs:
-        return
-    work = partial(made, folder=chosen.out, code=kept.code_sum())
-    with progress(f"{len(jobs)} walks") as report, ProcessPoolExecutor(min(chosen.jobs, len(jobs))) as pool:
-        for done, future in enumerate(as_completed([pool.submit(work, job) for job in jobs]), start=1):
-            future.result()
-            report(done / len(jobs))
+    real = {group: REAL_WALKS[group] for group in chosen.real}
+    simulated = (chosen.scenarios, chosen.fields, chosen.magnetometers, chosen.methods, chosen.seeds)
+    return simulated_keys(*simulated) + recorded_keys(real, REAL_FIELD, chosen.magnetometers, chosen.methods)
 
 
 def draw_case(folder: Path, name: str, case: Case) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.campaign import kept, settings
+from fg_nav.campaign import cells, kept, settings
 from fg_nav.campaign.made import measured, name_and_preset, solved
 from fg_nav.campaign.sources import Simulated, loop_calibration, simulated
 from fg_nav.errors import EstimationError, OutputError, SimulationError
@@ -101,7 +101,7 @@ def test_one_walk_is_one_job_for_all_methods_and_magnetometers():
     keys = [
         replace(KEY, method=m, magnetometer=c, walk=w) for m in ("iez", "qsf") for c in ("loop", "raw") for w in "12"
     ]
-    jobs = script.jobs_of(keys, dict.fromkeys(keys, SETTINGS))
+    jobs = cells.jobs_of(keys, dict.fromkeys(keys, SETTINGS))
     assert [job.walk for job in jobs] == ["1", "2"]
     assert {name: sorted(methods) for name, methods in jobs[0].missing.items()} == {
         "loop": ["iez", "qsf"],
@@ -189,7 +189,7 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     first = tmp_path / "demo_smooth_loop_iez_101.json"
     stamp = first.stat().st_mtime_ns
     asked = []
-    monkeypatch.setattr(script, "ProcessPoolExecutor", here(asked))
+    monkeypatch.setattr(cells, "ProcessPoolExecutor", here(asked))
     script.main([*demo, "--methods", "iez", "qsf", "--magnetometer", "loop", "perfect"])
     [job] = asked
     assert job.missing.keys() == {"loop", "perfect"}

@@ -32,6 +32,11 @@ SEEN_ONLY = ("report", "reproduce", "cli.py")
 """Of the packages' sources what changes no result."""
 
 
+LONGEST_NAME, CUT = 200, 160
+"""Bytes of a file's name before `.json`, and what is left of a longer one: file systems take 255 with all that is
+put behind it while it is written."""
+
+
 @dataclass(frozen=True, order=True)
 class Key:
     """Which result: of a group (scenario, or set of real walks) in a field, a walk (seed or number) and a method."""
@@ -46,7 +51,10 @@ class Key:
     def file(self) -> str:
         """Name of its file."""
         words = (self.group, self.field, self.magnetometer, self.method, self.walk)
-        return "_".join(word.replace(" ", "-").replace(":", "-") for word in words) + ".json"
+        name = "_".join(word.replace(" ", "-").replace(":", "-").replace("/", "~") for word in words)
+        if len(name.encode()) > LONGEST_NAME:
+            name = f"{name.encode()[:CUT].decode(errors='ignore')}~{hashlib.sha256(name.encode()).hexdigest()[:16]}"
+        return f"{name}.json"
 
 
 @dataclass(frozen=True)

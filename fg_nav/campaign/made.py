@@ -7,7 +7,7 @@ result too, with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -16,10 +16,9 @@ from typing import Any
 from fg_nav.arrays import Floats
 from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
+from fg_nav.campaign.methods import method_of
 from fg_nav.campaign.sources import Recorded, Simulated, Source
-from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import FgNavError
-from fg_nav.estimators import estimator
 from fg_nav.evaluation.landmarks import landmark_errors
 from fg_nav.evaluation.pose_consistency import whitened_errors
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, at_footfalls, errors_of, walk_errors, way_m
@@ -32,7 +31,8 @@ from fg_nav.session import Outcome, Session, solve
 class Job:
     """All that is missing of one walk: methods by magnetometer, and what each result is made with.
 
-    A recorded walk has a `path`; of a simulated one the walk is the seed.
+    A recorded walk has a `path`, and may have a file with its `truth` and others `beside` it that its reader looks at;
+    of a simulated one the walk is the seed.
     """
 
     group: str
@@ -40,11 +40,21 @@ class Job:
     walk: str
     missing: Mapping[str, Mapping[str, Mapping[str, Any]]]
     path: Path | None = None
+    truth: Path | None = None
+    beside: tuple[Path, ...] = ()
 
     @property
     def source(self) -> Source:
         """Where the walk comes from."""
-        return Recorded(self.path) if self.path is not None else Simulated(self.group, self.field, int(self.walk))
+        if self.path is not None:
+            return Recorded(self.path, truth=self.truth)
+        return Simulated(self.group, self.field, int(self.walk))
+
+    @property
+    def keys(self) -> list[Key]:
+        """Of all results that it is to make."""
+        walk = (self.group, self.field, self.walk)
+        return [Key(*walk, magnetometer, method) for magnetometer, some in self.missing.items() for method in some]
 
 
 def jobs_of(
@@ -65,12 +75,18 @@ def jobs_of(
 
 def made(job: Job, folder: Path, code: str) -> None:
     """Make and keep all that is missing of one walk."""
+    for result in results_of(job, code):
+        kept.keep(folder, result)
+
+
+def results_of(job: Job, code: str) -> Iterator[Result]:
+    """Make all that is missing of one walk, one after the other."""
     source = job.source
     for magnetometer, methods in job.missing.items():
         session = _session_or_reason(source, magnetometer)
         for method, settings in methods.items():
             blank = Result(Key(job.group, job.field, job.walk, magnetometer, method), settings, code)
-            kept.keep(folder, result_of(blank, source, session))
+            yield result_of(blank, source, session)
 
 
 def _session_or_reason(source: Source, magnetometer: str) -> Session | str:
@@ -93,9 +109,9 @@ def result_of(blank: Result, source: Source, session: Session | str) -> Result:
 
 
 def solved(session: Session, method: str) -> Outcome:
-    """Run `NAME` or `NAME:PRESET`; raises as `fg_nav.session.solve`."""
-    name, preset = name_and_preset(method)
-    return solve(replace(session, options=replace(session.options, preset=preset)), name)
+    """Run a method by its word (`fg_nav.campaign.methods`); raises as `fg_nav.session.solve`."""
+    one = method_of(method)
+    return solve(replace(session, options=replace(session.options, preset=one.preset, changes=one.changes)), one.name)
 
 
 def name_and_preset(method: str) -> tuple[str, str]:
@@ -106,10 +122,8 @@ def name_and_preset(method: str) -> tuple[str, str]:
     EstimationError
         If there is no such method or preset.
     """
-    name, _, preset = method.partition(":")
-    estimator(name)
-    check_preset(preset or TUNED)
-    return name, preset or TUNED
+    one = method_of(method)
+    return one.name, one.preset
 
 
 def measured(blank: Result, source: Source, session: Session, outcome: Outcome) -> Result:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -10,6 +11,7 @@ from fg_nav.calibration.ellipse import EllipseParameters
 from fg_nav.calibration.walk_model import WalkCalibrationParameters
 from fg_nav.campaign.kept import Key
 from fg_nav.campaign.made import solved
+from fg_nav.campaign.methods import method_of
 from fg_nav.campaign.sources import LOOP, MIXTURES, WALK
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError
@@ -21,20 +23,26 @@ PROBE = ("demo", 1)
 """A short walk on which a method tells its effective parameters before it is asked for long ones."""
 
 
-def settings_of(key: Key, recorded: bool = False) -> dict[str, Any]:
-    """What a result is made with, as JSON has it; the walk is one of a scenario, or `recorded`."""
+def settings_of(key: Key, recorded: bool = False, files: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """What a result is made with, as JSON has it; the walk is one of a scenario, or `recorded` in files with sums."""
     made_with = {
         "method": parameters_of(key.method),
         "stances": StanceParameters(),
         "magnetometer": {LOOP: EllipseParameters(), WALK: WalkCalibrationParameters()}.get(key.magnetometer),
-        "walk": None if recorded else _scenario_in_words(key.group, key.field),
+        "walk": files if recorded else _scenario_in_words(key.group, key.field),
     }
     return dict(plain(made_with))
 
 
 @cache
 def parameters_of(method: str) -> Any:
-    """Effective parameters of a method, or why it has none, as it tells them after a short walk."""
+    """Effective parameters of a method, or why it has none, as it tells them after a short walk.
+
+    Changes stand beside those of the same method without: a grid of them needs no walk each.
+    """
+    one = method_of(method)
+    if one.changes:
+        return {"changed": plain(parameters_of(one.base)), "changes": plain(dict(one.changes))}
     try:
         return plain(solved(_probe(), method).solution.parameters)
     except EstimationError as error:

@@ -30,7 +30,7 @@ from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import heading_of
-from fg_nav.io import read
+from fg_nav.io import read, read_truth
 from fg_nav.magnetic import footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.session import Options, Session, prepare
@@ -122,11 +122,12 @@ def calibrated_on_itself(session: Session) -> Session:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recorded walk, with its magnetometer."""
+    """A recorded walk, with its magnetometer; with the truth of a file, if one is named."""
 
     path: Path
     landmark: tuple[str, ...] = ()
     passed: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros(0), np.zeros((0, 3))))
+    truth: Path | None = None
 
     def session(self, magnetometer: str) -> Session:
         """What all methods see: the heading at the start is not known."""
@@ -135,7 +136,8 @@ class Recorded:
 
     @cached_property
     def _recording(self) -> Recording:
-        return read(self.path)
+        recording = read(self.path)
+        return recording if self.truth is None else replace(recording, truth=read_truth(self.truth))
 
 
 Source: TypeAlias = Simulated | Recorded

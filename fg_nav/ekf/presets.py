@@ -22,6 +22,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from fg_nav.changes import Changes, changed
 from fg_nav.ekf import tuned
 from fg_nav.ekf.aiez import AGREEING, AiezParameters, run_aiez
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
@@ -139,6 +140,7 @@ def run_filter(
     field: FootfallField | None,
     heading: float | None,
     swing_density: float | None = None,
+    changes: Changes = (),
 ) -> Solution:
     """Run a filter in a preset.
 
@@ -149,13 +151,14 @@ def run_filter(
     field : at its footfalls; None where it is unknown.
     heading : rad clockwise from north, of the body's x axis at the start; None for zero, or what the compass says.
     swing_density : of the rate in a swing, 1/sqrt(Hz), as the smoother finds it, for `matched` alone; None for its own.
+    changes : of the preset's parameters.
 
     Raises
     ------
     EstimationError
         For names that are none, and where the filter cannot solve this walk.
     """
-    parameters = parameters_of(method, preset)
+    parameters = changed(parameters_of(method, preset), changes)
     if isinstance(parameters, AiezParameters):
         solution = run_aiez(recording, stances, field, parameters, heading, method)
     elif isinstance(parameters, MatchedParameters):

@@ -1,0 +1,162 @@
+"""A campaign from its plan to its tables: what `fg-nav campaign` does.
+
+The folder of a campaign has the results in `cells`, one small file each, and beside them the tables, written when all
+cells are there. The same command goes on where it was stopped, however it was, and makes anew what has changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fg_nav.campaign import kept
+from fg_nav.campaign.cells import found, recorded_keys, simulated_keys
+from fg_nav.campaign.cluster import Cluster, Tell, check_installed, on_cluster
+from fg_nav.campaign.kept import Key, Result
+from fg_nav.campaign.made import Job, jobs_of
+from fg_nav.campaign.pace import Pace, Standing
+from fg_nav.campaign.parcel import Brought
+from fg_nav.campaign.plan import Plan, read_plan
+from fg_nav.campaign.recordings import RECORDED, Walk
+from fg_nav.campaign.settings import settings_of
+from fg_nav.campaign.table import TABLES, write_tables
+from fg_nav.errors import CampaignError, OutputError
+
+CELLS = "cells"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What was asked for.
+
+    Attributes
+    ----------
+    plan : file.
+    out : folder of the campaign.
+    scheduler : address of a Dask cluster; None for one of our own.
+    workers : processes of that; None for one a core.
+    renew, retry : make anew what other code made, and what failed.
+    """
+
+    plan: Path
+    out: Path
+    scheduler: str | None = None
+    workers: int | None = None
+    renew: bool = False
+    retry: bool = False
+
+
+@dataclass(frozen=True)
+class Done:
+    """All results, and how many of them were there before."""
+
+    results: tuple[Result, ...]
+    joined: int
+
+
+def campaign(wanted: Wanted, show: Callable[[Standing], None], tell: Tell) -> Done:
+    """Make what is missing, and write the tables.
+
+    Raises
+    ------
+    CampaignError, OutputError
+        If the plan or the folder cannot be, or the cluster is gone.
+    """
+    check_installed()
+    cluster = cluster_of(wanted)
+    plan = read_plan(wanted.plan)
+    keys = keys_of(plan)
+    folder = _claimed(wanted.out)
+    settings = settings_of_plan(plan, keys)
+    holds = {key: one for key, one in found(folder, settings).items() if not _again(one, wanted)}
+    missing = [key for key in keys if key not in holds]
+    if missing:
+        _make(jobs_of_plan(plan, missing, settings), folder, cluster, len(holds), show, tell)
+    everything = found(folder, settings)
+    results = tuple(everything[key] for key in keys)
+    write_tables(wanted.out, results)
+    return Done(results, len(holds))
+
+
+def cluster_of(wanted: Wanted) -> Cluster:
+    """Return the cluster that was asked for; raises `CampaignError` if it cannot be."""
+    if wanted.scheduler is None:
+        from dask.system import CPU_COUNT
+
+        return Cluster(None, wanted.workers or CPU_COUNT)
+    if wanted.workers is not None:
+        raise CampaignError("--workers is for a cluster of our own: leave it out with --scheduler.")
+    return Cluster(wanted.scheduler)
+
+
+def keys_of(plan: Plan) -> list[Key]:
+    """All cells of a plan; raises `CampaignError` if two would be kept in one file."""
+    recorded: dict[str, list[str]] = {}
+    for walk in plan.walks:
+        recorded.setdefault(walk.group, []).append(walk.name)
+    simulated = (plan.scenarios, plan.fields, plan.magnetometers, plan.methods, plan.seeds)
+    keys = simulated_keys(*simulated) + recorded_keys(recorded, RECORDED, plan.magnetometers, plan.methods)
+    by_file: dict[str, Key] = {}
+    for key in keys:
+        other = by_file.setdefault(key.file.casefold(), key)
+        if other is not key:
+            raise CampaignError(
+                f"'{other.walk}' and '{key.walk}' of {key.group} would be kept in one file: rename one."
+            )
+    return keys
+
+
+def settings_of_plan(plan: Plan, keys: Sequence[Key]) -> dict[Key, Mapping[str, Any]]:
+    """What each cell is made with."""
+    sums = {(walk.group, walk.name): walk.sums() for walk in plan.walks}
+    files = {key: sums.get((key.group, key.walk)) if key.field == RECORDED else None for key in keys}
+    return {key: settings_of(key, key.field == RECORDED, files[key]) for key in keys}
+
+
+def jobs_of_plan(plan: Plan, missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]]) -> list[Job]:
+    """What is missing, walk by walk."""
+    walks: dict[tuple[str, str], Walk] = {(walk.group, walk.name): walk for walk in plan.walks}
+    jobs = jobs_of(missing, settings)
+    return [_recorded(job, walks[job.group, job.walk]) if job.field == RECORDED else job for job in jobs]
+
+
+def _recorded(job: Job, walk: Walk) -> Job:
+    return replace(job, path=walk.path.resolve(), truth=walk.truth and walk.truth.resolve(), beside=walk.beside)
+
+
+def _again(result: Result, wanted: Wanted) -> bool:
+    """Whether a result that holds is to be made anew all the same."""
+    return (wanted.renew and result.code != kept.code_sum()) or (wanted.retry and bool(result.failed))
+
+
+def _claimed(out: Path) -> Path:
+    """Return the folder of the cells, made if need be; raises `OutputError` if it is something else's."""
+    folder = out / CELLS
+    try:
+        if out.exists() and not folder.is_dir() and any(not _ours(path) for path in out.iterdir()):
+            raise OutputError(f"{out} holds what is no campaign: choose another --out.")
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out} cannot be written ({error.strerror}): choose another --out.") from None
+    return folder
+
+
+def _ours(path: Path) -> bool:
+    return path.name in TABLES or path.name.startswith(".")
+
+
+def _make(
+    jobs: Sequence[Job], folder: Path, cluster: Cluster, joined: int, show: Callable[[Standing], None], tell: Tell
+) -> None:
+    pace = Pace.of(joined, jobs)
+    show(pace.standing(cluster.workers))
+
+    def take(job: Job, brought: Brought, workers: int) -> None:
+        for result in brought.results:
+            kept.keep(folder, result)
+        pace.came(job.group, len(brought.results), brought.seconds)
+        show(pace.standing(workers))
+
+    on_cluster(jobs, cluster, take, tell)

@@ -1,0 +1,81 @@
+"""A method in one word: its name, its preset and what of its parameters is otherwise.
+
+    smoother    ma2018:as-printed    smoother,magnetic.rounds=3,walk.floors=true
+
+The word is part of a result's key; one without parameters is what it was before there were any.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import cast
+
+from fg_nav.changes import Changes, Scalar, changed
+from fg_nav.ekf.presets import TUNED, check_preset
+from fg_nav.errors import EstimationError
+from fg_nav.estimators import SMOOTHERS, estimator, parameters_of
+
+_WORD = re.compile(r"[\w.-]+")
+
+
+@dataclass(frozen=True)
+class Method:
+    """What a word says."""
+
+    name: str
+    preset: str = TUNED
+    changes: Changes = ()
+
+    @property
+    def base(self) -> str:
+        """Word of the same without changes."""
+        return self.name if self.preset == TUNED else f"{self.name}:{self.preset}"
+
+    @property
+    def word(self) -> str:
+        """Its word."""
+        return ",".join([self.base, *(f"{name}={written(value)}" for name, value in self.changes)])
+
+    def checked(self) -> Method:
+        """Return itself with its values as the parameters have them: 1 and 1.0 are one value of a real number.
+
+        Raises
+        ------
+        EstimationError
+            If there is no such method, preset of it or parameter, or a value is of another type.
+        """
+        estimator(self.name)
+        check_preset(self.preset)
+        if self.name in SMOOTHERS and self.preset != TUNED:
+            raise EstimationError(f"{self.name} has no presets: leave ':{self.preset}' out.")
+        for name, value in self.changes:
+            if isinstance(value, str) and not _WORD.fullmatch(value):
+                raise EstimationError(f"the parameter '{name}' cannot be {value!r}: give one word.")
+        parameters = changed(parameters_of(self.name, self.preset), self.changes)
+        typed = tuple((name, cast("Scalar", attrgetter(name)(parameters))) for name, _ in self.changes)
+        return replace(self, changes=typed)
+
+
+def written(value: Scalar) -> str:
+    """Return a value as JSON has it; a text without its quotes."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def method_of(word: str) -> Method:
+    """Read a word; raises `EstimationError` if there is no such method or preset."""
+    base, *changes = word.split(",")
+    name, _, preset = base.partition(":")
+    estimator(name)
+    check_preset(preset or TUNED)
+    return Method(name, preset or TUNED, tuple(_change(one) for one in changes))
+
+
+def _change(word: str) -> tuple[str, Scalar]:
+    name, _, text = word.partition("=")
+    try:
+        return name, json.loads(text)
+    except ValueError:
+        return name, text

@@ -1,0 +1,124 @@
+"""Folders of recordings: each readable file is a walk, with its truth where that lies beside it.
+
+A walk is a file `.csv`, `.txt` or `.mat` anywhere in the folder, but for hidden ones, truths, and the tables that
+fg-nav itself writes (`OUR_TABLES`). A `.mat` beside a `.csv` or `.txt` of the same name belongs to that walk, as a
+truth or as nothing: the reader of the format knows. The truth of `walk.csv` is the first of `walk.tum`,
+`walk.truth.tum`, `walk.truth.csv` and `walk.truth.mat` that is there, read as `fg-nav run --truth` reads it; a walk
+that is alone in its folder may have `truth.tum`, `truth.csv` or `truth.mat`.
+
+What does not turn out to be a recording is a result that failed, and tells why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from fg_nav.errors import CampaignError
+
+SUFFIXES = (".csv", ".txt", ".mat")
+
+TRUTHS = (".tum", ".truth.tum", ".truth.csv", ".truth.mat")
+"""Behind the name of the walk."""
+
+SHARED_TRUTHS = ("truth.tum", "truth.csv", "truth.mat")
+"""Of a walk alone in its folder."""
+
+OUR_TABLES = ("landmarks.csv", "strides.csv", "online.csv", "comparison.csv", "field.csv")
+
+RECORDED = "recorded"
+"""In place of a field."""
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A recording in a folder.
+
+    Attributes
+    ----------
+    group, name : the folder's name, and the file's from there.
+    path : of the recording.
+    truth : file with its truth; None without, or where the recording carries it.
+    beside : what the reader looks at beside the recording.
+    """
+
+    group: str
+    name: str
+    path: Path
+    truth: Path | None = None
+    beside: tuple[Path, ...] = ()
+
+    def sums(self) -> dict[str, str]:
+        """SHA-256 of each file by its name: a file that changed makes other results."""
+        return {path.name: _sum(path) for path in (self.path, *self.beside, self.truth) if path is not None}
+
+
+def walks_in(folders: Sequence[Path]) -> tuple[Walk, ...]:
+    """Find the walks of folders, sorted within each.
+
+    Raises
+    ------
+    CampaignError
+        If a folder is not there or holds no walk, or two have the same name.
+    """
+    by_name: dict[str, Path] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise CampaignError(f"there is no folder {folder} with recordings: name one that is there.")
+        name = folder.resolve().name
+        if name in by_name:
+            raise CampaignError(f"two folders of recordings are named '{name}': rename one, results go by its name.")
+        by_name[name] = folder
+    return tuple(walk for name, folder in by_name.items() for walk in _walks(name, folder))
+
+
+def _walks(group: str, folder: Path) -> list[Walk]:
+    paths = sorted(path for path in folder.rglob("*") if _is_walk(path, folder))
+    if not paths:
+        raise CampaignError(f"{folder} holds no recordings: a recording is a file {', '.join(SUFFIXES)}.")
+    alone = {path.parent for path in paths} - {a.parent for a, b in _pairs(paths) if a.parent == b.parent}
+    return [
+        Walk(group, path.relative_to(folder).as_posix(), path, _truth(path, path.parent in alone), _beside(path))
+        for path in paths
+    ]
+
+
+def _pairs(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
+    """Neighbours in the list, by folder."""
+    by_folder = sorted(paths, key=lambda path: path.parent)
+    return list(pairwise(by_folder))
+
+
+def _is_walk(path: Path, folder: Path) -> bool:
+    hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+    if hidden or path.suffix.lower() not in SUFFIXES or path.name in (*OUR_TABLES, *SHARED_TRUTHS):
+        return False
+    return path.is_file() and not path.name.endswith(TRUTHS) and not _belongs(path)
+
+
+def _belongs(path: Path) -> bool:
+    """Whether it is the `.mat` beside a walk of the same name."""
+    return path.suffix == ".mat" and any(path.with_suffix(suffix).is_file() for suffix in (".csv", ".txt"))
+
+
+def _beside(path: Path) -> tuple[Path, ...]:
+    beside = path.with_suffix(".mat")
+    return (beside,) if beside != path and beside.is_file() else ()
+
+
+def _truth(path: Path, alone: bool) -> Path | None:
+    own = [path.with_name(path.stem + end) for end in TRUTHS]
+    shared = [path.with_name(name) for name in SHARED_TRUTHS] if alone else []
+    return next((one for one in [*own, *shared] if one.is_file()), None)
+
+
+def _sum(path: Path) -> str:
+    """Sum of a file; empty of one that cannot be read, which its result will tell."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""

@@ -1,0 +1,210 @@
+"""Work on Dask: workers and schedulers that go, tasks that kill, and that nothing is lost or made twice."""
+
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+from distributed.scheduler import KilledWorker
+
+from fg_nav.campaign import cluster
+from fg_nav.campaign.cluster import Cluster, check_installed, on_cluster
+from fg_nav.campaign.parcel import Brought
+from fg_nav.errors import CampaignError
+from tests.campaign import fakes
+
+
+class Taken:
+    """Counts what comes."""
+
+    def __init__(self):
+        self.cells = Counter()
+        self.failed = {}
+        self.told = []
+
+    def take(self, job, brought, workers):
+        assert workers >= 0
+        for result in brought.results:
+            self.cells[result.key] += 1
+            if result.failed:
+                self.failed[result.key.group] = result.failed
+
+    def once(self, jobs):
+        """Whether every cell came, and once."""
+        return self.cells == Counter(key for job in jobs for key in job.keys)
+
+
+def test_workers_that_die_are_replaced_and_a_task_that_kills_them_is_a_result(tmp_path):
+    check_installed()
+    jobs = [fakes.job("deadly", "1")]
+    jobs += [fakes.job("deadly once", str(tmp_path / "died"))]
+    jobs += [fakes.job("quick", str(walk), "iez", "qsf") for walk in range(6)]
+    taken = Taken()
+    on_cluster(jobs, Cluster(None, 2, 60.0, fakes.work), taken.take, taken.told.append)
+    assert (tmp_path / "died").exists()
+    assert taken.once(jobs)
+    assert taken.failed == {"deadly": "it ended its worker, again and again: out of memory, or a crash"}
+
+
+class Task:
+    """Stands in for a future."""
+
+    def __init__(self, status, value):
+        self.status, self.value = status, value
+
+    def add_done_callback(self, call):
+        if self.status != "pending":
+            call(self)
+
+    def result(self, timeout):
+        return self.value
+
+    def exception(self, timeout):
+        return self.value
+
+
+class Scheduler:
+    """Stands in for a client: answers `good` tasks, then is gone; `value` says what a task comes to."""
+
+    def __init__(self, good=1000, threads=2, value=None):
+        self.good, self.threads, self.value, self.status = good, threads, value, "running"
+
+    def nthreads(self):
+        return {"one": self.threads} if self.threads else {}
+
+    def submit(self, work, sent, pure):
+        assert not pure
+        if self.value is not None and len(sent.job.keys) > 1:
+            return Task("error", self.value)
+        if self.good == 0:
+            self.status = "connecting"
+            return Task("pending", None)
+        self.good -= 1
+        return Task("error", self.value) if self.value is not None else Task("finished", work(sent))
+
+    def close(self, timeout):
+        self.status = "closed"
+
+
+@pytest.fixture
+def connections(monkeypatch):
+    """Clients that are handed out one after the other, and then none."""
+    some = []
+    monkeypatch.setattr(cluster, "_connected", lambda _: some.pop(0) if some else None)
+    monkeypatch.setattr(cluster, "LOOK_S", 0.01)
+    return some
+
+
+def far(patience_s=0.05, work=fakes.work):
+    return Cluster("tcp://somewhere:1", 1, patience_s, work)
+
+
+def test_a_scheduler_that_goes_gets_again_what_did_not_come_back(connections):
+    connections += [Scheduler(good=2), Scheduler(good=0), Scheduler()]
+    jobs = [fakes.job("quick", str(walk)) for walk in range(6)]
+    taken = Taken()
+    on_cluster(jobs, far(), taken.take, taken.told.append)
+    assert taken.once(jobs)
+    assert len(taken.told) == 2
+    assert not connections
+
+
+def test_one_that_stays_away_ends_the_campaign_with_what_to_do(connections):
+    connections += [Scheduler(good=2)]
+    taken = Taken()
+    with pytest.raises(CampaignError, match="the same command goes on"):
+        on_cluster([fakes.job("quick", str(walk)) for walk in range(6)], far(), taken.take, taken.told.append)
+    assert sum(taken.cells.values()) == 2
+    with pytest.raises(CampaignError, match="no Dask scheduler answers at tcp://somewhere:1"):
+        on_cluster([fakes.job("quick", "1")], far(), taken.take, taken.told.append)
+
+
+def test_a_cluster_without_workers_is_waited_for_so_long(connections):
+    connections += [Scheduler(threads=0)]
+    taken = Taken()
+    with pytest.raises(CampaignError, match="has had no workers"):
+        on_cluster([fakes.job("quick", "1")], far(), taken.take, taken.told.append)
+    assert taken.told == ["the cluster has no workers: waiting for some"]
+
+
+def test_a_job_that_kills_is_tried_cell_by_cell(connections):
+    killed = KilledWorker("task", None, 3)
+    connections += [Scheduler(value=killed)]
+    jobs = [fakes.job("deadly", "1", "iez", "qsf")]
+    taken = Taken()
+    on_cluster(jobs, far(), taken.take, taken.told.append)
+    assert taken.once(jobs)
+    assert len(taken.failed) == 1
+    assert "trying its 2 cells alone" in taken.told[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "work", "words"),
+    [
+        (ModuleNotFoundError("No module named 'fg_nav'"), fakes.work, "cannot run fg-nav"),
+        (None, lambda sent: Brought(fakes.results(sent.job), "other", 0.0), "another fg-nav"),
+    ],
+    ids=["none", "another"],
+)
+def test_workers_must_have_the_same_program(connections, value, work, words):
+    connections += [Scheduler(value=value)]
+    with pytest.raises(CampaignError, match=words):
+        on_cluster([fakes.job("quick", "1")], far(work=work), Taken().take, print)
+
+
+@contextmanager
+def dask(*words):
+    """Yield a process of Dask's own command line."""
+    line = [sys.executable, "-m", *words, "--no-dashboard"]
+    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_real_scheduler_started_anew_goes_on():
+    """Its worker goes with it, as Dask's do, and another comes with the new one."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        port = one.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    scheduler = ("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port))
+    worker = ("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny")
+    jobs = [fakes.job("quick", str(walk)) for walk in range(30)]
+    taken, running = Taken(), []
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+
+        def start():
+            running.extend(started.enter_context(dask(*words)) for words in (scheduler, worker))
+
+        def take(job, brought, workers):
+            taken.take(job, brought, workers)
+            if sum(taken.cells.values()) == 5:
+                for process in running:
+                    process.kill()
+                    process.wait()
+                start()
+
+        with ExitStack() as started:
+            start()
+            until_it_answers(port)
+            on_cluster(jobs, Cluster(address, 1, 60.0, fakes.work), take, taken.told.append)
+    assert taken.once(jobs)
+    assert len(running) == 4
+    assert any("is gone" in words for words in taken.told)
+
+
+def until_it_answers(port):
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end:
+        with socket.socket() as one:
+            if one.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)

@@ -1,0 +1,225 @@
+"""A campaign as a whole: what is made, what is joined, what is made anew, and that the tables do not tell how."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+from pyarrow import parquet
+
+from fg_nav import cli
+from fg_nav.campaign import command, kept
+from fg_nav.campaign.command import CELLS, Wanted, campaign
+from fg_nav.campaign.pace import Pace
+from fg_nav.campaign.parcel import parcel, unpacked
+from fg_nav.campaign.plan import read_plan
+from fg_nav.campaign.table import RESULTS, TABLES, TIMINGS, write_tables
+from fg_nav.errors import CampaignError, OutputError
+from fg_nav.report.campaign import duration, in_words
+from tests.campaign import fakes
+from tests.command_line import FgNav, in_a_process
+
+PLAN = 'scenarios = ["demo"]\nfields = ["smooth"]\nseeds = 2\nmethods = ["iez", "ma2018"]\nmagnetometers = ["raw"]\n'
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    return path
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Count the cells that are made, here and without a cluster."""
+    count = Counter()
+
+    def on_cluster(jobs, cluster, take, tell):
+        for job in jobs:
+            count.update(job.keys)
+            take(job, unpacked(parcel(job, cluster.far)), cluster.workers)
+
+    monkeypatch.setattr(command, "on_cluster", on_cluster)
+    return count
+
+
+def tables(folder):
+    return {name: (folder / name).read_bytes() for name in TABLES if name != TIMINGS}
+
+
+def run(plan, out, **more):
+    return campaign(Wanted(plan, out, **more), lambda _: None, print)
+
+
+def test_what_is_there_is_joined_and_the_tables_are_the_same_bytes(tmp_path, plan, made):
+    one = run(plan, tmp_path / "one")
+    assert (len(one.results), one.joined, sum(made.values())) == (4, 0, 4)
+    for half in sorted((tmp_path / "one" / CELLS).iterdir())[::2]:
+        half.unlink()
+    again = run(plan, tmp_path / "one")
+    assert (again.joined, sum(made.values())) == (2, 6)
+    first = tables(tmp_path / "one")
+    run(plan, tmp_path / "two")
+    assert tables(tmp_path / "two") == first
+    timed = parquet.read_table(tmp_path / "one" / TIMINGS).to_pylist()
+    assert all(row["runtime_s"] > 0.0 and row["code"] == kept.code_sum() for row in timed)
+
+
+def test_the_tables_tell_what_the_cells_hold(tmp_path, plan, made):
+    done = run(plan, tmp_path / "one")
+    rows = parquet.read_table(tmp_path / "one" / RESULTS).to_pylist()
+    assert [(row["walk"], row["method"], row["alignment"]) for row in rows] == [
+        (walk, method, mode) for walk in ("101", "102") for method in ("iez", "ma2018") for mode in ("origin", "yaw")
+    ]
+    by_key = {(one.key.walk, one.key.method): one for one in done.results}
+    for row in rows:
+        errors = by_key[row["walk"], row["method"]].errors[row["alignment"]]
+        assert row["rmse_m"] == errors.rmse_m
+        assert row["end_percent"] == pytest.approx(100.0 * row["end_m"] / row["distance_m"])
+        assert 50 < row["footfalls"] < 80
+        assert row["failed"] == ""
+
+
+def test_order_and_runtime_do_not_change_a_byte(tmp_path):
+    results = [one for walk in "213" for one in fakes.results(fakes.job("demo", walk, "qsf", "iez"))]
+    results[0] = replace(results[0], failed="no such walk.")
+    for name, some, runtime in (("one", results, 1.0), ("two", results[::-1], 2.0)):
+        (tmp_path / name).mkdir()
+        write_tables(tmp_path / name, [replace(one, runtime_s=runtime, code=name) for one in some])
+    assert tables(tmp_path / "one") == tables(tmp_path / "two")
+    assert (tmp_path / "one" / TIMINGS).read_bytes() != (tmp_path / "two" / TIMINGS).read_bytes()
+    with pytest.raises(OutputError, match="could not be written"):
+        write_tables(tmp_path / "nowhere", results)
+
+
+def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, fg_nav: FgNav):
+    (tmp_path / "walks").mkdir()
+    (tmp_path / "walks" / "bad.csv").write_text("time_s\n1\n")
+    (tmp_path / "plan.toml").write_text('recordings = ["walks"]\nmethods = ["iez", "ma2018"]\n')
+    for joined in (0, 2):
+        ran = fg_nav("campaign", tmp_path / "plan.toml", "--out", tmp_path / "out")
+        assert (ran.code, ran.err) == (0, "")
+        assert f"2 results, {joined} of them from before" in ran.out
+        assert "failed: walks, recorded, bad.csv, iez: bad.csv" in ran.out
+    assert sum(made.values()) == 2
+    rows = parquet.read_table(tmp_path / "out" / RESULTS).to_pylist()
+    assert [(row["walk"], row["method"], row["alignment"]) for row in rows] == [
+        ("bad.csv", "iez", None),
+        ("bad.csv", "ma2018", None),
+    ]
+    (tmp_path / "walks" / "bad.csv").write_text("time_s\n2\n")
+    assert run(tmp_path / "plan.toml", tmp_path / "out").joined == 0
+    assert run(tmp_path / "plan.toml", tmp_path / "out").joined == 2
+    assert run(tmp_path / "plan.toml", tmp_path / "out", retry=True).joined == 0
+
+
+def test_what_other_code_made_is_told_and_made_anew_if_wanted(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
+    run(plan, tmp_path / "out")
+    monkeypatch.setattr(kept, "code_sum", lambda: "other")
+    monkeypatch.setattr("fg_nav.report.campaign.code_sum", lambda: "other")
+    assert "4 results made by other code" in fg_nav("campaign", plan, "--out", tmp_path / "out").out
+    assert "by other code" not in fg_nav("campaign", plan, "--out", tmp_path / "out", "--renew").out
+    assert sum(made.values()) == 8
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: FgNav):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "a.png").touch()
+    assert fg_nav("campaign", plan, "--out", tmp_path / "photos").refused("holds what is no campaign")
+    assert fg_nav("campaign", plan, "--out", plan).refused("cannot be written")
+    assert not made
+
+
+def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert fg_nav("campaign", plan).refused("pip install 'fg-nav[campaign]'", "distributed")
+
+
+def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
+    for name in ("a b.csv", "a-b.csv"):
+        (tmp_path / "walks").mkdir(exist_ok=True)
+        (tmp_path / "walks" / name).write_text("x\n")
+    (tmp_path / "plan.toml").write_text('recordings = ["walks"]\nmethods = ["iez"]\n')
+    with pytest.raises(CampaignError, match="rename one"):
+        command.keys_of(read_plan(tmp_path / "plan.toml"))
+
+
+def test_dask_is_loaded_by_nobody_else():
+    code = "import sys, fg_nav, fg_nav.cli, fg_nav.session, fg_nav.smoother; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "fg_nav.smoother" in loaded
+    assert not {"dask", "distributed", "pyarrow.parquet"} & set(loaded)
+
+
+def test_a_scheduler_that_is_not_there(tmp_path, plan, monkeypatch, fg_nav: FgNav):
+    monkeypatch.setattr("fg_nav.campaign.cluster.CONNECT_S", 0.2)
+    refused = fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
+    assert refused.refused("no Dask scheduler answers at tcp://127.0.0.1:1")
+    assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("no Dask scheduler")
+
+
+def test_a_killed_campaign_goes_on(tmp_path, plan, made):
+    """The program itself, with its own cluster, is killed with a cell done; its workers go with it."""
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
+    cells = tmp_path / "out" / CELLS
+    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
+    variables = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    first = subprocess.Popen([sys.executable, "-m", "fg_nav.cli", *words], env=variables, start_new_session=True)
+    while first.poll() is None and not (cells.is_dir() and any(cells.glob("*.json"))):
+        time.sleep(0.01)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
+    assert 0 < len(there) < 16
+    assert not (tmp_path / "out" / RESULTS).exists()
+    until_gone(first.pid)
+    there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
+    second = in_a_process(*words)
+    assert (second.code, second.err) == (0, "")
+    assert f"16 results, {len(there)} of them from before" in second.out
+    assert {path: path.stat().st_mtime_ns for path in there} == there
+    assert not made
+    run(plan, tmp_path / "undisturbed")
+    assert tables(tmp_path / "undisturbed") == tables(tmp_path / "out")
+
+
+def until_gone(group):
+    """Wait for the workers of a killed campaign: they are of its process group."""
+    end = time.monotonic() + 60.0
+    while any(_is_of(process, group) for process in psutil.process_iter()):
+        assert time.monotonic() < end, "workers outlive their campaign"
+        time.sleep(0.05)
+
+
+def _is_of(process, group):
+    try:
+        return os.getpgid(process.pid) == group and process.status() != psutil.STATUS_ZOMBIE
+    except (ProcessLookupError, psutil.NoSuchProcess):
+        return False
+
+
+def test_time_left_is_that_of_what_is_missing():
+    jobs = [fakes.job("short", str(k), "iez", "qsf") for k in range(4)] + [fakes.job("long", "1")]
+    pace = Pace.of(5, jobs)
+    now = pace.standing(2)
+    assert (now.done, now.joined, now.total, now.left_s) == (5, 5, 14, None)
+    assert "not known yet" in in_words(now)
+    pace.came("short", 2, 4.0)
+    now = pace.standing(2)
+    assert (now.done, now.left_s) == (7, pytest.approx((6 * 2.0 + 1 * 2.0) / 2))
+    pace.came("long", 1, 100.0)
+    assert pace.standing(1).left_s == pytest.approx(6 * 2.0)
+    assert "12 s left" in in_words(pace.standing(1))
+    for k in range(3):
+        pace.came("short", 2, 4.0)
+        assert pace.standing(1).left_s == pytest.approx((2 - k) * 4.0)
+
+
+def test_durations_are_said_as_people_do():
+    assert [duration(s) for s in (3.4, 61, 3599.9, 90061)] == ["3 s", "1 min 01 s", "1 h 00 min", "25 h 01 min"]
