@@ -142,7 +142,7 @@ def _picture(picture: Picture, folder: Path) -> str:
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
     caption = escape(picture.caption)
     image = f'<img src="{source}" alt="{caption}" width="{width}" height="{height}">'
-    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
+    return f'<figure><div class="picture">{image}</div><figcaption>{caption}</figcaption></figure>'
 
 
 def _png(path: Path) -> bytes:

@@ -38,11 +38,11 @@ def told(row: Row, column: str, walks: int) -> str:
 
 
 def _value(row: Row, value: float) -> str:
-    """A number by the row's pattern; infinite is a moment that never came, or a method that failed."""
+    """A number by the row's pattern; infinite is a moment that never came, a ratio to one, or a method that failed."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
-        return "never" if row.unit in _TIMES else "failed"
+        return "infinite" if not row.unit else "never" if row.unit in _TIMES else "failed"
     return row.pattern.format(value)
 
 

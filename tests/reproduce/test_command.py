@@ -133,6 +133,7 @@ def test_figures_are_told_with_what_never_came_and_how_many_there_are():
     asked = replace(one, ours=several)
     assert [told(asked, name, 3) for name in "abc"] == ["never (1.00 to never)", "1.50 (1.05 to 1.95, n 2)", "-"]
     assert told(replace(asked, unit="m"), "a", 3) == "failed (1.00 to failed)"
+    assert told(replace(asked, unit=""), "a", 3) == "infinite (1.00 to infinite)"
 
 
 def test_seeds_and_counts_are_told(tmp_path):

@@ -165,3 +165,13 @@ def test_a_real_browser_shows_all_of_it(browser, folder, text, width, scheme):
     assert said == []
     assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
     shown.close()
+
+
+def test_on_paper_nothing_is_cut_off(browser, folder, text):
+    (folder / "report.html").write_text(text, encoding="utf-8")
+    shown = browser.new_page(viewport={"width": 718, "height": 1000})  # A4 less margins of 1 cm
+    shown.emulate_media(media="print")
+    shown.goto((folder / "report.html").as_uri())
+    assert shown.evaluate("document.documentElement.scrollWidth") <= 718
+    assert shown.locator("table").first.evaluate("table => getComputedStyle(table).display") == "table"
+    shown.close()
