@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module, metadata
@@ -36,6 +37,8 @@ MARK = ".fg-nav-reproduce"
 """File in a folder of ours; it names the paper."""
 
 _LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
+
+_ENDED = "a worker was ended from outside, perhaps for want of memory: run the same command again, it goes on."
 
 Paper = Callable[[Path, Sequence[int], int, Callable[[float], None], bool], Reproduction]
 """Of a folder, seeds, workers, who is told the fraction done, and whether it is to be quick."""
@@ -69,7 +72,10 @@ def reproduce(
     number = seeds or (QUICK_SEEDS if quick else SEEDS)
     claim(out, paper, force)
     with progress(f"{paper}, {number} seeds") as tell:
-        made = _paper(paper)(out, range(first, first + number), workers, tell, quick)
+        try:
+            made = _paper(paper)(out, range(first, first + number), workers, tell, quick)
+        except BrokenProcessPool:
+            raise OutputError(_ENDED) from None
     command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
     found = replace(
         made, command=command, seeds=tuple(made.seeds), versions=versions(), parameters=plain(made.parameters)

@@ -32,7 +32,7 @@ from fg_nav.reproduce.munoz_diaz2017_measures import (
     yaw_range,
 )
 from fg_nav.reproduce.munoz_diaz2017_walks import ALL, FILTER, ONLINE, SECOND_NOISES_UT
-from fg_nav.reproduce.munoz_diaz2017_words import DETECTOR, FOLLOWS, PRIOR, TRIP
+from fg_nav.reproduce.munoz_diaz2017_words import DETECTOR, DRIFTS, FOLLOWS, IRON, PRIOR, SWING, TRIP
 from fg_nav.reproduce.results import Row
 
 OURS, EXPECTED = "ours", "by the field"
@@ -124,8 +124,8 @@ _REST = (
     _own(FOG["compensated"], "deg", "<= 1", 1.0, "{:.2f}", bound=AT_MOST),
     _own(FOG["not compensated"], "deg", "", None, "{:.1f}"),
     _own(AT_A_SECOND, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25),
-    _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25),
-    _own(LOWEST_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5),
+    _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25, why=DRIFTS),
+    _own(LOWEST_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5, why=DRIFTS),
     *_errors(WHITE, (PUBLISHED.gyr_noise_deg_s,) * 3),
     *_errors(FIRST_BIAS, PUBLISHED.gyro_bias_deg_s),
     *_errors(SECOND_START, PUBLISHED.mtw_bias_start_deg_s),
@@ -160,7 +160,7 @@ _PLACES = (
     *(
         _run(minutes_over(site), "", f"{minutes / PUBLISHED.minutes_equator:.2f}", site, reached(Z, -0.08), "equator",
              paper=minutes / PUBLISHED.minutes_equator, pattern="{:.2f}",
-             why="By the mean square of the field across the thigh: how far this thigh swings sets it.")
+             why=SWING)
         for site, minutes in _MINUTES.items() if site != "equator"
     ),
 )  # fmt: skip
@@ -196,7 +196,7 @@ _CARS = (
     _run("detector: z at 32 min, truly -0.1", "deg/s", "near it", "cars, detector", at_minute(Z, 32), paper=-0.1,
          pattern=_BIAS),
     _run("detector, Eq. 21 as printed: z is at -0.08 deg/s after", "min", "32", "cars of Eq. 21 as printed, detector",
-         reached(Z, -0.08), paper=PUBLISHED.minutes_perturbed, why=DETECTOR),
+         reached(Z, -0.08), paper=PUBLISHED.minutes_perturbed),
     _run("detector: share of time with the update", "", "", "cars, detector", share_used, pattern="{:.2f}"),
     _run("detector, Eq. 21 as printed: the same", "", "", "cars of Eq. 21 as printed, detector", share_used,
          pattern="{:.2f}"),
@@ -232,9 +232,9 @@ _MTW = (
     _run("gravity: z off zero at the end, truly 0.22", "deg/s", "not found (< 0.11)", "MTw, gravity", from_zero(Z),
          paper=0.11, bound=AT_MOST, pattern=_BIAS),
     _run("uncalibrated: z off at most, after 3 min", "deg/s", "1.5 (at -1.7)", "MTw, raw", largest(Z, 3), paper=1.5,
-         good=-1, pattern=_BIAS),
+         why=IRON, pattern=_BIAS),
     _run("uncalibrated: x off at most, after 3 min", "deg/s", "about 0.4 (at -0.5)", "MTw, raw", largest(X, 3),
-         paper=0.4, good=-1, pattern=_BIAS),
+         paper=0.4, why=IRON, pattern=_BIAS),
     _run("calibrated: z at the end, truly -0.22", "deg/s", "not reached (> -0.22)", "MTw, calibrated", at_end(Z),
          paper=-0.22, bound=AT_LEAST, pattern=_BIAS),
     *(

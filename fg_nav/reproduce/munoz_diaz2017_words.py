@@ -78,6 +78,19 @@ TITLES: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """Title and setting of each experiment."""
 
+DRIFTS = (
+    "The simulated drift is a Gauss-Markov process: behind its bump, of 8e-6 deg/s from 1000 to 3000 s, the FOG's "
+    "Allan deviation falls again, and the lowest point of 14 h lies near their end. At the bump it is 2.7 orders below "
+    "the MTw's; both are of data sheets as we remember them."
+)
+
+SWING = (
+    "The mean square of the field across the thigh sets it (last column). At the pole that is the swing of the thigh "
+    "alone, and this one swings farther than theirs did, by the paper's own minutes."
+)
+
+IRON = "How far rests on the iron and on the noise of the magnetometer that the filter is told; neither is printed."
+
 PRIOR = "The size rests on the prior of the bias, which is not printed."
 
 DETECTOR = (

@@ -56,7 +56,7 @@ def counted(found: Reproduction) -> str:
     """The counts as a sentence."""
     number = counts(found)
     parts = [f"{count} {verdict}" for verdict, count in number.items() if count]
-    return f"{sum(number.values())} figures of the paper: {', '.join(parts) or 'none compared'}."
+    return f"{sum(number.values())} figures compared: {', '.join(parts) or 'none compared'}."
 
 
 def seeds_told(found: Reproduction) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 
 import pytest
@@ -68,7 +69,7 @@ def test_a_run_writes_all_and_prints_every_row(papers, tmp_path, capsys):
         assert words in said
     assert "explained: M-E1, heading (deg): Their field" in said
     assert "not reproduced: M-E1, landmarks\n" in said
-    assert "5 figures of the paper: 1 reproduced, 1 better, 1 explained, 2 not reproduced." in said
+    assert "5 figures compared: 1 reproduced, 1 better, 1 explained, 2 not reproduced." in said
     assert "fg-nav reproduce ma2018 --seeds 2 --first 7" in (tmp_path / "out" / "report.html").read_text()
     assert "numpy" in read_reproduction(tmp_path / "out" / "results.json").versions
 
@@ -97,6 +98,15 @@ def test_a_run_that_was_ended_goes_on_and_a_result_is_replaced_by_force_only(pap
         command.reproduce("ma2018", out, seeds=2)
     command.reproduce("ma2018", out, seeds=3, force=True)
     assert len(read_reproduction(out / "results.json").seeds) == 3
+
+
+def test_a_worker_that_was_ended_is_told_in_one_sentence(monkeypatch, tmp_path):
+    def experiments(*_):
+        raise BrokenProcessPool
+
+    monkeypatch.setattr(command, "_paper", lambda name: experiments)
+    with pytest.raises(OutputError, match="run the same command again, it goes on"):
+        command.reproduce("ma2018", tmp_path / "out")
 
 
 def test_nothing_else_is_written_into(papers, tmp_path):
@@ -140,4 +150,4 @@ def test_seeds_and_counts_are_told(tmp_path):
     found = reproduction(tmp_path)
     assert seeds_told(found) == "101 to 103"
     assert seeds_told(replace(found, seeds=(101, 104))) == "101, 104"
-    assert counted(replace(found, experiments=())) == "0 figures of the paper: none compared."
+    assert counted(replace(found, experiments=())) == "0 figures compared: none compared."
