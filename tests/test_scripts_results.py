@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fg_nav.errors import OutputError
-from fg_nav.reproduce.file import written
+from fg_nav.reproduce.file import read_reproduction, written
 from fg_nav.reproduce.words import named
 from tests.reproduce.made import reproduction
 
@@ -64,12 +64,12 @@ def test_a_page_that_is_not_as_written_is_refused(file, tmp_path, capsys):
 
 
 def test_the_lines_of_the_readme_name_paper_row_and_three_figures(found, file, capsys, monkeypatch):
-    monkeypatch.setattr(script, "HEADLINES", (("ma2018", "M-E1", "end|error"), ("another", "X-E1", "end")))
+    monkeypatch.setattr(script, "HEADLINES", (("ma2018", "M-E1", "end < error & more"), ("another", "X-E1", "end")))
     script.main([str(file), "--readme"])
     said = capsys.readouterr().out.splitlines()
     assert said[2:] == ["| ma2018, M-E1: end < error & more (m) | 0.50 | 0.10 (0.09 to 0.11) | 1.00 |"]
     monkeypatch.setattr(script, "HEADLINES", (("ma2018", "M-E1", "nowhere"),))
-    with pytest.raises(OutputError, match="no row of M-E1"):
+    with pytest.raises(OutputError, match="no row 'nowhere' in M-E1"):
         script.readme([replace(found, seeds=(1,))])
 
 
@@ -77,3 +77,4 @@ def test_the_lines_of_the_readme_name_paper_row_and_three_figures(found, file, c
 def test_the_page_is_what_the_script_writes_from_the_files_beside_it():
     script.main([*map(str, FILES), "--check", str(PAGE)])
     assert all(path.stat().st_size < 200_000 for path in FILES)
+    assert len(script.readme([read_reproduction(path) for path in FILES])) == 2 + len(script.HEADLINES)
