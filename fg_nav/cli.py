@@ -518,6 +518,32 @@ def campaign(
     print_campaign(done, place)
 
 
+@app.command()
+def reproduce(
+    paper: Annotated[
+        Literal["ma2018", "aiez2017", "munoz-diaz2017"], typer.Argument(show_default=False, help="Its short name.")
+    ],
+    quick: Annotated[bool, typer.Option("--quick", help="3 seeds, and only what takes minutes.")] = False,
+    seeds: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="How many walks of each kind. \\[default: 20, quick 3]")
+    ] = None,
+    first: Annotated[int, typer.Option(metavar="SEED", min=0, help="Seed of the first walk.")] = 101,
+    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: results/reproduce-PAPER]"),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Lay the experiments of a paper beside ours, from simulated walks: report.html, results.json, pictures.
+
+    A run that was ended goes on from there with the same command.
+    """
+    from fg_nav.reproduce.command import reproduce as reproduced
+
+    reproduced(paper, out or RESULTS / f"reproduce-{paper}", seeds, first, workers, quick, force)
+
+
 def _options(
     no_mag: bool,
     heading: float | None,

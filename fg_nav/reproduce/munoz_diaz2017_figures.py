@@ -1,23 +1,22 @@
 """Figures 5, 7, 8, 9, 10, 11, 13 and 14 of Munoz Diaz et al. (2017), in the paper's layout, of our runs.
 
 Axes of the sensor are blue, red and green as there; thin lines are one sigma to either side, dashes what is true.
-Drawn by `reproduce_munoz_diaz2017.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.calibration.allan import AllanCurve
 from fg_nav.report import style
-from fg_nav.simulation.fields import Cylinders
+from fg_nav.reproduce.munoz_diaz2017_rest import AllanPair
+from fg_nav.reproduce.munoz_diaz2017_runs import Run
+from fg_nav.reproduce.munoz_diaz2017_walks import Setting
 
 COLOURS = (style.BLUE, "#CC3311", style.GREEN)
 NAMES = ("x", "y", "z")
@@ -25,99 +24,68 @@ BOTH, ALONE = "#CC33AA", style.GREEN
 """Trajectories by both updates and by gravity only, as in Figure 14."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """What an estimator made of a walk, once a second (M rows).
+FIGURES: Mapping[str, str] = MappingProxyType(
+    {
+        "figure-08": "biases by gravity only",
+        "figure-09": "biases by gravity and the field at three places",
+        "figure-10": "field and biases past cars and lamps",
+        "figure-11": "yaw error in four fields",
+        "figure-13": "biases of the second walk",
+        "figure-14": "way of the second walk by both updates and by gravity only",
+    }
+)
+"""Of each estimator, and what they show."""
 
-    Attributes
-    ----------
-    minute : (M,) min.
-    bias, sigma : (M, 3) deg/s.
-    yaw_error : (M,) deg, unwrapped, zero at the start.
-    strength : (M,) uT as measured; None without a magnetometer.
-    used : (M,) whether the differential field update was used.
-    path : (K, 2) m, places after each stride by dead reckoning.
-    """
-
-    minute: Floats
-    bias: Floats
-    sigma: Floats
-    yaw_error: Floats
-    strength: Floats | None
-    used: Bools
-    path: Floats
+_SITES = {"north-pole": "(a) North Pole", "equator": "(b) Equator", "munich": "(c) Munich"}
+_STATES = {
+    "MTw, gravity": "(a) gravity only",
+    "MTw, raw": "(b) uncalibrated magnetometer",
+    "MTw, calibrated": "(c) calibrated magnetometer",
+}
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What is true of a walk.
-
-    Attributes
-    ----------
-    starts, ends : (K,) s, of the strides that go somewhere.
-    legs : (K,) which time along the street each belongs to, from 0 on.
-    length_m : of all of them together.
-    path : (K, 2) m, where the foot came down after each, from where it stood first.
-    passed_min : when one passes the cars and lamps that stand close, min.
-    bias : (M, 3) deg/s, true, as the rows of `Run`.
-    street : cars and lamps; None where there are none.
-    """
-
-    starts: Floats
-    ends: Floats
-    legs: Ints
-    length_m: float
-    path: Floats
-    passed_min: Floats
-    bias: Floats
-    street: Cylinders | None = None
-
-
-@dataclass(frozen=True)
-class AllanPair:
-    """Allan deviations of the fibre-optic and of the MEMS gyroscopes, deg/s, an axis each."""
-
-    fog: Sequence[AllanCurve]
-    mems: Sequence[AllanCurve]
-
-
-def draw_all(folder: Path, estimator: str, settings: Mapping[str, Setting], runs: Mapping[str, Run | None]) -> None:
-    """Draw what there is of one estimator's runs, by case; a case that ended early is left blank."""
+def draw_all(
+    folder: Path, estimator: str, seed: int, settings: Mapping[str, Setting], runs: Mapping[str, Run | None]
+) -> list[str]:
+    """Draw one estimator's runs, by case, and return the names of the files; a case that ended early is left blank."""
     with style.styled():
-        drawn = {
-            "figure-07": _streets(settings["cars"]),
-            "figure-08": _biases(settings, runs, {"gravity": "Gravity only"}),
-            "figure-09": _biases(
-                settings, runs, {"north-pole": "(a) North Pole", "equator": "(b) Equator", "munich": "(c) Munich"}
-            ),
-            "figure-10": _perturbed(settings, runs),
-            "figure-11": _yaws(runs),
-            "figure-13": _biases(
-                settings,
-                runs,
-                {
-                    "MTw, gravity": "(a) gravity only",
-                    "MTw, raw": "(b) uncalibrated magnetometer",
-                    "MTw, calibrated": "(c) calibrated magnetometer",
-                },
-            ),
-            "figure-14": _trajectories(settings["MTw, gravity"], runs),
-        }
-        for name, figure in drawn.items():
-            style.save(figure, folder / f"{estimator.replace(' ', '-')}-{name}.png")
+        drawn = (
+            _biases(settings, runs, {"gravity": "Gravity only"}),
+            _biases(settings, runs, _SITES),
+            _perturbed(settings, runs),
+            _yaws(runs),
+            _biases(settings, runs, _STATES),
+            _trajectories(settings["MTw, gravity"], runs),
+        )
+        names = [file_of(figure, seed, estimator) for figure in FIGURES]
+        for name, figure in zip(names, drawn, strict=True):
+            style.save(figure, folder / name)
+    return names
 
 
-def draw_allan(folder: Path, pair: AllanPair) -> None:
-    """Figure 5."""
+def file_of(figure: str, seed: int, estimator: str = "") -> str:
+    """Name of a picture's file."""
+    return "-".join(word for word in (figure, estimator, str(seed)) if word) + ".png"
+
+
+def draw_walk(folder: Path, seed: int, setting: Setting, pair: AllanPair) -> list[str]:
+    """Draw what no estimator has a hand in, Figures 5 and 7, and return the names of the files."""
     with style.styled():
-        figure = style.new_figure(3.6, 6.0)
-        axes = figure.subplots()
-        for curves, line, name in ((pair.fog, "-", "FOG"), (pair.mems, "--", "MTw")):
-            for curve, colour, axis in zip(curves, COLOURS, NAMES, strict=True):
-                axes.loglog(curve.tau_s, curve.deviation, line, color=colour, label=f"{name} {axis}")
-        axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (deg/s)")
-        style.head(axes, "Figure 5: gyroscopes at rest", 6)
-        style.save(figure, folder / "figure-05.png")
+        names = [file_of(figure, seed) for figure in ("figure-05", "figure-07")]
+        for name, figure in zip(names, (_allan(pair), _streets(setting)), strict=True):
+            style.save(figure, folder / name)
+    return names
+
+
+def _allan(pair: AllanPair) -> Figure:
+    figure = style.new_figure(3.6, 6.0)
+    axes = figure.subplots()
+    for curves, line, name in ((pair.fog, "-", "FOG"), (pair.mems, "--", "MTw")):
+        for curve, colour, axis in zip(curves, COLOURS, NAMES, strict=True):
+            axes.loglog(curve.tau_s, curve.deviation, line, color=colour, label=f"{name} {axis}")
+    axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (deg/s)")
+    style.head(axes, "Figure 5: gyroscopes at rest", 6)
+    return figure
 
 
 def _biases(settings: Mapping[str, Setting], runs: Mapping[str, Run | None], titles: Mapping[str, str]) -> Figure:
@@ -143,19 +111,21 @@ def _draw_bias(axes: Axes, setting: Setting, run: Run | None, title: str) -> Non
 
 
 def _perturbed(settings: Mapping[str, Setting], runs: Mapping[str, Run | None]) -> Figure:
-    figure = style.new_figure(3.0, 12.6)
-    strength, always, gated = figure.subplots(1, 3)
+    """Panel (b) only of who has such a run: the graph has no way without its own weighing of the field."""
+    figure = style.new_figure(3.0, 12.6 if "cars" in runs else 8.4)
+    panels = figure.subplots(1, 3 if "cars" in runs else 2)
     run = runs["cars, detector"]
     if run is not None and run.strength is not None:
-        strength.plot(run.minute, run.strength, color=style.BLUE, linewidth=0.7, label="strength")
+        panels[0].plot(run.minute, run.strength, color=style.BLUE, linewidth=0.7, label="strength")
         used = np.where(run.used, run.strength, np.nan)
-        strength.plot(run.minute, used, color=COLOURS[1], linewidth=1.0, label="update active")
+        panels[0].plot(run.minute, used, color=COLOURS[1], linewidth=1.0, label="update active")
     for minute in settings["cars"].passed_min:
-        strength.axvline(minute, color=style.SOFT_INK, linewidth=0.5, linestyle=":")
-    strength.set(xlabel="time (min)", ylabel="field (uT)")
-    style.head(strength, "(a) field measured", 2)
-    _draw_bias(always, settings["cars"], runs["cars"], "(b) update always")
-    _draw_bias(gated, settings["cars"], run, "(c) update by the detector")
+        panels[0].axvline(minute, color=style.SOFT_INK, linewidth=0.5, linestyle=":")
+    panels[0].set(xlabel="time (min)", ylabel="field (uT)")
+    style.head(panels[0], "(a) field measured", 2)
+    if "cars" in runs:
+        _draw_bias(panels[1], settings["cars"], runs["cars"], "(b) update always")
+    _draw_bias(panels[-1], settings["cars"], run, "(c) disturbances left out")
     return figure
 
 

@@ -1,0 +1,157 @@
+"""`fg-nav reproduce`: make all experiments of a paper, and lay them beside it on the terminal and in a folder.
+
+The folder holds `report.html`, `results.json`, the pictures, and what each walk came to: a run that was ended goes on
+from there. `results.json` is written last, so a folder with it is complete.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import replace
+from importlib import import_module, metadata
+from pathlib import Path
+
+from rich.text import Text
+
+from fg_nav.errors import OutputError
+from fg_nav.plain import plain
+from fg_nav.report.folder import unwritable
+from fg_nav.report.terminal import console, progress, ruled_table
+from fg_nav.reproduce.file import write_whole, written
+from fg_nav.reproduce.page import page
+from fg_nav.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
+from fg_nav.reproduce.words import counted, named, told
+from fg_nav.version import version
+
+PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
+
+FIRST_SEED, SEEDS, QUICK_SEEDS = 101, 20, 3
+"""Smaller seeds are those that anything was tuned on."""
+
+REPORT, RESULTS = "report.html", "results.json"
+
+MARK = ".fg-nav-reproduce"
+"""File in a folder of ours; it names the paper."""
+
+_LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
+
+_ENDED = "a worker was ended from outside, perhaps for want of memory: run the same command again, it goes on."
+
+Paper = Callable[[Path, Sequence[int], int, Callable[[float], None], bool], Reproduction]
+"""Of a folder, seeds, workers, who is told the fraction done, and whether it is to be quick."""
+
+
+def reproduce(
+    paper: str,
+    out: Path,
+    seeds: int | None = None,
+    first: int = FIRST_SEED,
+    workers: int = 1,
+    quick: bool = False,
+    force: bool = False,
+) -> Reproduction:
+    """Make a paper's experiments into a folder, and print them.
+
+    Parameters
+    ----------
+    paper : one of `PAPERS`.
+    out : the folder: new, empty, or of the same paper.
+    seeds, first : how many walks of each kind, `SEEDS` or quick `QUICK_SEEDS` by default, and the first of their seeds.
+    workers : processes.
+    quick : fewer walks, and whatever else the paper's experiments leave out then.
+    force : replace the result in the folder; finished walks are kept and used.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or a result and `force` is not set, or cannot be written.
+    """
+    number = seeds or (QUICK_SEEDS if quick else SEEDS)
+    claim(out, paper, force)
+    with progress(f"{paper}, {number} seeds") as tell:
+        try:
+            made = _paper(paper)(out, range(first, first + number), workers, tell, quick)
+        except BrokenProcessPool:
+            raise OutputError(_ENDED) from None
+    command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
+    found = replace(
+        made, command=command, seeds=tuple(made.seeds), versions=versions(), parameters=plain(made.parameters)
+    )
+    publish(found, out)
+    show(found, out)
+    return found
+
+
+def _paper(name: str) -> Paper:
+    made: Paper = import_module(f"fg_nav.reproduce.{name.replace('-', '_')}").reproduce
+    return made
+
+
+def versions() -> dict[str, str]:
+    """Of this package, of Python, and of the libraries that figures depend on."""
+    return {
+        "fg-nav": version(),
+        "Python": platform.python_version(),
+        **{name: metadata.version(name) for name in _LIBRARIES},
+    }
+
+
+def claim(out: Path, paper: str, force: bool) -> None:
+    """Make the folder ours, or refuse; with `force` take the old report out of it."""
+    try:
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"{out} is a file, not a folder: choose another --out.")
+        out.mkdir(parents=True, exist_ok=True)
+        mark = out / MARK
+        held = mark.read_text(encoding="utf-8").strip() if mark.is_file() else ""
+        present = [entry.name for entry in out.iterdir() if not entry.name.startswith(".")]
+        if held != paper and present:
+            what = f"the results of {held}" if held else f"'{min(present)}', which this command does not write"
+            raise OutputError(f"{out} holds {what}: choose another --out.")
+        if (out / RESULTS).exists() and not force:
+            raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
+        for name in (RESULTS, REPORT):
+            (out / name).unlink(missing_ok=True)
+        mark.write_text(paper + "\n", encoding="utf-8")
+    except OSError as error:
+        raise unwritable(out, error) from None
+
+
+def publish(found: Reproduction, out: Path) -> None:
+    """Write the page, take away pictures of an older result, and write the results last."""
+    write_whole(out / REPORT, page(found, out))
+    named_here = {out / picture.file for experiment in found.experiments for picture in experiment.pictures}
+    for path in set(out.glob("*.png")) - named_here:
+        with suppress(OSError):
+            path.unlink()
+    write_whole(out / RESULTS, written(found))
+
+
+def show(found: Reproduction, out: Path) -> None:
+    """Print the rows of each experiment, what is off and why, and where the files are."""
+    screen = console()
+    screen.print(found.citation, soft_wrap=True)
+    for experiment in found.experiments:
+        screen.print(f"\n{experiment.name}  {experiment.title}", style="bold", soft_wrap=True)
+        if experiment.rows:
+            screen.print(_table(experiment, len(found.seeds)))
+    reasons = [
+        f"{row.verdict}: {experiment.name}, {named(row)}{': ' + row.why if row.why else ''}"
+        for experiment in found.experiments
+        for row in experiment.rows
+        if row.verdict in (EXPLAINED, NOT_REPRODUCED)
+    ]
+    for words in ["", *reasons, *([""] if reasons else []), counted(found), f"report: {out / REPORT}", f"files: {out}"]:
+        screen.print(words, soft_wrap=True)
+
+
+def _table(experiment: Experiment, walks: int) -> object:
+    table = ruled_table("", "paper", *experiment.columns, "verdict")
+    for row in experiment.rows:
+        ours = (Text(told(row, column, walks)) for column in experiment.columns)
+        style = "bold red" if row.verdict == NOT_REPRODUCED else ""
+        table.add_row(Text(named(row)), Text(row.printed or "-"), *ours, Text(row.verdict, style=style))
+    return table

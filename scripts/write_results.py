@@ -1,0 +1,154 @@
+"""The page `docs/results.md` from the files of `fg-nav reproduce`: every table, with its command and its seeds.
+
+    python scripts/write_results.py RESULTS.json ... --out FILE     write the page
+    python scripts/write_results.py RESULTS.json ... --check FILE   exit with 1 where it is not what would be written
+    python scripts/write_results.py RESULTS.json ... --readme       print the lines that stand in the README
+
+The files that the page in the project is made from are kept in `docs/results`, so that it can be checked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import figures as fig
+
+from fg_nav.errors import OutputError
+from fg_nav.report.terminal import console
+from fg_nav.reproduce.file import read_reproduction, write_whole
+from fg_nav.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
+from fg_nav.reproduce.words import MEANINGS, counted, counts, named, seeds_told, told
+
+HEAD = f"""# The papers' figures and ours
+
+Written by `scripts/write_results.py`, never by hand, from the files in `docs/results`. All walks are simulated. A
+figure is the median over the walks, with {LOW_PERCENT:.0f} to {HIGH_PERCENT:.0f} % behind it. The paper's own method \
+is in bold, and judged by its
+median:
+"""
+
+HEADLINES = (
+    ("ma2018", "M-E3", "final position error, proposed, indoor"),
+    ("ma2018", "M-E4", "mean error at 42 landmarks, proposed, indoor"),
+    ("aiez2017", "Z-E2", "position error, AIEZ, indoor"),
+    ("munoz-diaz2017", "D-E2", "z is at -0.08 deg/s after, munich"),
+)
+"""Lines of the README: paper, experiment and row."""
+
+OURS = ("smoother", "online", "graph")
+"""Columns that the README shows beside the paper's method: the first there is."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Read, write or check."""
+    chosen = _parse(arguments)
+    found = [read_reproduction(path) for path in chosen.files]
+    if chosen.readme:
+        console().print("\n".join(readme(found)), soft_wrap=True)
+    if chosen.out:
+        write_whole(chosen.out, document(found))
+        console().print(f"written: {chosen.out}", soft_wrap=True)
+    if chosen.check:
+        _check(chosen.check, document(found))
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="The page docs/results.md from the files of `fg-nav reproduce`.")
+    parser.add_argument("files", nargs="+", type=Path, metavar="RESULTS.json", help="one a paper, in their order")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--out", type=Path, metavar="FILE", help="write the page")
+    what.add_argument("--check", type=Path, metavar="FILE", help="refuse a page that is not what would be written")
+    what.add_argument("--readme", action="store_true", help="print the lines of the README")
+    return parser.parse_args(arguments)
+
+
+def _check(path: Path, text: str) -> None:
+    try:
+        there = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        there = ""
+    if there != text:
+        raise OutputError(f"{path} is not what is written from these files: write it anew with --out.")
+    console().print(f"as written: {path}", soft_wrap=True)
+
+
+def document(found: Sequence[Reproduction]) -> str:
+    """Return the page."""
+    meanings = [f"* {verdict}: {meaning}" for verdict, meaning in MEANINGS.items()]
+    lines = [
+        HEAD,
+        *meanings,
+        "",
+        f"The tolerance is {100 * TOLERANCE:.0f} % unless a row has its own.",
+        "",
+    ]
+    lines += ["| paper | seeds | " + " | ".join(MEANINGS) + " |", "|---|---|" + "---|" * len(MEANINGS)]
+    lines += [_counts(one) for one in found]
+    for one in found:
+        lines += ["", *_paper(one)]
+    return "\n".join(lines) + "\n"
+
+
+def _counts(found: Reproduction) -> str:
+    return f"| {found.paper} | {seeds_told(found)} | " + " | ".join(str(n) for n in counts(found).values()) + " |"
+
+
+def _paper(found: Reproduction) -> Iterator[str]:
+    yield f"## {found.paper}"
+    yield from ("", found.citation, "", f"`{found.command}`, seeds {seeds_told(found)}. {counted(found)}")
+    yield from ("", "With " + ", ".join(f"{name} {number}" for name, number in found.versions.items()) + ".")
+    for experiment in found.experiments:
+        yield from ("", f"### {experiment.name}: {experiment.title}", "", experiment.setting, "")
+        yield from _table(experiment, len(found.seeds))
+    yield from ("", "### What differs", "")
+    yield "\n\n".join(found.differs)
+
+
+def _table(experiment: Experiment, walks: int) -> Iterator[str]:
+    yield _line(["", "paper", *experiment.columns, "verdict"])
+    yield "|---|" + "---:|" * (1 + len(experiment.columns)) + "---|"
+    for row in experiment.rows:
+        ours = [_figure(row, column, walks) for column in experiment.columns]
+        verdict = f"**{row.verdict}**" if row.verdict else ""
+        yield _line([named(row), row.printed or "-", *ours, ": ".join(word for word in (verdict, row.why) if word)])
+
+
+def _figure(row: Row, column: str, walks: int) -> str:
+    figure = told(row, column, walks)
+    return f"**{figure}**" if column == row.judged and row.verdict else figure
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(_in_table(cell) for cell in cells) + " |"
+
+
+def _in_table(text: str) -> str:
+    """What would end a cell, or be taken for a tag, is written so that it is not."""
+    return re.sub(r"<(?=[A-Za-z/!])", "&lt;", text.replace("|", "\\|").replace("\n", " "))
+
+
+def readme(found: Sequence[Reproduction]) -> list[str]:
+    """Return the lines of the README, of the papers that are there."""
+    lines = [_line(["", "paper", "its method here", "ours"]), "|---|---:|---:|---:|"]
+    by_name = {(one.paper, experiment.name): (one, experiment) for one in found for experiment in one.experiments}
+    for paper, name, quantity in HEADLINES:
+        if (paper, name) in by_name:
+            lines.append(_headline(*by_name[paper, name], quantity))
+    return lines
+
+
+def _headline(found: Reproduction, experiment: Experiment, quantity: str) -> str:
+    row = next((row for row in experiment.rows if row.quantity == quantity), None)
+    if row is None:
+        raise OutputError(f"{found.paper} has no row '{quantity}' in {experiment.name}: see HEADLINES in the script.")
+    ours = next((column for column in OURS if column in row.ours), "")
+    walks = len(found.seeds)
+    what = f"{found.paper}, {experiment.name}: {named(row)}"
+    return _line([what, row.printed, f"{told(row, row.judged, walks)}", f"{told(row, ours, walks)}"])
+
+
+if __name__ == "__main__":
+    fig.leave_with(main)

@@ -1,0 +1,80 @@
+"""The script that writes docs/results.md, and the page itself."""
+
+import importlib
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fg_nav.errors import OutputError
+from fg_nav.reproduce.file import read_reproduction, written
+from fg_nav.reproduce.words import named
+from tests.reproduce.made import reproduction
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "scripts"))
+script = importlib.import_module("write_results")
+
+PAGE = ROOT / "docs" / "results.md"
+FILES = [PAGE.parent / "results" / f"{name}.json" for name in ("ma2018", "aiez2017", "munoz-diaz2017")]
+FILES = [path for path in FILES if path.exists()]
+
+
+@pytest.fixture
+def found(tmp_path):
+    return reproduction(tmp_path)
+
+
+@pytest.fixture
+def file(found, tmp_path):
+    path = tmp_path / "results.json"
+    path.write_text(written(found))
+    return path
+
+
+def test_every_row_has_a_line_with_its_verdict_and_its_reason(found, file, tmp_path):
+    script.main([str(file), "--out", str(tmp_path / "a.md")])
+    text = (tmp_path / "a.md").read_text()
+    lines = text.splitlines()
+    for experiment in found.experiments:
+        assert f"### {experiment.name}: {experiment.title}" in lines
+        for row in experiment.rows:
+            (line,) = [line for line in lines if line.startswith(f"| {named(row)} |")]
+            assert len(re.findall(r"(?<!\\)\|", line)) == len(experiment.columns) + 4
+            assert (f"**{row.verdict}**" in line) == bool(row.verdict)
+            assert row.why.replace("<is>", "&lt;is>") in line
+    assert "| ma2018 | 101 to 103 | 1 | 1 | 1 | 2 |" in lines
+    assert "`fg-nav reproduce ma2018 --seeds 3`, seeds 101 to 103." in text
+    for words in (*found.differs, found.citation):
+        assert words in lines
+
+
+def test_a_page_that_is_not_as_written_is_refused(file, tmp_path, capsys):
+    page = tmp_path / "a.md"
+    with pytest.raises(OutputError, match="is not what is written"):
+        script.main([str(file), "--check", str(page)])
+    script.main([str(file), "--out", str(page)])
+    script.main([str(file), "--check", str(page)])
+    assert "as written" in capsys.readouterr().out
+    page.write_text(page.read_text().replace("0.55", "0.50"))
+    with pytest.raises(OutputError, match="is not what is written"):
+        script.main([str(file), "--check", str(page)])
+
+
+def test_the_lines_of_the_readme_name_paper_row_and_three_figures(found, file, capsys, monkeypatch):
+    monkeypatch.setattr(script, "HEADLINES", (("ma2018", "M-E1", "end < error & more"), ("another", "X-E1", "end")))
+    script.main([str(file), "--readme"])
+    said = capsys.readouterr().out.splitlines()
+    assert said[2:] == ["| ma2018, M-E1: end < error & more (m) | 0.50 | 0.10 (0.09 to 0.11) | 1.00 |"]
+    monkeypatch.setattr(script, "HEADLINES", (("ma2018", "M-E1", "nowhere"),))
+    with pytest.raises(OutputError, match="no row 'nowhere' in M-E1"):
+        script.readme([replace(found, seeds=(1,))])
+
+
+@pytest.mark.skipif(not FILES, reason="there are no results yet")
+def test_the_page_is_what_the_script_writes_from_the_files_beside_it():
+    script.main([*map(str, FILES), "--check", str(PAGE)])
+    assert all(path.stat().st_size < 200_000 for path in FILES)
+    assert len(script.readme([read_reproduction(path) for path in FILES])) == 2 + len(script.HEADLINES)
