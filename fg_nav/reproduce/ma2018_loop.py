@@ -31,6 +31,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -47,6 +49,7 @@ from fg_nav.frames import wrap
 from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.magnetic.compass import heading_of_field, level_R_body, levelled_field
 from fg_nav.recording import TrajectoryTruth
+from fg_nav.reproduce.parts import Arrays, Part
 from fg_nav.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.simulation.fields import SITES
 from fg_nav.simulation.sensors import IronPrior, SensorPrior, fixed_iron, ma_table_1, preset
@@ -86,14 +89,19 @@ ELLIPSES: dict[str, Callable[[FootfallField], Ellipse]] = {
 class Loop:
     """One walked loop: errors of each ellipse, and heading differences (F,) rad of each calibration.
 
-    `recovery` holds by method (|offset error| uT, |eta error| rad, |tau error|); `heading` is empty where a method
-    refused.
+    `recovery` holds by method (|offset error| uT, |eta error| rad, |tau error|), `ellipse` (offset x, y uT, eta rad,
+    tau); `heading` is empty where a method refused. `tumbled` (N, 3) uT are the readings free of the shoe in levelled
+    axes, `K` (3, 3) and `B_uT` (3,) what they tell, as in the CLSEF line of Table 1, the scale of K being unknown.
     """
 
     footfalls: int
     recovery: dict[str, tuple[float, float, float]]
+    ellipse: dict[str, Floats]
     heading: dict[str, Floats]
     sigma: Floats
+    tumbled: Floats
+    K: Floats
+    B_uT: Floats
 
 
 def walked_loop(seed: int, field: str = "homogeneous") -> Loop:
@@ -105,7 +113,8 @@ def walked_loop(seed: int, field: str = "homogeneous") -> Loop:
     control = simulate(on_shoe(preset(SENSOR).with_iron(bare_of_table_1(R))), seed, choices)
     footfalls, footfalls_on_top = field_of(exact), field_of(on_top)
     found = {name: tried(method, footfalls) for name, method in ELLIPSES.items()}
-    bare = tried(fitted_ellipsoid, tumbled(preset(SENSOR).with_iron(bare_of_table_1(R)), seed))
+    by_hand = tumbled(preset(SENSOR).with_iron(bare_of_table_1(R)), seed)
+    bare = tried(fitted_ellipsoid, by_hand)
     chips = tried(fitted_ellipsoid, tumbled(replace(preset(SENSOR), iron=IronPrior()), seed))
     on_control = field_of(control)
     spheres = {
@@ -123,9 +132,53 @@ def walked_loop(seed: int, field: str = "homogeneous") -> Loop:
     return Loop(
         footfalls=int(np.isfinite(footfalls.level_field).all(axis=1).sum()),
         recovery={name: errors_of(ellipse) for name, ellipse in found.items()},
+        ellipse={name: shape_of(ellipse) for name, ellipse in found.items()},
         heading=heading,
         sigma=np.full(4, np.inf) if fitted is None else fitted.sigma,
+        tumbled=by_hand @ R.T,
+        K=np.full((3, 3), np.nan) if bare is None else upper_triangular(R @ bare.correction @ R.T),
+        B_uT=np.full(3, np.nan) if bare is None else R @ bare.hard_iron_uT,
     )
+
+
+def loop_part(seed: int) -> Part:
+    """What `loops_of` reads of one loop."""
+    return Part(f"ma2018_loop_{seed}", partial(_loop_arrays, seed))
+
+
+def _loop_arrays(seed: int) -> Arrays:
+    loop = walked_loop(seed)
+    arrays = {"footfalls": np.array(loop.footfalls), "sigma": loop.sigma, "tumbled": loop.tumbled[::_EVERY]}
+    arrays |= {"K": loop.K, "B_uT": loop.B_uT}
+    for group in _BY_NAME:
+        arrays |= {f"{group}/{name}": np.array(values) for name, values in getattr(loop, group).items()}
+    return arrays
+
+
+def loops_of(folder: Path, seeds: Sequence[int]) -> list[Loop]:
+    """Loops that are kept or made now; of the tumbled readings each tenth."""
+    return [_loop_of(loop_part(seed).of(folder)) for seed in seeds]
+
+
+def _loop_of(arrays: Arrays) -> Loop:
+    groups: dict[str, dict[str, Floats]] = {
+        group: {key.partition("/")[2]: found for key, found in arrays.items() if key.startswith(f"{group}/")}
+        for group in _BY_NAME
+    }
+    recovery = {name: (float(found[0]), float(found[1]), float(found[2])) for name, found in groups["recovery"].items()}
+    return Loop(
+        footfalls=int(arrays["footfalls"]),
+        recovery=recovery,
+        ellipse=groups["ellipse"],
+        heading=groups["heading"],
+        sigma=arrays["sigma"],
+        tumbled=arrays["tumbled"],
+        K=arrays["K"],
+        B_uT=arrays["B_uT"],
+    )
+
+
+_BY_NAME, _EVERY = ("recovery", "ellipse", "heading"), 10
 
 
 def on_shoe(prior: SensorPrior) -> Scenario:
@@ -161,7 +214,7 @@ def readings_of(walk: SimulatedWalk) -> Floats:
 def tumbled(prior: SensorPrior, seed: int) -> Floats:
     """Readings (N, 3) of the sensor turned about by hand for a minute, all ways, in the field of Munich."""
     rng = np.random.default_rng([seed, 7])
-    t: Floats = np.arange(int(TUMBLED_S * prior.rate_hz)) * prior.period_s
+    t = np.asarray(np.arange(int(TUMBLED_S * prior.rate_hz)) * prior.period_s, dtype=np.float64)
     rate = 2.0 * np.sin(t[:, None] * rng.uniform(0.3, 1.0, 3) + rng.uniform(0, 2 * np.pi, 3))
     nav_R_body = Rotation.random(random_state=rng).as_matrix()
     turns = Rotation.from_rotvec(rate * prior.period_s).as_matrix()
@@ -196,6 +249,13 @@ def errors_of(ellipse: Ellipse | None) -> tuple[float, float, float]:
         return (np.inf, np.inf, np.inf)
     eta = (ellipse.eta_rad - MA_ETA_RAD + np.pi / 2) % np.pi - np.pi / 2
     return float(np.abs(ellipse.offset_uT - MA_OFFSET_UT).max()), abs(eta), abs(ellipse.tau - MA_TAU)
+
+
+def shape_of(ellipse: Ellipse | None) -> Floats:
+    """Offset x, y uT, eta rad in half a turn, and tau; infinite where there is no ellipse."""
+    if ellipse is None:
+        return np.full(4, np.inf)
+    return np.array([*ellipse.offset_uT, ellipse.eta_rad % np.pi, ellipse.tau])
 
 
 def difference(field: FootfallField, level_field: Floats) -> Floats:

@@ -28,7 +28,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from fg_nav.evaluation import FieldChange, Roc, compass_deviation, course_change
 from fg_nav.magnetic import DETECTORS, footfall_field, judge
 from fg_nav.magnetic.attitude import inertial_attitude
 from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.reproduce.parts import Arrays, Part
 from fg_nav.simulation import Choices, SimulatedWalk, simulate
 from fg_nav.stances import Stances
 
@@ -149,12 +151,12 @@ def by_steel() -> dict[str, float]:
     return dict(sorted((FIELDS | SWEEP).items(), key=lambda named: named[1]))
 
 
-def judged(wanted: tuple[str, int]) -> dict[str, Judged]:
-    """Simulate a scenario with a seed and judge it in every field."""
+def judged(wanted: tuple[str, int], fields: Sequence[str] | None = None) -> dict[str, Judged]:
+    """Simulate a scenario with a seed and judge it in these fields, or in every one."""
     smooth, indoor = (simulate(*wanted, Choices(field=level)) for level in ("smooth", "indoor"))
     stances = detect_stances(smooth.recording)
     attitude = inertial_attitude(smooth.recording, stances)
-    return {name: _judged_in(smooth, indoor, name, stances, attitude) for name in by_steel()}
+    return {name: _judged_in(smooth, indoor, name, stances, attitude) for name in fields or by_steel()}
 
 
 def _judged_in(smooth: SimulatedWalk, indoor: SimulatedWalk, name: str, stances: Stances, attitude: Floats) -> Judged:
@@ -198,3 +200,33 @@ def stretches(case: Case) -> dict[str, Bools]:
             "bent": (course >= STRAIGHT_DEG) & (course < CURVED_DEG),
             "curved": course >= CURVED_DEG,
         }
+
+
+def roc_part(scenario: str, seed: int) -> Part:
+    """What `cases_of` reads of one walk."""
+    return Part(f"ma2018_roc_{scenario}_{seed}", partial(_judged_arrays, scenario, seed))
+
+
+def _judged_arrays(scenario: str, seed: int) -> Arrays:
+    """Truth and statistics of one walk in each of `FIELDS`, by names with a slash."""
+    arrays: dict[str, Floats] = {}
+    for field, walk in judged((scenario, seed), tuple(FIELDS)).items():
+        arrays |= {f"{field}/{name}": getattr(walk.change, name) for name in _CHANGES}
+        arrays |= {f"{field}/course": walk.course, f"{field}/deviation": walk.deviation}
+        arrays |= {f"{field}/statistic {name}": values for name, values in walk.calibrated.items()}
+    return arrays
+
+
+def cases_of(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, Case]:
+    """Cases by field, of walks that are kept or made now; the magnetometer calibrated as can be."""
+    walks = [roc_part(scenario, seed).of(folder) for seed in seeds]
+    return {field: Case(scenario, field, [_judged_of(arrays, field) for arrays in walks]) for field in FIELDS}
+
+
+def _judged_of(arrays: Arrays, field: str) -> Judged:
+    change = FieldChange(*(arrays[f"{field}/{name}"] for name in _CHANGES))
+    statistics = {name: arrays[f"{field}/statistic {name}"] for name in DETECTORS}
+    return Judged(change, arrays[f"{field}/course"], arrays[f"{field}/deviation"], statistics, statistics)
+
+
+_CHANGES = ("vector_uT", "heading", "inclination", "strength_uT")
