@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
@@ -97,4 +98,12 @@ def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
         result = kept.kept(folder / FOLDER, key, settings_of(key))
         assert result is not None, f"{key.file} was not made"
         found.results.setdefault((key.group, key.field, key.method), []).append(result)
+    return found
+
+
+def parameters_of(walks: Walks) -> dict[str, Any]:
+    """Effective parameters of each method, as it told them on its first walk."""
+    found: dict[str, Any] = {}
+    for (_, _, method), results in walks.results.items():
+        found.setdefault(method, next((result.parameters for result in results if not result.failed), {}))
     return found

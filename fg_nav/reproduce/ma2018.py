@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from fg_nav.campaign.kept import Key
 from fg_nav.reproduce import ma2018_field_figures as field_figures
 from fg_nav.reproduce import ma2018_walk_figures as walk_figures
 from fg_nav.reproduce import ma2018_walks as walked
-from fg_nav.reproduce.cells import Walks, make_missing, read_walks
+from fg_nav.reproduce.cells import Walks, make_missing, parameters_of, read_walks
 from fg_nav.reproduce.drawing import Pictures
 from fg_nav.reproduce.headings import headings_part
 from fg_nav.reproduce.ma2018_calibration import calibration_experiment
@@ -111,14 +110,6 @@ def reproduce(
         differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()))],
         parameters=parameters_of(walks),
     )
-
-
-def parameters_of(walks: Walks) -> dict[str, Any]:
-    """Effective parameters of each method, as it told them on its first walk."""
-    found: dict[str, Any] = {}
-    for (_, _, method), results in walks.results.items():
-        found.setdefault(method, next((result.parameters for result in results if not result.failed), {}))
-    return found
 
 
 def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
