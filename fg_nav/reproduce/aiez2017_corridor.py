@@ -51,13 +51,28 @@ def _rows(strength: int, walks: Sequence[Judged]) -> Iterator[Row]:
     classical = {CLASSICAL: near[CLASSICAL]} if CLASSICAL in near else {}
     proposed = {column: spread for column, spread in near.items() if column != CLASSICAL}
     yield Row(
-        f"near believed, classical QMD, {where}", "", "believed", classical, BELIEVED, CLASSICAL, bound=-1, good=1,
+        f"near believed, classical QMD, {where}",
+        "",
+        "believed",
+        classical,
+        BELIEVED,
+        CLASSICAL,
+        bound=-1,
+        good=1,
+        tolerance=0.0,
         why=one_line(few),
-    )  # fmt: skip
+    )
     yield Row(
-        f"near believed, proposed, {where}", "", "rejected", proposed, REJECTED, PRINTED, bound=1,
+        f"near believed, proposed, {where}",
+        "",
+        "rejected",
+        proposed,
+        REJECTED,
+        PRINTED,
+        bound=1,
+        tolerance=0.0,
         why=one_line(_SIGMA + few),
-    )  # fmt: skip
+    )
     yield Row(f"far believed, {where}", "", "", far)
     yield Row(f"near told from far (area under the ROC), {where}", "", "", _each(partial(_area, walks)))
 

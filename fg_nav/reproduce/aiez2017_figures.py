@@ -26,13 +26,13 @@ def figure_5(pictures: Pictures, walk: Arrays) -> Picture:
     near = walk["turned_deg"] > NEAR[0]
     with style.styled():
         figure, [axes] = new_panels(1, 1, 2.6)
-        axes.plot(*walk["place"].T, ".", color=style.TRUTH, markersize=3.5, label="footfalls")
-        axes.plot(
-            *walk["place"][near].T, "o", color=style.VERMILION, markersize=4.5, label="turned by more than 10 deg"
-        )
-        axes.plot(*walk["magnet"][:2], "s", color=style.INK, markersize=7.0, label="magnet")
-        axes.set(xlabel="east (m)", ylabel="north (m)")
-        axes.set_aspect("equal", adjustable="datalim")
+        for places, mark, colour, size, label in (
+            (walk["place"], ".", style.TRUTH, 4.0, "footfalls"),
+            (walk["place"][near], "o", style.VERMILION, 5.0, "turned by over 10 deg"),
+            (walk["magnet"][None, :2], "s", style.INK, 7.0, "magnet"),
+        ):
+            axes.plot(places[:, 1], places[:, 0], mark, color=colour, markersize=size, label=label)
+        axes.set(xlabel="along the corridor, north (m)", ylabel="across, east (m)", ylim=(1.5, -1.5))
         style.head(axes, "The corridor with the magnet on the floor, from above")
     return pictures.keep(
         figure,
@@ -61,9 +61,11 @@ def figure_6(pictures: Pictures, walk: Arrays) -> Picture:
         for axes in panels[2:]:
             axes.set_xlabel("time (s)")
     return pictures.keep(
-        figure, 6, "detection by classical QMD and by the proposed method beside the magnet",
+        figure,
+        6,
+        "detection by classical QMD and by the proposed method beside the magnet",
         "past ten magnets in one place; dots: believed, red circles: turned by the magnet by more than 10 deg",
-    )  # fmt: skip
+    )
 
 
 def _draw_verdicts(axes: Axes, walk: Arrays, part: Bools, believed: Bools) -> None:
@@ -88,7 +90,7 @@ def figure_7(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> Picture
         for axes, field in zip(panels, fields, strict=True):
             colours = (style.ORANGE, style.VERMILION, style.BLUE)
             for (name, words), colour in zip(NAMES.items(), colours, strict=True):
-                results = walks.of(BUILDING, field, columns_of(name)[PRINTED])
+                results = walks.of(BUILDING, field, columns_of(name).get(PRINTED, name))
                 result = next((result for result in results if not result.failed), None)
                 if result is not None:
                     truth = truth_of(result) if not axes.lines else None

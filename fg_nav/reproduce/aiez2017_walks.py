@@ -57,7 +57,7 @@ def keys(fields: Sequence[str], seeds: Sequence[int]) -> list[Key]:
 def columns_of(filter_name: str) -> dict[str, str]:
     """Methods by column, for the rows of one filter."""
     if filter_name == IEZ:
-        return {PRINTED: IEZ, NO_FIELD: INERTIAL}
+        return {TUNED: IEZ, NO_FIELD: INERTIAL}
     return {column: filter_name + preset for column, preset in PRESET.items()} | {OURS: SMOOTHER}
 
 
@@ -73,9 +73,14 @@ def _table_1(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
         for field in _of(name, fields):
             for (words, unit, figure), value in zip(_ERRORS, printed, strict=True):
                 yield Row(
-                    f"{words}, {_where(name, field)}", unit, value, _ours(walks, name, field, figure), float(value),
-                    PRINTED, why=one_line(_WHY.get((name, field), _OPEN if name == IEZ else "")),
-                )  # fmt: skip
+                    f"{words}, {_where(name, field)}",
+                    unit,
+                    value,
+                    _ours(walks, name, field, figure),
+                    float(value),
+                    TUNED if name == IEZ else PRINTED,
+                    why=one_line(_WHY.get((name, field), _OPEN if name == IEZ else "")),
+                )
 
 
 _ERRORS = (("position error", "m", end_m), ("TTD error", "%", end_percent))

@@ -51,9 +51,11 @@ def figure_6(pictures: Pictures, loop: Loop) -> Picture:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=6.0)
     shift = ", ".join(f"{MG_PER_UT * value:.0f}" for value in MA_B_UT)
     return pictures.keep(
-        figure, 6, "field measured while the module is rotated, in the planes X-Z, X-Y and Y-Z",
+        figure,
+        6,
+        "field measured while the module is rotated, in the planes X-Z, X-Y and Y-Z",
         f"the module without the shoe, tumbled for a minute, with the iron of Table 1 (B_c {shift} mG)",
-    )  # fmt: skip
+    )
 
 
 _COMPARED = {"CLSEF": CLSEF, "proposed, as printed": "ellipse, as printed", "proposed, fitted": "ellipse, fitted"}
@@ -70,9 +72,11 @@ def figure_7(pictures: Pictures, loop: Loop) -> Picture:
         axes.margins(x=0.01)
         style.head(axes, "Heading by the calibrated magnetometer less heading by the gyroscope")
     return pictures.keep(
-        figure, 7, "heading after calibration by CLSEF and by the proposed method",
+        figure,
+        7,
+        "heading after calibration by CLSEF and by the proposed method",
         "the calibration loop; shaded: the 5 deg that the paper names",
-    )  # fmt: skip
+    )
 
 
 def figure_8(pictures: Pictures, cases: Mapping[str, Case]) -> Picture:
@@ -87,9 +91,11 @@ def figure_8(pictures: Pictures, cases: Mapping[str, Case]) -> Picture:
         axes.set(ylabel="probability of detection", box_aspect=1)
         style.head(axes, f"ROC, N = 3; dots: threshold {MA_THRESHOLD:g}", columns=2)
     return pictures.keep(
-        figure, 8, "ROC of the proposed detector, N = 3",
+        figure,
+        8,
+        "ROC of the proposed detector, N = 3",
         f"the detector {PRINTED} on the mall in three fields, and with what counts as a change there",
-    )  # fmt: skip
+    )
 
 
 def _draw_roc(axes: Axes, roc: Roc | None, label: str, colour: str, dash: str | tuple[int, tuple[int, int]]) -> None:
@@ -109,9 +115,11 @@ def figure_11(pictures: Pictures, walks: Mapping[str, Arrays]) -> Picture:
             draw_headings(axes, walk, walk["t"] <= first_loop_s(walk), f"{field}: headings of the first loop")
         panels[-1].set_xlabel("time (s)")
     return pictures.keep(
-        figure, 11, "headings of the first loop of the office, proposed method",
+        figure,
+        11,
+        "headings of the first loop of the office, proposed method",
         "by compass, gyroscope and the filter as printed; dots: footfalls whose field it believes",
-    )  # fmt: skip
+    )
 
 
 def draw_headings(axes: Axes, walk: Arrays, part: Bools, title: str) -> None:

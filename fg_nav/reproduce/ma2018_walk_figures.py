@@ -54,9 +54,11 @@ def figure_10(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> Pictur
                 _draw(axes, first(walks, OFFICE, field, method), NAMES[name], style.BLUE)
                 axes.set_title(f"({letter}) {NAMES[name]}, {field}")
     return pictures.keep(
-        figure, 10, "trajectories of the office test: (a) pure ZUPT, (b) iQSF, (c) proposed",
+        figure,
+        10,
+        "trajectories of the office test: (a) pure ZUPT, (b) iQSF, (c) proposed",
         "the filters as printed, as started, over the truth (grey); squares: ends",
-    )  # fmt: skip
+    )
 
 
 def figure_12(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> Picture:
@@ -110,9 +112,11 @@ def _landmarks(pictures: Pictures, walks: Walks, fields: Sequence[str], number: 
             draw_landmarks(axes, names, errors, f"field {field}")
         panels[-1].set_xlabel("landmark, in the order of the walk")
     return pictures.keep(
-        figure, number, f"positioning errors of the {NAMES[name]} method at the landmarks",
+        figure,
+        number,
+        f"positioning errors of the {NAMES[name]} method at the landmarks",
         "42 crossings of 14 landmarks; bars: the filter as printed",
-    )  # fmt: skip
+    )
 
 
 def _errors(results: Mapping[str, Result]) -> dict[str, Sequence[float]]:
