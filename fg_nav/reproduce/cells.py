@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -92,13 +92,19 @@ def _run(tasks: Sequence[Task], workers: int) -> Iterator[None]:
 
 
 def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
-    """Read results, all of which are there."""
+    """Read results, all of which are there; only the first of a method that did not fail keeps its path."""
     found = Walks()
     for key in keys:
         result = kept.kept(folder / FOLDER, key, settings_of(key))
         assert result is not None, f"{key.file} was not made"
-        found.results.setdefault((key.group, key.field, key.method), []).append(result)
+        before = found.results.setdefault((key.group, key.field, key.method), [])
+        before.append(_without_path(result) if any(one.estimate for one in before) else result)
     return found
+
+
+def _without_path(result: Result) -> Result:
+    """Hundreds of paths are a lot of memory, and one is drawn."""
+    return replace(result, estimate={}, truth=(), whitened={})
 
 
 def parameters_of(walks: Walks) -> dict[str, Any]:

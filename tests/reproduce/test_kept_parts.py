@@ -60,6 +60,7 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     walks = read_walks(tmp_path, keys).of("demo", "smooth", "iez")
     assert [one.key.walk for one in walks] == ["3", "4"]
     assert 0.0 < spread_over(walks, end_m).median < 3.0
+    assert [bool(one.estimate) for one in walks] == [True, False]
     monkeypatch.setattr("fg_nav.reproduce.cells.made", None)
     make_missing(tmp_path, keys, [part], workers)
 
