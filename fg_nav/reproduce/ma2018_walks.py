@@ -107,7 +107,7 @@ positions on a table and turns by hand leave."""
 _CLOSED = """As printed the gate is closed on this floor, where the field changes by some 14 uT from stride to stride:
 it believes no footfall and is the pure ZUPT filter, with the drift of our gyroscope. Tuned, the gate is open."""
 
-_FEW = """170 lets 2 to 3 % of the footfalls pass on this floor. Their compass is some 10 deg off (M-E2b) and is taken
+_FEW = """170 lets 2 to 4 % of the footfalls pass on this floor. Their compass is some 10 deg off (M-E2b) and is taken
 in with the printed 3.8 deg; tuned, most footfalls pass, with 30 deg each, and the deviations of the places average
 out."""
 
