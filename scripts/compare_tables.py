@@ -24,6 +24,7 @@ from fg_nav.campaign.sources import WALK
 from fg_nav.evaluation.landmarks import error_reduction_percent
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.report.terminal import console
+from fg_nav.reproduce.walk_figures import at_landmarks, mean, used_percent, walk_error
 from fg_nav.wording import counted
 
 OFFICE, OFFICE_OPEN, MALL, BUILDING = "office", "office-open", "mall", "teaching-building"
@@ -84,14 +85,11 @@ def by_case(results: Sequence[Result]) -> dict[str, Case]:
 
 
 def _figure(mode: str, name: str, result: Result, _: Result | None = None) -> float | None:
-    errors = result.errors.get(mode)
-    value = None if errors is None else getattr(errors, name)
-    return None if value is None else float(abs(value))
+    return walk_error(result, name, mode)
 
 
 def _at_landmarks(mode: str, of: Callable[[Sequence[float]], float], result: Result, _: Result | None) -> float | None:
-    errors = result.landmark_m.get(mode)
-    return None if not errors else float(of(errors))
+    return at_landmarks(result, of, mode)
 
 
 def _reduction(
@@ -115,16 +113,12 @@ def _ratio(
 
 
 def _used_percent(result: Result, _: Result | None) -> float | None:
-    return 100.0 * result.used.count(kept.USED) / len(result.used) if result.used else None
-
-
-def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
+    return used_percent(result)
 
 
 STARTED_MEAN = partial(_figure, AS_STARTED, "mean_m")
 STARTED_RMSE = partial(_figure, AS_STARTED, "rmse_m")
-STARTED_AT_LANDMARKS = partial(_at_landmarks, AS_STARTED, _mean)
+STARTED_AT_LANDMARKS = partial(_at_landmarks, AS_STARTED, mean)
 
 END = Column("end, as started (m)", "end", partial(_figure, AS_STARTED, "end_m"))
 TTD = Column("TTD (%)", "TTD", partial(_figure, AS_STARTED, "end_percent"))
@@ -164,7 +158,7 @@ TABLES: Mapping[str, Sequence[Column]] = {
     "At the landmarks": (
         LANDMARK_MEAN,
         LANDMARK_MAX,
-        Column("mean, yaw (m)", "", partial(_at_landmarks, BEST_YAW, _mean)),
+        Column("mean, yaw (m)", "", partial(_at_landmarks, BEST_YAW, mean)),
         Column("max, yaw (m)", "", partial(_at_landmarks, BEST_YAW, max)),
         REDUCTION,
     ),

@@ -44,23 +44,29 @@ from figures import Figure
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
-from fg_nav.evaluation import compass_deviation, roc_of
 from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
 from fg_nav.frames import heading_of, wrap
-from fg_nav.magnetic import DETECTORS, FootfallField, footfall_field, judge
+from fg_nav.magnetic import DETECTORS, footfall_field
 from fg_nav.magnetic.channels import SIGNALS
 from fg_nav.magnetic.verdicts import QUASI_STATIC
 from fg_nav.recording import TrajectoryTruth
+from fg_nav.reproduce.aiez2017_magnet import (
+    FAR,
+    NEAR,
+    SCENARIO,
+    STRONGER,
+    Judged,
+    judged,
+    pooled,
+    told_apart,
+    turned_by_magnet,
+)
 from fg_nav.session import Options, Outcome, prepare, solve
-from fg_nav.simulation import SCENARIOS, SimulatedWalk, simulate
-from fg_nav.simulation.fields import Sum
+from fg_nav.simulation import simulate
 from fg_nav.simulation.scenarios import Choices
 
 FIRST_SEED, SEEDS = 101, 20
-SCENARIO = SCENARIOS["magnet-corridor"]
-STRONGER = 10
 EDGES_DEG = (0.0, 2.0, 5.0, 10.0, 20.0, 45.0, 180.0)
-FAR, NEAR = (0.0, 2.0), (10.0, math.inf)
 MOST, LEAST = 0.2, 0.8
 """Shares: AIEZ is to accept at most the one of what is near, and both detectors at least the other of all else."""
 
@@ -79,19 +85,6 @@ SIGMA_SEEDS, SIGMA_SENSORS = range(1, 5), ("mpu-9250x8", "xsens-mtw", "lord-gx5-
 SIGMA_SCENARIO = "teaching-building"
 
 MAGNETOMETERS: Mapping[str, bool] = {"calibrated": True, "as is": False}
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Footfalls of one walk: how far the magnet turns the field (F,) deg, and each detector's statistic (F,)."""
-
-    turned_deg: Floats
-    statistic: Mapping[str, Floats]
-
-    def between(self, name: str, low_deg: float, high_deg: float) -> Floats:
-        """Statistic over its threshold of each footfall judged, where the magnet turns the field that far."""
-        statistic = self.statistic[name][(self.turned_deg >= low_deg) & (self.turned_deg < high_deg)]
-        return np.asarray(statistic[np.isfinite(statistic)])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -134,21 +127,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def judged(strength: int, calibrated: bool, seed: int) -> Judged:
-    """One walk with so many magnets in one place."""
-    walk = simulate(replace(SCENARIO, magnets=SCENARIO.magnets * strength), seed, Choices(calibrated=calibrated))
-    field = footfall_field(walk.recording, detect_stances(walk.recording))
-    statistic = {name: judge(field, name).statistic for name in DETECTORS}
-    return Judged(np.degrees(np.abs(turned_by_magnet(walk, field))), statistic)
-
-
-def turned_by_magnet(walk: SimulatedWalk, field: FootfallField) -> Floats:
-    """(F,) rad by which the magnet turns the true field over the ground, where the sensor is at each footfall."""
-    assert isinstance(walk.field, Sum)
-    place = walk.recording.truth.position[field.sample] + walk.origin  # type: ignore[union-attr]
-    return -compass_deviation(walk.field.at(place), walk.field.parts[0].at(place))
-
-
 def print_shares(walks: Sequence[Judged]) -> None:
     """One row a detector; over it, how many footfalls there are."""
     zones = list(pairwise(EDGES_DEG))
@@ -164,19 +142,6 @@ def share(walks: Sequence[Judged], name: str, low_deg: float, high_deg: float) -
         return "-"
     each = [float((part < 1.0).mean()) for part in found]
     return f"{(np.concatenate(found) < 1.0).mean():.0%} ({min(each):.0%}-{max(each):.0%})"
-
-
-def pooled(walks: Sequence[Judged], name: str, zone: tuple[float, float]) -> Floats:
-    """Statistics of all walks in this zone."""
-    return np.concatenate([walk.between(name, *zone) for walk in walks])
-
-
-def told_apart(walks: Sequence[Judged], name: str) -> float:
-    """Probability that the statistic of a footfall near is above that of one far: 0.5 is a coin, whatever threshold."""
-    near, far = pooled(walks, name, NEAR), pooled(walks, name, FAR)
-    if not (len(near) and len(far)):
-        return math.inf
-    return roc_of(np.concatenate([far, near]), np.arange(len(far) + len(near)) < len(far)).area
 
 
 def figures_of(section: str, walks: Sequence[Judged]) -> list[Figure]:

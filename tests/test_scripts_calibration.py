@@ -2,10 +2,13 @@
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from fg_nav.reproduce import ma2018_loop
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))  # a script finds its neighbours by the folder it is in
 loop = importlib.import_module("calibration_loop")
@@ -14,7 +17,7 @@ consistency = importlib.import_module("ellipsoid_consistency")
 
 @pytest.fixture(scope="module")
 def walked():
-    return [loop.walked(1)]
+    return [ma2018_loop.walked_loop(1)]
 
 
 def test_the_loop_gives_table_1_back(walked):
@@ -27,11 +30,11 @@ def test_the_loop_gives_table_1_back(walked):
 
 
 def test_on_the_shoe_beats_free_of_the_shoe_and_both_beat_nothing(walked):
-    largest = {name: loop.heading_errors(walked, name)[0].max() for name in walked[0].heading}
+    largest = {name: ma2018_loop.heading_errors(walked, name)[0].max() for name in walked[0].heading}
     assert largest["ellipse, fitted"] < 5.0
     assert largest["ellipsoid, on the shoe"] < 5.0
-    assert largest[loop.CLSEF] > 1.5 * largest["ellipse, fitted"]
-    assert largest[loop.CLSEF + loop.CONTROL] < 2.0  # so it is the shoe and not the ellipsoid
+    assert largest[ma2018_loop.CLSEF] > 1.5 * largest["ellipse, fitted"]
+    assert largest[ma2018_loop.CLSEF + ma2018_loop.CONTROL] < 2.0  # so it is the shoe and not the ellipsoid
     assert largest["ellipsoid, bare"] > 1.5 * largest["ellipse, fitted"]
     assert largest["none"] > 40.0
     assert largest["ellipsoid, bare: chips"] == pytest.approx(largest["none"], abs=3.0)  # the shoe's iron is all there
@@ -39,16 +42,16 @@ def test_on_the_shoe_beats_free_of_the_shoe_and_both_beat_nothing(walked):
 
 def test_a_bare_sensor_used_bare_is_right():
     """What is wrong with it on the shoe is the shoe: on the readings it was made from the ellipsoid holds."""
-    prior = loop.preset(loop.SENSOR).with_iron(loop.bare_of_table_1(np.eye(3)))
-    readings = loop.tumbled(prior, 1)
-    found = loop.fitted_ellipsoid(readings)
+    prior = ma2018_loop.preset(ma2018_loop.SENSOR).with_iron(ma2018_loop.bare_of_table_1(np.eye(3)))
+    readings = ma2018_loop.tumbled(prior, 1)
+    found = ma2018_loop.fitted_ellipsoid(readings)
     strength = np.linalg.norm(found.corrected(readings[np.isfinite(readings).all(axis=1)]), axis=1)
-    assert found.hard_iron_uT == pytest.approx(loop.MA_B_UT, abs=0.1)
+    assert found.hard_iron_uT == pytest.approx(ma2018_loop.MA_B_UT, abs=0.1)
     assert np.std(strength) < 0.3
 
 
 def test_the_loop_prints_both_tables(capsys, walked, monkeypatch):
-    monkeypatch.setattr(loop, "walked", lambda seed, field: walked[seed - loop.FIRST_SEED])
+    monkeypatch.setattr(loop, "walked_loop", lambda seed, field: walked[seed - loop.FIRST_SEED])
     loop.main(["--seeds", "1"])
     printed = capsys.readouterr().out
     assert "Table 1" in printed
@@ -57,10 +60,10 @@ def test_the_loop_prints_both_tables(capsys, walked, monkeypatch):
 
 
 def test_a_refusal_counts_as_infinite(walked):
-    refused = loop.replace(walked[0], heading={"none": np.empty(0)})
-    largest, rms = loop.heading_errors([refused], "none")
+    refused = replace(walked[0], heading={"none": np.empty(0)})
+    largest, rms = ma2018_loop.heading_errors([refused], "none")
     assert np.isinf([largest[0], rms[0]]).all()
-    assert np.isinf(loop.errors_of(None)).all()
+    assert np.isinf(ma2018_loop.errors_of(None)).all()
 
 
 @pytest.mark.parametrize("way", consistency.WAYS)

@@ -140,3 +140,8 @@ class Reproduction:
     differs: Sequence[str] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def one_line(text: str) -> str:
+    """Return a text that was written over several lines as one."""
+    return " ".join(text.split())
