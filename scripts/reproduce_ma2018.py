@@ -1,24 +1,14 @@
-"""All experiments of a paper from a checkout: as `fg-nav reproduce ma2018`, with the rows printed and nothing else.
+"""The results of Ma et al. (2018) beside ours, each printed figure with a verdict.
 
-    python scripts/reproduce_ma2018.py --out DIR [--seeds N] [--jobs N] [--quick]
+    python scripts/reproduce_ma2018.py [--quick] [--seeds N] [--first SEED] [--workers N] [--out DIR] [--force]
 
-What is kept in DIR from an earlier run is taken up, and so are the files of `compare_ekf.py` in its folder `cells`.
+The same as `fg-nav reproduce ma2018` with the same options; how it is done stands in `fg_nav.reproduce`.
 """
 
-from __future__ import annotations
+import sys
 
-from collections.abc import Sequence
-
-import figures as fig
-from reproduced import reproduced
-
-from fg_nav.reproduce.ma2018 import reproduce
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Make, print."""
-    reproduced(reproduce, arguments)
-
+from fg_nav.cli import main
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    sys.argv[1:1] = ["reproduce", "ma2018"]
+    main()
