@@ -26,8 +26,8 @@ class PocketGraphParameters:
     latitude_deg: float | None = None
     """Latitude, deg north, to take the Earth's rate off; None to leave it."""
     gyr_scale_sigma: float = 0.002
-    """Scale and misalignment before anything is known, a part of the rate: a sensor calibrated by its maker, as data
-    sheets have it, 0.1 to 0.3 % and axes within 0.1 deg; 0.01 for a bare chip."""
+    """Scale and misalignment before anything is known, a part of the rate: a sensor calibrated by its maker, 0.1 deg of
+    axes. Assumed; chosen with the BROAD trials in view (docs/pocket.md). 0.01 for a bare chip."""
     rest_rate_deg_s: float = 2.0
     """A mean rate above this about any axis is none of a rest, but for a worse sensor, deg/s."""
     rest_spread_deg_s: float = 1.0
