@@ -74,6 +74,12 @@ class PocketGraphParameters:
     """So long it is one and the same deviation, s: as many metres. Nodes within it are not independent witnesses."""
     field_prior_uT: float = 60.0
     """How far the local field may be from anything at first, uT an axis: more than the Earth's."""
+    gap_turn_deg_s: float = 100.0
+    """Where samples are missing, a thigh may have turned at so much, deg/s: the rms of its swing ..."""
+    gap_tilt_deg: float = 30.0
+    """... but its tilt by no more than this, half of a swing, deg ..."""
+    gap_turn_deg: float = 100.0
+    """... and its heading by no more than this, deg: about the sigma of one that nobody knows."""
     iterations: int = 20
     """Most rounds of the batch solution, each with new weights."""
     enough_deg_s: float = 1e-4

@@ -9,7 +9,20 @@ import numpy as np
 from factors.rotation import rotation_exp, unskew
 from fg_nav.arrays import Floats
 from fg_nav.pocket.belief import earth_rate
-from fg_nav.pocket.graph_chain import FIELD, REGION, SIZE, TURN, VELOCITY, Beliefs, Factors, Nodes, Solved, solve
+from fg_nav.pocket.graph_chain import (
+    BIAS,
+    FIELD,
+    REGION,
+    SCALE,
+    SIZE,
+    TURN,
+    VELOCITY,
+    Beliefs,
+    Factors,
+    Nodes,
+    Solved,
+    solve,
+)
 from fg_nav.pocket.graph_field import deviation_variance, step_variance
 from fg_nav.pocket.graph_links import Links
 from fg_nav.pocket.graph_motion import Rests, pace_variance, swing_variance
@@ -54,17 +67,37 @@ def beliefs_of(p: PocketGraphParameters, bias: Floats) -> Beliefs:
     )
 
 
-def prior_of(start: PocketStart, links: Links, p: PocketGraphParameters) -> Prior:
+def prior_of(start: PocketStart, links: Links | None, p: PocketGraphParameters) -> Prior:
     """What is known at the first node: the start, no errors, a field as first seen, give or take all, and no speed."""
     R = np.asarray(start.nav_R_body, dtype=np.float64)
-    seen = np.flatnonzero(links.count)
-    m = R @ links.field[seen[0]] if len(seen) else np.zeros(3)
+    m = np.zeros(3)
+    if links is not None and links.count.any():
+        m = R @ links.field[int(np.argmax(links.count > 0))]
     y = np.zeros(SIZE - 3)
     y[FIELD - 3 : REGION - 3] = y[REGION - 3 : VELOCITY - 3] = m
     parts = [start.tilt_sigma, np.radians(p.gyro_bias_sigma_deg_s), p.gyr_scale_sigma, p.field_prior_uT]
     sigma = np.append(np.repeat(parts, [3, 3, 9, 6]), np.repeat([p.pace_m_s, p.swing_m, p.pace_m_s], 2))
     sigma[TURN + 2] = start.heading_sigma
     return Prior(R, y, np.diag(sigma**2))
+
+
+def after_gap(known: Prior, gap_s: float, p: PocketGraphParameters) -> Prior:
+    """What is known of a node `gap_s` s after this one, with no sample between.
+
+    The attitude may have turned, the local field is another, and of the motion nothing is left; bias, scale and the
+    region's field hold, and so the heading is found again.
+    """
+    P, y = known.P.copy(), known.y.copy()
+    lost = np.r_[FIELD:REGION, VELOCITY:SIZE]
+    P[lost, :] = P[:, lost] = 0.0
+    sigma = np.repeat([p.field_prior_uT, p.pace_m_s, p.swing_m, p.pace_m_s], [3, 2, 2, 2])
+    P[lost, lost] = sigma**2
+    turned = np.radians(np.minimum(p.gap_turn_deg_s * gap_s, [p.gap_tilt_deg, p.gap_tilt_deg, p.gap_turn_deg]))
+    P[range(TURN, TURN + 3), range(TURN, TURN + 3)] += turned**2
+    P[range(BIAS, SCALE), range(BIAS, SCALE)] += np.radians(p.bias_walk_deg_s) ** 2 * gap_s
+    y[FIELD - 3 : REGION - 3] = y[REGION - 3 : VELOCITY - 3]
+    y[VELOCITY - 3 :] = 0.0
+    return Prior(known.R, y, P)
 
 
 def factors_of(links: Links, p: PocketGraphParameters, weighed: Weighed, rests: Rests) -> Factors:

@@ -42,15 +42,20 @@ class Window:
     solved: Solved
     weighed: Weighed
 
-    def __init__(self, start: PocketStart, links: Links, parameters: PocketGraphParameters) -> None:
+    def __init__(self, prior: Prior, links: Links, parameters: PocketGraphParameters) -> None:
         self._p = parameters
         self._beliefs = beliefs_of(parameters, links.bias)
-        self._prior = prior_of(start, links, parameters)
+        self._prior = prior
         self._links, self._past = links, 0
         self.nodes = predicted(self._prior, links, self._beliefs)
         self._linearised = self.nodes
         self.weighed = unweighed(self._walk(), links, parameters)
         self._solve()
+
+    @property
+    def last(self) -> Prior:
+        """What is known of the last node."""
+        return _known(self.nodes, -1, self.solved.P[-1])
 
     def extend(self, new: Links) -> int:
         """Add links and solve; returns how many of the nodes there were have left the window."""
@@ -112,7 +117,7 @@ def _known(nodes: Nodes, k: int, P: Floats = np.zeros((SIZE, SIZE))) -> Prior:
 def from_the_past(links: Links, start: PocketStart, p: PocketGraphParameters) -> tuple[Nodes, Weighed]:
     """Nodes and weights of all links as they were when they left the window, the last ones as they are at the end."""
     every = max(round(p.lag_s / 2 / p.node_s), 1)
-    window = Window(start, links.part(0, every), p)
+    window = Window(prior_of(start, links, p), links.part(0, every), p)
     nodes: list[Nodes] = []
     weights: list[Weighed] = []
     for first in range(every, len(links), every):

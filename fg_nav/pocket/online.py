@@ -18,12 +18,13 @@ from fg_nav.coning import compensated
 from fg_nav.errors import EstimationError
 from fg_nav.pocket.graph_links import Links, links_between, node_samples
 from fg_nav.pocket.graph_parameters import PocketGraphParameters
+from fg_nav.pocket.graph_solution import Prior, after_gap, prior_of
 from fg_nav.pocket.graph_track import causal_track
 from fg_nav.pocket.graph_window import Window
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.start import PocketStart, level_start
 from fg_nav.pocket.track import PocketTrack
-from fg_nav.recording import MIN_SAMPLES, Recording
+from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,14 @@ class PocketEstimate:
 class OnlinePocket:
     """Orientation and gyro bias from samples as they come.
 
-    Unlike a `Recording` samples are taken as they are: gaps are not bridged and clipped peaks not rebuilt.
+    A sample that is not finite is left out. Where more than `fg_nav.recording.MAX_GAP_S` is missing, the graph goes on
+    behind the gap from what is then still known (`graph_solution.after_gap`); shorter gaps hold the last rate. Unlike
+    in a `Recording`, clipped peaks are not rebuilt.
+
+    Attributes
+    ----------
+    left_out : how many samples were not finite.
+    gaps : stamps before and after each gap, s.
     """
 
     def __init__(
@@ -52,6 +60,9 @@ class OnlinePocket:
         self._made = 0
         self._before = 0
         self._window: Window | None = None
+        self._resumed: Prior | None = None
+        self.left_out = 0
+        self.gaps: list[tuple[float, float]] = []
 
     def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> PocketEstimate | None:
         """Take in samples and return the estimate at the last one; None until there is the first second.
@@ -63,22 +74,43 @@ class OnlinePocket:
         Raises
         ------
         EstimationError
-            If a stamp is not after the one before, or a sample is not finite; or it cannot be levelled.
+            If a stamp is not after the one before, or it cannot be levelled.
         """
-        self._take(t, acc, gyr, np.full((len(t), 3), np.nan) if mag is None else mag)
-        if not len(self._samples) or not self._has_begun():
-            return None
-        self._make_nodes()
-        return self._now()
+        new = np.column_stack([t, acc, gyr, np.full((len(t), 3), np.nan) if mag is None else mag])
+        for part in self._parts(new):
+            if self._is_behind_gap(part):
+                self._lose(float(part[0, 0]))
+            self._take(part)
+            if self._has_begun():
+                self._make_nodes()
+        return self._now() if len(self._samples) and self._start is not None else None
 
-    def _take(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats) -> None:
-        new = np.column_stack([t, acc, gyr, mag])
-        stamps = np.append(self._samples[-1:, 0], new[:, 0])
-        if not np.isfinite(new[:, :7]).all() or not (np.diff(stamps) > 0).all():
-            raise EstimationError("a sample that was pushed is not finite or not after the last one: leave it out.")
+    def _parts(self, new: Floats) -> list[Floats]:
+        """Samples (n, 10) that are finite, parted at gaps; raises if a stamp goes back."""
+        finite = np.isfinite(new[:, :7]).all(axis=1)
+        new = new[finite]
+        if not (np.diff(np.append(self._samples[-1:, 0], new[:, 0])) > 0).all():
+            raise EstimationError("the stamp of a sample that was pushed is not after the last one: leave it out.")
+        self.left_out += int((~finite).sum())
+        return [part for part in np.split(new, 1 + np.flatnonzero(np.diff(new[:, 0]) > MAX_GAP_S)) if len(part)]
+
+    def _is_behind_gap(self, part: Floats) -> bool:
+        return len(self._samples) > 0 and part[0, 0] - self._samples[-1, 0] > MAX_GAP_S
+
+    def _lose(self, stamp: float) -> None:
+        """Go on at a stamp behind a gap; a beginning that was too short for a start is begun anew."""
+        last = float(self._samples[-1, 0])
+        self.gaps.append((last, stamp))
+        if self._start is not None:
+            known = self._carried()
+            self._resumed = after_gap(known, stamp - last, self._p)
+        self._samples, self._window = np.empty((0, 10)), None
+        self._origin, self._made, self._before = np.nan, 0, 0
+
+    def _take(self, new: Floats) -> None:
         self._samples = np.concatenate([self._samples, new])
-        if np.isnan(self._origin) and len(new):
-            self._origin = float(t[0])
+        if np.isnan(self._origin):
+            self._origin = float(new[0, 0])
 
     def _has_begun(self) -> bool:
         """Whether there is a start, making it of the first second if there is enough of it."""
@@ -106,7 +138,7 @@ class OnlinePocket:
         links = links_between(node, t, acc, gyr, mag, np.zeros(3))
         assert self._start is not None
         if self._window is None:
-            self._window = Window(self._start, links, p)
+            self._window = Window(self._resumed or prior_of(self._start, links, p), links, p)
         else:
             self._window.extend(links)
         self._made += every
@@ -116,19 +148,23 @@ class OnlinePocket:
 
     def _now(self) -> PocketEstimate:
         """The last node, carried on to the last sample."""
+        known = self._carried()
+        return PocketEstimate(float(self._samples[-1, 0]), known.R, known.y[:3], np.sqrt(np.diag(known.P)[:6]))
+
+    def _carried(self) -> Prior:
+        """What is known of the last node, its attitude carried on to the last sample by the gyroscope."""
         t, _, gyr, _ = self._columns()
-        assert self._start is not None
-        if self._window is None:
-            R, bias = self._start.nav_R_body, np.zeros(3)
-            sigma = np.repeat([self._start.tilt_sigma, np.radians(self._p.gyro_bias_sigma_deg_s)], 3)
-            sigma[2] = self._start.heading_sigma
-        else:
-            nodes, P = self._window.nodes, self._window.solved.P[-1]
-            R, bias, sigma = nodes.R[-1], nodes.b[-1], np.sqrt(np.diag(P)[:6])
-        part = slice(self._before, -1)
-        for turn in rotation_exp((gyr[part] - bias) * np.diff(t)[self._before :, None]):
+        known = self._known()
+        R, part = known.R, slice(self._before, -1)
+        for turn in rotation_exp((gyr[part] - known.y[:3]) * np.diff(t)[self._before :, None]):
             R = R @ turn
-        return PocketEstimate(float(t[-1]), R, bias, sigma)
+        return known._replace(R=R)
+
+    def _known(self) -> Prior:
+        if self._window is not None:
+            return self._window.last
+        assert self._start is not None
+        return self._resumed or prior_of(self._start, None, self._p)
 
 
 def follow_pocket(
@@ -159,7 +195,7 @@ def _followed(
 ) -> PocketTrack:
     every = max(round(p.push_s / p.node_s), 1)
     ends = np.unique(np.append(np.arange(every, len(links), every), len(links)))
-    window = Window(start, links.part(0, ends[0]), p)
+    window = Window(prior_of(start, links, p), links.part(0, ends[0]), p)
     R, b, P = [window.nodes.R[0]], [np.zeros(3)], [window.solved.P_ahead[0, :6, :6]]
     nis = []
     for first, last in zip(np.append(0, ends[:-1]), ends, strict=True):

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
@@ -255,8 +256,30 @@ def test_samples_that_cannot_be_are_refused_when_pushed(recording):
     online.push(recording.t[:10], recording.acc[:10], recording.gyr[:10])
     with pytest.raises(EstimationError, match="not after"):
         online.push(recording.t[5:8], recording.acc[5:8], recording.gyr[5:8])
-    with pytest.raises(EstimationError, match="not finite"):
-        online.push(recording.t[10:12], recording.acc[10:12] * np.nan, recording.gyr[10:12])
+    online.push(recording.t[10:12], recording.acc[10:12] * np.nan, recording.gyr[10:12])
+    assert online.left_out == 2
+
+
+@pytest.mark.parametrize("lost_s", [0.3, 3.0, 20.0])
+def test_behind_a_gap_it_knows_less_and_finds_again_what_it_knew(leg, recording, lost_s):
+    """What is left of a walk without some seconds in the middle: the bias holds, tilt and heading are found again."""
+    gap = (recording.t > 30.0) & (recording.t < 30.0 + lost_s)
+    kept = ~gap
+    kept[2000:2003] = False
+    acc = np.where(kept[:, None], recording.acc, np.nan)
+    online = OnlinePocket(P, start_of(leg))
+    parts = np.array_split(np.flatnonzero(~gap), 40)
+    told = [online.push(recording.t[part], acc[part], recording.gyr[part], recording.mag[part]) for part in parts]
+    assert online.left_out == 3
+    assert len(online.gaps) == 1
+    before, behind = (next(x for x in told if x.t > t) for t in (28.0, 30.0 + lost_s))
+    assert (behind.sigma[:3] > 2 * before.sigma[:3]).all() or lost_s < 1.0
+    last = told[-1]
+    truth = leg.attitude[np.searchsorted(recording.t, last.t - 1e-9)]
+    off = Rotation.from_matrix(last.nav_R_body @ truth.T).as_rotvec()
+    assert (np.abs(off) < 4 * last.sigma[:3] + 1e-3).all()
+    assert np.degrees(np.abs(off)).max() < 3.0
+    assert np.degrees(np.abs(last.gyro_bias - BIAS)).max() < 0.02
 
 
 @pytest.mark.parametrize("estimate", ESTIMATORS)
