@@ -34,7 +34,7 @@ HEADLINES = (
     ("ma2018", "M-E3", "final position error, proposed, indoor"),
     ("ma2018", "M-E4", "mean error at 42 landmarks, proposed, indoor"),
     ("aiez2017", "Z-E2", "position error, AIEZ, indoor"),
-    ("munoz-diaz2017", "D-E2", "z is at -0.08 deg/s after, munich"),
+    ("munoz-diaz2017", "D-E6", "both updates: displacement after it"),
 )
 """Lines of the README: paper, experiment and row."""
 

@@ -59,7 +59,6 @@ def _rows(strength: int, walks: Sequence[Judged]) -> Iterator[Row]:
         CLASSICAL,
         bound=-1,
         good=1,
-        tolerance=0.0,
         why=one_line(few),
     )
     yield Row(
@@ -70,7 +69,6 @@ def _rows(strength: int, walks: Sequence[Judged]) -> Iterator[Row]:
         REJECTED,
         PRINTED,
         bound=1,
-        tolerance=0.0,
         why=one_line(_SIGMA + few),
     )
     yield Row(f"far believed, {where}", "", "", far)

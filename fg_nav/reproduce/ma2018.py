@@ -30,7 +30,7 @@ CITATION = (
 
 FIELDS, QUICK_FIELDS = ("smooth", "indoor"), ("indoor",)
 
-QUICK_SEEDS, LOOPS, NOISES, ROCS = 3, 20, 10, 10
+LOOPS, NOISES, ROCS = 20, 10, 10
 """The first seeds of a run that are enough: of loops, of walks for the sigmas (two hours), and for the ROC."""
 
 WALK_MINUTES = 12.2
@@ -91,14 +91,14 @@ def reproduce(
     seeds : of the simulated walks.
     workers : processes.
     progress : told the fraction done.
-    quick : three seeds, one field, and ten minutes at rest for two hours.
+    quick : one field, and ten minutes at rest for two hours.
 
     Raises
     ------
     OutputError
         Where the folder cannot be written.
     """
-    plan = Plan(seeds[:QUICK_SEEDS], QUICK_FIELDS, QUICK_REST_S) if quick else Plan(seeds)
+    plan = Plan(seeds, QUICK_FIELDS, QUICK_REST_S) if quick else Plan(seeds)
     make_missing(folder, plan.keys, plan.parts, workers, progress)
     walks = read_walks(folder, plan.keys)
     return Reproduction(
@@ -161,5 +161,5 @@ _DIFFERS = (
     told the true heading at the start and is left with its errors.""",
 )
 
-_QUICK = """This run was quick: three seeds, the field indoor only, ten minutes at rest for two hours, and 37 minutes of
-walking for the sigmas. Left out are all rows of the field smooth but those of the detectors."""
+_QUICK = """This run was quick: the field indoor only, and ten minutes at rest for two hours. Left out are all rows of
+the field smooth but those of the detectors."""

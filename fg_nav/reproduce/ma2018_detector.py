@@ -92,7 +92,18 @@ def _roc_rows(cases: Mapping[str, Case]) -> Iterator[Row]:
     between = _by_detector(cases[FIELD])
     where = f"{FIELD}, {LIMIT_UT[FIELD]:g} uT"
     p_d, beyond = _of_each(between, _p_d), _of_each(between, _beyond)
-    yield Row(f"P_D at the threshold, {where}", "", "about 0.8", p_d, MA_P_D, PRINTED, good=1, tolerance=0.1, why=about)
+    yield Row(
+        f"P_D at the threshold, {where}",
+        "",
+        "about 0.8",
+        p_d,
+        MA_P_D,
+        PRINTED,
+        good=1,
+        tolerance=0.1,
+        why=about,
+        whose="input",
+    )
     yield Row(f"P_FA there, {where}", "", "", _of_each(between, _p_fa))
     yield Row(
         f"rise of P_FA over that of P_D beyond, {where}",
@@ -102,7 +113,6 @@ def _roc_rows(cases: Mapping[str, Case]) -> Iterator[Row]:
         1.0,
         PRINTED,
         bound=-1,
-        tolerance=0.0,
         good=1,
         why=_BEYOND,
     )
@@ -182,7 +192,6 @@ def curve_rows(case: Case) -> Iterator[Row]:
             PRINTED,
             bound=bound,
             good=-bound,
-            tolerance=0.0,
             why=why,
         )
 

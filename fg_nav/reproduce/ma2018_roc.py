@@ -226,7 +226,7 @@ def cases_of(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, Cas
 def _judged_of(arrays: Arrays, field: str) -> Judged:
     change = FieldChange(*(arrays[f"{field}/{name}"] for name in _CHANGES))
     statistics = {name: arrays[f"{field}/statistic {name}"] for name in DETECTORS}
-    return Judged(change, arrays[f"{field}/course"], arrays[f"{field}/deviation"], statistics, statistics)
+    return Judged(change, arrays[f"{field}/course"], arrays[f"{field}/deviation"], statistics, {})
 
 
 _CHANGES = ("vector_uT", "heading", "inclination", "strength_uT")

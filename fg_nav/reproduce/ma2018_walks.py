@@ -14,7 +14,7 @@ from fg_nav.campaign.kept import Key, Result
 from fg_nav.reproduce.cells import Walks, keys_of
 from fg_nav.reproduce.ma2018_detector import curve_rows
 from fg_nav.reproduce.ma2018_roc import CURVED_DEG, STRAIGHT_DEG, Case
-from fg_nav.reproduce.results import TOLERANCE, Experiment, Picture, Row, one_line
+from fg_nav.reproduce.results import Experiment, Picture, Row, one_line
 from fg_nav.reproduce.walk_figures import (
     Figure,
     end_m,
@@ -95,7 +95,7 @@ class Printed:
             self.paper,
             TUNED if self.filter_name == ZUPT else PRINTED,
             bound=self.bound,
-            tolerance=0.0 if self.bound else TOLERANCE,
+            good=-1 if self.filter_name == PROPOSED else 0,
             why=one_line(dict(self.why).get(field, dict(self.why).get("", ""))),
             pattern=self.pattern,
         )
@@ -170,7 +170,7 @@ def _share(result: Result, figure: Figure) -> float | None:
     return None if value is None or errors is None else 100.0 * value / errors.distance_m
 
 
-_SETTING = """{scenario}. Magnetometer calibrated on a loop of the same shoe, all methods told the heading at the start,
+_SETTING = """{scenario}. Magnetometer calibrated on a loop of the same shoe, all methods told the heading at the start.
 Medians over the walks (5 to 95 %), laid on the truth as started. Columns: the filter as printed (detector, threshold
 and values of the paper; noise of OpenShoe where none is printed), physical (as physics has it), tuned (on seeds below
 100), the smoother without the field and with it. Pure ZUPT has nothing to tune, and the smoother one setting.

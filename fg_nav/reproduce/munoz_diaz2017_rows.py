@@ -33,12 +33,15 @@ from fg_nav.reproduce.munoz_diaz2017_measures import (
 )
 from fg_nav.reproduce.munoz_diaz2017_walks import ALL, FILTER, ONLINE, SECOND_NOISES_UT
 from fg_nav.reproduce.munoz_diaz2017_words import DETECTOR, DRIFTS, FOLLOWS, IRON, PRIOR, SWING, TRIP
-from fg_nav.reproduce.results import Row
+from fg_nav.reproduce.results import TOLERANCE, Row
 
 OURS, EXPECTED = "ours", "by the field"
 """Columns of what no estimator has a hand in."""
 
 AT_MOST, AT_LEAST = 1, -1
+
+NEAR_ONE = 0.15
+"""Of a ratio that the paper has at one: without an effect it is one as well."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ AXES = "xyz"
 def _errors(words: str, printed: Sequence[float]) -> list[Reading]:
     """Three rows of Tables 2 and 3, an axis each."""
     return [
-        _own(errors_of(words, axis), "deg/s", f"{value:.2f}", value, _BIAS)
+        _own(errors_of(words, axis), "deg/s", f"{value:.2f}", value, _BIAS, whose="input")
         for axis, value in zip(AXES, printed, strict=True)
     ]
 
@@ -150,7 +153,7 @@ _GRAVITY = (
 _PLACES = (
     *(
         _run(f"z is at -0.08 deg/s after, {site}", "min", f"{minutes:.0f}", site, reached(Z, -0.08), paper=minutes,
-             why=PRIOR)
+             why=PRIOR, whose="input")
         for site, minutes in _MINUTES.items()
     ),
     *(
@@ -160,7 +163,7 @@ _PLACES = (
     *(
         _run(minutes_over(site), "", f"{minutes / PUBLISHED.minutes_equator:.2f}", site, reached(Z, -0.08), "equator",
              paper=minutes / PUBLISHED.minutes_equator, pattern="{:.2f}",
-             why=SWING)
+             tolerance=TOLERANCE * (1 - PUBLISHED.minutes_equator / minutes), why=SWING)
         for site, minutes in _MINUTES.items() if site != "equator"
     ),
 )  # fmt: skip
@@ -172,7 +175,7 @@ _TURNED = tuple(
     for site in ("equator", "munich")
     for axis, number, level, said, more in (
         ("y", Y, 0.08, "slightly sooner (< 1)", {"bound": AT_MOST}),
-        ("z", Z, -0.08, "as before (1)", {}),
+        ("z", Z, -0.08, "as before (1)", {"tolerance": NEAR_ONE}),
     )
 )  # fmt: skip
 
@@ -206,13 +209,13 @@ _CARS = (
 def _asked(where: str, case: str, most_deg: float) -> Reading:
     """What was asked of the graph."""
     return _run(f"yaw error at the end, {where}; asked of the graph", "deg", f"asked: <= {most_deg:.0f}", case,
-                yaw_at_end, paper=most_deg, bound=AT_MOST, judged=ONLINE, good=-1, pattern="{:.2f}")  # fmt: skip
+                yaw_at_end, paper=most_deg, bound=AT_MOST, judged=ONLINE, pattern="{:.2f}", whose="asked")  # fmt: skip
 
 
 _YAW = (
     _run("yaw error at the end, gravity only", "deg", "", "gravity", yaw_at_end, pattern="{:.0f}"),
     _run("growth of it, second half over first", "", "constantly increasing (1)", "gravity",
-         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}"),
+         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}", tolerance=NEAR_ONE),
     _run("yaw goes to and fro by, Munich, first 15 min", "deg", "", "munich", yaw_range(0, 15), pattern="{:.0f}"),
     _run("the same from then on over that", "", "unstable before (< 1)", "munich",
          over(yaw_range(15, 60), yaw_range(0, 15)), paper=1.0, bound=AT_MOST, pattern="{:.2f}"),

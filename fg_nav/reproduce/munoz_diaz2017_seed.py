@@ -80,8 +80,8 @@ FOG_HOURS, ALLAN_HOURS = 1.0, 14.0
 _IN_WORDS = "munoz_diaz2017_words"
 """Module that no figure depends on."""
 
-_OF_OURS = ("pocket", "simulation", "calibration", "detection")
-"""Packages that figures are made by, beside the modules of the first level and those of this paper."""
+_SEEN_ONLY = ("report", "reproduce", "campaign", "cli.py")
+"""Of the package's sources what makes no figure, beside the modules of this paper."""
 
 
 @dataclass(frozen=True)
@@ -176,8 +176,7 @@ def code_sum() -> str:
     """Sum over the sources that make a figure."""
     root, total = Path(str(fg_nav.__file__)).parent, hashlib.sha256()
     sources = [
-        *(path for path in root.glob("*.py") if path.name != "cli.py"),
-        *(path for package in _OF_OURS for path in (root / package).rglob("*.py")),
+        *(path for path in root.rglob("*.py") if path.relative_to(root).parts[0] not in _SEEN_ONLY),
         *(path for path in (root / "reproduce").glob("munoz_diaz2017_*.py") if path.stem != _IN_WORDS),
         *Path(str(factors.__file__)).parent.glob("*.py"),
     ]

@@ -17,10 +17,13 @@ from string import Template
 from fg_nav.errors import OutputError
 from fg_nav.plain import plain
 from fg_nav.reproduce.results import (
+    AS_ASKED,
     BETTER,
     EXPLAINED,
     NOT_REPRODUCED,
+    PUT_IN,
     REPRODUCED,
+    SHORT,
     TOLERANCE,
     Experiment,
     Picture,
@@ -29,8 +32,24 @@ from fg_nav.reproduce.results import (
 )
 from fg_nav.reproduce.words import MEANINGS, counts, named, seeds_told, told
 
-_CLASSES = {REPRODUCED: "reproduced", BETTER: "better", EXPLAINED: "explained", NOT_REPRODUCED: "missed"}
-_SIGNS = {REPRODUCED: "=", BETTER: "+", EXPLAINED: "~", NOT_REPRODUCED: "\N{MULTIPLICATION SIGN}"}
+_CLASSES = {
+    REPRODUCED: "reproduced",
+    BETTER: "better",
+    EXPLAINED: "explained",
+    NOT_REPRODUCED: "missed",
+    PUT_IN: "aside",
+    AS_ASKED: "reproduced",
+    SHORT: "missed",
+}
+_SIGNS = {
+    REPRODUCED: "=",
+    BETTER: "+",
+    EXPLAINED: "~",
+    NOT_REPRODUCED: "\N{MULTIPLICATION SIGN}",
+    PUT_IN: "\N{RIGHTWARDS ARROW}",
+    AS_ASKED: "\N{CHECK MARK}",
+    SHORT: "\N{MULTIPLICATION SIGN}",
+}
 """Before the verdict: colour is not all that tells them apart."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"

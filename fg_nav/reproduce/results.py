@@ -7,7 +7,10 @@ made of it over the seeds. The verdict is of one column, the paper's own method,
     better         m is off p on the good side
     explained      off on the bad side, and `why` says why
     not reproduced off on the bad side, and nobody knows why
-    ""             the paper has no figure for it
+    put in         m is p because a setting of ours was chosen by p: it is no result
+    as asked       p is a bound that was asked of ours, not the paper's, and m holds it
+    short          it does not
+    ""             the paper has no figure for it, or ours has none
 
 So a verdict is computed, and only the reason is written by hand.
 """
@@ -17,11 +20,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from fg_nav.arrays import Floats
+
 REPRODUCED, BETTER, EXPLAINED, NOT_REPRODUCED = "reproduced", "better", "explained", "not reproduced"
+PUT_IN, AS_ASKED, SHORT = "put in", "as asked", "short"
 
 TOLERANCE = 0.4
 """Share of the printed figure: one walk of theirs beside a median of ours, with another sensor and building."""
@@ -44,13 +50,16 @@ def spread_of(values: Sequence[float]) -> Spread:
     x = np.sort(np.asarray(values, dtype=np.float64))
     if not len(x):
         return Spread(math.nan, math.nan, math.nan, 0)
-    low, median, high = (float(np.percentile(x, q, method=_method(x))) for q in (LOW_PERCENT, 50.0, HIGH_PERCENT))
+    low, median, high = (_percentile(x, q, up=q >= 50.0) for q in (LOW_PERCENT, 50.0, HIGH_PERCENT))
     return Spread(median, low, high, len(x))
 
 
-def _method(x: Any) -> Any:
-    """Infinite values cannot be interpolated."""
-    return "linear" if np.isfinite(x).all() else "nearest"
+def _percentile(x: Floats, q: float, up: bool) -> float:
+    """Of sorted values; infinite ones cannot be interpolated, and then it is the next value up or down."""
+    if np.isfinite(x).all():
+        return float(np.percentile(x, q))
+    place = q / 100.0 * (len(x) - 1)
+    return float(x[math.ceil(place) if up else math.floor(place)])
 
 
 @dataclass(frozen=True)
@@ -65,9 +74,11 @@ class Row:
     paper : the printed figure as a number, None where there is none to compare with.
     judged : the column that is the paper's own method.
     bound : the paper gives a bound and not a value: +1 for "at most", -1 for "at least", 0 for a value.
-    good : -1 where less is better, +1 where more is, 0 where neither (a rate to be met).
+    good : -1 where less is better, +1 where more is, 0 where neither: a rate to be met, or a filter that the paper
+        argues against.
     tolerance : share of `paper` that still is the same.
     why : reason of a difference.
+    whose : "paper"; "input" where a setting of ours was chosen by it; "asked" where it was asked of ours.
     pattern : of the numbers.
     """
 
@@ -82,18 +93,30 @@ class Row:
     tolerance: float = TOLERANCE
     why: str = ""
     pattern: str = "{:.2f}"
+    whose: Literal["paper", "input", "asked"] = "paper"
 
     @property
     def verdict(self) -> str:
         """As in the table above."""
-        if self.paper is None or self.judged not in self.ours:
+        if self.paper is None or self.judged not in self.ours or math.isnan(self.ours[self.judged].median):
             return ""
-        off = self.ours[self.judged].median - self.paper
-        if (self.bound and off * self.bound <= 0) or abs(off) <= self.tolerance * abs(self.paper):
-            return REPRODUCED
-        if off * self.good > 0:
+        if self.whose == "asked":
+            return AS_ASKED if self._holds else SHORT
+        if self._holds:
+            return PUT_IN if self.whose == "input" else REPRODUCED
+        median = self.ours[self.judged].median
+        if math.isfinite(median) and (median - self.paper) * self.good > 0:
             return BETTER
         return EXPLAINED if self.why else NOT_REPRODUCED
+
+    @property
+    def _holds(self) -> bool:
+        """Whether the judged median is the paper's figure or within its bound; an infinite one failed."""
+        assert self.paper is not None
+        off = self.ours[self.judged].median - self.paper
+        if not math.isfinite(off):
+            return False
+        return off * self.bound <= 0 if self.bound else abs(off) <= self.tolerance * abs(self.paper)
 
 
 @dataclass(frozen=True)

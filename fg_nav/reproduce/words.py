@@ -5,16 +5,32 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-from fg_nav.reproduce.results import BETTER, EXPLAINED, NOT_REPRODUCED, REPRODUCED, Reproduction, Row
+from fg_nav.reproduce.results import (
+    AS_ASKED,
+    BETTER,
+    EXPLAINED,
+    NOT_REPRODUCED,
+    PUT_IN,
+    REPRODUCED,
+    SHORT,
+    Reproduction,
+    Row,
+)
 
 VERDICTS = (REPRODUCED, BETTER, EXPLAINED, NOT_REPRODUCED)
-"""From good to bad."""
+"""Of a printed figure, from good to bad."""
+
+ASIDE = (PUT_IN, AS_ASKED, SHORT)
+"""What is no comparison with the paper."""
 
 MEANINGS = {
     REPRODUCED: "as printed within the row's tolerance, or within the printed bound",
     BETTER: "off the printed figure on the good side",
     EXPLAINED: "off it, and why is told",
     NOT_REPRODUCED: "off it, and nobody knows why",
+    PUT_IN: "a setting of ours was chosen by the printed figure, so it is no result",
+    AS_ASKED: "within what was asked of ours",
+    SHORT: "not within it",
 }
 
 _TIMES = ("s", "min", "h")
@@ -32,7 +48,7 @@ def told(row: Row, column: str, walks: int) -> str:
         return "-"
     middle = _value(row, one.median)
     if one.n == 1 or one.low == one.high:
-        return middle
+        return middle if one.n in (1, walks) else f"{middle} (n {one.n})"
     count = "" if one.n == walks else f", n {one.n}"
     return f"{middle} ({_value(row, one.low)} to {_value(row, one.high)}{count})"
 
@@ -47,16 +63,22 @@ def _value(row: Row, value: float) -> str:
 
 
 def counts(found: Reproduction) -> dict[str, int]:
-    """How many rows have each verdict, in the order of `VERDICTS`."""
-    number = Counter(row.verdict for experiment in found.experiments for row in experiment.rows)
+    """How many printed figures have each verdict, in the order of `VERDICTS`."""
+    number = _number(found)
     return {verdict: number[verdict] for verdict in VERDICTS}
+
+
+def _number(found: Reproduction) -> Counter[str]:
+    return Counter(row.verdict for experiment in found.experiments for row in experiment.rows)
 
 
 def counted(found: Reproduction) -> str:
     """The counts as a sentence."""
     number = counts(found)
     parts = [f"{count} {verdict}" for verdict, count in number.items() if count]
-    return f"{sum(number.values())} figures compared: {', '.join(parts) or 'none compared'}."
+    aside = [f"{_number(found)[verdict]} {verdict}" for verdict in ASIDE if _number(found)[verdict]]
+    beside = f" Beside these, {', '.join(aside)}." if aside else ""
+    return f"{sum(number.values())} figures compared: {', '.join(parts) or 'none compared'}.{beside}"
 
 
 def seeds_told(found: Reproduction) -> str:

@@ -8,7 +8,7 @@ from fg_nav.reproduce import ma2018, ma2018_noise, ma2018_roc
 from fg_nav.reproduce import ma2018_walks as walked
 from fg_nav.reproduce.headings import headings_of
 from fg_nav.reproduce.ma2018_noise import noise
-from fg_nav.reproduce.results import BETTER, EXPLAINED, NOT_REPRODUCED, REPRODUCED
+from fg_nav.reproduce.results import EXPLAINED, NOT_REPRODUCED, PUT_IN, REPRODUCED
 from tests.reproduce.kept_walks import figures_of, keep_walks, rows_of
 
 SEEDS = (101, 102)
@@ -120,7 +120,7 @@ def test_the_reduction_is_walk_by_walk_against_iqsf_in_the_same_setting(found):
 def test_table_1_is_found_again_and_the_printed_quadrant_is_explained(found):
     rows = rows_of(found)
     for name in ("offset x", "offset y", "tau", "B_c x", "B_c y", "B_c z", "K_c 12", "K_c 33"):
-        assert rows[f"M-E1: {name}"].verdict == REPRODUCED, name
+        assert rows[f"M-E1: {name}"].verdict == (PUT_IN if "_c" in name else REPRODUCED), name
     eta = rows["M-E1: eta"]
     assert eta.verdict == EXPLAINED
     assert abs(eta.ours["fitted"].median - 0.973) < 0.01
@@ -148,15 +148,15 @@ def test_a_miss_that_nobody_can_explain_is_told(measured, undrawn, tmp_path):
     assert rows["M-E3: final position error, iQSF, indoor"].verdict == EXPLAINED
     failed = rows["M-E4: mean error at 42 landmarks, proposed, smooth"]
     assert failed.ours["as printed"].median == np.inf
-    assert rows["M-E4: mean error at 42 landmarks, iQSF, smooth"].verdict == BETTER
+    assert rows["M-E4: mean error at 42 landmarks, iQSF, smooth"].verdict == EXPLAINED
 
 
 def test_quick_leaves_a_field_out_and_says_so(measured, undrawn, tmp_path):
-    seeds = (*SEEDS, 103, 104)
-    keep_walks(tmp_path, walked.keys(ma2018.QUICK_FIELDS, seeds[:3]), error_m)
+    seeds = (*SEEDS, 103)
+    keep_walks(tmp_path, walked.keys(ma2018.QUICK_FIELDS, seeds), error_m)
     told = []
     found = ma2018.reproduce(tmp_path, seeds, workers=1, progress=told.append, quick=True)
-    assert found.seeds == seeds[:3]
+    assert found.seeds == seeds
     assert figures_of(found) == PRINTED_FIGURES
     assert "Left out are all rows of the field smooth" in found.differs[-1]
     assert told[-1] == 1.0
