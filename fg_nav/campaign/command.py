@@ -13,7 +13,7 @@ from typing import Any
 
 from fg_nav.campaign import kept
 from fg_nav.campaign.cells import found, recorded_keys, simulated_keys
-from fg_nav.campaign.cluster import Cluster, Tell, check_installed, on_cluster
+from fg_nav.campaign.cluster import Cluster, Tell, check_address, check_installed, on_cluster
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of
 from fg_nav.campaign.pace import Pace, Standing
@@ -88,6 +88,7 @@ def cluster_of(wanted: Wanted) -> Cluster:
         return Cluster(None, wanted.workers or CPU_COUNT)
     if wanted.workers is not None:
         raise CampaignError("--workers is for a cluster of our own: leave it out with --scheduler.")
+    check_address(wanted.scheduler)
     return Cluster(wanted.scheduler)
 
 

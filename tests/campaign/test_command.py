@@ -161,7 +161,14 @@ def test_a_scheduler_that_is_not_there(tmp_path, plan, monkeypatch, fg_nav: FgNa
     monkeypatch.setattr("fg_nav.campaign.cluster.CONNECT_S", 0.2)
     refused = fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert refused.refused("no Dask scheduler answers at tcp://127.0.0.1:1")
-    assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("no Dask scheduler")
+    assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("'moon' is no address")
+
+
+def test_a_word_that_is_no_address_is_refused_without_a_traceback_of_dask(tmp_path, plan):
+    refused = in_a_process("campaign", str(plan), "--out", str(tmp_path / "out"), "--scheduler", "nonsense")
+    assert refused.code == 1
+    assert len(refused.err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_killed_campaign_goes_on(tmp_path, plan, made):
