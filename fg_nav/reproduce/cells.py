@@ -6,8 +6,7 @@ The folder is that of `fg_nav.campaign.kept`, so that results of a campaign with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import jobs_of, made
+from fg_nav.campaign.pool import as_done
 from fg_nav.campaign.settings import settings_of
 from fg_nav.campaign.sources import LOOP
 from fg_nav.errors import OutputError
@@ -59,7 +59,7 @@ def make_missing(
         Where a folder or a file cannot be written.
     """
     tasks = [*_walks_to_make(folder, keys), *_parts_to_make(folder, parts)]
-    for done, _ in enumerate(_run(tasks, workers), start=1):
+    for done, _ in enumerate(as_done(tasks, workers), start=1):
         if progress is not None:
             progress(done / len(tasks))
 
@@ -77,18 +77,6 @@ def _walks_to_make(folder: Path, keys: Sequence[Key]) -> list[Task]:
 
 def _parts_to_make(folder: Path, parts: Sequence[Part]) -> list[Task]:
     return [partial(part.make_into, folder) for part in parts if part.read(folder) is None]
-
-
-def _run(tasks: Sequence[Task], workers: int) -> Iterator[None]:
-    """Run all tasks, here where there is but one worker; yield after each."""
-    if workers == 1 or len(tasks) < 2:
-        for task in tasks:
-            task()
-            yield
-        return
-    with ProcessPoolExecutor(min(workers, len(tasks))) as pool:
-        for future in as_completed([pool.submit(task) for task in tasks]):
-            yield future.result()
 
 
 def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:

@@ -9,7 +9,6 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import psutil
 import pytest
 from pyarrow import parquet
 
@@ -185,7 +184,7 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
     assert 0 < len(there) < 16
     assert not (tmp_path / "out" / RESULTS).exists()
-    until_gone(first.pid)
+    fakes.until_gone(first.pid)
     there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
     second = in_a_process(*words)
     assert (second.code, second.err) == (0, "")
@@ -194,21 +193,6 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     assert not made
     run(plan, tmp_path / "undisturbed")
     assert tables(tmp_path / "undisturbed") == tables(tmp_path / "out")
-
-
-def until_gone(group):
-    """Wait for the workers of a killed campaign: they are of its process group."""
-    end = time.monotonic() + 60.0
-    while any(_is_of(process, group) for process in psutil.process_iter()):
-        assert time.monotonic() < end, "workers outlive their campaign"
-        time.sleep(0.05)
-
-
-def _is_of(process, group):
-    try:
-        return os.getpgid(process.pid) == group and process.status() != psutil.STATUS_ZOMBIE
-    except (ProcessLookupError, psutil.NoSuchProcess):
-        return False
 
 
 def test_time_left_is_that_of_what_is_missing():
