@@ -14,7 +14,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -98,6 +98,11 @@ class Result:
     def us_per_sample(self) -> float:
         """Runtime of the method alone."""
         return 1e6 * self.runtime_s / max(self.samples, 1)
+
+
+def without_paths(result: Result) -> Result:
+    """Return what is left without estimate, truth and their errors: those of hundreds of walks are a lot of memory."""
+    return replace(result, estimate={}, truth=(), whitened={})
 
 
 USED, NOT_USED = "u", "-"

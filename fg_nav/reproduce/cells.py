@@ -6,20 +6,22 @@ The folder is that of `fg_nav.campaign.kept`, so that results of a campaign with
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from fg_nav.campaign import kept
-from fg_nav.campaign.kept import Key, Result
+from fg_nav.campaign.kept import Key, Result, without_paths
 from fg_nav.campaign.made import jobs_of, made
 from fg_nav.campaign.pool import as_done
 from fg_nav.campaign.settings import settings_of
 from fg_nav.campaign.sources import LOOP
 from fg_nav.errors import OutputError
 from fg_nav.reproduce.parts import Part
+from fg_nav.wording import counted
 
 FOLDER = "cells"
 """Of the folder of a reproduction."""
@@ -86,13 +88,29 @@ def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
         result = kept.kept(folder / FOLDER, key, settings_of(key))
         assert result is not None, f"{key.file} was not made"
         before = found.results.setdefault((key.group, key.field, key.method), [])
-        before.append(_without_path(result) if any(one.estimate for one in before) else result)
+        before.append(without_paths(result) if any(one.estimate for one in before) else result)
     return found
 
 
-def _without_path(result: Result) -> Result:
-    """Hundreds of paths are a lot of memory, and one is drawn."""
-    return replace(result, estimate={}, truth=(), whitened={})
+def made_by(walks: Walks) -> dict[str, int]:
+    """How many results each state of the code made, by its sum (`fg_nav.campaign.kept.code_sum`)."""
+    return dict(Counter(one.code for results in walks.results.values() for one in results))
+
+
+def made_elsewhere(walks: Walks) -> tuple[str, ...]:
+    """One sentence where other code than this made some of the results, for what differs; none where this made all."""
+    by_sum = made_by(walks)
+    total, others = sum(by_sum.values()), {code: n for code, n in by_sum.items() if code != kept.code_sum()}
+    if not others:
+        return ()
+    most_first = sorted(others.items(), key=lambda one: (-one[1], one[0]))
+    sums = (
+        f"sum {most_first[0][0]}" if len(others) == 1 else ", ".join(f"{n} with sum {code}" for code, n in most_first)
+    )
+    return (
+        f"{sum(others.values())} of {counted(total, 'result')} on walks were made by another state of the code than "
+        f"this one ({sums}), with the same parameters: without the folder '{FOLDER}' all are made anew.",
+    )
 
 
 def parameters_of(walks: Walks) -> dict[str, Any]:

@@ -6,11 +6,12 @@ from functools import partial
 import numpy as np
 import pytest
 
+from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.settings import settings_of
 from fg_nav.errors import OutputError
 from fg_nav.reproduce import parts
-from fg_nav.reproduce.cells import keys_of, make_missing, read_walks
+from fg_nav.reproduce.cells import Walks, keys_of, made_by, made_elsewhere, make_missing, read_walks
 from fg_nav.reproduce.parts import Part
 from fg_nav.reproduce.walk_figures import end_m, heading_deg, reduction_over, spread_over, used_percent
 from tests.reproduce.kept_walks import walk
@@ -63,6 +64,22 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     assert [bool(one.estimate) for one in walks] == [True, False]
     monkeypatch.setattr("fg_nav.reproduce.cells.made", None)
     make_missing(tmp_path, keys, [part], workers)
+
+
+def test_what_other_code_made_is_counted_and_told():
+    def of(*codes):
+        return [replace(result("iez", seed, 1.0), code=code) for seed, code in enumerate(codes)]
+
+    ours = kept.code_sum()
+    walks = Walks({("mall", "indoor", "iez"): of(ours, "554df78"), ("mall", "smooth", "iez"): of("554df78", "554df78")})
+    assert made_by(walks) == {ours: 1, "554df78": 3}
+    [told] = made_elsewhere(walks)
+    assert told.startswith("3 of 4 results")
+    assert "(sum 554df78)" in told
+    walks.results["office", "smooth", "iez"] = of("aaaa")
+    assert "(3 with sum 554df78, 1 with sum aaaa)" in made_elsewhere(walks)[0]
+    assert made_elsewhere(Walks({("mall", "indoor", "iez"): of(ours, ours)})) == ()
+    assert made_elsewhere(Walks()) == ()
 
 
 def test_what_a_campaign_kept_is_known_by_its_settings():
