@@ -6,13 +6,14 @@ cells are there. The same command goes on where it was stopped, however it was, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from fg_nav.campaign import kept
-from fg_nav.campaign.cells import found, recorded_keys, simulated_keys
+from fg_nav.campaign.cells import recorded_keys, simulated_keys
 from fg_nav.campaign.cluster import Cluster, Tell, check_address, check_installed, on_cluster
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of
@@ -50,7 +51,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Done:
-    """All results, and how many of them were there before."""
+    """All results, in short (`in_short`), and how many of them were there before."""
 
     results: tuple[Result, ...]
     joined: int
@@ -70,14 +71,30 @@ def campaign(wanted: Wanted, show: Callable[[Standing], None], tell: Tell) -> Do
     keys = keys_of(plan)
     folder = _claimed(wanted.out)
     settings = settings_of_plan(plan, keys)
-    holds = {key: one for key, one in found(folder, settings).items() if not _again(one, wanted)}
+    holds = {key for key in keys if _holds(kept.kept(folder, key, settings[key]), wanted)}
     missing = [key for key in keys if key not in holds]
     if missing:
         _make(jobs_of_plan(plan, missing, settings), folder, cluster, len(holds), show, tell)
-    everything = found(folder, settings)
-    results = tuple(everything[key] for key in keys)
-    write_tables(wanted.out, results)
-    return Done(results, len(holds))
+    short: dict[Key, Result] = {}
+    write_tables(wanted.out, _read(folder, sorted(keys), settings, short))
+    return Done(tuple(short[key] for key in keys), len(holds))
+
+
+def _read(
+    folder: Path, keys: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]], short: dict[Key, Result]
+) -> Iterator[Result]:
+    """Read one result after the other, and put down in short what the summary needs."""
+    for key in keys:
+        result = kept.kept(folder, key, settings[key])
+        if result is None:
+            raise OutputError(f"{folder / key.file} was there and is gone: run the same command again, it goes on.")
+        short[key] = in_short(result)
+        yield result
+
+
+def in_short(result: Result) -> Result:
+    """Return what the summary needs: thousands of whole ones are gigabytes."""
+    return Result(result.key, {}, result.code, result.failed, result.errors)
 
 
 def cluster_of(wanted: Wanted) -> Cluster:
@@ -110,10 +127,15 @@ def keys_of(plan: Plan) -> list[Key]:
 
 
 def settings_of_plan(plan: Plan, keys: Sequence[Key]) -> dict[Key, Mapping[str, Any]]:
-    """What each cell is made with."""
+    """What each cell is made with; the walks of one scenario share it."""
     sums = {(walk.group, walk.name): walk.sums() for walk in plan.walks}
-    files = {key: sums.get((key.group, key.walk)) if key.field == RECORDED else None for key in keys}
-    return {key: settings_of(key, key.field == RECORDED, files[key]) for key in keys}
+    simulated = cache(settings_of)
+    return {
+        key: settings_of(key, True, sums[key.group, key.walk])
+        if key.field == RECORDED
+        else simulated(replace(key, walk=""))
+        for key in keys
+    }
 
 
 def jobs_of_plan(plan: Plan, missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]]) -> list[Job]:
@@ -127,9 +149,11 @@ def _recorded(job: Job, walk: Walk) -> Job:
     return replace(job, path=walk.path.resolve(), truth=walk.truth and walk.truth.resolve(), beside=walk.beside)
 
 
-def _again(result: Result, wanted: Wanted) -> bool:
-    """Whether a result that holds is to be made anew all the same."""
-    return (wanted.renew and result.code != kept.code_sum()) or (wanted.retry and bool(result.failed))
+def _holds(result: Result | None, wanted: Wanted) -> bool:
+    """Whether there is a result, and it is not to be made anew all the same."""
+    if result is None or (wanted.renew and result.code != kept.code_sum()):
+        return False
+    return not (wanted.retry and result.failed)
 
 
 def _claimed(out: Path) -> Path:

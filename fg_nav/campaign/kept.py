@@ -12,7 +12,6 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -21,7 +20,7 @@ from typing import Any
 
 import factors
 import fg_nav
-from fg_nav.errors import OutputError
+from fg_nav.campaign.whole import whole
 from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.plain import plain
 
@@ -122,13 +121,8 @@ def keep(folder: Path, result: Result) -> None:
     OutputError
         Where the system refuses.
     """
-    path = folder / result.key.file
-    beside = path.with_suffix(f".{os.getpid()}.part")
-    try:
-        beside.write_text(json.dumps({"form": FORM, **plain(result)}) + "\n", encoding="utf-8")
-        beside.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path} could not be written ({error.strerror}): name another folder.") from error
+    with whole(folder / result.key.file) as path:
+        path.write_text(json.dumps({"form": FORM, **plain(result)}) + "\n", encoding="utf-8")
 
 
 def kept(folder: Path, key: Key, settings: Mapping[str, Any]) -> Result | None:
