@@ -1,7 +1,8 @@
 """A campaign from its plan to its tables: what `fg-nav campaign` does.
 
-The folder of a campaign has the results in `cells`, one small file each, and beside them the tables, written when all
-cells are there. The same command goes on where it was stopped, however it was, and makes anew what has changed.
+The folder of a campaign has the results in `cells`, one small file each, a hidden file that marks it, and beside them
+the tables, written when all cells are there. The same command goes on where it was stopped, however it was, and makes
+anew what has changed. Results are read one at a time: a long walk's is a megabyte.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from fg_nav.campaign.cells import recorded_keys, simulated_keys
 from fg_nav.campaign.cluster import Cluster, Tell, check_address, check_installed, on_cluster
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of
+from fg_nav.campaign.mark import CAMPAIGN, stranger, visible
 from fg_nav.campaign.pace import Pace, Standing
 from fg_nav.campaign.parcel import Brought
 from fg_nav.campaign.plan import Plan, read_plan
@@ -26,6 +28,8 @@ from fg_nav.campaign.table import TABLES, write_tables
 from fg_nav.errors import CampaignError, OutputError
 
 CELLS = "cells"
+
+MARK = CAMPAIGN
 
 
 @dataclass(frozen=True)
@@ -160,16 +164,22 @@ def _claimed(out: Path) -> Path:
     """Return the folder of the cells, made if need be; raises `OutputError` if it is something else's."""
     folder = out / CELLS
     try:
-        if out.exists() and not folder.is_dir() and any(not _ours(path) for path in out.iterdir()):
-            raise OutputError(f"{out} holds what is no campaign: choose another --out.")
+        found = stranger(out, MARK, (CELLS, *TABLES)) or _stranger_in(out)
+        if found:
+            raise OutputError(f"{out} holds what is no campaign's ('{found}'): choose another --out.")
         folder.mkdir(parents=True, exist_ok=True)
+        (out / MARK).touch()
     except OSError as error:
         raise OutputError(f"{out} cannot be written ({error.strerror}): choose another --out.") from None
     return folder
 
 
-def _ours(path: Path) -> bool:
-    return path.name in TABLES or path.name.startswith(".")
+def _stranger_in(out: Path) -> str:
+    """Name of something among the cells of a folder without our mark, as they were made once, that is no cell."""
+    if (out / MARK).is_file():
+        return ""
+    others = (name for name in visible(out / CELLS) if not name.endswith((".json", ".part")))
+    return next((f"{CELLS}/{name}" for name in others), "")
 
 
 def _make(

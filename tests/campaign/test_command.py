@@ -182,7 +182,21 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: 
     (tmp_path / "photos" / "a.png").touch()
     assert fg_nav("campaign", plan, "--out", tmp_path / "photos").refused("holds what is no campaign")
     assert fg_nav("campaign", plan, "--out", plan).refused("cannot be written")
+    for folder, file in (("letters", "letter.txt"), ("other", f"{CELLS}/a.png"), ("paper", ".fg-nav-reproduce")):
+        (tmp_path / folder / CELLS).mkdir(parents=True)
+        (tmp_path / folder / file).touch()
+        assert fg_nav("campaign", plan, "--out", tmp_path / folder).refused(f"('{file}')")
     assert not made
+
+
+def test_a_folder_of_ours_is_known_by_its_mark_or_by_having_nothing_else(tmp_path, plan, made):
+    run(plan, tmp_path / "ours")
+    (tmp_path / "ours" / "letter.txt").touch()
+    assert run(plan, tmp_path / "ours").joined == 4
+    (tmp_path / "ours" / "letter.txt").unlink()
+    (tmp_path / "ours" / command.MARK).unlink()
+    assert run(plan, tmp_path / "ours").joined == 4
+    assert (tmp_path / "ours" / command.MARK).is_file()
 
 
 def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
