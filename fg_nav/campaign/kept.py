@@ -12,7 +12,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -146,12 +146,20 @@ def _result(content: dict[str, Any]) -> Result:
 @cache
 def code_sum() -> str:
     """Sum over the sources that make a result."""
+    roots = [Path(str(package.__file__)).parent for package in (fg_nav, factors)]
+    return sum_over(
+        path
+        for root in roots
+        for path in sorted(root.rglob("*.py"))
+        if path.relative_to(root).parts[0] not in SEEN_ONLY
+    )
+
+
+def sum_over(sources: Iterable[Path]) -> str:
+    """Sum over what runs of these sources."""
     total = hashlib.sha256()
-    for package in (fg_nav, factors):
-        root = Path(str(package.__file__)).parent
-        for path in sorted(root.rglob("*.py")):
-            if path.relative_to(root).parts[0] not in SEEN_ONLY:
-                total.update(what_runs(path.read_text(encoding="utf-8")).encode())
+    for path in sources:
+        total.update(what_runs(path.read_text(encoding="utf-8")).encode())
     return total.hexdigest()[:16]
 
 

@@ -7,7 +7,6 @@ on. Numbers come back to the last bit, so that rows made from kept parts are tho
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import zipfile
 from collections.abc import Callable, Mapping
@@ -19,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fg_nav.campaign.kept import code_sum, what_runs
+from fg_nav.campaign.kept import code_sum, sum_over
 from fg_nav.campaign.whole import whole
 from fg_nav.errors import OutputError
 
@@ -75,6 +74,5 @@ class Part:
 
 @cache
 def _sum_of(function: Callable[..., Any]) -> str:
-    """Sum over the module of a function: the experiments are not among what `code_sum` looks at."""
-    source = Path(inspect.getfile(function)).read_text(encoding="utf-8")
-    return hashlib.sha256(what_runs(source).encode()).hexdigest()[:16]
+    """Sum over the module of a function, which is not among what `code_sum` looks at: it needs no other of them."""
+    return sum_over([Path(inspect.getfile(function))])

@@ -1,7 +1,9 @@
 """What experiments keep: parts come back to the last bit, walks are made once, figures are those of the papers."""
 
+import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,6 +47,22 @@ def test_a_part_of_other_code_or_a_damaged_one_is_none(tmp_path, monkeypatch):
     path.write_bytes(path.read_bytes()[:100])
     assert part.read(tmp_path) is None
     assert part.of(tmp_path)["count"] == 3
+
+
+def test_what_makes_parts_rests_on_no_other_module_of_the_experiments():
+    """Its sum is over its own module and the library: another one's change would go unseen."""
+    sources = {path.stem: path.read_text() for path in Path(parts.__file__).parent.glob("*.py")}
+    makers = {name: text for name, text in sources.items() if "return Part(" in text}
+    assert len(makers) >= 4
+    for name, text in makers.items():
+        assert set(re.findall(r"fg_nav\.reproduce[.\w]*", text.split('"""', 2)[2])) <= {"fg_nav.reproduce.parts"}, name
+
+
+def test_a_part_that_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
+    (tmp_path / "parts" / "some.npz").mkdir(parents=True)
+    with pytest.raises(OutputError, match="could not be written"):
+        Part("some", partial(drawn, 3)).make_into(tmp_path)
+    assert [path.name for path in (tmp_path / "parts").iterdir()] == ["some.npz"]
 
 
 def test_a_folder_that_cannot_be_is_told(tmp_path):
