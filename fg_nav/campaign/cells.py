@@ -7,7 +7,6 @@ to be made with. Who makes what is missing is left to the caller: processes here
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -16,6 +15,7 @@ from typing import Any, TypeAlias
 from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of, made
+from fg_nav.campaign.pool import as_done
 from fg_nav.campaign.sources import RAW, WALK
 
 Settings: TypeAlias = Mapping[Key, Mapping[str, Any]]
@@ -83,8 +83,6 @@ def made_and_kept(
 
 def on_processes(jobs: Sequence[Job], folder: Path, processes: int, report: Callable[[float], None]) -> None:
     """Make and keep results, a walk at a time in each process; `report` is told the fraction done."""
-    work = partial(made, folder=folder, code=kept.code_sum())
-    with ProcessPoolExecutor(min(processes, len(jobs))) as pool:
-        for done, future in enumerate(as_completed([pool.submit(work, job) for job in jobs]), start=1):
-            future.result()
-            report(done / len(jobs))
+    tasks = [partial(made, job, folder, kept.code_sum()) for job in jobs]
+    for done, _ in enumerate(as_done(tasks, processes), start=1):
+        report(done / len(jobs))

@@ -9,7 +9,8 @@ a task kills worker by       it is split into its cells, and a cell that does th
 worker, `DEATHS` of them
 the scheduler is gone        what had not come back is sent again once it is there again, for `patience_s`
 there is no worker           is told, and waited for as long
-a worker has other code      the campaign stops: its results would be of another program
+another program there        the campaign stops, whether scheduler or workers have other code or none: what they
+                             would bring is of another program
 ============================ ========================================================================================
 
 Nothing is counted twice: a result that comes twice is the same file again.
@@ -18,9 +19,10 @@ Nothing is counted twice: a result that comes twice is the same file again.
 from __future__ import annotations
 
 import logging
+import re
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -59,6 +61,12 @@ Tell: TypeAlias = Callable[[str], None]
 
 Future: TypeAlias = Any
 Client: TypeAlias = Any
+
+LAST_PORT = 65535
+
+_ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port>[0-9]+)")
+
+_CODE_THERE = "__import__('fg_nav.campaign.kept', fromlist=['code_sum']).code_sum()"
 
 _OURS = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
@@ -175,6 +183,35 @@ def on_cluster(jobs: Sequence[Job], cluster: Cluster, take: Take, tell: Tell) ->
         )
 
 
+def check_address(address: str) -> None:
+    """Raise `CampaignError` where there can be no scheduler; Dask would tell it by a traceback of its own."""
+    from distributed.security import Security
+
+    found = _ADDRESS.fullmatch(address)
+    if found is None or int(found["port"]) > LAST_PORT:
+        raise CampaignError(f"'{address}' is no address of a Dask scheduler: write it as tcp://host:8786.")
+    if found["by"] == "tls" and Security().get_connection_args("client").get("ssl_context") is None:
+        raise CampaignError(f"Dask has no certificates for {address}: name them in its configuration, or use tcp.")
+
+
+def _check_code(code: str) -> None:
+    if code != kept.code_sum():
+        raise CampaignError("the workers have another fg-nav than this: install the same version there.")
+
+
+def _other_program(error: object) -> CampaignError:
+    return CampaignError(
+        f"the cluster cannot run fg-nav ({_in_a_line(error)}): install the same version there, "
+        "on the scheduler and on each worker."
+    )
+
+
+def _in_a_line(error: object) -> str:
+    """What an error says, to the end of its first sentence: Dask's have several lines, and links."""
+    first, *_ = " ".join(str(error).split()).split(". ")
+    return f"{type(error).__name__}: {first}" if first else type(error).__name__
+
+
 def _connected(address: str) -> Client | None:
     from distributed import Client
 
@@ -209,6 +246,7 @@ class _Session:
         self._landed: Queue[Future] = Queue()
         self._threads = 0
         self._idle_since: float | None = None
+        self._checked: set[str] = set()
 
     def work(self, waiting: deque[Job]) -> None:
         """Do what waits; when the connection is lost all that did not come back waits again."""
@@ -228,9 +266,12 @@ class _Session:
         if self._client.status != "running":
             raise _LostError
         try:
-            self._threads = sum(self._client.nthreads().values())
+            threads = self._client.nthreads()
         except (OSError, RuntimeError, ValueError, CancelledError) as error:
             raise _LostError from error
+        if self._cluster.far:
+            self._check(threads.keys() - self._checked)
+        self._threads = sum(threads.values())
         if self._threads:
             self._idle_since = None
             return
@@ -242,6 +283,21 @@ class _Session:
                 f"the cluster has had no workers for {self._cluster.patience_s:.0f} s: "
                 "start some (`dask worker ADDRESS`), and the same command goes on from there."
             )
+
+    def _check(self, workers: Set[str]) -> None:
+        """Ask workers that are new for their code, in words that need none: one without the package ends by a task."""
+        if not workers:
+            return
+        try:
+            told = self._client.run(eval, _CODE_THERE, workers=sorted(workers), on_error="return")
+        except (OSError, RuntimeError, ValueError, CancelledError):  # one went just now: asked again
+            return
+        for worker, code in told.items():
+            if isinstance(code, ImportError | AttributeError):
+                raise _other_program(code)
+            if isinstance(code, str):
+                _check_code(code)
+                self._checked.add(worker)
 
     def _send(self, job: Job) -> None:
         try:
@@ -258,19 +314,16 @@ class _Session:
         """Take what came of a job, or return what is to be done of it again."""
         from distributed.scheduler import KilledWorker
 
-        if future.status == "error":
-            error = future.exception(timeout=FETCH_S)
-            if isinstance(error, KilledWorker):
-                return self._broken(job, "it ended its worker, again and again: out of memory, or a crash")
-            if isinstance(error, ImportError):
-                raise CampaignError(f"the workers cannot run fg-nav ({error}): install the same version there.")
-            return self._broken(job, f"its worker failed ({type(error).__name__}: {error})")
+        failed = future.status == "error"
         try:
-            brought = future.result(timeout=FETCH_S)
+            brought = future.exception(timeout=FETCH_S) if failed else future.result(timeout=FETCH_S)
         except (OSError, CancelledError):  # cancelled with the connection, or its worker died with the result
             return [job]
-        if brought.code != kept.code_sum():
-            raise CampaignError("the workers have another fg-nav than this: install the same version there.")
+        if isinstance(brought, KilledWorker):
+            return self._broken(job, "it ended its worker, again and again: out of memory, or a crash")
+        if failed:  # what goes wrong in a cell is its result: this went wrong before a cell was begun
+            raise _other_program(brought)
+        _check_code(brought.code)
         self._take(job, brought, self._threads)
         return []
 

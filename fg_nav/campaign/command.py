@@ -1,21 +1,24 @@
 """A campaign from its plan to its tables: what `fg-nav campaign` does.
 
-The folder of a campaign has the results in `cells`, one small file each, and beside them the tables, written when all
-cells are there. The same command goes on where it was stopped, however it was, and makes anew what has changed.
+The folder of a campaign has the results in `cells`, one small file each, a hidden file that marks it, and beside them
+the tables, written when all cells are there. The same command goes on where it was stopped, however it was, and makes
+anew what has changed. Results are read one at a time: a long walk's is a megabyte.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from fg_nav.campaign import kept
-from fg_nav.campaign.cells import found, recorded_keys, simulated_keys
-from fg_nav.campaign.cluster import Cluster, Tell, check_installed, on_cluster
+from fg_nav.campaign.cells import recorded_keys, simulated_keys
+from fg_nav.campaign.cluster import Cluster, Tell, check_address, check_installed, on_cluster
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of
+from fg_nav.campaign.mark import CAMPAIGN, stranger, visible
 from fg_nav.campaign.pace import Pace, Standing
 from fg_nav.campaign.parcel import Brought
 from fg_nav.campaign.plan import Plan, read_plan
@@ -25,6 +28,8 @@ from fg_nav.campaign.table import TABLES, write_tables
 from fg_nav.errors import CampaignError, OutputError
 
 CELLS = "cells"
+
+MARK = CAMPAIGN
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Done:
-    """All results, and how many of them were there before."""
+    """All results, in short (`in_short`), and how many of them were there before."""
 
     results: tuple[Result, ...]
     joined: int
@@ -70,14 +75,30 @@ def campaign(wanted: Wanted, show: Callable[[Standing], None], tell: Tell) -> Do
     keys = keys_of(plan)
     folder = _claimed(wanted.out)
     settings = settings_of_plan(plan, keys)
-    holds = {key: one for key, one in found(folder, settings).items() if not _again(one, wanted)}
+    holds = {key for key in keys if _holds(kept.kept(folder, key, settings[key]), wanted)}
     missing = [key for key in keys if key not in holds]
     if missing:
         _make(jobs_of_plan(plan, missing, settings), folder, cluster, len(holds), show, tell)
-    everything = found(folder, settings)
-    results = tuple(everything[key] for key in keys)
-    write_tables(wanted.out, results)
-    return Done(results, len(holds))
+    short: dict[Key, Result] = {}
+    write_tables(wanted.out, _read(folder, sorted(keys), settings, short))
+    return Done(tuple(short[key] for key in keys), len(holds))
+
+
+def _read(
+    folder: Path, keys: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]], short: dict[Key, Result]
+) -> Iterator[Result]:
+    """Read one result after the other, and put down in short what the summary needs."""
+    for key in keys:
+        result = kept.kept(folder, key, settings[key])
+        if result is None:
+            raise OutputError(f"{folder / key.file} was there and is gone: run the same command again, it goes on.")
+        short[key] = in_short(result)
+        yield result
+
+
+def in_short(result: Result) -> Result:
+    """Return what the summary needs: thousands of whole ones are gigabytes."""
+    return Result(result.key, {}, result.code, result.failed, result.errors)
 
 
 def cluster_of(wanted: Wanted) -> Cluster:
@@ -88,6 +109,7 @@ def cluster_of(wanted: Wanted) -> Cluster:
         return Cluster(None, wanted.workers or CPU_COUNT)
     if wanted.workers is not None:
         raise CampaignError("--workers is for a cluster of our own: leave it out with --scheduler.")
+    check_address(wanted.scheduler)
     return Cluster(wanted.scheduler)
 
 
@@ -109,10 +131,15 @@ def keys_of(plan: Plan) -> list[Key]:
 
 
 def settings_of_plan(plan: Plan, keys: Sequence[Key]) -> dict[Key, Mapping[str, Any]]:
-    """What each cell is made with."""
+    """What each cell is made with; the walks of one scenario share it."""
     sums = {(walk.group, walk.name): walk.sums() for walk in plan.walks}
-    files = {key: sums.get((key.group, key.walk)) if key.field == RECORDED else None for key in keys}
-    return {key: settings_of(key, key.field == RECORDED, files[key]) for key in keys}
+    simulated = cache(settings_of)
+    return {
+        key: settings_of(key, True, sums[key.group, key.walk])
+        if key.field == RECORDED
+        else simulated(replace(key, walk=""))
+        for key in keys
+    }
 
 
 def jobs_of_plan(plan: Plan, missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]]) -> list[Job]:
@@ -126,25 +153,33 @@ def _recorded(job: Job, walk: Walk) -> Job:
     return replace(job, path=walk.path.resolve(), truth=walk.truth and walk.truth.resolve(), beside=walk.beside)
 
 
-def _again(result: Result, wanted: Wanted) -> bool:
-    """Whether a result that holds is to be made anew all the same."""
-    return (wanted.renew and result.code != kept.code_sum()) or (wanted.retry and bool(result.failed))
+def _holds(result: Result | None, wanted: Wanted) -> bool:
+    """Whether there is a result, and it is not to be made anew all the same."""
+    if result is None or (wanted.renew and result.code != kept.code_sum()):
+        return False
+    return not (wanted.retry and result.failed)
 
 
 def _claimed(out: Path) -> Path:
     """Return the folder of the cells, made if need be; raises `OutputError` if it is something else's."""
     folder = out / CELLS
     try:
-        if out.exists() and not folder.is_dir() and any(not _ours(path) for path in out.iterdir()):
-            raise OutputError(f"{out} holds what is no campaign: choose another --out.")
+        found = stranger(out, MARK, (CELLS, *TABLES)) or _stranger_in(out)
+        if found:
+            raise OutputError(f"{out} holds what is no campaign's ('{found}'): choose another --out.")
         folder.mkdir(parents=True, exist_ok=True)
+        (out / MARK).touch()
     except OSError as error:
         raise OutputError(f"{out} cannot be written ({error.strerror}): choose another --out.") from None
     return folder
 
 
-def _ours(path: Path) -> bool:
-    return path.name in TABLES or path.name.startswith(".")
+def _stranger_in(out: Path) -> str:
+    """Name of something among the cells of a folder without our mark, as they were made once, that is no cell."""
+    if (out / MARK).is_file():
+        return ""
+    others = (name for name in visible(out / CELLS) if not name.endswith((".json", ".part")))
+    return next((f"{CELLS}/{name}" for name in others), "")
 
 
 def _make(

@@ -12,16 +12,15 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import factors
 import fg_nav
-from fg_nav.errors import OutputError
+from fg_nav.campaign.whole import whole
 from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.plain import plain
 
@@ -100,6 +99,11 @@ class Result:
         return 1e6 * self.runtime_s / max(self.samples, 1)
 
 
+def without_paths(result: Result) -> Result:
+    """Return what is left without estimate, truth and their errors: those of hundreds of walks are a lot of memory."""
+    return replace(result, estimate={}, truth=(), whitened={})
+
+
 USED, NOT_USED = "u", "-"
 """Marks of a footfall in the file."""
 
@@ -117,13 +121,8 @@ def keep(folder: Path, result: Result) -> None:
     OutputError
         Where the system refuses.
     """
-    path = folder / result.key.file
-    beside = path.with_suffix(f".{os.getpid()}.part")
-    try:
-        beside.write_text(json.dumps({"form": FORM, **plain(result)}) + "\n", encoding="utf-8")
-        beside.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path} could not be written ({error.strerror}): name another folder.") from error
+    with whole(folder / result.key.file) as path:
+        path.write_text(json.dumps({"form": FORM, **plain(result)}) + "\n", encoding="utf-8")
 
 
 def kept(folder: Path, key: Key, settings: Mapping[str, Any]) -> Result | None:
@@ -147,12 +146,20 @@ def _result(content: dict[str, Any]) -> Result:
 @cache
 def code_sum() -> str:
     """Sum over the sources that make a result."""
+    roots = [Path(str(package.__file__)).parent for package in (fg_nav, factors)]
+    return sum_over(
+        path
+        for root in roots
+        for path in sorted(root.rglob("*.py"))
+        if path.relative_to(root).parts[0] not in SEEN_ONLY
+    )
+
+
+def sum_over(sources: Iterable[Path]) -> str:
+    """Sum over what runs of these sources."""
     total = hashlib.sha256()
-    for package in (fg_nav, factors):
-        root = Path(str(package.__file__)).parent
-        for path in sorted(root.rglob("*.py")):
-            if path.relative_to(root).parts[0] not in SEEN_ONLY:
-                total.update(what_runs(path.read_text(encoding="utf-8")).encode())
+    for path in sources:
+        total.update(what_runs(path.read_text(encoding="utf-8")).encode())
     return total.hexdigest()[:16]
 
 

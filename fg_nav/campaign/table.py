@@ -10,15 +10,15 @@ timings.parquet         one row a cell: what differs from run to run: the time i
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from fg_nav.campaign.kept import USED, Key, Result
 from fg_nav.campaign.methods import method_of
-from fg_nav.errors import OutputError
+from fg_nav.campaign.whole import whole
 from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.plain import plain
 
@@ -31,8 +31,14 @@ WORDS = ("group", "field", "walk", "magnetometer", "method", "preset", "paramete
 ERRORS = tuple(item.name for item in fields(WalkErrors) if item.name != "alignment")
 
 
-def write_tables(folder: Path, results: Sequence[Result]) -> None:
-    """Write all tables; each is there whole or as it was.
+BATCH = 1000
+"""Results that are put into the tables at once."""
+
+
+def write_tables(folder: Path, results: Iterable[Result]) -> None:
+    """Write all tables, of results in the order of their keys; each table is there whole or as it was.
+
+    Only some results are held at a time: a long one is a megabyte.
 
     Raises
     ------
@@ -42,22 +48,27 @@ def write_tables(folder: Path, results: Sequence[Result]) -> None:
     import pyarrow as pa
     from pyarrow import csv, parquet
 
-    ordered = sorted(results, key=lambda result: result.key)
-    errors = pa.Table.from_pylist([row for result in ordered for row in rows_of(result)], schema=results_schema(pa))
-    times = pa.Table.from_pylist([timing_of(result) for result in ordered], schema=timings_schema(pa))
-    _write(folder / RESULTS, lambda path: parquet.write_table(errors, path))
-    _write(folder / RESULTS_CSV, lambda path: csv.write_csv(errors, path))
-    _write(folder / TIMINGS, lambda path: parquet.write_table(times, path))
+    errors, times = results_schema(pa), timings_schema(pa)
+    with (
+        whole(folder / RESULTS) as one,
+        whole(folder / RESULTS_CSV) as other,
+        whole(folder / TIMINGS) as third,
+        parquet.ParquetWriter(one, errors) as as_parquet,
+        csv.CSVWriter(other, errors) as as_csv,
+        parquet.ParquetWriter(third, times) as timings,
+    ):
+        for some in _batches(results):
+            table = pa.Table.from_pylist([row for rows, _ in some for row in rows], schema=errors)
+            as_parquet.write_table(table)
+            as_csv.write_table(table)
+            timings.write_table(pa.Table.from_pylist([timing for _, timing in some], schema=times))
 
 
-def _write(path: Path, write: Callable[[Path], None]) -> None:
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        write(beside)
-        beside.replace(path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise OutputError(f"{path} could not be written ({error.strerror or error}): name another folder.") from error
+def _batches(results: Iterable[Result]) -> Iterator[list[tuple[list[dict[str, Any]], dict[str, Any]]]]:
+    """Rows of so many results at once; the results themselves are let go."""
+    rows = ((list(rows_of(result)), timing_of(result)) for result in results)
+    while some := list(islice(rows, BATCH)):
+        yield some
 
 
 def results_schema(pa: Any) -> Any:

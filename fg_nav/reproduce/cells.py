@@ -6,20 +6,22 @@ The folder is that of `fg_nav.campaign.kept`, so that results of a campaign with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from fg_nav.campaign import kept
-from fg_nav.campaign.kept import Key, Result
+from fg_nav.campaign.kept import Key, Result, without_paths
 from fg_nav.campaign.made import jobs_of, made
+from fg_nav.campaign.pool import as_done
 from fg_nav.campaign.settings import settings_of
 from fg_nav.campaign.sources import LOOP
 from fg_nav.errors import OutputError
 from fg_nav.reproduce.parts import Part
+from fg_nav.wording import counted
 
 FOLDER = "cells"
 """Of the folder of a reproduction."""
@@ -59,7 +61,7 @@ def make_missing(
         Where a folder or a file cannot be written.
     """
     tasks = [*_walks_to_make(folder, keys), *_parts_to_make(folder, parts)]
-    for done, _ in enumerate(_run(tasks, workers), start=1):
+    for done, _ in enumerate(as_done(tasks, workers), start=1):
         if progress is not None:
             progress(done / len(tasks))
 
@@ -79,18 +81,6 @@ def _parts_to_make(folder: Path, parts: Sequence[Part]) -> list[Task]:
     return [partial(part.make_into, folder) for part in parts if part.read(folder) is None]
 
 
-def _run(tasks: Sequence[Task], workers: int) -> Iterator[None]:
-    """Run all tasks, here where there is but one worker; yield after each."""
-    if workers == 1 or len(tasks) < 2:
-        for task in tasks:
-            task()
-            yield
-        return
-    with ProcessPoolExecutor(min(workers, len(tasks))) as pool:
-        for future in as_completed([pool.submit(task) for task in tasks]):
-            yield future.result()
-
-
 def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
     """Read results, all of which are there; only the first of a method that did not fail keeps its path."""
     found = Walks()
@@ -98,13 +88,29 @@ def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
         result = kept.kept(folder / FOLDER, key, settings_of(key))
         assert result is not None, f"{key.file} was not made"
         before = found.results.setdefault((key.group, key.field, key.method), [])
-        before.append(_without_path(result) if any(one.estimate for one in before) else result)
+        before.append(without_paths(result) if any(one.estimate for one in before) else result)
     return found
 
 
-def _without_path(result: Result) -> Result:
-    """Hundreds of paths are a lot of memory, and one is drawn."""
-    return replace(result, estimate={}, truth=(), whitened={})
+def made_by(walks: Walks) -> dict[str, int]:
+    """How many results each state of the code made, by its sum (`fg_nav.campaign.kept.code_sum`)."""
+    return dict(Counter(one.code for results in walks.results.values() for one in results))
+
+
+def made_elsewhere(walks: Walks) -> tuple[str, ...]:
+    """One sentence where other code than this made some of the results, for what differs; none where this made all."""
+    by_sum = made_by(walks)
+    total, others = sum(by_sum.values()), {code: n for code, n in by_sum.items() if code != kept.code_sum()}
+    if not others:
+        return ()
+    most_first = sorted(others.items(), key=lambda one: (-one[1], one[0]))
+    sums = (
+        f"sum {most_first[0][0]}" if len(others) == 1 else ", ".join(f"{n} with sum {code}" for code, n in most_first)
+    )
+    return (
+        f"{sum(others.values())} of {counted(total, 'result')} on walks were made by another state of the code than "
+        f"this one ({sums}), with the same parameters: without the folder '{FOLDER}' all are made anew.",
+    )
 
 
 def parameters_of(walks: Walks) -> dict[str, Any]:

@@ -6,8 +6,9 @@ from there. `results.json` is written last, so a folder with it is complete.
 
 from __future__ import annotations
 
+import json
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import replace
@@ -16,6 +17,7 @@ from pathlib import Path
 
 from rich.text import Text
 
+from fg_nav.campaign.mark import REPRODUCTION, lines_of, visible
 from fg_nav.errors import OutputError
 from fg_nav.plain import plain
 from fg_nav.report.folder import unwritable
@@ -33,8 +35,8 @@ FIRST_SEED, SEEDS, QUICK_SEEDS = 101, 20, 3
 
 REPORT, RESULTS = "report.html", "results.json"
 
-MARK = ".fg-nav-reproduce"
-"""File in a folder of ours; it names the paper."""
+MARK = REPRODUCTION
+"""File in a folder of ours; it names the paper, and below it pictures of an older result while a new one is made."""
 
 _LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
 
@@ -69,7 +71,7 @@ def reproduce(
     OutputError
         If the folder holds something else, or a result and `force` is not set, or cannot be written.
     """
-    number = seeds or (QUICK_SEEDS if quick else SEEDS)
+    number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
     claim(out, paper, force)
     with progress(f"{paper}, {number} seeds") as tell:
         try:
@@ -105,29 +107,45 @@ def claim(out: Path, paper: str, force: bool) -> None:
         if out.exists() and not out.is_dir():
             raise OutputError(f"{out} is a file, not a folder: choose another --out.")
         out.mkdir(parents=True, exist_ok=True)
-        mark = out / MARK
-        held = mark.read_text(encoding="utf-8").strip() if mark.is_file() else ""
-        present = [entry.name for entry in out.iterdir() if not entry.name.startswith(".")]
+        held, *stale = lines_of(out, MARK) or [""]
+        present = visible(out)
         if held != paper and present:
-            what = f"the results of {held}" if held else f"'{min(present)}', which this command does not write"
+            what = f"the results of {held}" if held else f"'{present[0]}', which this command does not write"
             raise OutputError(f"{out} holds {what}: choose another --out.")
         if (out / RESULTS).exists() and not force:
             raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
+        _mark(out, paper, {*stale, *_pictures_of(out / RESULTS)} if held == paper else ())
         for name in (RESULTS, REPORT):
             (out / name).unlink(missing_ok=True)
-        mark.write_text(paper + "\n", encoding="utf-8")
     except OSError as error:
         raise unwritable(out, error) from None
 
 
+def _mark(out: Path, paper: str, stale: Collection[str]) -> None:
+    """Put down whose folder it is, and which pictures are of a result that is no more."""
+    write_whole(out / MARK, "\n".join([paper, *sorted(stale)]) + "\n")
+
+
+def _pictures_of(results: Path) -> set[str]:
+    """Names of a result's pictures, beside it; none where it cannot be read."""
+    try:
+        experiments = json.loads(results.read_text(encoding="utf-8"))["experiments"]
+        names = {str(picture["file"]) for experiment in experiments for picture in experiment["pictures"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {name for name in names if name.endswith(".png") and Path(name).name == name}
+
+
 def publish(found: Reproduction, out: Path) -> None:
-    """Write the page, take away pictures of an older result, and write the results last."""
+    """Write the page, take away pictures that only an older result names, and write the results last."""
     write_whole(out / REPORT, page(found, out))
-    named_here = {out / picture.file for experiment in found.experiments for picture in experiment.pictures}
-    for path in set(out.glob("*.png")) - named_here:
+    paper, *stale = lines_of(out, MARK)
+    named_here = {picture.file for experiment in found.experiments for picture in experiment.pictures}
+    for name in set(stale) - named_here:
         with suppress(OSError):
-            path.unlink()
+            (out / name).unlink()
     write_whole(out / RESULTS, written(found))
+    _mark(out, paper, ())
 
 
 def show(found: Reproduction, out: Path) -> None:

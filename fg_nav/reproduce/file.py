@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
+from fg_nav.campaign.whole import whole
 from fg_nav.errors import OutputError
 from fg_nav.plain import plain
 from fg_nav.reproduce.results import Experiment, Picture, Reproduction, Row, Spread
@@ -96,10 +96,5 @@ def _value(told: float | str | None) -> float:
 
 def write_whole(path: Path, text: str) -> None:
     """Write a text that appears whole or not at all; raises `OutputError` where the system refuses."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with whole(path) as beside:
         beside.write_text(text, encoding="utf-8")
-        beside.replace(path)
-    except OSError as error:
-        reason = (error.strerror or type(error).__name__).lower()
-        raise OutputError(f"{path} could not be written ({reason}): name another folder.") from error

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 
+from fg_nav.campaign.pool import as_done
 from fg_nav.reproduce.munoz_diaz2017_figures import FIGURES, file_of
 from fg_nav.reproduce.munoz_diaz2017_rows import PLAN, Planned, Reading
 from fg_nav.reproduce.munoz_diaz2017_seed import DRAWN, Values, Wanted, made, name_of, parameters
@@ -53,19 +53,10 @@ def reproduce(
 
 
 def _made(wanted: Mapping[int, Wanted], folder: Path, workers: int) -> Iterator[tuple[int, Values]]:
-    """As they are done. Workers are begun afresh: this process has threads, which do not survive a copy of it."""
-    if workers == 1:
-        for seed, how in wanted.items():
-            yield seed, made(seed, how, folder)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        asked = {pool.submit(made, seed, how, folder): seed for seed, how in wanted.items()}
-        try:
-            for done in as_completed(asked):
-                yield asked[done], done.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    """As they are done."""
+    seeds = list(wanted)
+    for number, values in as_done([partial(made, seed, how, folder) for seed, how in wanted.items()], workers):
+        yield seeds[number], values
 
 
 def experiment(planned: Planned, found: Sequence[Values], drawn_seed: int) -> Experiment:

@@ -7,9 +7,7 @@ on. Numbers come back to the last bit, so that rows made from kept parts are tho
 
 from __future__ import annotations
 
-import hashlib
 import inspect
-import os
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,7 +18,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fg_nav.campaign.kept import code_sum, what_runs
+from fg_nav.campaign.kept import code_sum, sum_over
+from fg_nav.campaign.whole import whole
 from fg_nav.errors import OutputError
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
@@ -58,14 +57,12 @@ class Part:
         """Make the arrays and keep them; raises `OutputError` where the system refuses."""
         arrays = self.make()
         path = self._path(folder)
-        beside = path.with_suffix(f".{os.getpid()}.part")
         try:
             path.parent.mkdir(exist_ok=True)
-            with beside.open("wb") as file:
-                np.savez_compressed(file, **{"code": np.array(self._code), **arrays})  # type: ignore[arg-type]
-            beside.replace(path)
         except OSError as error:
-            raise OutputError(f"{path} could not be written ({error.strerror}): name another folder.") from error
+            raise OutputError(f"{path.parent} could not be made ({error.strerror}): name another folder.") from error
+        with whole(path) as beside, beside.open("wb") as file:
+            np.savez_compressed(file, **{"code": np.array(self._code), **arrays})  # type: ignore[arg-type]
 
     def _path(self, folder: Path) -> Path:
         return folder / FOLDER / f"{self.name}.npz"
@@ -77,6 +74,5 @@ class Part:
 
 @cache
 def _sum_of(function: Callable[..., Any]) -> str:
-    """Sum over the module of a function: the experiments are not among what `code_sum` looks at."""
-    source = Path(inspect.getfile(function)).read_text(encoding="utf-8")
-    return hashlib.sha256(what_runs(source).encode()).hexdigest()[:16]
+    """Sum over the module of a function, which is not among what `code_sum` looks at: it needs no other of them."""
+    return sum_over([Path(inspect.getfile(function))])

@@ -2,7 +2,10 @@
 
 import os
 import signal
+import time
 from pathlib import Path
+
+import psutil
 
 from fg_nav.campaign.kept import Result, code_sum
 from fg_nav.campaign.made import Job
@@ -30,3 +33,18 @@ def work(sent: Parcel) -> Brought:
         Path(asked.walk).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return Brought(results(asked), code_sum(), 0.01)
+
+
+def until_gone(group):
+    """Wait for the workers of a process that ended: they are of its process group."""
+    end = time.monotonic() + 60.0
+    while any(_is_of(process, group) for process in psutil.process_iter()):
+        assert time.monotonic() < end, "workers outlive their parent"
+        time.sleep(0.05)
+
+
+def _is_of(process, group):
+    try:
+        return os.getpgid(process.pid) == group and process.status() != psutil.STATUS_ZOMBIE
+    except (ProcessLookupError, psutil.NoSuchProcess):
+        return False

@@ -12,7 +12,8 @@ import pytest
 from distributed.scheduler import KilledWorker
 
 from fg_nav.campaign import cluster
-from fg_nav.campaign.cluster import Cluster, check_installed, on_cluster
+from fg_nav.campaign.cluster import Cluster, check_address, check_installed, on_cluster
+from fg_nav.campaign.kept import code_sum
 from fg_nav.campaign.parcel import Brought
 from fg_nav.errors import CampaignError
 from tests.campaign import fakes
@@ -70,11 +71,15 @@ class Task:
 class Scheduler:
     """Stands in for a client: answers `good` tasks, then is gone; `value` says what a task comes to."""
 
-    def __init__(self, good=1000, threads=2, value=None):
+    def __init__(self, good=1000, threads=2, value=None, code=None):
         self.good, self.threads, self.value, self.status = good, threads, value, "running"
+        self.code = code or code_sum()
 
     def nthreads(self):
         return {"one": self.threads} if self.threads else {}
+
+    def run(self, function, words, workers, on_error):
+        return dict.fromkeys(workers, self.code)
 
     def submit(self, work, sent, pure):
         assert not pure
@@ -146,9 +151,10 @@ def test_a_job_that_kills_is_tried_cell_by_cell(connections):
     ("value", "work", "words"),
     [
         (ModuleNotFoundError("No module named 'fg_nav'"), fakes.work, "cannot run fg-nav"),
+        (RuntimeError("Error during deserialization. This\noccurs"), fakes.work, r"deserialization\): install"),
         (None, lambda sent: Brought(fakes.results(sent.job), "other", 0.0), "another fg-nav"),
     ],
-    ids=["none", "another"],
+    ids=["none", "not at the scheduler", "another"],
 )
 def test_workers_must_have_the_same_program(connections, value, work, words):
     connections += [Scheduler(value=value)]
@@ -156,10 +162,43 @@ def test_workers_must_have_the_same_program(connections, value, work, words):
         on_cluster([fakes.job("quick", "1")], far(work=work), Taken().take, print)
 
 
+def test_workers_are_asked_for_their_code_before_they_get_work(connections):
+    for code, words in (("other", "another fg-nav"), (ModuleNotFoundError("no"), "cannot run fg-nav")):
+        connections += [Scheduler(good=0, code=code)]
+        with pytest.raises(CampaignError, match=words):
+            on_cluster([fakes.job("quick", "1")], far(), Taken().take, print)
+
+
+class Lost(Task):
+    """A task that failed, and whose error went with its worker."""
+
+    def exception(self, timeout):
+        raise TimeoutError
+
+
+def test_an_error_that_cannot_be_fetched_is_no_end_of_the_campaign(connections, monkeypatch):
+    client, taken, lost = Scheduler(), Taken(), [Lost("error", None)]
+    well = client.submit
+    monkeypatch.setattr(client, "submit", lambda *some, **more: lost.pop() if lost else well(*some, **more))
+    connections += [client]
+    on_cluster([fakes.job("quick", "1")], far(), taken.take, taken.told.append)
+    assert taken.once([fakes.job("quick", "1")])
+
+
+BARE = """
+import sys
+from importlib import import_module
+sys.modules["fg_nav"] = None
+sys.argv = sys.argv[1:]
+import_module(sys.argv[0]).main()
+"""
+"""Runs a module as `-m` does, without our package: an editable installation is on every path."""
+
+
 @contextmanager
-def dask(*words):
+def dask(*words, bare=False):
     """Yield a process of Dask's own command line."""
-    line = [sys.executable, "-m", *words, "--no-dashboard"]
+    line = [sys.executable, *(("-c", BARE) if bare else ("-m",)), *words, "--no-dashboard"]
     process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield process
@@ -168,14 +207,46 @@ def dask(*words):
         process.wait()
 
 
-def test_a_real_scheduler_started_anew_goes_on():
-    """Its worker goes with it, as Dask's do, and another comes with the new one."""
+def commands():
+    """A free port, the address there, and the commands of a scheduler and of a worker of it."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         port = one.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
     scheduler = ("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port))
-    worker = ("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny")
+    return port, address, scheduler, ("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny")
+
+
+@pytest.mark.parametrize("bare", ["scheduler", "worker"])
+def test_a_real_cluster_without_the_package_ends_the_campaign_and_nothing_is_taken(monkeypatch, bare):
+    check_installed()
+    port, address, scheduler, worker = commands()
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    taken = Taken()
+    with dask(*scheduler, bare=bare == "scheduler"), dask(*worker, bare=bare == "worker"):
+        until_it_answers(port)
+        with pytest.raises(CampaignError, match="install the same version there") as refused:
+            on_cluster([fakes.job("quick", "1")], Cluster(address, 1, 60.0, fakes.work), taken.take, print)
+    assert not taken.cells
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("address", ["nonsense", "localhost:8786", "tcp://host", "tcp://host:99999", "ws://a:1"])
+def test_what_is_no_address_is_refused_before_anything_is_tried(address):
+    with pytest.raises(CampaignError, match="is no address of a Dask scheduler"):
+        check_address(address)
+
+
+def test_addresses_that_can_be():
+    for address in ("tcp://localhost:8786", "tcp://10.0.0.1:1", "tcp://[::1]:8786", "tcp://some-node.example:8786"):
+        check_address(address)
+    with pytest.raises(CampaignError, match="no certificates"):
+        check_address("tls://localhost:8786")
+
+
+def test_a_real_scheduler_started_anew_goes_on():
+    """Its worker goes with it, as Dask's do, and another comes with the new one."""
+    port, address, scheduler, worker = commands()
     jobs = [fakes.job("quick", str(walk)) for walk in range(30)]
     taken, running = Taken(), []
     with pytest.MonkeyPatch.context() as environment:

@@ -5,16 +5,16 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import psutil
 import pytest
 from pyarrow import parquet
 
 from fg_nav import cli
-from fg_nav.campaign import command, kept
+from fg_nav.campaign import command, kept, table
 from fg_nav.campaign.command import CELLS, Wanted, campaign
 from fg_nav.campaign.pace import Pace
 from fg_nav.campaign.parcel import parcel, unpacked
@@ -78,6 +78,7 @@ def test_the_tables_tell_what_the_cells_hold(tmp_path, plan, made):
         (walk, method, mode) for walk in ("101", "102") for method in ("iez", "ma2018") for mode in ("origin", "yaw")
     ]
     by_key = {(one.key.walk, one.key.method): one for one in done.results}
+    assert len(by_key) == 4
     for row in rows:
         errors = by_key[row["walk"], row["method"]].errors[row["alignment"]]
         assert row["rmse_m"] == errors.rmse_m
@@ -86,16 +87,64 @@ def test_the_tables_tell_what_the_cells_hold(tmp_path, plan, made):
         assert row["failed"] == ""
 
 
-def test_order_and_runtime_do_not_change_a_byte(tmp_path):
+def test_runtime_does_not_change_a_byte(tmp_path):
     results = [one for walk in "213" for one in fakes.results(fakes.job("demo", walk, "qsf", "iez"))]
     results[0] = replace(results[0], failed="no such walk.")
     for name, some, runtime in (("one", results, 1.0), ("two", results[::-1], 2.0)):
         (tmp_path / name).mkdir()
-        write_tables(tmp_path / name, [replace(one, runtime_s=runtime, code=name) for one in some])
+        ordered = sorted((replace(one, runtime_s=runtime, code=name) for one in some), key=lambda one: one.key)
+        write_tables(tmp_path / name, ordered)
     assert tables(tmp_path / "one") == tables(tmp_path / "two")
     assert (tmp_path / "one" / TIMINGS).read_bytes() != (tmp_path / "two" / TIMINGS).read_bytes()
     with pytest.raises(OutputError, match="could not be written"):
         write_tables(tmp_path / "nowhere", results)
+
+
+def test_only_some_results_are_held_at_a_time(tmp_path, plan, made, monkeypatch):
+    """A cell has its paths; the tables are made of batches, and what is handed back has no paths."""
+    done = run(plan, tmp_path / "one")
+    held, most = set(), []
+    monkeypatch.setattr(table, "BATCH", 2)
+    read = kept.kept
+
+    def counting(*some):
+        result = read(*some)
+        assert result.estimate
+        number = len(most)
+        held.add(number)
+        weakref.finalize(result, held.discard, number)
+        most.append(len(held))
+        return result
+
+    monkeypatch.setattr(kept, "kept", counting)
+    again = run(plan, tmp_path / "one")
+    assert len(most) == 8
+    assert max(most) <= 3
+    assert again.results == done.results
+    assert not any(one.estimate or one.truth or one.whitened or one.parameters for one in again.results)
+    rows = parquet.read_table(tmp_path / "one" / RESULTS).to_pylist()
+    assert len(rows) == 8
+
+
+def test_a_table_that_fails_half_way_leaves_all_as_they_were(tmp_path):
+    def some():
+        yield from fakes.results(fakes.job("demo", "1", "iez"))
+        raise OutputError("gone.")
+
+    write_tables(tmp_path, fakes.results(fakes.job("demo", "1", "qsf")))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(OutputError, match="gone"):
+        write_tables(tmp_path, some())
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert set(before) == set(TABLES)
+
+
+def test_what_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
+    result = fakes.results(fakes.job("demo", "1"))[0]
+    (tmp_path / result.key.file).mkdir()
+    with pytest.raises(OutputError, match="could not be written"):
+        kept.keep(tmp_path, result)
+    assert [path.name for path in tmp_path.iterdir()] == [result.key.file]
 
 
 def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, fg_nav: FgNav):
@@ -133,7 +182,21 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: 
     (tmp_path / "photos" / "a.png").touch()
     assert fg_nav("campaign", plan, "--out", tmp_path / "photos").refused("holds what is no campaign")
     assert fg_nav("campaign", plan, "--out", plan).refused("cannot be written")
+    for folder, file in (("letters", "letter.txt"), ("other", f"{CELLS}/a.png"), ("paper", ".fg-nav-reproduce")):
+        (tmp_path / folder / CELLS).mkdir(parents=True)
+        (tmp_path / folder / file).touch()
+        assert fg_nav("campaign", plan, "--out", tmp_path / folder).refused(f"('{file}')")
     assert not made
+
+
+def test_a_folder_of_ours_is_known_by_its_mark_or_by_having_nothing_else(tmp_path, plan, made):
+    run(plan, tmp_path / "ours")
+    (tmp_path / "ours" / "letter.txt").touch()
+    assert run(plan, tmp_path / "ours").joined == 4
+    (tmp_path / "ours" / "letter.txt").unlink()
+    (tmp_path / "ours" / command.MARK).unlink()
+    assert run(plan, tmp_path / "ours").joined == 4
+    assert (tmp_path / "ours" / command.MARK).is_file()
 
 
 def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
@@ -161,7 +224,14 @@ def test_a_scheduler_that_is_not_there(tmp_path, plan, monkeypatch, fg_nav: FgNa
     monkeypatch.setattr("fg_nav.campaign.cluster.CONNECT_S", 0.2)
     refused = fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert refused.refused("no Dask scheduler answers at tcp://127.0.0.1:1")
-    assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("no Dask scheduler")
+    assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("'moon' is no address")
+
+
+def test_a_word_that_is_no_address_is_refused_without_a_traceback_of_dask(tmp_path, plan):
+    refused = in_a_process("campaign", str(plan), "--out", str(tmp_path / "out"), "--scheduler", "nonsense")
+    assert refused.code == 1
+    assert len(refused.err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_killed_campaign_goes_on(tmp_path, plan, made):
@@ -178,7 +248,7 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
     assert 0 < len(there) < 16
     assert not (tmp_path / "out" / RESULTS).exists()
-    until_gone(first.pid)
+    fakes.until_gone(first.pid)
     there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
     second = in_a_process(*words)
     assert (second.code, second.err) == (0, "")
@@ -187,21 +257,6 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     assert not made
     run(plan, tmp_path / "undisturbed")
     assert tables(tmp_path / "undisturbed") == tables(tmp_path / "out")
-
-
-def until_gone(group):
-    """Wait for the workers of a killed campaign: they are of its process group."""
-    end = time.monotonic() + 60.0
-    while any(_is_of(process, group) for process in psutil.process_iter()):
-        assert time.monotonic() < end, "workers outlive their campaign"
-        time.sleep(0.05)
-
-
-def _is_of(process, group):
-    try:
-        return os.getpgid(process.pid) == group and process.status() != psutil.STATUS_ZOMBIE
-    except (ProcessLookupError, psutil.NoSuchProcess):
-        return False
 
 
 def test_time_left_is_that_of_what_is_missing():

@@ -82,9 +82,10 @@ def test_the_same_walks_give_the_same_bytes_wherever_and_by_however_many(papers,
 
 
 def test_quick_is_fewer_seeds_unless_they_are_counted(papers, tmp_path):
-    for name, more in (("a", {}), ("b", {"quick": True}), ("c", {"quick": True, "seeds": 1})):
+    for name, more in (("a", {}), ("b", {"quick": True}), ("c", {"quick": True, "seeds": 5})):
         command.reproduce("ma2018", tmp_path / name, **more)
-    assert papers == [(tuple(range(101, 121)), 1, False), ((101, 102, 103), 1, True), ((101,), 1, True)]
+    assert papers == [(tuple(range(101, 121)), 1, False), ((101, 102, 103), 1, True), (tuple(range(101, 106)), 1, True)]
+    assert "--seeds 5 --first 101 --quick" in read_reproduction(tmp_path / "c" / "results.json").command
 
 
 def test_a_run_that_was_ended_goes_on_and_a_result_is_replaced_by_force_only(papers, tmp_path):
@@ -93,11 +94,29 @@ def test_a_run_that_was_ended_goes_on_and_a_result_is_replaced_by_force_only(pap
         command.reproduce("ma2018", out, seeds=2, workers=9)
     assert names(out) == {".fg-nav-reproduce", "half.png"}
     command.reproduce("ma2018", out, seeds=2)
-    assert "half.png" not in names(out)
     with pytest.raises(OutputError, match="already holds a result"):
         command.reproduce("ma2018", out, seeds=2)
     command.reproduce("ma2018", out, seeds=3, force=True)
     assert len(read_reproduction(out / "results.json").seeds) == 3
+
+
+def test_only_pictures_of_an_older_result_are_taken_away(papers, tmp_path, monkeypatch):
+    """Though a run was ended in between, when that result was no more."""
+    out = tmp_path / "out"
+    command.reproduce("ma2018", out, seeds=2)
+    drawn(out, "mine.png")
+    text = (out / "results.json").read_text().replace("one.png", "../other.png").replace("two.png", "older.png")
+    (out / "results.json").write_text(text)
+    for place in (out / "older.png", tmp_path / "other.png"):
+        place.write_bytes(b"")
+    with pytest.raises(KeyboardInterrupt):
+        command.reproduce("ma2018", out, workers=9, force=True)
+    assert "older.png" in names(out)
+    command.reproduce("ma2018", out, seeds=2)
+    assert {"mine.png", "one.png", "two.png", "half.png"} <= names(out)
+    assert "older.png" not in names(out)
+    assert (tmp_path / "other.png").exists()
+    assert (out / ".fg-nav-reproduce").read_text() == "ma2018\n"
 
 
 def test_a_worker_that_was_ended_is_told_in_one_sentence(monkeypatch, tmp_path):

@@ -1,16 +1,19 @@
 """What experiments keep: parts come back to the last bit, walks are made once, figures are those of the papers."""
 
+import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.settings import settings_of
 from fg_nav.errors import OutputError
 from fg_nav.reproduce import parts
-from fg_nav.reproduce.cells import keys_of, make_missing, read_walks
+from fg_nav.reproduce.cells import Walks, keys_of, made_by, made_elsewhere, make_missing, read_walks
 from fg_nav.reproduce.parts import Part
 from fg_nav.reproduce.walk_figures import end_m, heading_deg, reduction_over, spread_over, used_percent
 from tests.reproduce.kept_walks import walk
@@ -46,6 +49,22 @@ def test_a_part_of_other_code_or_a_damaged_one_is_none(tmp_path, monkeypatch):
     assert part.of(tmp_path)["count"] == 3
 
 
+def test_what_makes_parts_rests_on_no_other_module_of_the_experiments():
+    """Its sum is over its own module and the library: another one's change would go unseen."""
+    sources = {path.stem: path.read_text() for path in Path(parts.__file__).parent.glob("*.py")}
+    makers = {name: text for name, text in sources.items() if "return Part(" in text}
+    assert len(makers) >= 4
+    for name, text in makers.items():
+        assert set(re.findall(r"fg_nav\.reproduce[.\w]*", text.split('"""', 2)[2])) <= {"fg_nav.reproduce.parts"}, name
+
+
+def test_a_part_that_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
+    (tmp_path / "parts" / "some.npz").mkdir(parents=True)
+    with pytest.raises(OutputError, match="could not be written"):
+        Part("some", partial(drawn, 3)).make_into(tmp_path)
+    assert [path.name for path in (tmp_path / "parts").iterdir()] == ["some.npz"]
+
+
 def test_a_folder_that_cannot_be_is_told(tmp_path):
     (tmp_path / "cells").write_text("a file")
     with pytest.raises(OutputError, match="name another"):
@@ -63,6 +82,22 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     assert [bool(one.estimate) for one in walks] == [True, False]
     monkeypatch.setattr("fg_nav.reproduce.cells.made", None)
     make_missing(tmp_path, keys, [part], workers)
+
+
+def test_what_other_code_made_is_counted_and_told():
+    def of(*codes):
+        return [replace(result("iez", seed, 1.0), code=code) for seed, code in enumerate(codes)]
+
+    ours = kept.code_sum()
+    walks = Walks({("mall", "indoor", "iez"): of(ours, "554df78"), ("mall", "smooth", "iez"): of("554df78", "554df78")})
+    assert made_by(walks) == {ours: 1, "554df78": 3}
+    [told] = made_elsewhere(walks)
+    assert told.startswith("3 of 4 results")
+    assert "(sum 554df78)" in told
+    walks.results["office", "smooth", "iez"] = of("aaaa")
+    assert "(3 with sum 554df78, 1 with sum aaaa)" in made_elsewhere(walks)[0]
+    assert made_elsewhere(Walks({("mall", "indoor", "iez"): of(ours, ours)})) == ()
+    assert made_elsewhere(Walks()) == ()
 
 
 def test_what_a_campaign_kept_is_known_by_its_settings():

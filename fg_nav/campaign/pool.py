@@ -1,0 +1,47 @@
+"""Tasks on processes of this machine, that end with whoever asked for them.
+
+Workers are begun afresh: this process has threads (a bar that moves), which do not survive a copy of it. What they
+make they keep themselves, so ending them loses only what each was at.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from typing import TypeVar
+
+Made = TypeVar("Made")
+
+
+def as_done(tasks: Sequence[Callable[[], Made]], workers: int) -> Iterator[tuple[int, Made]]:
+    """Run tasks and yield the number and the result of each when it is done; here where one worker is enough.
+
+    At the first error, on Ctrl-C, and where nobody wants more, what waits is not begun and the workers are ended.
+    """
+    if workers == 1 or len(tasks) < 2:
+        for number, task in enumerate(tasks):
+            yield number, task()
+        return
+    with ProcessPoolExecutor(min(workers, len(tasks)), get_context("spawn"), _left_to_the_parent) as pool:
+        try:
+            numbers = {pool.submit(task): number for number, task in enumerate(tasks)}
+            for done in as_completed(numbers):
+                yield numbers[done], done.result()
+        except BaseException:
+            _end(pool)
+            raise
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """Begin nothing more, and end what is at work: the pool itself would wait for it."""
+    at_work = list((pool._processes or {}).values())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in at_work:
+        process.terminate()
+
+
+def _left_to_the_parent() -> None:
+    """Ctrl-C goes to all processes of a terminal, and each worker would tell of it: the parent ends them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
