@@ -9,7 +9,7 @@ from fg_nav.reproduce import aiez2017_figures as figures
 from fg_nav.reproduce.aiez2017_corridor import STRENGTHS, corridor_experiment
 from fg_nav.reproduce.aiez2017_magnet import STRONGER, magnet_part, walks_of
 from fg_nav.reproduce.aiez2017_walks import building_experiment, keys
-from fg_nav.reproduce.cells import make_missing, parameters_of, read_walks
+from fg_nav.reproduce.cells import made_elsewhere, make_missing, parameters_of, read_walks
 from fg_nav.reproduce.drawing import Pictures
 from fg_nav.reproduce.results import Reproduction, one_line
 
@@ -62,7 +62,7 @@ def reproduce(
             corridor_experiment(past, [figures.figure_5(pictures, drawn), figures.figure_6(pictures, drawn)]),
             building_experiment(walks, FIELDS, [figures.figure_7(pictures, walks, FIELDS)]),
         ],
-        differs=[one_line(text) for text in _DIFFERS],
+        differs=[one_line(text) for text in (*_DIFFERS, *made_elsewhere(walks))],
         parameters=parameters_of(walks),
     )
 

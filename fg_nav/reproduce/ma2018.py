@@ -10,7 +10,7 @@ from fg_nav.campaign.kept import Key
 from fg_nav.reproduce import ma2018_field_figures as field_figures
 from fg_nav.reproduce import ma2018_walk_figures as walk_figures
 from fg_nav.reproduce import ma2018_walks as walked
-from fg_nav.reproduce.cells import Walks, make_missing, parameters_of, read_walks
+from fg_nav.reproduce.cells import Walks, made_elsewhere, make_missing, parameters_of, read_walks
 from fg_nav.reproduce.drawing import Pictures
 from fg_nav.reproduce.headings import headings_part
 from fg_nav.reproduce.ma2018_calibration import calibration_experiment
@@ -107,7 +107,7 @@ def reproduce(
         command=f"fg-nav reproduce {PAPER}{' --quick' if quick else ''}",
         seeds=tuple(plan.seeds),
         experiments=_experiments(folder, plan, walks),
-        differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()))],
+        differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()), *made_elsewhere(walks))],
         parameters=parameters_of(walks),
     )
 

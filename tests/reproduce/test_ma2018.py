@@ -158,7 +158,7 @@ def test_quick_leaves_a_field_out_and_says_so(measured, undrawn, tmp_path):
     found = ma2018.reproduce(tmp_path, seeds, workers=1, progress=told.append, quick=True)
     assert found.seeds == seeds
     assert figures_of(found) == PRINTED_FIGURES
-    assert "Left out are all rows of the field smooth" in found.differs[-1]
+    assert any("Left out are all rows of the field smooth" in text for text in found.differs)
     assert told[-1] == 1.0
     assert found.parameters["ma2018:as-printed"] == {"sigma": 1.0}
     assert all(row.verdict for row in rows_of(found).values() if row.printed)
