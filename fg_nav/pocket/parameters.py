@@ -17,7 +17,8 @@ _ABOVE_ZERO = (
     "mag_sigma_uT", "field_window_s", "field_drift_uT_s", "field_false_alarm", "longest_difference_s", "still_s",
 )  # fmt: skip
 _NOT_BELOW_ZERO = (
-    "gyr_density_deg", "bias_instability_deg_h", "gravity_window_s", "zero_acceleration_s", "shortest_difference_s", "tilt_sigma_deg",
+    "gyr_density_deg", "bias_instability_deg_h", "gravity_window_s", "zero_acceleration_s",
+    "shortest_difference_s", "tilt_sigma_deg",
 )  # fmt: skip
 
 
