@@ -32,7 +32,7 @@ from fg_nav.reproduce.munoz_diaz2017_measures import (
     yaw_range,
 )
 from fg_nav.reproduce.munoz_diaz2017_walks import ALL, FILTER, ONLINE, SECOND_NOISES_UT
-from fg_nav.reproduce.munoz_diaz2017_words import DETECTOR, DRIFTS, FOLLOWS, IRON, PRIOR, SWING, TRIP
+from fg_nav.reproduce.munoz_diaz2017_words import DETECTOR, DRIFTS, FOLLOWS, IRON, ONE_FOG, PRIOR, SLOWER, SWING, TRIP
 from fg_nav.reproduce.results import TOLERANCE, Row
 
 OURS, EXPECTED = "ours", "by the field"
@@ -124,7 +124,7 @@ _MINUTES = {
 }
 
 _REST = (
-    _own(FOG["compensated"], "deg", "<= 1", 1.0, "{:.2f}", bound=AT_MOST),
+    _own(FOG["compensated"], "deg", "<= 1", 1.0, "{:.2f}", bound=AT_MOST, why=ONE_FOG),
     _own(FOG["not compensated"], "deg", "", None, "{:.1f}"),
     _own(AT_A_SECOND, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25),
     _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25, why=DRIFTS),
@@ -215,7 +215,7 @@ def _asked(where: str, case: str, most_deg: float) -> Reading:
 _YAW = (
     _run("yaw error at the end, gravity only", "deg", "", "gravity", yaw_at_end, pattern="{:.0f}"),
     _run("growth of it, second half over first", "", "constantly increasing (1)", "gravity",
-         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}", tolerance=NEAR_ONE),
+         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}", tolerance=NEAR_ONE, why=SLOWER),
     _run("yaw goes to and fro by, Munich, first 15 min", "deg", "", "munich", yaw_range(0, 15), pattern="{:.0f}"),
     _run("the same from then on over that", "", "unstable before (< 1)", "munich",
          over(yaw_range(15, 60), yaw_range(0, 15)), paper=1.0, bound=AT_MOST, pattern="{:.2f}"),

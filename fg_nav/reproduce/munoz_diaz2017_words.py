@@ -29,6 +29,10 @@ DIFFERS = (
     "The graph is not the paper's: the local field is a variable in it, where the filter takes the difference of two "
     "noisy samples for exact. Batch is told the whole walk before it answers; online, each estimate is made of what "
     "was there until then. It has no way without its own weighing of perturbed fields.",
+    "The graph believes what a real sensor has: scale and axes of the gyroscope off by 0.2 %, and 0.5 uT that changes "
+    "with the attitude in the magnetometer. The emulated sensor has neither, and the paper's filter is told so. At the "
+    "pole, where only the swing of the thigh shows z, that leaves the graph behind the filter; told that its sensors "
+    "are exact it finds z there (seed 101).",
     "The printed lengths do not agree: six legs of 600 m are not 3 km, and 30 m at 20 deg and 140 m at 50 deg are not "
     "of one length of way. Walked are legs of 500 m in the first walk, and six round trips of 720 m in the second.",
 )
@@ -82,6 +86,16 @@ DRIFTS = (
     "The simulated drift is a Gauss-Markov process: behind its bump, of 8e-6 deg/s from 1000 to 3000 s, the FOG's "
     "Allan deviation falls again, and the lowest point of 14 h lies near their end. At the bump it is 2.7 orders below "
     "the MTw's; both are of data sheets as we remember them."
+)
+
+ONE_FOG = (
+    "Theirs is one sensor in one hour; ours is drawn anew each time, with noise and drift of data sheets as we remember "
+    "them, and the median goes a little beyond."
+)
+
+SLOWER = (
+    "It increases all along, but more slowly later: while the thigh swings gravity shows a little of z too, and the "
+    "estimate of it has come some way by then."
 )
 
 SWING = (
