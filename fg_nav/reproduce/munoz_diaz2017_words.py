@@ -89,8 +89,8 @@ DRIFTS = (
 )
 
 ONE_FOG = (
-    "Theirs is one sensor in one hour; ours is drawn anew each time, with noise and drift of data sheets as we remember "
-    "them, and the median goes a little beyond."
+    "Theirs is one sensor in one hour; ours is drawn anew each time, with noise and drift of data sheets as we "
+    "remember them, and the median goes a little beyond."
 )
 
 SLOWER = (
