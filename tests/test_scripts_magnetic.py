@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fg_nav.campaign import cells, kept
+from fg_nav.campaign import kept
 from fg_nav.errors import OutputError
 from fg_nav.evaluation.walked import AS_STARTED, WalkErrors
 from fg_nav.recording import Recording, TrajectoryTruth
@@ -179,8 +179,7 @@ def test_a_failed_walk_is_outside_the_band():
     assert end.measured == pytest.approx(0.475, abs=0.05)
 
 
-def test_consistency_runs_on_results_that_compare_ekf_keeps(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(cells, "ProcessPoolExecutor", Here)
+def test_consistency_runs_on_results_that_compare_ekf_keeps(tmp_path, capsys):
     given = ["--out", str(tmp_path), "--scenarios", "demo", "--fields", "homogeneous", "--seeds", "1", "--jobs", "1"]
     consistency.main([*given, "--magnetometer", "perfect"])
     assert "demo, homogeneous, smoother" in capsys.readouterr().out

@@ -14,11 +14,11 @@ from fg_nav.frames import GRAVITY_M_S2
 
 _ABOVE_ZERO = (
     "gyro_bias_sigma_deg_s", "bias_time_s", "acc_sigma_m_s2", "zero_acceleration_m_s2", "gravity",
-    "mag_sigma_uT", "field_window_s", "field_drift_uT_s", "field_false_alarm", "longest_difference_s", "still_s",
+    "mag_sigma_uT", "field_window_s", "field_false_alarm", "longest_difference_s", "still_s",
 )  # fmt: skip
 _NOT_BELOW_ZERO = (
     "gyr_density_deg", "bias_instability_deg_h", "gravity_window_s", "zero_acceleration_s",
-    "shortest_difference_s", "tilt_sigma_deg",
+    "shortest_difference_s", "field_drift_uT_s", "tilt_sigma_deg",
 )  # fmt: skip
 
 

@@ -145,7 +145,7 @@ def test_medians_and_verdicts_are_those_of_the_seeds():
     equator = row_of(found, "z is at -0.08 deg/s after, equator")
     assert equator.ours["filter"].median == 13.0
     assert equator.ours["filter"].high == math.inf
-    assert equator.verdict == "reproduced"
+    assert equator.verdict == "put in"
     assert row_of(found, "detector: z is at -0.08 deg/s after").verdict == "explained"
     assert PUBLISHED.minutes_perturbed == row_of(found, "detector: z is at -0.08 deg/s after").paper
 
@@ -180,7 +180,7 @@ def test_a_short_run_has_every_row_that_is_judged_and_draws_every_figure(kept):
     assert rows["D-E1", "z off zero at the end, truly 0.1"].verdict == "reproduced"
     # with a field the graph knows it while one walks
     assert rows["D-E2", "z at the end, equator, truly -0.1"].ours["online"].median == pytest.approx(-0.1, abs=0.02)
-    assert rows["D-E4", "yaw error at the end, Equator; asked of the graph"].verdict == "reproduced"
+    assert rows["D-E4", "yaw error at the end, Equator; asked of the graph"].verdict == "as asked"
 
 
 def test_a_kept_seed_is_taken_up_and_gives_the_same_bytes(kept, monkeypatch):
