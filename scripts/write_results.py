@@ -20,7 +20,7 @@ from fg_nav.errors import OutputError
 from fg_nav.report.terminal import console
 from fg_nav.reproduce.file import read_reproduction, write_whole
 from fg_nav.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
-from fg_nav.reproduce.words import MEANINGS, counted, counts, named, seeds_told, told
+from fg_nav.reproduce.words import MEANINGS, VERDICTS, counted, counts, named, seeds_told, told
 
 HEAD = f"""# The papers' figures and ours
 
@@ -85,7 +85,7 @@ def document(found: Sequence[Reproduction]) -> str:
         f"The tolerance is {100 * TOLERANCE:.0f} % unless a row has its own.",
         "",
     ]
-    lines += ["| paper | seeds | " + " | ".join(MEANINGS) + " |", "|---|---|" + "---|" * len(MEANINGS)]
+    lines += ["| paper | seeds | " + " | ".join(VERDICTS) + " |", "|---|---|" + "---|" * len(VERDICTS)]
     lines += [_counts(one) for one in found]
     for one in found:
         lines += ["", *_paper(one)]
