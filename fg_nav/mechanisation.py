@@ -133,6 +133,28 @@ def nudge_tilt(nav_R_body: Floats, force: Floats, gain: float) -> None:
 
 
 @njit(cache=True)
+def rotation_about(v: Floats) -> Floats:
+    """Exp(v) (3, 3) of a rotation vector (3,) rad."""
+    R = np.eye(3)
+    rotate_in_body(R, v[0], v[1], v[2])
+    return R
+
+
+@njit(cache=True)
+def cross_matrix(v: Floats) -> Floats:
+    """[v] (3, 3), so that [v] w = v x w."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+@njit(cache=True)
+def right_jacobian(theta: Floats) -> Floats:
+    """Jr (3, 3) of a rotation vector (3,) rad: Exp(theta + d) = Exp(theta) Exp(Jr d); the left one is Jr(-theta)."""
+    a, b, _ = rotation_series((theta**2).sum())
+    cross = cross_matrix(theta)
+    return np.asarray(np.eye(3) - a * cross + b * (cross @ cross))
+
+
+@njit(cache=True)
 def rotation_vector(R: Floats) -> Floats:
     """Return the rotation vector (3,) rad of a rotation well below half a turn."""
     axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])

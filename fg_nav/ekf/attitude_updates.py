@@ -89,7 +89,7 @@ def _correct_compass(
         told = np.arctan2(-east, north)
         level = east * east + north * north
         h[ATTITUDE], h[ATTITUDE + 1] = -east * up / level, -north * up / level
-    z = _wrapped(told + evidence.declination)
+    z = wrapped(told + evidence.declination)
     own = P[ATTITUDE + 2, ATTITUDE + 2] + aside[ATTITUDE + 2] ** 2 if evidence.own_doubt else 0.0
     innovation[AGREEMENT] = z / np.sqrt(own + evidence.agreement)
     if innovation[AGREEMENT] ** 2 < evidence.compass_limit[k]:
@@ -112,7 +112,7 @@ def turn_since(direction: float, before: Floats) -> float:
     """How far a direction is clockwise of the mean of those `before` (n,), rad; all are clockwise from north."""
     total = 0.0
     for earlier in before:
-        total += _wrapped(direction - earlier)
+        total += wrapped(direction - earlier)
     return total / len(before)
 
 
@@ -132,5 +132,6 @@ def heading_at(nav_R_body: Floats) -> float:
 
 
 @njit(cache=True)
-def _wrapped(angle: float) -> float:
+def wrapped(angle: float) -> float:
+    """An angle in rad from -pi to below pi; `fg_nav.frames.wrap` in compiled code."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

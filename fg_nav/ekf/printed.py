@@ -23,18 +23,13 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import yaw_rotation
+from fg_nav.mechanisation import cross_matrix
 
 ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, ACC_BIAS = 0, 3, 6, 9, 12
 """First index of each part of dx in the papers' order."""
 
 TO_OURS = np.array([6, 7, 8, 9, 10, 11, 0, 1, 2, 3, 4, 5, 12, 13, 14])
 """Where each of the papers' components is in our order (`fg_nav.ekf.covariance`)."""
-
-
-def cross_matrix(v: Floats) -> Floats:
-    """[v] (3, 3): [v] w = v x w (Ma Eq. 28, 32)."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def cayley(theta: Floats) -> Floats:

@@ -28,7 +28,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.dead_reckoning import ReckoningParameters, Way, directions, reckon
 from fg_nav.pocket.ekf import estimate_pocket
-from fg_nav.pocket.mount import refuse_foot, turn_signs
+from fg_nav.pocket.mount import TurnSigns, refuse_foot
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.start import PocketStart, compass_start, field_noise_uT, level_start
 from fg_nav.pocket.step_length import StepLength, calibrate_step_length, given_step_length
@@ -88,7 +88,7 @@ def navigate_pocket(
         raise EstimationError("a step constant and a known distance both tell the length of a step: give one of them.")
     if heading is not None and not np.isfinite(heading):
         raise EstimationError(f"a heading of {heading:g} is none: give an angle, or leave it out.")
-    refuse_foot(recording)
+    signs = refuse_foot(recording)
     start, headed = _start(recording, heading)
     track = _track(recording, method, start, progress)
     swing = thigh_swing(recording, track)
@@ -104,7 +104,7 @@ def navigate_pocket(
     way = reckon(track, swing, steps, law)
     position, velocity = _between(recording.t, way)
     table = _table(recording, track, steps, way)
-    notes = (*headed, *_remarks(swing, steps, law), *_doubts(recording, swing, table.field))
+    notes = (*headed, *_remarks(swing, steps, law), *_doubts(recording, signs, swing, table.field))
     return Solution(
         method=method,
         t=recording.t,
@@ -166,17 +166,17 @@ def _remarks(swing: ThighSwing, steps: Steps, law: StepLength) -> list[str]:
     return said
 
 
-def _doubts(recording: Recording, swing: ThighSwing, words: tuple[str, ...]) -> list[str]:
+def _doubts(recording: Recording, signs: TurnSigns, swing: ThighSwing, words: tuple[str, ...]) -> list[str]:
     """What the recording says against itself."""
     said = []
-    if turn_signs(recording).wearing is None:
+    if signs.wearing is None:
         said.append("the sensor turns neither as on a thigh nor as on a foot: was it in a trouser pocket?")
     if swing.slipped_deg > MOST_SLIPPED_DEG:
         said.append(
             f"the axis of the swing turns by {swing.slipped_deg:.0f} deg from one half of the walk to the other, so "
             "the sensor turned in the pocket and the way is bent: wear it tighter"
         )
-    clipped = 100.0 * float(saturated(recording.gyr).any(axis=1).mean())
+    clipped = 100.0 * float(saturated(recording.gyr, recording.clipping[1]).any(axis=1).mean())
     if clipped >= LEAST_CLIPPED_PERCENT:
         said.append(f"the gyroscope is clipped in {clipped:.2g} % of the samples: openings and lengths are too small")
     strides = np.array(words) == QUASI_STATIC

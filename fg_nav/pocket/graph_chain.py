@@ -34,7 +34,7 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.ekf.update import correct, correct_component
-from fg_nav.mechanisation import rotation_vector
+from fg_nav.mechanisation import cross_matrix, rotation_about, rotation_vector
 
 TURN, BIAS, SCALE, FIELD, REGION, VELOCITY, PLACE, BODY, SIZE = 0, 3, 6, 15, 18, 21, 23, 25, 27
 """Where x has its parts; y lacks the first."""
@@ -170,9 +170,9 @@ def _between(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, F: Floats
     """Write F (27, 27); returns the offset (27,) and the variances (27,) of x_k+1 = F x_k + offset + noise."""
     h = factors.h[k]
     y, then, c = nodes.y[k], nodes.y[k + 1], _errors(nodes.y[k], beliefs)
-    turned = _exp(-beliefs.earth_rate * h) @ nodes.R[k] @ factors.turn[k]
-    predicted = turned @ _exp(factors.per_sensor[k] @ c)
-    F[: TURN + 3, : TURN + 3] = np.eye(3) - h * _cross(beliefs.earth_rate)
+    turned = rotation_about(-beliefs.earth_rate * h) @ nodes.R[k] @ factors.turn[k]
+    predicted = turned @ rotation_about(factors.per_sensor[k] @ c)
+    F[: TURN + 3, : TURN + 3] = np.eye(3) - h * cross_matrix(beliefs.earth_rate)
     F[: TURN + 3, BIAS:FIELD] = predicted @ factors.per_sensor[k]
     offset, noise = np.zeros(SIZE), np.zeros(SIZE)
     offset[:3] = -rotation_vector(nodes.R[k + 1] @ predicted.T)
@@ -204,7 +204,7 @@ def _between(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, F: Floats
 def _of_force(R: Floats, push: Floats, per_sensor: Floats, c: Floats, F: Floats) -> Floats:
     """What a force does to velocity or place, (3,) in nav; writes the derivatives of its two level parts."""
     out = R @ (push + per_sensor @ c)
-    F[:, : TURN + 3] = -_cross(out)[:2]
+    F[:, : TURN + 3] = -cross_matrix(out)[:2]
     F[:, BIAS:FIELD] = (R @ per_sensor)[:2]
     return out
 
@@ -248,10 +248,10 @@ def _take_in_rest(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, out:
 def field_rows(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, H: Floats) -> Floats:
     """Write the rows (3, 27) of a node's field, in nav; returns (3,) so that H x is it but for noise."""
     R, z = nodes.R[k], factors.field[k]
-    per_sensor = -_cross(z) @ factors.lever[k]
+    per_sensor = -cross_matrix(z) @ factors.lever[k]
     seen = R @ (z + per_sensor @ _errors(nodes.y[k], beliefs))
     H[:] = 0.0
-    H[:, TURN : TURN + 3] = _cross(seen)  # seen changes by phi x seen
+    H[:, TURN : TURN + 3] = cross_matrix(seen)  # seen changes by phi x seen
     H[:, BIAS:FIELD] = -R @ per_sensor
     for i in range(3):
         H[i, FIELD + i] = 1.0
@@ -305,17 +305,3 @@ def _gain(A: Floats, P: Floats) -> Floats:
     scale = 1.0 / np.sqrt(np.diag(P))
     scaled = P * scale.reshape(-1, 1) * scale
     return np.ascontiguousarray(np.linalg.solve(scaled, (A * scale).T).T) * scale
-
-
-@njit(cache=True)
-def _cross(v: Floats) -> Floats:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-@njit(cache=True)
-def _exp(v: Floats) -> Floats:
-    angle = np.sqrt((v**2).sum())
-    K = _cross(v)
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) + K + K @ K / 2)
-    return np.asarray(np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * (K @ K))

@@ -28,6 +28,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.mechanisation import cross_matrix, right_jacobian, rotation_about
 
 SENSOR = 12
 """Errors of a gyroscope: bias, scale and misalignment."""
@@ -158,13 +159,13 @@ def _fill(
                 field[k] += R @ mag[i]
                 lever[k] += K
                 strength[k] += np.sqrt((mag[i] ** 2).sum())
-            gained = R @ (_left_jacobian(w * h) @ acc[i]) * h
-            changed = -_cross(gained) @ K
+            gained = R @ (right_jacobian(-w * h) @ acc[i]) * h
+            changed = -cross_matrix(gained) @ K
             shift[k] += push[k] * h + gained * (h / 2)
             shift_per_sensor[k] += push_per_sensor[k] * h + changed * (h / 2)
             push[k] += gained
             push_per_sensor[k] += changed
-            E = _exp(w * h)
+            E = rotation_about(w * h)
             J = E.T @ J - _per_error(w, h)
             R = R @ E
         turn[k], per_sensor[k] = R, J
@@ -182,7 +183,7 @@ def _fill(
 @njit(cache=True)
 def _per_error(w: Floats, h: float) -> Floats:
     """Derivative (3, 12) of the turn in a sample by the errors, but for the sign."""
-    by_rate = _left_jacobian(-w * h) * h
+    by_rate = right_jacobian(w * h) * h
     out = np.empty((3, SENSOR))
     out[:, :3] = by_rate
     for row in range(3):
@@ -201,28 +202,3 @@ def _mean_and_spread(x: Floats) -> tuple[Floats, float]:
     for i in range(len(x)):
         square += ((x[i] - mean) ** 2).sum()
     return mean, np.sqrt(square / len(x))
-
-
-@njit(cache=True)
-def _cross(v: Floats) -> Floats:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-@njit(cache=True)
-def _exp(v: Floats) -> Floats:
-    angle = np.sqrt((v**2).sum())
-    K = _cross(v)
-    if angle < 1e-4:
-        return np.asarray(np.eye(3) + K + K @ K / 2)
-    return np.asarray(np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * (K @ K))
-
-
-@njit(cache=True)
-def _left_jacobian(v: Floats) -> Floats:
-    """Of Exp at a turn (3,) within a sample, as `factors.rotation.left_jacobian`."""
-    angle = np.sqrt((v**2).sum())
-    K = _cross(v)
-    if angle < 1e-2:
-        return np.asarray(np.eye(3) + K / 2 + K @ K / 6)
-    a, b = (1 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) + a * K + b * (K @ K))

@@ -114,11 +114,12 @@ def turn_signs(recording: Recording) -> TurnSigns:
     )
 
 
-def refuse_foot(recording: Recording) -> None:
-    """Raise `EstimationError` if a recording that is to be of a pocket is clearly that of a foot."""
+def refuse_foot(recording: Recording) -> TurnSigns:
+    """Return the signs of a recording that is to be of a pocket; raises `EstimationError` if it is clearly a foot's."""
     signs = turn_signs(recording)
     if signs.wearing == "foot":
         raise EstimationError(f"the sensor was on a foot, not in a pocket ({signs.words}): leave --mount pocket out.")
+    return signs
 
 
 def refuse_pocket(recording: Recording) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
-from fg_nav.mechanisation import rotate_in_body, rotation_series
+from fg_nav.mechanisation import cross_matrix, right_jacobian, rotate_in_body
 from fg_nav.pocket.belief import Belief, Chain, PocketState
 from fg_nav.pocket.difference import lengthen
 from fg_nav.pocket.euler import axes, inverse_axes
@@ -47,17 +47,3 @@ def predict(state: PocketState, chain: Chain, rate: Floats, h: float, belief: Be
     P[:3, :3] += belief.gyr_density * h * (after @ after.T)
     for i in range(3, 6):
         P[i, i] += belief.bias_density * h
-
-
-@njit(cache=True)
-def cross_matrix(v: Floats) -> Floats:
-    """[v] (3, 3), so that [v] w = v x w (Eq. 6)."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-@njit(cache=True)
-def right_jacobian(theta: Floats) -> Floats:
-    """Jr (3, 3) of a rotation vector (3,) rad: Exp(theta + d) = Exp(theta) Exp(Jr d)."""
-    a, b, _ = rotation_series((theta**2).sum())
-    cross = cross_matrix(theta)
-    return np.eye(3) - a * cross + b * (cross @ cross)

@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.ekf.attitude_updates import wrapped
 from fg_nav.ekf.update import correct, correct_component, turn_in_nav
 from fg_nav.pocket.belief import ATTITUDE, GYRO_BIAS, SIZE, Belief, Chain, PocketState
 from fg_nav.pocket.difference import rebias
@@ -64,7 +65,7 @@ def _by_angles(state: PocketState, x: Floats, force: Floats, square: float, beli
         roll = printed_roll(force)
     angles = angles_of(state.nav_R_body)
     beside = max(force[1] ** 2 + force[2] ** 2, 1e-12 * square)
-    first = correct_component(state.P, x, ATTITUDE, _wrapped(angles[0] - roll), belief.acc_variance / beside)
+    first = correct_component(state.P, x, ATTITUDE, wrapped(angles[0] - roll), belief.acc_variance / beside)
     second = correct_component(state.P, x, ATTITUDE + 1, angles[1] - pitch, belief.acc_variance / square)
     return first, second
 
@@ -113,8 +114,3 @@ def take_off(state: PocketState, chain: Chain, x: Floats, euler: bool) -> None:
     change = -x[GYRO_BIAS:]
     state.gyro_bias[:] += change
     rebias(chain, change)
-
-
-@njit(cache=True)
-def _wrapped(angle: float) -> float:
-    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fg_nav.mechanisation import cross_matrix, right_jacobian
 from fg_nav.pocket.belief import PocketState, belief_of, blank_chain
 from fg_nav.pocket.difference import begin, lengthen, rebias
 from fg_nav.pocket.euler import axes, inverse_axes, rotation_of
 from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.prediction import cross_matrix, predict, right_jacobian
+from fg_nav.pocket.prediction import predict
 from fg_nav.pocket.updates import absolute_gravity, differential_field, expected_field
 
 TRUTH = rotation_of(np.array([0.4, -0.6, 1.1]))
