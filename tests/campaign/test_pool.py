@@ -14,6 +14,7 @@ from fg_nav.campaign.pool import as_done
 from tests.campaign.fakes import until_gone
 
 SCRIPT = """
+import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,7 @@ from fg_nav.campaign.pool import as_done
 from tests.campaign.test_pool import slow
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what is in its background deaf to it
     for _ in as_done([partial(slow, Path(sys.argv[1]), n, 60.0) for n in range(8)], 2):
         pass
 """
