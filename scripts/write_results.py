@@ -2,7 +2,7 @@
 
     python scripts/write_results.py RESULTS.json ... --out FILE     write the page
     python scripts/write_results.py RESULTS.json ... --check FILE   exit with 1 where it is not what would be written
-    python scripts/write_results.py RESULTS.json ... --readme       print the lines that stand in the README
+    python scripts/write_results.py RESULTS.json ... --lines        print the lines that stand in other pages
 
 The files that the page in the project is made from are kept in `docs/results`, so that it can be checked.
 """
@@ -30,24 +30,42 @@ is in bold, and judged by its
 median:
 """
 
-HEADLINES = (
-    ("ma2018", "M-E3", "final position error, proposed, indoor"),
-    ("ma2018", "M-E4", "mean error at 42 landmarks, proposed, indoor"),
-    ("aiez2017", "Z-E2", "position error, AIEZ, indoor"),
-    ("munoz-diaz2017", "D-E6", "both updates: displacement after it"),
-)
-"""Lines of the README: paper, experiment and row."""
+POCKET = "munoz-diaz2017"
+
+HEADLINES = {
+    "README.md": (
+        ("ma2018", "M-E3", "final position error, proposed, indoor"),
+        ("ma2018", "M-E4", "mean error at 42 landmarks, proposed, indoor"),
+        ("aiez2017", "Z-E2", "position error, AIEZ, indoor"),
+        (POCKET, "D-E6", "both updates: displacement after it"),
+    ),
+    "docs/pocket.md": (
+        (POCKET, "D-E1", "z off zero at the end, truly 0.1"),
+        *((POCKET, "D-E2", f"z is at -0.08 deg/s after, {site}") for site in ("north-pole", "equator", "munich")),
+        (POCKET, "D-E2", "z at the end, north-pole, truly -0.1"),
+        (POCKET, "D-E3", "detector: z is at -0.08 deg/s after"),
+        (POCKET, "D-E3", "detector, Eq. 21 as printed: z is at -0.08 deg/s after"),
+        (POCKET, "D-E5", "uncalibrated: z off at most, after 3 min"),
+        *(
+            (POCKET, "D-E6", f"{how}: {what} after {when}")
+            for how in ("both updates", "gravity only")
+            for what, when in (("yaw error", "the first round trip"), ("displacement", "it"))
+        ),
+    ),
+}
+"""Lines of other pages: paper, experiment and row."""
 
 OURS = ("smoother", "online", "graph")
-"""Columns that the README shows beside the paper's method: the first there is."""
+"""Columns that they show beside the paper's method: the first there is."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read, write or check."""
     chosen = _parse(arguments)
     found = [read_reproduction(path) for path in chosen.files]
-    if chosen.readme:
-        console().print("\n".join(readme(found)), soft_wrap=True)
+    if chosen.lines:
+        for page in HEADLINES:
+            console().print("\n".join([f"{page}:", "", *headlines(found, page), ""]), soft_wrap=True)
     if chosen.out:
         write_whole(chosen.out, document(found))
         console().print(f"written: {chosen.out}", soft_wrap=True)
@@ -61,7 +79,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--out", type=Path, metavar="FILE", help="write the page")
     what.add_argument("--check", type=Path, metavar="FILE", help="refuse a page that is not what would be written")
-    what.add_argument("--readme", action="store_true", help="print the lines of the README")
+    what.add_argument("--lines", action="store_true", help="print the lines of other pages")
     return parser.parse_args(arguments)
 
 
@@ -130,11 +148,11 @@ def _in_table(text: str) -> str:
     return re.sub(r"<(?=[A-Za-z/!])", "&lt;", text.replace("|", "\\|").replace("\n", " "))
 
 
-def readme(found: Sequence[Reproduction]) -> list[str]:
-    """Return the lines of the README, of the papers that are there."""
+def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
+    """Return the lines of another page, of the papers that are there."""
     lines = [_line(["", "paper", "its method here", "ours"]), "|---|---:|---:|---:|"]
     by_name = {(one.paper, experiment.name): (one, experiment) for one in found for experiment in one.experiments}
-    for paper, name, quantity in HEADLINES:
+    for paper, name, quantity in HEADLINES[page]:
         if (paper, name) in by_name:
             lines.append(_headline(*by_name[paper, name], quantity))
     return lines
@@ -145,9 +163,8 @@ def _headline(found: Reproduction, experiment: Experiment, quantity: str) -> str
     if row is None:
         raise OutputError(f"{found.paper} has no row '{quantity}' in {experiment.name}: see HEADLINES in the script.")
     ours = next((column for column in OURS if column in row.ours), "")
-    walks = len(found.seeds)
-    what = f"{found.paper}, {experiment.name}: {named(row)}"
-    return _line([what, row.printed, f"{told(row, row.judged, walks)}", f"{told(row, ours, walks)}"])
+    beside = [told(row, column, len(found.seeds)) if column else "-" for column in (row.judged, ours)]
+    return _line([f"{found.paper}, {experiment.name}: {named(row)}", row.printed or "-", *beside])
 
 
 if __name__ == "__main__":

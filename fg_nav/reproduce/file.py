@@ -1,6 +1,6 @@
 """A reproduction as a file, `results.json`: nothing of time or machine in it, so the same walks give the same bytes.
 
-JSON knows no infinity: what never came or failed is the text "infinite" there, and what is not known is null.
+JSON knows no infinity: what never came or failed is the text "inf" there, and what is not known is null.
 """
 
 from __future__ import annotations
@@ -15,10 +15,8 @@ from fg_nav.errors import OutputError
 from fg_nav.plain import plain
 from fg_nav.reproduce.results import Experiment, Picture, Reproduction, Row, Spread
 
-FORM = 1
+FORM = 2
 """Of the file."""
-
-_INFINITE = "infinite"
 
 
 def written(found: Reproduction) -> str:
@@ -30,7 +28,7 @@ def written(found: Reproduction) -> str:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    ours = {name: {**plain(one), **{part: _number(getattr(one, part)) for part in _PARTS}} for name, one in _cells(row)}
+    ours = {name: {**plain(one), **{part: in_json(getattr(one, part)) for part in _PARTS}} for name, one in _cells(row)}
     return {**plain(row), "ours": ours, "verdict": row.verdict}
 
 
@@ -41,10 +39,16 @@ def _cells(row: Row) -> list[tuple[str, Spread]]:
     return list(row.ours.items())
 
 
-def _number(value: float) -> float | str | None:
+def in_json(value: float) -> float | str | None:
+    """Return a number as it stands in a file."""
     if math.isnan(value):
         return None
-    return value if math.isfinite(value) else _INFINITE
+    return value if math.isfinite(value) else str(value)
+
+
+def from_json(told: float | str | None) -> float:
+    """Return a number as it was."""
+    return math.nan if told is None else float(told)
 
 
 def read_reproduction(path: Path) -> Reproduction:
@@ -84,14 +88,8 @@ def _row_of(content: dict[str, Any]) -> Row:
 
 
 def _spread(content: dict[str, Any]) -> Spread:
-    median, low, high = (_value(content[part]) for part in _PARTS)
+    median, low, high = (from_json(content[part]) for part in _PARTS)
     return Spread(median, low, high, int(content["n"]))
-
-
-def _value(told: float | str | None) -> float:
-    if told is None:
-        return math.nan
-    return math.inf if told == _INFINITE else float(told)
 
 
 def write_whole(path: Path, text: str) -> None:

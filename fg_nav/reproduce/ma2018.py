@@ -150,9 +150,9 @@ _DIFFERS = (
     """One person walked each of the paper's tests once; ours are simulated, many times over, with a foot, a sensor and
     a building drawn anew by each seed. The printed figures are one draw beside the spread of ours.""",
     """The field of their building is not known. Ours is smooth, kinder than any building, or indoor, fitted to real
-    walks over reinforced floors and rougher at the foot than theirs can have been: 170 passes everything on the first
-    and 2 to 4 % on the second. The printed 1.5 m of the proposed filter is nearer to ours on the first; the printed
-    11.3 m of iQSF is that of a filter without a compass, as iQSF is on the second only.""",
+    walks over reinforced floors and rougher at the foot than theirs can have been: 170 passes nearly
+    everything on the first and few footfalls on the second. The printed 1.5 m of the proposed filter is nearer to ours
+    on the first; the printed 11.3 m of iQSF is that of a filter without a compass, as iQSF is on the second only.""",
     """The filters run as printed have the paper's detector, threshold and sigmas. Noise of gyroscope, accelerometer and
     zero velocity is not printed and is OpenShoe's. What would break them is put right and told in each result: the sign
     of the compass (Eq. 1), the row of H (36), the correction of the attitude (38, 39). iQSF's threshold is not in this

@@ -104,16 +104,17 @@ class Printed:
 _OPEN = """How the module was calibrated is not printed, and it decides what the gyroscope drifts; ours keeps what six
 positions on a table and turns by hand leave."""
 
-_CLOSED = """As printed the gate is closed on this floor, where the field changes by some 14 uT from stride to stride:
-it believes no footfall and is the pure ZUPT filter, with the drift of our gyroscope. Tuned, the gate is open."""
+_CLOSED = """As printed the gate is closed on this floor, whose field changes from stride to stride by far more than the
+noise that its threshold stands for: it believes no footfall and is the pure ZUPT filter, with the drift of our
+gyroscope. Tuned, the gate is open."""
 
-_FEW = """170 lets 2 to 4 % of the footfalls pass on this floor. Their compass is some 10 deg off (M-E2b) and is taken
-in with the printed 3.8 deg; tuned, most footfalls pass, with 30 deg each, and the deviations of the places average
-out."""
+_FEW = """170 lets few of the footfalls pass on this floor (rows of believed footfalls). Their compass is off by more
+(M-E2b) than the printed 3.8 deg that it is taken in with; tuned, most footfalls pass, with 30 deg each, and the
+deviations of the places average out."""
 
 _ALL = """Nearly every footfall passes on this field, and its compass is taken in with the printed 3.8 deg, each
-footfall for itself, though neighbouring ones err alike: the path follows the deviations. Physical, which believes a
-quarter of the footfalls, and tuned, which takes the compass in with 30 deg, come nearer."""
+footfall for itself, though neighbouring ones err alike: the path follows the deviations. Physical, which believes fewer
+of them, and tuned, which takes the compass in with 30 deg, come nearer."""
 
 _HELD = """On this field iQSF as printed believes more than half of the footfalls, enough to hold its heading; in the
 paper it hardly found any in the mall."""

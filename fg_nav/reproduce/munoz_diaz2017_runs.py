@@ -7,6 +7,9 @@ batch      `fg_nav.pocket.smooth_pocket`, the graph of the whole walk: no minute
 online     `fg_nav.pocket.follow_pocket`, the same graph: each estimate is made of what was there until then
 ========== =========================================================================================================
 
+The graph is told what the filter takes for granted: that the emulated sensor of the first walk has no errors of scale
+and axes, and a magnetometer that is off by its white error only. The MTw of the second walk may have them.
+
 The position is that of the thigh's steps (`fg_nav.pocket.dead_reckoning`), the constant of their length calibrated by
 the whole walk.
 """
@@ -32,7 +35,7 @@ from fg_nav.pocket.step_length import calibrate_step_length
 from fg_nav.pocket.steps import find_steps
 from fg_nav.pocket.swing_axis import thigh_swing
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.reproduce.munoz_diaz2017_walks import BATCH, FILTER, ONLINE, PRINTED, Case, Setting
+from fg_nav.reproduce.munoz_diaz2017_walks import BATCH, FILTER, FIRST, ONLINE, PRINTED, Case, Setting
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,9 @@ class Run:
 Estimate: TypeAlias = Callable[[Recording, Case, float], PocketTrack]
 """Of a recording, what it is told of it, and the heading at the start."""
 
+GRAPHS = {True: PocketGraphParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3), False: PocketGraphParameters()}
+"""Parameters of the graph, by whether the sensor is emulated; a thousandth of what a real one has stands for none."""
+
 PRESET_NAMES = {PRINTED: "munoz-diaz2017-printed", FILTER: "munoz-diaz2017"}
 
 
@@ -70,7 +76,7 @@ def _filtered(preset: str, recording: Recording, case: Case, heading: float) -> 
 
 
 def _graph(graph: Callable[..., PocketTrack], recording: Recording, case: Case, heading: float) -> PocketTrack:
-    parameters = PocketGraphParameters(mag_sigma_uT=case.mag_sigma_uT)
+    parameters = replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT)
     return graph(recording, parameters, level_start(recording, heading=heading))
 
 

@@ -23,10 +23,10 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import AllanCurve
 from fg_nav.campaign.kept import what_runs
 from fg_nav.plain import plain
-from fg_nav.pocket import PRESETS, PocketGraphParameters
+from fg_nav.pocket import PRESETS
 from fg_nav.pocket.paper import FIELDS_UT
 from fg_nav.reproduce import munoz_diaz2017_figures as pictures
-from fg_nav.reproduce.file import write_whole
+from fg_nav.reproduce.file import from_json, in_json, write_whole
 from fg_nav.reproduce.munoz_diaz2017_measures import ratio
 from fg_nav.reproduce.munoz_diaz2017_rest import AllanPair, allan_pair, fog_errors, sensor_errors
 from fg_nav.reproduce.munoz_diaz2017_rows import (
@@ -46,7 +46,7 @@ from fg_nav.reproduce.munoz_diaz2017_rows import (
     errors_of,
     minutes_over,
 )
-from fg_nav.reproduce.munoz_diaz2017_runs import PRESET_NAMES, Run, runs
+from fg_nav.reproduce.munoz_diaz2017_runs import GRAPHS, PRESET_NAMES, Run, runs
 from fg_nav.reproduce.munoz_diaz2017_walks import (
     BATCH,
     FILTER,
@@ -128,7 +128,7 @@ def kept(seed: int, wanted: Wanted, folder: Path) -> Values | None:
             (folder / name).is_file() for name in content["pictures"]
         ):
             return None
-        return {row: {column: _number(one) for column, one in of.items()} for row, of in content["values"].items()}
+        return {row: {column: from_json(one) for column, one in of.items()} for row, of in content["values"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
@@ -138,17 +138,7 @@ def _file(seed: int) -> str:
 
 
 def _plain(values: Values) -> dict[str, dict[str, float | str | None]]:
-    return {row: {column: _told(one) for column, one in of.items()} for row, of in values.items()}
-
-
-def _told(value: float) -> float | str | None:
-    if math.isnan(value):
-        return None
-    return value if math.isfinite(value) else str(value)
-
-
-def _number(told: float | str | None) -> float:
-    return math.nan if told is None else float(told)
+    return {row: {column: in_json(one) for column, one in of.items()} for row, of in values.items()}
 
 
 def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
@@ -168,7 +158,8 @@ def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
 def parameters() -> dict[str, Any]:
     """Effective parameters of the estimators; the noise of the magnetometer and the detector are those of the case."""
     filters = {name: PRESETS[preset] for name, preset in PRESET_NAMES.items()}
-    return dict(plain({**filters, f"{BATCH} and {ONLINE}": PocketGraphParameters()}))
+    graphs = {f"{BATCH} and {ONLINE}, {walk} walk": GRAPHS[walk == "first"] for walk in ("first", "second")}
+    return dict(plain({**filters, **graphs}))
 
 
 @cache

@@ -29,10 +29,9 @@ DIFFERS = (
     "The graph is not the paper's: the local field is a variable in it, where the filter takes the difference of two "
     "noisy samples for exact. Batch is told the whole walk before it answers; online, each estimate is made of what "
     "was there until then. It has no way without its own weighing of perturbed fields.",
-    "The graph believes what a real sensor has: scale and axes of the gyroscope off by 0.2 %, and 0.5 uT that changes "
-    "with the attitude in the magnetometer. The emulated sensor has neither, and the paper's filter is told so. At the "
-    "pole, where only the swing of the thigh shows z, that leaves the graph behind the filter; told that its sensors "
-    "are exact it finds z there (seed 101).",
+    "By default the graph believes what a real sensor has: errors of scale and axes of the gyroscope, and some in the "
+    "magnetometer that change with the attitude. The emulated sensor of the first walk has neither. The paper's filter "
+    "takes that for granted, and so the graph is told of it; on the second walk it has its defaults.",
     "The printed lengths do not agree: six legs of 600 m are not 3 km, and 30 m at 20 deg and 140 m at 50 deg are not "
     "of one length of way. Walked are legs of 500 m in the first walk, and six round trips of 720 m in the second.",
 )
@@ -113,7 +112,7 @@ DETECTOR = (
 
 TRIP = (
     "By its own bias of 0.12 deg/s the paper's 20 deg want z found in 3 of the 7 minutes of a trip; its Figures 9c and "
-    "13c take 15 minutes and more, as ours do."
+    "13c take 15 minutes and more, and ours takes more than ten."
 )
 
 FOLLOWS = "Follows the yaw. The paper's 30 m at 20 deg and 140 m at 50 deg are not of the same length of way."

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from fg_nav import cli
 from fg_nav.errors import OutputError
 from fg_nav.reproduce import command
-from fg_nav.reproduce.file import read_reproduction, written
+from fg_nav.reproduce.file import from_json, in_json, read_reproduction, written
 from fg_nav.reproduce.results import Spread, spread_of
 from fg_nav.reproduce.words import counted, seeds_told, told
 from tests.command_line import in_a_process, names
@@ -53,7 +53,13 @@ def test_the_file_comes_back_as_it_was(tmp_path):
     assert verdicts == [one.verdict for one in found.experiments[0].rows]
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"form": 0}', '{"form": 1, "seeds": [1]}'])
+@pytest.mark.parametrize("value", [1.5, -math.inf, math.inf, math.nan])
+def test_a_number_comes_back_with_its_sign(value):
+    again = from_json(json.loads(json.dumps(in_json(value), allow_nan=False)))
+    assert repr(again) == repr(value)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"form": 0}', '{"form": 2, "seeds": [1]}'])
 def test_what_is_no_result_is_refused_in_one_sentence(tmp_path, text):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(OutputError, match="is no result of"):
