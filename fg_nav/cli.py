@@ -525,10 +525,10 @@ def reproduce(
     ],
     quick: Annotated[bool, typer.Option("--quick", help="3 seeds, and only what takes minutes.")] = False,
     seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="How many walks of each kind. \\[default: 20, quick 3]")
+        int | None, typer.Option(metavar="N", min=1, help="How many walks of each kind. \\[default: 50, quick 3]")
     ] = None,
     first: Annotated[int, typer.Option(metavar="SEED", min=0, help="Seed of the first walk.")] = 101,
-    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes.")] = 1,
+    workers: Annotated[int | None, typer.Option(metavar="N", min=1, help="Processes. \\[default: one a core]")] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: results/reproduce-PAPER]"),

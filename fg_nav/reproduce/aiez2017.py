@@ -56,7 +56,6 @@ def reproduce(
     return Reproduction(
         paper=PAPER,
         citation=CITATION,
-        command=f"fg-nav reproduce {PAPER}{' --quick' if quick else ''}",
         seeds=tuple(seeds),
         experiments=[
             corridor_experiment(past, [figures.figure_5(pictures, drawn), figures.figure_6(pictures, drawn)]),

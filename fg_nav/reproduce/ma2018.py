@@ -104,7 +104,6 @@ def reproduce(
     return Reproduction(
         paper=PAPER,
         citation=CITATION,
-        command=f"fg-nav reproduce {PAPER}{' --quick' if quick else ''}",
         seeds=tuple(plan.seeds),
         experiments=_experiments(folder, plan, walks),
         differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()), *made_elsewhere(walks))],

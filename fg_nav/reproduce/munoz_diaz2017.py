@@ -47,9 +47,7 @@ def reproduce(
         progress(len(found) / len(seeds))
     in_order = [found[seed] for seed in seeds]
     experiments = tuple(experiment(planned, in_order, seeds[0]) for planned in PLAN)
-    return Reproduction(
-        "munoz-diaz2017", CITATION, "", tuple(seeds), experiments, DIFFERS, parameters=parameters()
-    )  # fmt: skip
+    return Reproduction("munoz-diaz2017", CITATION, tuple(seeds), experiments, DIFFERS, parameters())
 
 
 def _made(wanted: Mapping[int, Wanted], folder: Path, workers: int) -> Iterator[tuple[int, Values]]:

@@ -147,21 +147,21 @@ class Reproduction:
     ----------
     paper : its short name, as on the command line.
     citation : authors, year, title, journal.
-    command : what makes this.
     seeds : of the simulated walks.
     experiments : in the order of the paper.
     differs : paragraphs: what differs from the paper, and why.
     parameters : effective ones, by method.
+    command : what made this; "" where no command did.
     versions : of what it was made with.
     """
 
     paper: str
     citation: str
-    command: str
     seeds: Sequence[int]
     experiments: Sequence[Experiment]
     differs: Sequence[str] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    command: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
 
 

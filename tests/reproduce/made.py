@@ -37,7 +37,6 @@ def reproduction(folder: Path) -> Reproduction:
     return Reproduction(
         "ma2018",
         "Ma, M. et al. (2018). A title & more. Sensors.",
-        "fg-nav reproduce ma2018 --seeds 3",
         SEEDS,
         (
             Experiment("M-E1", "The <first>", "As set.\n\nAnd more.", ("filter", "smoother"), rows, (_picture("one"),)),
@@ -45,6 +44,7 @@ def reproduction(folder: Path) -> Reproduction:
         ),
         ("Another sensor.", "Another building."),
         {"filter": {"sigma": 0.5, "name": long}},
+        "fg-nav reproduce ma2018 --seeds 3",
         {"fg-nav": "0.1.0"},
     )
 
