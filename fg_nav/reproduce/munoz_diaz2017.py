@@ -89,6 +89,7 @@ def _pictures(figure: str, seed: int) -> Iterator[Picture]:
 
 _WHO = {"filter": "filter", "online": "online graph"}
 _OTHERS = {
+    "figure-04": "cars and lamps bend the field of the equator: strength in colours, arrows the way that it points",
     "figure-05": "Allan deviations of the fibre-optic gyroscope and of the MTw's",
     "figure-07": "the first walk, and the cars and lamps beside it",
 }

@@ -1,4 +1,4 @@
-"""Figures 5, 7, 8, 9, 10, 11, 13 and 14 of Munoz Diaz et al. (2017), in the paper's layout, of our runs.
+"""Figures 4, 5, 7, 8, 9, 10, 11, 13 and 14 of Munoz Diaz et al. (2017), in the paper's layout, of our runs.
 
 Axes of the sensor are blue, red and green as there; thin lines are one sigma to either side, dashes what is true.
 """
@@ -13,15 +13,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fg_nav.arrays import Floats
 from fg_nav.report import style
 from fg_nav.reproduce.munoz_diaz2017_rest import AllanPair
 from fg_nav.reproduce.munoz_diaz2017_runs import Run
 from fg_nav.reproduce.munoz_diaz2017_walks import Setting
+from fg_nav.simulation.fields import Cylinders
 
 COLOURS = (style.BLUE, "#CC3311", style.GREEN)
 NAMES = ("x", "y", "z")
 BOTH, ALONE = "#CC33AA", style.GREEN
 """Trajectories by both updates and by gravity only, as in Figure 14."""
+BLOCK_M = (40.0, 11.0)
+"""Half the length and half the width of what Figure 4 shows."""
 
 
 FIGURES: Mapping[str, str] = MappingProxyType(
@@ -69,12 +73,45 @@ def file_of(figure: str, seed: int, estimator: str = "") -> str:
 
 
 def draw_walk(folder: Path, seed: int, setting: Setting, pair: AllanPair) -> list[str]:
-    """Draw what no estimator has a hand in, Figures 5 and 7, and return the names of the files."""
+    """Draw what no estimator has a hand in, Figures 4, 5 and 7, and return the names of the files."""
     with style.styled():
-        names = [file_of(figure, seed) for figure in ("figure-05", "figure-07")]
-        for name, figure in zip(names, (_allan(pair), _streets(setting)), strict=True):
+        names = [file_of(figure, seed) for figure in ("figure-04", "figure-05", "figure-07")]
+        for name, figure in zip(names, (_template(setting), _allan(pair), _streets(setting)), strict=True):
             style.save(figure, folder / name)
     return names
+
+
+def _template(setting: Setting) -> Figure:
+    """A block of the street, from above."""
+    figure = style.new_figure(3.2)
+    axes = figure.subplots()
+    axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
+    if setting.street is not None:
+        east, north, field = _bent(setting.street, 1.0)
+        shown = axes.pcolormesh(*_bent(setting.street, 0.25)[:2], _strength(setting.street, 0.25), cmap="viridis")
+        figure.colorbar(shown, ax=axes, label="field (uT)", shrink=0.8)
+        few = (slice(None, None, 3),) * 2
+        axes.quiver(east[few], north[few], field[few][..., 0], field[few][..., 1], color="white", width=0.002)
+    style.head(axes, "Figure 4: the field past lamps and a car")
+    return figure
+
+
+def _strength(street: Cylinders, step_m: float) -> Floats:
+    return np.asarray(np.linalg.norm(_bent(street, step_m)[2], axis=-1))
+
+
+def _bent(street: Cylinders, step_m: float) -> tuple[Floats, Floats, Floats]:
+    """Places east and north (A, B) m of one block about its car, and the field (A, B, 3) uT there; NaN inside iron."""
+    middle = street.axis[np.flatnonzero((street.radius > 1.0) & (street.axis[:, 0] > 0.0))[0]]
+    wide, deep = BLOCK_M
+    east, north = np.meshgrid(
+        np.arange(-wide, wide, step_m) + middle[0], np.arange(-deep, deep, step_m) + middle[1], indexing="ij"
+    )
+    at = np.stack([east.ravel(), north.ravel(), np.zeros(east.size)], axis=1)
+    outside = (np.linalg.norm(at[:, None, :2] - street.axis, axis=2) > street.radius).all(axis=1)
+    field = np.full(at.shape, np.nan)
+    field[outside] = street.at(at[outside])
+    return east, north, field.reshape(*east.shape, 3)
 
 
 def _allan(pair: AllanPair) -> Figure:
@@ -117,15 +154,16 @@ def _perturbed(settings: Mapping[str, Setting], runs: Mapping[str, Run | None]) 
     run = runs["cars, detector"]
     if run is not None and run.strength is not None:
         panels[0].plot(run.minute, run.strength, color=style.BLUE, linewidth=0.7, label="strength")
-        used = np.where(run.used, run.strength, np.nan)
-        panels[0].plot(run.minute, used, color=COLOURS[1], linewidth=1.0, label="update active")
+        if "cars" in runs:
+            used = np.where(run.used, run.strength, np.nan)
+            panels[0].plot(run.minute, used, color=COLOURS[1], linewidth=1.0, label="update active")
     for minute in settings["cars"].passed_min:
         panels[0].axvline(minute, color=style.SOFT_INK, linewidth=0.5, linestyle=":")
     panels[0].set(xlabel="time (min)", ylabel="field (uT)")
     style.head(panels[0], "(a) field measured", 2)
     if "cars" in runs:
         _draw_bias(panels[1], settings["cars"], runs["cars"], "(b) update always")
-    _draw_bias(panels[-1], settings["cars"], run, "(c) disturbances left out")
+    _draw_bias(panels[-1], settings["cars"], run, f"(c) disturbances {'left out' if 'cars' in runs else 'weighed'}")
     return figure
 
 

@@ -27,6 +27,17 @@ def reached(axis: int, level: float) -> Measure:
     return measure
 
 
+def for_good(axis: int, level: float) -> Measure:
+    """As `reached`, but the minute from which on it stays so; infinite where it does not at the end."""
+
+    def measure(run: Run, _: Setting) -> float:
+        short = np.flatnonzero(run.bias[:, axis] * np.sign(level) < abs(level))
+        first = short[-1] + 1 if len(short) else 0
+        return float(run.minute[first]) if first < len(run.minute) else math.inf
+
+    return measure
+
+
 def at_end(axis: int) -> Measure:
     """Bias of the last minute, deg/s."""
     return lambda run, _: float(run.bias[run.minute > run.minute[-1] - 1.0, axis].mean())
@@ -72,6 +83,22 @@ def yaw_range(begin: float, end: float) -> Measure:
     def measure(run: Run, _: Setting) -> float:
         part = (run.minute >= begin) & (run.minute <= end)
         return float(np.ptp(run.yaw_error[part])) if part.any() else math.nan
+
+    return measure
+
+
+def yaw_wander(begin: float, end: float, blunt_min: float = 0.5) -> Measure:
+    """How far the yaw error goes up and down over how far it gets, between two minutes: 1 where it goes one way.
+
+    Means over half a minute, in which strides do not count.
+    """
+
+    def measure(run: Run, setting: Setting) -> float:
+        part = (run.minute >= begin) & (run.minute <= end)
+        place = (run.minute[part] / blunt_min).astype(int)
+        _, at, count = np.unique(place, return_inverse=True, return_counts=True)
+        means = np.bincount(at, run.yaw_error[part]) / count
+        return ratio(float(np.abs(np.diff(means)).sum()), float(np.ptp(means))) if len(means) > 1 else math.nan
 
     return measure
 

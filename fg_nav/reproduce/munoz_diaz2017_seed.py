@@ -43,6 +43,7 @@ from fg_nav.reproduce.munoz_diaz2017_rows import (
     SECOND_START,
     WHITE,
     Reading,
+    across_at,
     errors_of,
     minutes_over,
 )
@@ -238,10 +239,14 @@ def values_of(all_of: Walked) -> Values:
     for planned in PLAN:
         for reading in planned.readings:
             name = name_of(planned.name, reading)
+            if reading.row.judged == EXPECTED:
+                continue
             if reading.measure is None:
                 values[name] = {OURS: all_of.own[reading.row.quantity]}
             elif reading.case in all_of.found:
                 values[name] = _read(reading, all_of)
+    for site in FIELDS_UT:
+        values[f"D-E2: {across_at(site)}"] = {EXPECTED: all_of.across[site]}
     for site in ("north-pole", "munich"):
         expected = (all_of.across["equator"] / all_of.across[site]) ** 2
         values[f"D-E2: {minutes_over(site)}"][EXPECTED] = float(expected)
@@ -249,7 +254,7 @@ def values_of(all_of: Walked) -> Values:
 
 
 def _read(reading: Reading, all_of: Walked) -> dict[str, float]:
-    ours = _of_case(reading, reading.case, all_of)
+    ours = {who: value for who, value in _of_case(reading, reading.case, all_of).items() if who not in reading.without}
     if not reading.over_case:
         return ours
     beside = _of_case(reading, reading.over_case, all_of)

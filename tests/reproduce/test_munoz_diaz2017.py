@@ -13,6 +13,7 @@ from fg_nav.pocket import PocketTrack
 from fg_nav.pocket.paper import PUBLISHED
 from fg_nav.report import style
 from fg_nav.reproduce import munoz_diaz2017 as paper
+from fg_nav.reproduce import munoz_diaz2017_figures as pictures
 from fg_nav.reproduce import munoz_diaz2017_measures as measures
 from fg_nav.reproduce import munoz_diaz2017_seed as of_seed
 from fg_nav.reproduce.file import written
@@ -60,6 +61,10 @@ def test_minutes_ends_and_jumps_are_read_off_a_run():
     setting = setting_with(run, passed_min=np.array([2.9, 0.0]))
     assert measures.reached(2, -0.08)(run, setting) == 2.0
     assert measures.reached(2, 0.08)(run, setting) == np.inf
+    assert measures.for_good(2, -0.08)(run, setting) == 2.0
+    assert measures.for_good(2, -0.05)(run, setting) == 1.0
+    assert measures.for_good(2, -0.15)(run, setting) == np.inf
+    assert measures.for_good(2, -0.0)(run, setting) == 0.0
     assert measures.at_end(2)(run, setting) == pytest.approx(-0.1)
     assert measures.at_minute(2, 2.5)(run, setting) == pytest.approx(-0.14)
     assert measures.largest(2)(run, setting) == pytest.approx(0.2)
@@ -75,6 +80,28 @@ def test_yaw_is_read_off_at_the_end_and_between_minutes():
     assert measures.yaw_at_end(run, setting) == 20.0
     assert measures.yaw_range(0, 2)(run, setting) == 15.0
     assert measures.yaw_after(2)(run, setting) == 10.0
+
+
+def test_a_yaw_that_goes_one_way_does_not_wander_and_strides_do_not_count():
+    minute = np.arange(0.0, 15.0, 1 / 60)
+    swing = 5.0 * np.sin(2 * np.pi * minute * 60)
+    one_way = run_with(minute, yaw=10.0 * minute + swing)
+    assert measures.yaw_wander(0, 15)(one_way, setting_with(one_way)) == pytest.approx(1.0)
+    back = run_with(minute, yaw=10.0 * np.abs(minute - 7.5) + swing)
+    assert measures.yaw_wander(0, 15)(back, setting_with(back)) == pytest.approx(2.0, abs=0.1)
+    assert measures.yaw_wander(0, 7.5)(back, setting_with(back)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_figure_4_has_the_field_of_one_block_and_nothing_inside_iron():
+    street = setting_of(simulate("pocket-past-cars", 3, Choices(rate_hz=50.0))).street
+    east, north, field = pictures._bent(street, 1.0)
+    strength = np.linalg.norm(field, axis=-1)
+    middle = np.array([np.median(east), np.median(north)])
+    car = np.hypot(east - middle[0], north - middle[1]) < 1.5
+    assert np.isnan(strength[car]).all()
+    far = np.linalg.norm(street.far.vector)
+    np.testing.assert_allclose(np.nanmedian(strength), far, rtol=0.05)
+    assert np.nanmax(strength) > 1.2 * far
 
 
 def test_with_the_true_attitude_the_way_is_nearly_the_true_one(short):
@@ -172,7 +199,7 @@ def test_a_short_run_has_every_row_that_is_judged_and_draws_every_figure(kept):
     pictures = [picture.file for experiment in found.experiments for picture in experiment.pictures]
     assert {path.name for path in folder.glob("*.png")} == set(pictures)
     numbers = {int(name.split("-")[1]) for name in pictures}
-    assert numbers == {5, 7, 8, 9, 10, 11, 13, 14}
+    assert numbers == {4, 5, 7, 8, 9, 10, 11, 13, 14}
     rows = {(e.name, row.quantity): row for e in found.experiments for row in e.rows}
     # for a minute, from rest: the bias along the thigh is not known to gravity, and the yaw goes off by it
     yaw = rows["D-E4", "yaw error at the end, gravity only"].ours["filter"].median
