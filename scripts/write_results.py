@@ -20,14 +20,25 @@ from fg_nav.errors import OutputError
 from fg_nav.report.terminal import console
 from fg_nav.reproduce.file import read_reproduction, write_whole
 from fg_nav.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
-from fg_nav.reproduce.words import MEANINGS, VERDICTS, counted, counts, named, seeds_told, told
+from fg_nav.reproduce.words import (
+    MEANINGS,
+    VERDICTS,
+    counted,
+    counts,
+    named,
+    printed,
+    remark,
+    seeds_told,
+    told,
+)
 
 HEAD = f"""# The papers' figures and ours
 
 Written by `scripts/write_results.py`, never by hand, from the files in `docs/results`. All walks are simulated. A
-figure is the median over the walks, with {LOW_PERCENT:.0f} to {HIGH_PERCENT:.0f} % behind it. The paper's own method \
-is in bold, and judged by its
-median:
+figure is the median over the walks, with {LOW_PERCENT:.0f} to {HIGH_PERCENT:.0f} % behind it. The column that is \
+judged, by its median,
+is in bold: the paper's own method as printed; of munoz-diaz2017, which as printed goes off by tens of degrees, the
+filter with misprints corrected and gravity as a mean over two strides. Verdicts:
 """
 
 POCKET = "munoz-diaz2017"
@@ -131,7 +142,7 @@ def _table(experiment: Experiment, walks: int) -> Iterator[str]:
     for row in experiment.rows:
         ours = [_figure(row, column, walks) for column in experiment.columns]
         verdict = f"**{row.verdict}**" if row.verdict else ""
-        yield _line([named(row), row.printed or "-", *ours, ": ".join(word for word in (verdict, row.why) if word)])
+        yield _line([named(row), printed(row), *ours, ": ".join(word for word in (verdict, remark(row)) if word)])
 
 
 def _figure(row: Row, column: str, walks: int) -> str:
@@ -164,7 +175,7 @@ def _headline(found: Reproduction, experiment: Experiment, quantity: str) -> str
         raise OutputError(f"{found.paper} has no row '{quantity}' in {experiment.name}: see HEADLINES in the script.")
     ours = next((column for column in OURS if column in row.ours), "")
     beside = [told(row, column, len(found.seeds)) if column else "-" for column in (row.judged, ours)]
-    return _line([f"{found.paper}, {experiment.name}: {named(row)}", row.printed or "-", *beside])
+    return _line([f"{found.paper}, {experiment.name}: {named(row)}", printed(row), *beside])
 
 
 if __name__ == "__main__":

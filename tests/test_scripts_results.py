@@ -10,7 +10,7 @@ import pytest
 
 from fg_nav.errors import OutputError
 from fg_nav.reproduce.file import read_reproduction, written
-from fg_nav.reproduce.words import named
+from fg_nav.reproduce.words import named, remark
 from tests.reproduce.made import reproduction
 
 ROOT = Path(__file__).parents[1]
@@ -43,7 +43,7 @@ def test_every_row_has_a_line_with_its_verdict_and_its_reason(found, file, tmp_p
             (line,) = [line for line in lines if line.startswith(f"| {named(row)} |")]
             assert len(re.findall(r"(?<!\\)\|", line)) == len(experiment.columns) + 4
             assert (f"**{row.verdict}**" in line) == bool(row.verdict)
-            assert row.why.replace("<is>", "&lt;is>") in line
+            assert remark(row).replace("<is>", "&lt;is>") in line
     assert "| ma2018 | 101 to 103 | 1 | 1 | 1 | 2 |" in lines
     assert "`fg-nav reproduce ma2018 --seeds 3`, seeds 101 to 103." in text
     for words in (*found.differs, found.citation):

@@ -26,7 +26,7 @@ from fg_nav.report.terminal import console, progress, ruled_table
 from fg_nav.reproduce.file import write_whole, written
 from fg_nav.reproduce.page import page
 from fg_nav.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
-from fg_nav.reproduce.words import counted, named, told
+from fg_nav.reproduce.words import counted, named, printed, remark, told
 from fg_nav.version import version
 
 PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
@@ -161,7 +161,7 @@ def show(found: Reproduction, out: Path) -> None:
         if experiment.rows:
             screen.print(_table(experiment, len(found.seeds)))
     reasons = [
-        f"{row.verdict}: {experiment.name}, {named(row)}{': ' + row.why if row.why else ''}"
+        ": ".join(part for part in (row.verdict, f"{experiment.name}, {named(row)}", remark(row)) if part)
         for experiment in found.experiments
         for row in experiment.rows
         if row.verdict in (EXPLAINED, NOT_REPRODUCED)
@@ -175,5 +175,5 @@ def _table(experiment: Experiment, walks: int) -> object:
     for row in experiment.rows:
         ours = (Text(told(row, column, walks)) for column in experiment.columns)
         style = "bold red" if row.verdict == NOT_REPRODUCED else ""
-        table.add_row(Text(named(row)), Text(row.printed or "-"), *ours, Text(row.verdict, style=style))
+        table.add_row(Text(named(row)), Text(printed(row)), *ours, Text(row.verdict, style=style))
     return table

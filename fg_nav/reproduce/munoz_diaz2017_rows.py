@@ -159,11 +159,11 @@ _AFTER = {
 }
 
 _REST = (
-    _own(FOG["compensated"], "deg", "<= 1", 1.0, "{:.2f}", bound=AT_MOST, why=ONE_FOG),
+    _own(FOG["compensated"], "deg", "<= 1", 1.0, "{:.2f}", bound=AT_MOST, why=ONE_FOG, side=1),
     _own(FOG["not compensated"], "deg", "", None, "{:.1f}"),
     _own(AT_A_SECOND, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25),
-    _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25, why=DRIFTS),
-    _own(LOWEST_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5, why=DRIFTS),
+    _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25, why=DRIFTS, side=1),
+    _own(LOWEST_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5, why=DRIFTS, side=1),
     *_errors(WHITE, (PUBLISHED.gyr_noise_deg_s,) * 3),
     *_errors(FIRST_BIAS, PUBLISHED.gyro_bias_deg_s),
     *_errors(SECOND_START, PUBLISHED.mtw_bias_start_deg_s),
@@ -202,7 +202,7 @@ _PLACES = (
         _run(minutes_over(site), "", f"{minutes / PUBLISHED.minutes_equator:.2f}", site, reached(Z, -0.08), "equator",
              (BATCH,), paper=minutes / PUBLISHED.minutes_equator, pattern="{:.2f}",
              tolerance=TOLERANCE * (1 - PUBLISHED.minutes_equator / minutes),
-             why=SWING if site == "north-pole" else TABLE_1)
+             why=SWING if site == "north-pole" else TABLE_1, side=-1)
         for site, minutes in _AFTER.items() if site != "equator"
     ),
     *(
@@ -238,7 +238,7 @@ _CARS = (
         for event, what in enumerate(_EVENTS)
     ),
     _minutes("detector: z is at -0.08 deg/s after", "32", "cars, detector", reached(Z, -0.08),
-             paper=PUBLISHED.minutes_perturbed, why=DETECTOR, whose="input"),
+             paper=PUBLISHED.minutes_perturbed, why=DETECTOR, side=-1, whose="input"),
     _run("detector: z at 32 min, truly -0.1", "deg/s", "near it", "cars, detector", at_minute(Z, 32), paper=-0.1,
          tolerance=NEAR_BIAS, pattern=_BIAS),
     _minutes("detector, Eq. 21 as printed: z is at -0.08 deg/s after", "32", "cars of Eq. 21 as printed, detector",
@@ -258,10 +258,11 @@ def _asked(where: str, case: str, most_deg: float) -> Reading:
 _YAW = (
     _run("yaw error at the end, gravity only", "deg", "", "gravity", yaw_at_end, pattern="{:.0f}"),
     _run("growth of it, second half over first", "", "constantly increasing (1)", "gravity",
-         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}", tolerance=NEAR_ONE, why=SLOWER),
+         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}", tolerance=NEAR_ONE, why=SLOWER,
+         side=-1),
     _run("yaw error up and down over how far it gets, Munich, first 15 min", "",
          f"rapidly increasing and decreasing (> {COMES_BACK})", "munich", yaw_wander(0, 15), paper=COMES_BACK,
-         bound=AT_LEAST, pattern="{:.2f}", why=ONE_WAY),
+         bound=AT_LEAST, pattern="{:.2f}", why=ONE_WAY, side=-1),
     _run("range of it, Munich, first 15 min", "deg", "", "munich", yaw_range(0, 15), pattern="{:.0f}"),
     _run("the same from then on over that, Munich", "", "not stable before (< 1)", "munich",
          over(yaw_range(15, 60), yaw_range(0, 15)), paper=1.0, bound=AT_MOST, pattern="{:.2f}"),
@@ -304,7 +305,7 @@ _BOTH, _ALONE = "MTw, calibrated", "MTw, gravity"
 _WAY = (
     *(
         _run(f"{words}: {what}", unit, said, case, measure, paper=float(said) if said else None, good=-1,
-             pattern="{:.0f}", why=why, whose=whose)
+             pattern="{:.0f}", why=why, side=1, whose=whose)
         for words, case, whose, sayings, whys in (
             ("both updates", _BOTH, "paper", ("20", "30", "160"), (TRIP, FOLLOWS, "")),
             ("gravity only", _ALONE, "input", ("50", "140", "270"), ("", "", "")),
@@ -318,7 +319,7 @@ _WAY = (
     ),
     *(
         _run(f"both updates over gravity only: yaw error {when}", "", f"{one / other:.2f}", _BOTH, measure, _ALONE,
-             paper=one / other, good=-1, pattern="{:.2f}", why=RATIO)
+             paper=one / other, good=-1, pattern="{:.2f}", why=RATIO, side=1)
         for when, one, other, measure in (
             ("after the first round trip", 20, 50, yaw_after(2)), ("at the end", 160, 270, yaw_at_end),
         )

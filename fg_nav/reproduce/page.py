@@ -30,7 +30,7 @@ from fg_nav.reproduce.results import (
     Reproduction,
     Row,
 )
-from fg_nav.reproduce.words import MEANINGS, counts, named, seeds_told, told
+from fg_nav.reproduce.words import MEANINGS, counts, named, printed, remark, seeds_told, told
 
 _CLASSES = {
     REPRODUCED: "reproduced",
@@ -131,7 +131,7 @@ def _table(k: int, experiment: Experiment, walks: int) -> str:
 
 
 def _row(row: Row, columns: Sequence[str], walks: int) -> str:
-    cells = [_cell("Paper", row.printed or "-", "")]
+    cells = [_cell("Paper", printed(row), "")]
     cells += [_cell(column, told(row, column, walks), "judged" if column == row.judged else "") for column in columns]
     head = f'<th scope="row" role="rowheader">{escape(named(row))}</th>'
     return f'<tr role="row">{head}{"".join(cells)}<td role="cell">{_verdict(row)}</td></tr>'
@@ -149,7 +149,7 @@ def _cell(label: str, text: str, kind: str) -> str:
 
 def _verdict(row: Row) -> str:
     verdict = row.verdict
-    why = f'<span class="why">{escape(row.why)}</span>' if row.why else ""
+    why = f'<span class="why">{escape(remark(row))}</span>' if remark(row) else ""
     if not verdict:
         return why
     return f'<span class="verdict {_CLASSES[verdict]}">{_SIGNS[verdict]} {verdict}</span>{why}'

@@ -5,8 +5,8 @@ made of it over the seeds. The verdict is of one column, the paper's own method,
 
     reproduced     |m - p| <= tolerance |p|, or where the paper has a bound ("at most 0.5 m"): m holds it
     better         m is off p on the good side
-    explained      off on the bad side, and `why` says why
-    not reproduced off on the bad side, and nobody knows why
+    explained      off on the bad side, and `why` gives a reason for that side
+    not reproduced off on the bad side, and there is none
     put in         m is p because a setting of ours was chosen by p: it is no result
     as asked       p is a bound that was asked of ours, not the paper's, and m holds it
     short          it does not
@@ -77,9 +77,11 @@ class Row:
     good : -1 where less is better, +1 where more is, 0 where neither: a rate to be met, or a filter that the paper
         argues against.
     tolerance : share of `paper` that still is the same.
-    why : reason of a difference.
-    whose : "paper"; "input" where a setting of ours was chosen by it; "asked" where it was asked of ours.
+    why : reason of a difference; shown only where there is one.
     pattern : of the numbers.
+    whose : "paper"; "input" where a setting of ours was chosen by it; "asked" where it was asked of ours.
+    side : where the reason holds: +1 where ours is above the printed figure, -1 below, 0 on either side.
+    note : what is to be known in any case.
     """
 
     quantity: str
@@ -94,6 +96,8 @@ class Row:
     why: str = ""
     pattern: str = "{:.2f}"
     whose: Literal["paper", "input", "asked"] = "paper"
+    side: int = 0
+    note: str = ""
 
     @property
     def verdict(self) -> str:
@@ -107,7 +111,8 @@ class Row:
         median = self.ours[self.judged].median
         if math.isfinite(median) and (median - self.paper) * self.good > 0:
             return BETTER
-        return EXPLAINED if self.why else NOT_REPRODUCED
+        holds = not self.side or (median - self.paper) * self.side > 0
+        return EXPLAINED if self.why and holds else NOT_REPRODUCED
 
     @property
     def _holds(self) -> bool:

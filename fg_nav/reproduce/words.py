@@ -13,6 +13,7 @@ from fg_nav.reproduce.results import (
     PUT_IN,
     REPRODUCED,
     SHORT,
+    TOLERANCE,
     Reproduction,
     Row,
 )
@@ -26,8 +27,8 @@ ASIDE = (PUT_IN, AS_ASKED, SHORT)
 MEANINGS = {
     REPRODUCED: "as printed within the row's tolerance, or within the printed bound",
     BETTER: "off the printed figure on the good side",
-    EXPLAINED: "off it, and why is told",
-    NOT_REPRODUCED: "off it, and nobody knows why",
+    EXPLAINED: "off it, and a reason is given",
+    NOT_REPRODUCED: "off it, and there is none",
     PUT_IN: "a setting of ours was chosen by the printed figure, so it is no result",
     AS_ASKED: "within what was asked of ours",
     SHORT: "not within it",
@@ -39,6 +40,17 @@ _TIMES = ("s", "min", "h")
 def named(row: Row) -> str:
     """What a row is of, with its unit."""
     return f"{row.quantity} ({row.unit})" if row.unit else row.quantity
+
+
+def printed(row: Row) -> str:
+    """The paper's figure, with the row's own tolerance where it has one."""
+    own = row.paper is not None and row.verdict and not row.bound and row.tolerance != TOLERANCE
+    return f"{row.printed} (within {100 * row.tolerance:.0f} %)" if own else row.printed or "-"
+
+
+def remark(row: Row) -> str:
+    """What is said beside the verdict."""
+    return " ".join(text for text in (row.why if row.verdict == EXPLAINED else "", row.note) if text)
 
 
 def told(row: Row, column: str, walks: int) -> str:

@@ -33,7 +33,7 @@ def reproduction(folder: Path) -> Reproduction:
     )
     wide = tuple(f"a method with a long name {k}" for k in range(7))
     long = "averyverylongwordthatnobodywouldwritebutaparametermight" * 3
-    second = Row(long, "m/s", "about 3", {name: spread_of([1.0, 2.0, 3.0]) for name in wide}, why=long)
+    second = Row(long, "m/s", "about 3", {name: spread_of([1.0, 2.0, 3.0]) for name in wide}, note=long)
     return Reproduction(
         "ma2018",
         "Ma, M. et al. (2018). A title & more. Sensors.",

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from fg_nav.errors import OutputError
 from fg_nav.reproduce.page import page
-from fg_nav.reproduce.words import named
+from fg_nav.reproduce.words import named, remark
 from tests.reproduce.made import reproduction
 
 VOID = {"meta", "link", "img", "br", "hr"}
@@ -93,7 +93,7 @@ def test_every_row_is_there_with_paper_columns_verdict_and_reason(read, found):
     assert verdicts == [row.verdict for row in rows if row.verdict]
     assert set(verdicts) == {"reproduced", "better", "explained", "not reproduced"}
     for row in rows:
-        assert not row.why or row.why in read.said("span")
+        assert not remark(row) or remark(row) in read.said("span")
     assert {"0.55", "(0.50 to 0.60)", "never", "10.00"} & set(read.said("span")) >= {"0.55", "(0.50 to 0.60)", "never"}
 
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from fg_nav.reproduce.results import Row, Spread, spread_of
-from fg_nav.reproduce.words import told
+from fg_nav.reproduce.words import printed, remark, told
 
 
 def row(median, paper=1.0, **more):
@@ -21,6 +21,9 @@ def row(median, paper=1.0, **more):
         (0.5, {"good": 0, "why": "kinder"}, "explained"),
         (1.5, {"why": "rougher"}, "explained"),
         (1.5, {}, "not reproduced"),
+        (1.5, {"why": "rougher", "side": 1}, "explained"),
+        (1.5, {"why": "kinder", "side": -1}, "not reproduced"),
+        (0.5, {"why": "kinder", "side": -1, "good": 0}, "explained"),
         (1.0, {"bound": 1}, "reproduced"),
         (1.01, {"bound": 1}, "not reproduced"),
         (0.99, {"bound": -1, "good": 1}, "not reproduced"),
@@ -33,6 +36,19 @@ def row(median, paper=1.0, **more):
 )
 def test_a_verdict_is_what_its_word_says(median, more, verdict):
     assert row(median, **more).verdict == verdict
+
+
+def test_a_reason_stands_beside_a_difference_only_and_a_note_beside_any_verdict():
+    assert remark(row(1.5, why="rougher", note="One walk.")) == "rougher One walk."
+    assert remark(row(1.0, why="rougher", note="One walk.")) == "One walk."
+    assert remark(row(1.0, why="rougher")) == ""
+
+
+def test_a_tolerance_of_its_own_is_told_beside_the_printed_figure():
+    assert printed(row(1.0)) == "1"
+    assert printed(row(1.0, tolerance=0.15)) == "1 (within 15 %)"
+    assert printed(row(1.0, tolerance=0.15, bound=1)) == "1"
+    assert printed(row(1.0, paper=None, tolerance=0.15)) == "1"
 
 
 @pytest.mark.parametrize("more", [{}, {"bound": -1}, {"bound": -1, "good": 1}, {"good": 1}])
