@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import figures as fig
@@ -43,28 +44,54 @@ filter with misprints corrected and gravity as a mean over two strides. Verdicts
 
 POCKET = "munoz-diaz2017"
 
+
+@dataclass(frozen=True)
+class Line:
+    """A line of another page: paper, experiment, what it is, and the rows that it is of, such as one a field."""
+
+    paper: str
+    experiment: str
+    what: str
+    rows: Sequence[str]
+
+
+def _of(experiment: str, *rows: str) -> list[Line]:
+    """Lines of the pocket's paper, of one row each."""
+    return [Line(POCKET, experiment, "", [row]) for row in rows]
+
+
+def _fields(paper: str, experiment: str, row: str) -> Line:
+    return Line(paper, experiment, f"{row}, smooth / indoor", [f"{row}, {field}" for field in ("smooth", "indoor")])
+
+
 HEADLINES = {
-    "README.md": (
-        ("ma2018", "M-E3", "final position error, proposed, indoor"),
-        ("ma2018", "M-E4", "mean error at 42 landmarks, proposed, indoor"),
-        ("aiez2017", "Z-E2", "position error, AIEZ, indoor"),
-        (POCKET, "D-E6", "both updates: displacement after it"),
-    ),
-    "docs/pocket.md": (
-        (POCKET, "D-E1", "z off zero at the end, truly 0.1"),
-        *((POCKET, "D-E2", f"z is at -0.08 deg/s after, {site}") for site in ("north-pole", "equator", "munich")),
-        (POCKET, "D-E2", "z at the end, north-pole, truly -0.1"),
-        (POCKET, "D-E3", "detector: z is at -0.08 deg/s after"),
-        (POCKET, "D-E3", "detector, Eq. 21 as printed: z is at -0.08 deg/s after"),
-        (POCKET, "D-E5", "uncalibrated: z off at most, after 3 min"),
-        *(
-            (POCKET, "D-E6", f"{how}: {what} after {when}")
-            for how in ("both updates", "gravity only")
-            for what, when in (("yaw error", "the first round trip"), ("displacement", "it"))
+    "README.md": [
+        _fields("ma2018", "M-E3", "final position error, proposed"),
+        _fields("ma2018", "M-E4", "mean error at 42 landmarks, proposed"),
+        _fields("aiez2017", "Z-E2", "position error, AIEZ"),
+        *_of("D-E6", "both updates: displacement after it"),
+    ],
+    "docs/pocket.md": [
+        *_of("D-E1", "z off zero at the end, truly 0.1"),
+        *_of("D-E2", *(f"z is at -0.08 deg/s after, {site}" for site in ("north-pole", "equator", "munich"))),
+        *_of("D-E2", "z at the end, north-pole, truly -0.1"),
+        *_of("D-E3", "detector: z is at -0.08 deg/s after"),
+        *_of("D-E3", "detector, Eq. 21 as printed: z is at -0.08 deg/s after"),
+        *_of("D-E5", "uncalibrated: z off at most, after 3 min"),
+        *_of(
+            "D-E6",
+            *(
+                f"{how}: {what}"
+                for how in ("both updates", "gravity only")
+                for what in ("yaw error after the first round trip", "displacement after it")
+            ),
         ),
-    ),
+    ],
 }
-"""Lines of other pages: paper, experiment and row."""
+"""Lines of other pages."""
+
+BESIDE = {"README.md": ("tuned", "matched, both ways")}
+"""Columns that stand there between the paper's method and ours."""
 
 OURS = ("smoother", "online", "graph")
 """Columns that they show beside the paper's method: the first there is."""
@@ -161,21 +188,33 @@ def _in_table(text: str) -> str:
 
 def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
     """Return the lines of another page, of the papers that are there."""
-    lines = [_line(["", "paper", "its method here", "ours"]), "|---|---:|---:|---:|"]
+    beside = BESIDE.get(page, ())
+    lines = [_line(["", "paper", "its method here", *beside, "ours"]), "|---|" + "---:|" * (3 + len(beside))]
     by_name = {(one.paper, experiment.name): (one, experiment) for one in found for experiment in one.experiments}
-    for paper, name, quantity in HEADLINES[page]:
-        if (paper, name) in by_name:
-            lines.append(_headline(*by_name[paper, name], quantity))
-    return lines
+    there = (line for line in HEADLINES[page] if (line.paper, line.experiment) in by_name)
+    return [*lines, *(_headline(*by_name[line.paper, line.experiment], line, beside) for line in there)]
 
 
-def _headline(found: Reproduction, experiment: Experiment, quantity: str) -> str:
-    row = next((row for row in experiment.rows if row.quantity == quantity), None)
+def _headline(found: Reproduction, experiment: Experiment, line: Line, beside: Sequence[str]) -> str:
+    rows = [_row_named(found, experiment, name) for name in line.rows]
+    first, walks = rows[0], len(found.seeds)
+    ours = next((column for column in OURS if column in first.ours), "")
+    what = named(replace(first, quantity=line.what or first.quantity))
+    figures = [_figures(rows, column, walks) for column in (first.judged, *beside, ours)]
+    return _line([f"{found.paper}, {experiment.name}: {what}", printed(first), *figures])
+
+
+def _row_named(found: Reproduction, experiment: Experiment, name: str) -> Row:
+    row = next((row for row in experiment.rows if row.quantity == name), None)
     if row is None:
-        raise OutputError(f"{found.paper} has no row '{quantity}' in {experiment.name}: see HEADLINES in the script.")
-    ours = next((column for column in OURS if column in row.ours), "")
-    beside = [told(row, column, len(found.seeds)) if column else "-" for column in (row.judged, ours)]
-    return _line([f"{found.paper}, {experiment.name}: {named(row)}", printed(row), *beside])
+        raise OutputError(f"{found.paper} has no row '{name}' in {experiment.name}: see HEADLINES in the script.")
+    return row
+
+
+def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
+    """Of one row with its spread, of several the medians."""
+    figures = [told(row, column, walks) for row in rows]
+    return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
 
 
 if __name__ == "__main__":

@@ -63,13 +63,20 @@ def test_a_page_that_is_not_as_written_is_refused(file, tmp_path, capsys):
 
 
 def test_the_lines_of_other_pages_name_paper_row_and_three_figures(found, file, capsys, monkeypatch):
-    wanted = (("ma2018", "M-E1", "end < error & more"), ("another", "X-E1", "end"))
-    monkeypatch.setattr(script, "HEADLINES", {"a.md": wanted})
+    row, other = "end < error & more", "rmse"
+    wanted = [script.Line("ma2018", "M-E1", "", [row]), script.Line("another", "X-E1", "", ["end"])]
+    both = script.Line("ma2018", "M-E1", "both", [row, other])
+    monkeypatch.setattr(script, "HEADLINES", {"a.md": [*wanted, both]})
+    monkeypatch.setattr(script, "BESIDE", {"a.md": ("tuned",)})
     script.main([str(file), "--lines"])
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "a.md:"
-    assert said[4:6] == ["| ma2018, M-E1: end < error & more (m) | 0.50 | 0.10 (0.09 to 0.11) | 1.00 |", ""]
-    monkeypatch.setattr(script, "HEADLINES", {"a.md": (("ma2018", "M-E1", "nowhere"),)})
+    assert said[4:7] == [
+        "| ma2018, M-E1: end < error & more (m) | 0.50 | 0.10 (0.09 to 0.11) | - | 1.00 |",
+        "| ma2018, M-E1: both (m) | 0.50 | 0.10 / 0.55 | - / - | 1.00 / 1.00 |",
+        "",
+    ]
+    monkeypatch.setattr(script, "HEADLINES", {"a.md": [script.Line("ma2018", "M-E1", "", ["nowhere"])]})
     with pytest.raises(OutputError, match="no row 'nowhere' in M-E1"):
         script.headlines([replace(found, seeds=(1,))], "a.md")
 
