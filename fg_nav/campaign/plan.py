@@ -69,14 +69,22 @@ def read_plan(path: Path) -> Plan:
     CampaignError
         If the file cannot be read, knows words that we do not, or asks for what there is not.
     """
+    content = _content(path)
     try:
-        return _plan(tomllib.loads(path.read_text(encoding="utf-8")), path.parent)
+        return _plan(content, path.parent)
+    except FgNavError as error:
+        raise CampaignError(f"{path.name}: {error}") from None
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise CampaignError(f"the plan {path} cannot be read ({error.strerror}): name a .toml file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CampaignError(f"{path.name} is no TOML: {error}.") from None
-    except FgNavError as error:
-        raise CampaignError(f"{path.name}: {error}") from None
+    except (ValueError, RecursionError):  # Python reads so many digits only, and lists in so many lists
+        raise CampaignError(f"{path.name} has a number too long or a list too deep to be read: correct it.") from None
 
 
 def _plan(content: Mapping[str, Any], folder: Path) -> Plan:
@@ -152,7 +160,7 @@ def _methods(words: Sequence[str], grids: Any) -> tuple[str, ...]:
         raise CampaignError("parameters is no table: write [parameters.METHOD] and its parameters below.")
     plain = [_without_changes(word) for word in words]
     for name in grids:
-        if not any(name in (one.name, one.base) for one in plain):
+        if not any(name in _names(one) for one in plain):
             raise CampaignError(f"parameters are given of '{name}', which is not among the methods: add it there.")
     all_of_them = [one.word for method in plain for one in _variants(method, grids)]
     return tuple(dict.fromkeys(all_of_them))
@@ -166,9 +174,9 @@ def _without_changes(word: str) -> Method:
 
 
 def _variants(method: Method, grids: Mapping[str, Mapping[str, Any]]) -> Iterator[Method]:
-    grid = dict(_flat(grids.get(method.name, {}), method.name))
-    if method.base != method.name:
-        grid |= dict(_flat(grids.get(method.base, {}), method.base))
+    grid: dict[str, list[Scalar]] = {}
+    for name in _names(method):
+        grid |= _flat(grids.get(name, {}), name)
     size = 1
     for values in grid.values():
         size *= len(values)
@@ -178,16 +186,29 @@ def _variants(method: Method, grids: Mapping[str, Mapping[str, Any]]) -> Iterato
         yield replace(method, changes=changes).checked()
 
 
-def _flat(table: Mapping[str, Any], where: str, before: str = "") -> Iterator[tuple[str, list[Scalar]]]:
+def _names(method: Method) -> tuple[str, str]:
+    """Names that its parameters can be given under, that of all presets first."""
+    return method.name, f"{method.name}:{method.preset}"
+
+
+def _flat(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
     """Dotted names, each with its values."""
-    for name, value in table.items():
-        whole = f"{before}{name}"
-        if isinstance(value, Mapping):
-            yield from _flat(value, where, f"{whole}.")
-            continue
+    flat: dict[str, list[Scalar]] = {}
+    for name, value in _dotted(table):
         values = value if isinstance(value, list) else [value]
         if not values or not all(type(one) in SCALARS for one in values):
             raise CampaignError(
-                f"{whole} of {where} cannot be {value!r}: give a number, true or false, a word, or a list."
+                f"{name} of {where} cannot be {value!r}: give a number, true or false, a word, or a list."
             )
-        yield whole, values
+        if name in flat:
+            raise CampaignError(f"{name} of {where} is given twice, with and without quotes: give it once.")
+        flat[name] = values
+    return flat
+
+
+def _dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value

@@ -1,5 +1,6 @@
 """A campaign as a whole: what is made, what is joined, what is made anew, and that the tables do not tell how."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -154,6 +155,16 @@ def test_what_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [result.key.file]
 
 
+@pytest.mark.parametrize(("number", "hint"), [(errno.ENOSPC, "make room"), (errno.EIO, "name another folder")])
+def test_a_full_disk_is_no_reason_to_begin_elsewhere(tmp_path, monkeypatch, number, hint):
+    def refused(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "replace", refused)
+    with pytest.raises(OutputError, match=hint):
+        kept.keep(tmp_path, fakes.results(fakes.job("demo", "1"))[0])
+
+
 def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, fg_nav: FgNav):
     (tmp_path / "walks").mkdir()
     (tmp_path / "walks" / "bad.csv").write_text("time_s\n1\n")
@@ -301,11 +312,13 @@ def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
 
 
 def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
-    for name in ("a b.csv", "a-b.csv"):
-        (tmp_path / "walks").mkdir(exist_ok=True)
-        (tmp_path / "walks" / name).write_text("x\n")
-    (tmp_path / "plan.toml").write_text('recordings = ["walks"]\nmethods = ["iez"]\n')
-    with pytest.raises(CampaignError, match="rename one"):
+    for name in ("a b/w.csv", "a-b/w.csv"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("x\n")
+    (tmp_path / "plan.toml").write_text('recordings = ["a b", "a-b"]\nmethods = ["iez"]\n')
+    with pytest.raises(
+        CampaignError, match=r"'w\.csv' of 'a b' and 'w\.csv' of 'a-b' would be kept in one file: rename"
+    ):
         command.keys_of(read_plan(tmp_path / "plan.toml"))
 
 
