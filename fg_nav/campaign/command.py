@@ -143,7 +143,8 @@ def keys_of(plan: Plan) -> list[Key]:
     for walk in plan.walks:
         recorded.setdefault(walk.group, []).append(walk.name)
     simulated = (plan.scenarios, plan.fields, plan.magnetometers, plan.methods, plan.seeds)
-    keys = simulated_keys(*simulated) + recorded_keys(recorded, RECORDED, plan.magnetometers, plan.methods)
+    calibrated = {walk.group for walk in plan.walks if walk.reading.calibration is not None}
+    keys = simulated_keys(*simulated) + recorded_keys(recorded, RECORDED, plan.magnetometers, plan.methods, calibrated)
     by_file: dict[str, Key] = {}
     for key in keys:
         other = by_file.setdefault(key.file.casefold(), key)
@@ -157,12 +158,13 @@ def keys_of(plan: Plan) -> list[Key]:
 
 def settings_of_plan(plan: Plan, keys: Sequence[Key]) -> dict[Key, Mapping[str, Any]]:
     """What each cell is made with; the walks of one scenario share it."""
-    sums = {(walk.group, walk.name): walk.sums() for walk in plan.walks}
+    sums = {(walk.group, walk.name): (walk.sums(), walk.reading) for walk in plan.walks}
+    own = {one.name: one for one in plan.own}
     simulated = cache(settings_of)
     return {
-        key: settings_of(key, True, sums[key.group, key.walk])
+        key: settings_of(key, True, *sums[key.group, key.walk])
         if key.field == RECORDED
-        else simulated(replace(key, walk=""))
+        else simulated(replace(key, walk=""), own=own.get(key.group))
         for key in keys
     }
 
@@ -170,12 +172,16 @@ def settings_of_plan(plan: Plan, keys: Sequence[Key]) -> dict[Key, Mapping[str, 
 def jobs_of_plan(plan: Plan, missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]]) -> list[Job]:
     """What is missing, walk by walk."""
     walks: dict[tuple[str, str], Walk] = {(walk.group, walk.name): walk for walk in plan.walks}
-    jobs = jobs_of(missing, settings)
-    return [_recorded(job, walks[job.group, job.walk]) if job.field == RECORDED else job for job in jobs]
+    own = {one.name: one for one in plan.own}
+    return [
+        _recorded(job, walks[job.group, job.walk]) if job.field == RECORDED else replace(job, own=own.get(job.group))
+        for job in jobs_of(missing, settings)
+    ]
 
 
 def _recorded(job: Job, walk: Walk) -> Job:
-    return replace(job, path=walk.path.resolve(), truth=walk.truth and walk.truth.resolve(), beside=walk.beside)
+    truth = walk.truth and walk.truth.resolve()
+    return replace(job, path=walk.path.resolve(), truth=truth, beside=walk.beside, reading=walk.reading)
 
 
 def _holds(result: Result | None, wanted: Wanted) -> bool:

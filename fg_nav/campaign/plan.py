@@ -1,15 +1,18 @@
 """What a campaign is to make, from a TOML file; checked before anything is made.
 
-    scenarios = ["office", "mall"]            # of `fg-nav simulate --list`, on a foot
+    scenarios = ["office", "my_walk.toml"]    # of `fg-nav simulate --list`, on a foot, or files with one (`own`)
     fields = ["smooth", "indoor"]             # without it: "indoor"
     seeds = 20                                # so many from first_seed on (101), or a list of them
     methods = ["smoother", "ma2018", "iez:physical"]
-    magnetometers = ["loop"]                  # loop (without it), perfect, walk or raw (`sources`)
+    magnetometers = ["loop"]                  # loop (without it), perfect, walk, raw or none (`sources`)
     recordings = ["walks"]                    # folders, from where the file is (`recordings`)
 
     [parameters.smoother]                     # a grid: each with each, in place of the method without
     magnetic.rounds = [1, 2, 3]
     walk.floors = [false, true]
+
+    [reading.walks]                           # how the recordings of a folder are read (`reading`)
+    format = "openshoe"
 
 Scenarios or recordings must be there, or both; methods must. Parameters of `iez` go to all its presets in the file,
 those of `"iez:physical"` to that one alone.
@@ -25,11 +28,14 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from fg_nav.campaign.methods import Method, method_of
+from fg_nav.campaign.own import Own, read_own
+from fg_nav.campaign.reading import readings
 from fg_nav.campaign.recordings import Walk, walks_in
 from fg_nav.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES
 from fg_nav.changes import SCALARS, Changes, Scalar
 from fg_nav.errors import CampaignError, FgNavError
-from fg_nav.simulation import scenario
+from fg_nav.simulation import Scenario, scenario
+from fg_nav.simulation.scenario_file import SUFFIX
 from fg_nav.simulation.scenarios import FIELDS
 
 FIRST_SEED = 101
@@ -39,7 +45,17 @@ MOST_CELLS = 1_000_000
 
 ON_A_FOOT = ("heel", "instep")
 
-KNOWN = ("scenarios", "fields", "seeds", "first_seed", "methods", "magnetometers", "recordings", "parameters")
+KNOWN = (
+    "scenarios",
+    "fields",
+    "seeds",
+    "first_seed",
+    "methods",
+    "magnetometers",
+    "recordings",
+    "reading",
+    "parameters",
+)
 
 
 @dataclass(frozen=True)
@@ -51,6 +67,7 @@ class Plan:
     scenarios, fields, seeds, magnetometers : of the simulated walks; the last of the recorded ones too.
     methods : words, those with parameters one for each point of the grid (`fg_nav.campaign.methods`).
     walks : recorded.
+    own : the scenarios that are the user's own, by name among the others.
     """
 
     scenarios: tuple[str, ...]
@@ -59,6 +76,7 @@ class Plan:
     methods: tuple[str, ...]
     magnetometers: tuple[str, ...]
     walks: tuple[Walk, ...] = ()
+    own: tuple[Own, ...] = ()
 
 
 def read_plan(path: Path) -> Plan:
@@ -96,15 +114,18 @@ def _plan(content: Mapping[str, Any], folder: Path) -> Plan:
         raise CampaignError("nothing to walk on: give scenarios or recordings.")
     if not scenarios and {"seeds", "first_seed", "fields"} & content.keys():
         raise CampaignError("seeds and fields are of scenarios, and there are none: give some, or leave those out.")
+    own = [read_own(folder / name) for name in scenarios if name.endswith(SUFFIX)]
+    scenarios = _named(scenarios)
+    by_name = {one.name: one.scenario for one in own}
     for name in scenarios:
-        _check_scenario(name)
+        _check_scenario(name, by_name.get(name) or scenario(name))
     fields = _known(content, "fields", (*FIELDS, *MIXTURES), ("indoor",))
     magnetometers = _known(content, "magnetometers", MAGNETOMETERS, (LOOP,))
     seeds = _seeds(content) if scenarios else range(0)
     methods = _methods(_words(content, "methods", ()), content.get("parameters", {}))
-    walks = walks_in([folder / name for name in recordings])
+    walks = walks_in([folder / name for name in recordings], readings(content.get("reading", {}), folder))
     _check_size((len(scenarios) * len(fields) * len(seeds) + len(walks)) * len(magnetometers) * len(methods))
-    return Plan(scenarios, fields, seeds, methods, magnetometers, walks)
+    return Plan(scenarios, fields, seeds, methods, magnetometers, walks, tuple(own))
 
 
 def _words(content: Mapping[str, Any], name: str, default: tuple[str, ...]) -> tuple[str, ...]:
@@ -125,10 +146,18 @@ def _known(content: Mapping[str, Any], name: str, known: Sequence[str], default:
     return given
 
 
-def _check_scenario(name: str) -> None:
-    worn = scenario(name).worn
-    if worn not in ON_A_FOOT:
-        raise CampaignError(f"the sensor of '{name}' is on no foot ({worn}): choose a scenario of a foot.")
+def _named(scenarios: Sequence[str]) -> tuple[str, ...]:
+    """Names of scenarios, that of the file where it is one; raises `CampaignError` where two have the same."""
+    names = tuple(Path(one).name if one.endswith(SUFFIX) else one for one in scenarios)
+    for name in names:
+        if names.count(name) > 1:
+            raise CampaignError(f"two scenarios are named '{name}': rename one, results go by its name.")
+    return names
+
+
+def _check_scenario(name: str, one: Scenario) -> None:
+    if one.worn not in ON_A_FOOT:
+        raise CampaignError(f"the sensor of '{name}' is on no foot ({one.worn}): choose a scenario of a foot.")
 
 
 def _seeds(content: Mapping[str, Any]) -> Sequence[int]:

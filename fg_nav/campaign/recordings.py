@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 
 from fg_nav.campaign.mark import MARKS
+from fg_nav.campaign.reading import AS_IT_IS, Reading
 from fg_nav.campaign.table import RESULTS_CSV
 from fg_nav.errors import CampaignError
 
@@ -47,6 +49,7 @@ class Walk:
     path : of the recording.
     truth : file with its truth; None without, or where the recording carries it.
     beside : what the reader looks at beside the recording.
+    reading : how the folder's recordings are read.
     """
 
     group: str
@@ -54,19 +57,21 @@ class Walk:
     path: Path
     truth: Path | None = None
     beside: tuple[Path, ...] = ()
+    reading: Reading = AS_IT_IS
 
     def sums(self) -> dict[str, str]:
         """SHA-256 of each file by its name: a file that changed makes other results."""
         return {path.name: _sum(path) for path in (self.path, *self.beside, self.truth) if path is not None}
 
 
-def walks_in(folders: Sequence[Path]) -> tuple[Walk, ...]:
-    """Find the walks of folders, sorted within each.
+def walks_in(folders: Sequence[Path], readings: Mapping[str, Reading] = MappingProxyType({})) -> tuple[Walk, ...]:
+    """Find the walks of folders, sorted within each; `readings` are by the folders' names.
 
     Raises
     ------
     CampaignError
-        If a folder is not there or holds no walk, two have the same name, or a file's name is no text.
+        If a folder is not there or holds no walk, two have the same name, a file's name is no text, or a reading is of
+        no folder.
     """
     by_name: dict[str, Path] = {}
     for folder in folders:
@@ -76,18 +81,24 @@ def walks_in(folders: Sequence[Path]) -> tuple[Walk, ...]:
         if name in by_name:
             raise CampaignError(f"two folders of recordings are named '{name}': rename one, results go by its name.")
         by_name[name] = folder
-    return tuple(walk for name, folder in by_name.items() for walk in _walks(name, folder))
+    for name in readings:
+        if name not in by_name:
+            raise CampaignError(f"reading is given of '{name}', which is no folder of recordings: add it there.")
+    return tuple(
+        walk for name, folder in by_name.items() for walk in _walks(name, folder, readings.get(name, AS_IT_IS))
+    )
 
 
-def _walks(group: str, folder: Path) -> list[Walk]:
+def _walks(group: str, folder: Path, reading: Reading) -> list[Walk]:
     paths = sorted(path for path in _files(folder) if _is_walk(path))
     if not paths:
         raise CampaignError(f"{folder} holds no recordings: a recording is a file {', '.join(SUFFIXES)}.")
     for path in paths:
         _check_name(path)
     alone = {path.parent for path in paths} - {a.parent for a, b in _pairs(paths) if a.parent == b.parent}
+    shared = {path: path.parent in alone for path in paths}
     return [
-        Walk(group, path.relative_to(folder).as_posix(), path, _truth(path, path.parent in alone), _beside(path))
+        Walk(group, path.relative_to(folder).as_posix(), path, _truth(path, shared[path]), _beside(path), reading)
         for path in paths
     ]
 
