@@ -17,7 +17,7 @@ from typing import Any
 from fg_nav.campaign import kept
 from fg_nav.campaign.cells import recorded_keys, simulated_keys
 from fg_nav.campaign.cluster import Cluster, Tell, check_address, check_installed, on_cluster
-from fg_nav.campaign.folder import held
+from fg_nav.campaign.folder import Folder, held
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of
 from fg_nav.campaign.pace import Pace, Standing
@@ -81,28 +81,22 @@ def campaign(wanted: Wanted, show: Callable[[Standing], None], tell: Tell) -> Do
         if missing:
             folder.take_tables_away()
             jobs = jobs_of_plan(plan, missing, settings)
-            with _told_if_stopped(show, tell) as seen:
-                _make(jobs, folder.cells, cluster, len(holds), seen, tell)
+            with _told_if_stopped(folder, missing, len(holds), tell):
+                _make(jobs, folder.cells, cluster, len(holds), show, tell)
         short: dict[Key, Result] = {}
         write_tables(wanted.out, _read(folder.cells, sorted(keys, key=place_of), settings, short))
     return Done(tuple(short[key] for key in keys), len(holds))
 
 
 @contextmanager
-def _told_if_stopped(show: Callable[[Standing], None], tell: Tell) -> Iterator[Callable[[Standing], None]]:
-    """Yield what is to be told the standing in place of `show`; on Ctrl-C it is the last thing that is told."""
-    last: list[Standing] = []
-
-    def seen(now: Standing) -> None:
-        last[:] = [now]
-        show(now)
-
+def _told_if_stopped(folder: Folder, missing: Sequence[Key], holds: int, tell: Tell) -> Iterator[None]:
+    """Tell on Ctrl-C how far it came."""
     try:
-        yield seen
+        yield
     except KeyboardInterrupt:
-        for now in last:
-            kept_now = f"{now.done} of {counted(now.total, 'result')}"
-            tell(f"stopped: {kept_now} are kept, the same command goes on from there")
+        done = holds + folder.written({key.file for key in missing})
+        total = counted(holds + len(missing), "result")
+        tell(f"stopped: {done} of {total} are kept, the same command goes on from there")
         raise
 
 

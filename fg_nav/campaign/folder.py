@@ -50,6 +50,12 @@ class Folder:
         last = f" (the last one there was {self.before})" if self.before else ""
         return f"{counted(number, 'result')} in {self.out} of other plans than this{last}: the tables leave them out"
 
+    def written(self, files: Collection[str]) -> int:
+        """How many of these results were written since the folder is held: by the clock of its own disk."""
+        since = (self.out / MARK).stat().st_mtime_ns
+        with os.scandir(self.cells) as entries:
+            return sum(entry.name in files and entry.stat().st_mtime_ns >= since for entry in entries)
+
     def take_tables_away(self) -> None:
         """Remove tables, which would look finished beside results that they do not have."""
         for name in TABLES:
