@@ -32,7 +32,7 @@ PART = ".part"
 
 @dataclass(frozen=True)
 class Folder:
-    """Held by this campaign; `before` is the plan that was at work there last, empty where nobody knows."""
+    """Held by this campaign; `before` is the plan that was at work there last, empty where it was this or none."""
 
     out: Path
     before: str = ""
@@ -48,7 +48,7 @@ class Folder:
         if number == 0:
             return ""
         last = f" (the last one there was {self.before})" if self.before else ""
-        return f"{counted(number, 'result')} in {self.out} of other plans than this{last}: the tables leave them out"
+        return f"{self.out} has {counted(number, 'result')} of other plans than this{last}: the tables leave them out"
 
     def written(self, files: Collection[str]) -> int:
         """How many of these results were written since the folder is held: by the clock of its own disk."""
@@ -121,11 +121,11 @@ def _sweep(out: Path) -> None:
 
 
 def _noted(mark: IO[str], plan: str) -> str:
-    """Put down the plan in the mark; returns the one that stood there."""
+    """Put down the plan in the mark; returns the one that stood there if it was another."""
     mark.seek(0)
     before = mark.read().strip()
     mark.seek(0)
     mark.truncate()
     mark.write(f"{plan}\n")
     mark.flush()
-    return before
+    return "" if before == plan else before

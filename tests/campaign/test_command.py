@@ -226,13 +226,14 @@ def test_a_plan_may_grow_and_what_is_of_no_plan_any_more_is_told(tmp_path, plan,
     other.write_text(PLAN.replace("seeds = 2", "seeds = 3\nfirst_seed = 102"))
     run(other, tmp_path / "out")
     said = capsys.readouterr().out
-    assert said.startswith("2 results in ")
-    assert f"of other plans than this (the last one there was {plan}): the tables leave them out" in said
+    words = "has 2 results of other plans than this"
+    assert f"{words} (the last one there was {plan}): the tables leave them out" in said
     assert {row["walk"] for row in rows(tmp_path / "out")} == {"102", "103", "104"}
     assert run(plan, tmp_path / "out").joined == 6
-    assert f"2 results in {tmp_path / 'out'} of other plans than this (the last one there was {other})" in (
-        capsys.readouterr().out
-    )
+    assert f"{words} (the last one there was {other}): the tables leave them out" in capsys.readouterr().out
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 1"))
+    run(plan, tmp_path / "out")
+    assert f"{words.replace('2', '6')}: the tables" in capsys.readouterr().out
 
 
 def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, plan, made, fg_nav: FgNav):
@@ -258,7 +259,7 @@ def test_without_locks_nobody_is_kept_out(tmp_path, plan, monkeypatch):
     monkeypatch.setitem(sys.modules, "fcntl", None)
     with held(tmp_path / "out", plan):
         (tmp_path / "out" / ".results.csv.1.part").touch()
-        with held(tmp_path / "out", plan) as again:
+        with held(tmp_path / "out", tmp_path / "other.toml") as again:
             assert again.before == str(plan)
     assert (tmp_path / "out" / ".results.csv.1.part").exists()
 
