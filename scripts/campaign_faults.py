@@ -33,7 +33,7 @@ import figures as fig
 import psutil
 from figures import Figure
 
-from fg_nav.campaign.command import CELLS
+from fg_nav.campaign.folder import CELLS
 from fg_nav.campaign.table import RESULTS, RESULTS_CSV
 from fg_nav.errors import CampaignError
 
@@ -41,6 +41,9 @@ METHODS = ("smoother", "matched-rts", "ma2018")
 SCENARIOS = ("office", "office-open")
 SPEED_UP = 1.7
 """Asked for, of two workers over one."""
+
+RUNS = ("one", "two", "again", "disturbed")
+"""Names of their folders."""
 
 LONGEST_S = 3600.0
 TICK_S = 0.1
@@ -51,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = _parse(arguments)
     with tempfile.TemporaryDirectory(prefix="fg-nav-faults-") as scratch:
         out = given.out or Path(scratch)
+        _check_new(out)
         out.mkdir(parents=True, exist_ok=True)
         plan = out / "plan.toml"
         plan.write_text(_plan(given), encoding="utf-8")
@@ -62,7 +66,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), metavar="NAME")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="NAME[:PRESET]")
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="walks of a scenario (8)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="keep the campaigns here, and go on with them")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="keep the campaigns here; none may be there")
     return parser.parse_args(arguments)
 
 
@@ -70,6 +74,13 @@ def _plan(given: argparse.Namespace) -> str:
     lists = {"scenarios": given.scenarios, "methods": given.methods, "fields": ["indoor"]}
     lines = [f"{name} = [{', '.join(repr(one) for one in some)}]" for name, some in lists.items()]
     return "\n".join([*lines, f"seeds = {given.seeds}", ""])
+
+
+def _check_new(out: Path) -> None:
+    """Refuse a folder with campaigns in it: one that is joined proves nothing."""
+    there = next((name for name in RUNS if (out / name).exists()), None)
+    if there is not None:
+        raise CampaignError(f"{out / there} is there already, and would only be joined: choose another --out.")
 
 
 def print_all(out: Path, plan: Path) -> None:
@@ -203,14 +214,16 @@ def disturbed(plan: Path, out: Path) -> list[str]:
             command(plan, out, "--scheduler", cluster.address), stdout=subprocess.PIPE, stderr=subprocess.STDOUT
         )
         events, end = [], perf_counter() + LONGEST_S
-        while running.poll() is None and perf_counter() < end:
-            cluster.tend()
-            if harm and _cells(out) >= harm[0][0] * total:
-                events.append(f"{_cells(out)} of {total} cells: {harm.pop(0)[1]()}")
-            sleep(TICK_S)
-        if running.poll() is None:
-            running.kill()
-        said = running.communicate()[0].decode()
+        try:
+            while running.poll() is None and perf_counter() < end:
+                cluster.tend()
+                if harm and _cells(out) >= harm[0][0] * total:
+                    events.append(f"{_cells(out)} of {total} cells: {harm.pop(0)[1]()}")
+                sleep(TICK_S)
+        finally:
+            if running.poll() is None:
+                running.kill()
+            said = running.communicate()[0].decode()
     if running.returncode or harm:
         raise CampaignError(f"the disturbed campaign failed with {len(harm)} harms to come: {said.strip()}")
     return [*events, *(line for line in said.splitlines() if line.startswith("note:"))]

@@ -1,7 +1,7 @@
 """The filters of the papers and our smoother on the papers' walks, by the papers' own figures, side by side.
 
     python scripts/compare_ekf.py --out DIR [--methods NAME ...] [--scenarios NAME ...] [--fields LEVEL ...]
-        [--seeds N] [--first SEED] [--magnetometer loop|perfect|walk|raw ...] [--real gdin openshoe] [--jobs N]
+        [--seeds N] [--first SEED] [--magnetometer loop|perfect|walk|raw|none ...] [--real gdin openshoe] [--jobs N]
 
 NAME may have a preset behind it, `ma2018:as-printed`; without one it is `tuned`. Fields are the simulator's `smooth`
 and `indoor`, and `between`, 0.65 of the first and 0.35 of the second (`field_roc`): a compass that waits for a quiet

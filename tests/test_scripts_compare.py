@@ -93,7 +93,7 @@ def test_no_two_results_share_a_file():
     )
     assert len({key.file for key in keys}) == len(keys) == len(set(keys))
     real = {key.magnetometer for key in keys if key.group == "gdin"}
-    assert real == {"walk", "raw"}
+    assert real == {"walk", "raw", "none"}
 
 
 def test_one_walk_is_one_job_for_all_methods_and_magnetometers():

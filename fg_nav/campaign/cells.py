@@ -6,7 +6,7 @@ to be made with. Who makes what is missing is left to the caller: processes here
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,7 @@ from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of, made
 from fg_nav.campaign.pool import as_done
-from fg_nav.campaign.sources import RAW, WALK
+from fg_nav.campaign.sources import LOOP, NONE, RAW, WALK
 
 Settings: TypeAlias = Mapping[Key, Mapping[str, Any]]
 """What each result is made with, in the order of the results."""
@@ -44,17 +44,29 @@ def simulated_keys(
 
 
 def recorded_keys(
-    recorded: Mapping[str, Sequence[str]], field: str, magnetometers: Sequence[str], methods: Sequence[str]
+    recorded: Mapping[str, Sequence[str]],
+    field: str,
+    magnetometers: Sequence[str],
+    methods: Sequence[str],
+    calibrated: Collection[str] = (),
 ) -> list[Key]:
-    """All of recorded walks, by group: what a loop or a simulation would tell, they must tell themselves."""
-    known = dict.fromkeys(one if one == RAW else WALK for one in magnetometers)
+    """All of recorded walks, by group.
+
+    What a loop or a simulation would tell, they must tell themselves, or the file that those groups have that are
+    `calibrated`.
+    """
     return [
         Key(group, field, walk, magnetometer, method)
         for group, walks in recorded.items()
-        for magnetometer in known
+        for magnetometer in _known_of(magnetometers, LOOP if group in calibrated else WALK)
         for method in methods
         for walk in walks
     ]
+
+
+def _known_of(magnetometers: Sequence[str], best: str) -> list[str]:
+    """What can be known of recorded walks, each once."""
+    return list(dict.fromkeys(one if one in (WALK, RAW, NONE) else best for one in magnetometers))
 
 
 def found(folder: Path, settings: Settings) -> dict[Key, Result]:

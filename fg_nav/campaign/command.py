@@ -1,13 +1,14 @@
 """A campaign from its plan to its tables: what `fg-nav campaign` does.
 
-The folder of a campaign has the results in `cells`, one small file each, a hidden file that marks it, and beside them
-the tables, written when all cells are there. The same command goes on where it was stopped, however it was, and makes
-anew what has changed. Results are read one at a time: a long walk's is a megabyte.
+The folder of a campaign has the results in `cells`, one small file each, and beside them the tables, written when all
+cells are there and taken away while some are missing. The same command goes on where it was stopped, however it was,
+and makes anew what has changed. Results are read one at a time: a long walk's is a megabyte.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -16,20 +17,17 @@ from typing import Any
 from fg_nav.campaign import kept
 from fg_nav.campaign.cells import recorded_keys, simulated_keys
 from fg_nav.campaign.cluster import Cluster, Tell, check_address, check_installed, on_cluster
+from fg_nav.campaign.folder import Folder, held
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of
-from fg_nav.campaign.mark import CAMPAIGN, stranger, visible
 from fg_nav.campaign.pace import Pace, Standing
 from fg_nav.campaign.parcel import Brought
 from fg_nav.campaign.plan import Plan, read_plan
 from fg_nav.campaign.recordings import RECORDED, Walk
 from fg_nav.campaign.settings import settings_of
-from fg_nav.campaign.table import TABLES, write_tables
+from fg_nav.campaign.table import place_of, write_tables
 from fg_nav.errors import CampaignError, OutputError
-
-CELLS = "cells"
-
-MARK = CAMPAIGN
+from fg_nav.wording import counted
 
 
 @dataclass(frozen=True)
@@ -67,21 +65,39 @@ def campaign(wanted: Wanted, show: Callable[[Standing], None], tell: Tell) -> Do
     Raises
     ------
     CampaignError, OutputError
-        If the plan or the folder cannot be, or the cluster is gone.
+        If the plan or the folder cannot be, another campaign is at work there, or the cluster is gone.
     """
     check_installed()
     cluster = cluster_of(wanted)
     plan = read_plan(wanted.plan)
     keys = keys_of(plan)
-    folder = _claimed(wanted.out)
-    settings = settings_of_plan(plan, keys)
-    holds = {key for key in keys if _holds(kept.kept(folder, key, settings[key]), wanted)}
-    missing = [key for key in keys if key not in holds]
-    if missing:
-        _make(jobs_of_plan(plan, missing, settings), folder, cluster, len(holds), show, tell)
-    short: dict[Key, Result] = {}
-    write_tables(wanted.out, _read(folder, sorted(keys), settings, short))
+    with held(wanted.out, wanted.plan) as folder:
+        others = folder.others({key.file for key in keys})
+        if others:
+            tell(others)
+        settings = settings_of_plan(plan, keys)
+        holds = {key for key in keys if _holds(kept.kept(folder.cells, key, settings[key]), wanted)}
+        missing = [key for key in keys if key not in holds]
+        if missing:
+            folder.take_tables_away()
+            jobs = jobs_of_plan(plan, missing, settings)
+            with _told_if_stopped(folder, missing, len(holds), tell):
+                _make(jobs, folder.cells, cluster, len(holds), show, tell)
+        short: dict[Key, Result] = {}
+        write_tables(wanted.out, _read(folder.cells, sorted(keys, key=place_of), settings, short))
     return Done(tuple(short[key] for key in keys), len(holds))
+
+
+@contextmanager
+def _told_if_stopped(folder: Folder, missing: Sequence[Key], holds: int, tell: Tell) -> Iterator[None]:
+    """Tell on Ctrl-C how far it came."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        done = holds + folder.written({key.file for key in missing})
+        total = counted(holds + len(missing), "result")
+        tell(f"stopped: {done} of {total} are kept, the same command goes on from there")
+        raise
 
 
 def _read(
@@ -91,7 +107,9 @@ def _read(
     for key in keys:
         result = kept.kept(folder, key, settings[key])
         if result is None:
-            raise OutputError(f"{folder / key.file} was there and is gone: run the same command again, it goes on.")
+            path = folder / key.file
+            what = "is not what was kept there" if path.exists() else "was there and is gone"
+            raise OutputError(f"{path} {what}: run the same command again, it goes on.")
         short[key] = in_short(result)
         yield result
 
@@ -119,25 +137,28 @@ def keys_of(plan: Plan) -> list[Key]:
     for walk in plan.walks:
         recorded.setdefault(walk.group, []).append(walk.name)
     simulated = (plan.scenarios, plan.fields, plan.magnetometers, plan.methods, plan.seeds)
-    keys = simulated_keys(*simulated) + recorded_keys(recorded, RECORDED, plan.magnetometers, plan.methods)
+    calibrated = {walk.group for walk in plan.walks if walk.reading.calibration is not None}
+    keys = simulated_keys(*simulated) + recorded_keys(recorded, RECORDED, plan.magnetometers, plan.methods, calibrated)
     by_file: dict[str, Key] = {}
     for key in keys:
         other = by_file.setdefault(key.file.casefold(), key)
         if other is not key:
             raise CampaignError(
-                f"'{other.walk}' and '{key.walk}' of {key.group} would be kept in one file: rename one."
+                f"'{other.walk}' of '{other.group}' and '{key.walk}' of '{key.group}' would be kept in one file: "
+                "rename one."
             )
     return keys
 
 
 def settings_of_plan(plan: Plan, keys: Sequence[Key]) -> dict[Key, Mapping[str, Any]]:
     """What each cell is made with; the walks of one scenario share it."""
-    sums = {(walk.group, walk.name): walk.sums() for walk in plan.walks}
+    sums = {(walk.group, walk.name): (walk.sums(), walk.reading) for walk in plan.walks}
+    own = {one.name: one for one in plan.own}
     simulated = cache(settings_of)
     return {
-        key: settings_of(key, True, sums[key.group, key.walk])
+        key: settings_of(key, True, *sums[key.group, key.walk])
         if key.field == RECORDED
-        else simulated(replace(key, walk=""))
+        else simulated(replace(key, walk=""), own=own.get(key.group))
         for key in keys
     }
 
@@ -145,12 +166,16 @@ def settings_of_plan(plan: Plan, keys: Sequence[Key]) -> dict[Key, Mapping[str, 
 def jobs_of_plan(plan: Plan, missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]]) -> list[Job]:
     """What is missing, walk by walk."""
     walks: dict[tuple[str, str], Walk] = {(walk.group, walk.name): walk for walk in plan.walks}
-    jobs = jobs_of(missing, settings)
-    return [_recorded(job, walks[job.group, job.walk]) if job.field == RECORDED else job for job in jobs]
+    own = {one.name: one for one in plan.own}
+    return [
+        _recorded(job, walks[job.group, job.walk]) if job.field == RECORDED else replace(job, own=own.get(job.group))
+        for job in jobs_of(missing, settings)
+    ]
 
 
 def _recorded(job: Job, walk: Walk) -> Job:
-    return replace(job, path=walk.path.resolve(), truth=walk.truth and walk.truth.resolve(), beside=walk.beside)
+    truth = walk.truth and walk.truth.resolve()
+    return replace(job, path=walk.path.resolve(), truth=truth, beside=walk.beside, reading=walk.reading)
 
 
 def _holds(result: Result | None, wanted: Wanted) -> bool:
@@ -158,28 +183,6 @@ def _holds(result: Result | None, wanted: Wanted) -> bool:
     if result is None or (wanted.renew and result.code != kept.code_sum()):
         return False
     return not (wanted.retry and result.failed)
-
-
-def _claimed(out: Path) -> Path:
-    """Return the folder of the cells, made if need be; raises `OutputError` if it is something else's."""
-    folder = out / CELLS
-    try:
-        found = stranger(out, MARK, (CELLS, *TABLES)) or _stranger_in(out)
-        if found:
-            raise OutputError(f"{out} holds what is no campaign's ('{found}'): choose another --out.")
-        folder.mkdir(parents=True, exist_ok=True)
-        (out / MARK).touch()
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written ({error.strerror}): choose another --out.") from None
-    return folder
-
-
-def _stranger_in(out: Path) -> str:
-    """Name of something among the cells of a folder without our mark, as they were made once, that is no cell."""
-    if (out / MARK).is_file():
-        return ""
-    others = (name for name in visible(out / CELLS) if not name.endswith((".json", ".part")))
-    return next((f"{CELLS}/{name}" for name in others), "")
 
 
 def _make(

@@ -2,7 +2,8 @@
 
 A result holds as long as what it was made with, its settings, is the same: the parameters of the method, of the walk,
 of the stances and of the calibration. Settings that differ make it anew. Code that differs does not: each result keeps
-a sum over the sources that made it (`code_sum`), so that who prints it can tell, or make it anew.
+a sum over the sources that made it and the libraries they ran on (`code_sum`), so that who prints it can tell, or make
+it anew.
 
 Places are kept to the centimetre, errors to the last bit.
 """
@@ -12,9 +13,11 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +33,8 @@ FORM = 2
 SEEN_ONLY = ("report", "reproduce", "cli.py")
 """Of the packages' sources what changes no result."""
 
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")
+"""That results rest on, to the last bit."""
 
 LONGEST_NAME, CUT = 200, 160
 """Bytes of a file's name before `.json`, and what is left of a longer one: file systems take 255 with all that is
@@ -145,7 +150,7 @@ def _result(content: dict[str, Any]) -> Result:
 
 @cache
 def code_sum() -> str:
-    """Sum over the sources that make a result."""
+    """Sum over the sources that make a result, and what they run on."""
     roots = [Path(str(package.__file__)).parent for package in (fg_nav, factors)]
     return sum_over(
         path
@@ -156,11 +161,25 @@ def code_sum() -> str:
 
 
 def sum_over(sources: Iterable[Path]) -> str:
-    """Sum over what runs of these sources."""
-    total = hashlib.sha256()
+    """Sum over what runs of these sources, and what they run on."""
+    total = hashlib.sha256(runs_on().encode())
     for path in sources:
         total.update(what_runs(path.read_text(encoding="utf-8")).encode())
     return total.hexdigest()[:16]
+
+
+@cache
+def runs_on() -> str:
+    """Python and libraries with their versions; of Python the first two numbers, as the others change no figure."""
+    python = "Python {}.{}".format(*sys.version_info)
+    return ", ".join([python, *(f"{name} {_version(name)}" for name in LIBRARIES)])
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # laid there by hand
+        return "unknown"
 
 
 def what_runs(source: str) -> str:

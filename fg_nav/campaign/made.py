@@ -17,6 +17,8 @@ from fg_nav.arrays import Floats
 from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.methods import method_of
+from fg_nav.campaign.own import Own
+from fg_nav.campaign.reading import AS_IT_IS, Reading
 from fg_nav.campaign.sources import Recorded, Simulated, Source
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation.landmarks import landmark_errors
@@ -32,7 +34,7 @@ class Job:
     """All that is missing of one walk: methods by magnetometer, and what each result is made with.
 
     A recorded walk has a `path`, and may have a file with its `truth` and others `beside` it that its reader looks at;
-    of a simulated one the walk is the seed.
+    of a simulated one the walk is the seed, and the scenario may be the user's `own`.
     """
 
     group: str
@@ -42,13 +44,15 @@ class Job:
     path: Path | None = None
     truth: Path | None = None
     beside: tuple[Path, ...] = ()
+    reading: Reading = AS_IT_IS
+    own: Own | None = None
 
     @property
     def source(self) -> Source:
         """Where the walk comes from."""
         if self.path is not None:
-            return Recorded(self.path, truth=self.truth)
-        return Simulated(self.group, self.field, int(self.walk))
+            return Recorded(self.path, truth=self.truth, reading=self.reading)
+        return Simulated(self.group, self.field, int(self.walk), self.own)
 
     @property
     def keys(self) -> list[Key]:

@@ -12,6 +12,8 @@ from fg_nav.calibration.walk_model import WalkCalibrationParameters
 from fg_nav.campaign.kept import Key
 from fg_nav.campaign.made import solved
 from fg_nav.campaign.methods import method_of
+from fg_nav.campaign.own import Own
+from fg_nav.campaign.reading import AS_IT_IS, Reading
 from fg_nav.campaign.sources import LOOP, MIXTURES, WALK
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError
@@ -23,14 +25,26 @@ PROBE = ("demo", 1)
 """A short walk on which a method tells its effective parameters before it is asked for long ones."""
 
 
-def settings_of(key: Key, recorded: bool = False, files: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """What a result is made with, as JSON has it; the walk is one of a scenario, or `recorded` in files with sums."""
-    made_with = {
+def settings_of(
+    key: Key,
+    recorded: bool = False,
+    files: Mapping[str, str] | None = None,
+    reading: Reading = AS_IT_IS,
+    own: Own | None = None,
+) -> dict[str, Any]:
+    """What a result is made with, as JSON has it.
+
+    The walk is one of a scenario, perhaps the user's `own`, or `recorded` in files with sums and a way of `reading`.
+    """
+    loop = reading.calibration if recorded else EllipseParameters()
+    made_with: dict[str, Any] = {
         "method": parameters_of(key.method),
         "stances": StanceParameters(),
-        "magnetometer": {LOOP: EllipseParameters(), WALK: WalkCalibrationParameters()}.get(key.magnetometer),
-        "walk": files if recorded else _scenario_in_words(key.group, key.field),
+        "magnetometer": {LOOP: loop, WALK: WalkCalibrationParameters()}.get(key.magnetometer),
+        "walk": files if recorded else _scenario_in_words(key.group, key.field, own),
     }
+    if reading.format is not None:
+        made_with["format"] = reading.format
     return dict(plain(made_with))
 
 
@@ -55,8 +69,8 @@ def _probe() -> Session:
 
 
 @cache
-def _scenario_in_words(name: str, level: str) -> dict[str, Any]:
-    one = Choices(field=level).applied_to(scenario(name))
+def _scenario_in_words(name: str, level: str, own: Own | None) -> dict[str, Any]:
+    one = Choices(field=level).applied_to(scenario(name) if own is None else own.scenario)
     told = {
         "worn": one.worn,
         "site": one.site,
@@ -64,4 +78,6 @@ def _scenario_in_words(name: str, level: str) -> dict[str, Any]:
         "magnets": one.magnets,
         "sensor": one.prior,
     }
+    if own is not None:
+        told |= {"course": own.course, "aligned": one.aligned}
     return dict(plain(told))

@@ -4,10 +4,11 @@
 magnetometer what was known of the iron
 ============ ===================================================================================================
 loop         what the scenario `calibration-loop` told, walked before with the same shoe and sensor (the ellipse,
-             `fg_nav.calibration.ellipse`), as Ma et al. did it; simulated walks only
+             `fg_nav.calibration.ellipse`), as Ma et al. did it; of a recorded walk what a file tells, if one is given
 perfect      all of it: there is none; simulated walks only
 walk         what the walk itself told (`fg_nav.calibration.walk`); where that refuses, nothing
 raw          nothing
+none         nobody looked: the methods have no magnetometer
 ============ ===================================================================================================
 
 A simulated walk starts with the true heading; of a recorded one nobody knows it.
@@ -27,6 +28,8 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.ellipse import ellipse_of_walk
 from fg_nav.calibration.file import Calibration
 from fg_nav.calibration.walk import calibrate_on_walk
+from fg_nav.campaign.own import Own
+from fg_nav.campaign.reading import AS_IT_IS, Reading
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import heading_of
@@ -34,10 +37,10 @@ from fg_nav.io import read, read_truth
 from fg_nav.magnetic import footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.session import Options, Session, prepare
-from fg_nav.simulation import Choices, SimulatedWalk, scenario, simulate
+from fg_nav.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 
-LOOP, PERFECT, WALK, RAW = "loop", "perfect", "walk", "raw"
-MAGNETOMETERS = (LOOP, PERFECT, WALK, RAW)
+LOOP, PERFECT, WALK, RAW, NONE = "loop", "perfect", "walk", "raw", "none"
+MAGNETOMETERS = (LOOP, PERFECT, WALK, RAW, NONE)
 
 MIXTURES: Mapping[str, float] = {"between": 0.35}
 """Share of the field `indoor` in a mixture with `smooth`: with one seed the two have the same steps and the same
@@ -46,11 +49,12 @@ noise, and what the magnetometer shows is linear in the field. The mixture's own
 
 @dataclass(frozen=True)
 class Simulated:
-    """The walk of one scenario, field and seed; simulated when first asked for."""
+    """The walk of one scenario, field and seed; simulated when first asked for. The scenario may be the user's own."""
 
     name: str
     level: str
     seed: int
+    own: Own | None = None
 
     def session(self, magnetometer: str) -> Session:
         """What all methods see; raises `CalibrationError` where the loop does not calibrate."""
@@ -59,8 +63,9 @@ class Simulated:
         assert isinstance(truth, TrajectoryTruth)
         assert truth.nav_R_body is not None
         heading_deg = float(np.rad2deg(heading_of(truth.nav_R_body[0])))
-        calibration = loop_calibration(self.name, self.seed) if magnetometer == LOOP else None
-        session = prepare(walk.recording, Options(heading_deg=heading_deg), calibration)
+        calibration = loop_calibration(self._scenario, self.seed) if magnetometer == LOOP else None
+        options = Options(use_magnetometer=magnetometer != NONE, heading_deg=heading_deg)
+        session = prepare(walk.recording, options, calibration)
         return calibrated_on_itself(session) if magnetometer == WALK else session
 
     @property
@@ -75,20 +80,24 @@ class Simulated:
         return np.array([p.time_s for p in passings]), np.array([p.position for p in passings])
 
     @property
+    def _scenario(self) -> Scenario:
+        return scenario(self.name) if self.own is None else self.own.scenario
+
+    @property
     def _any(self) -> SimulatedWalk:
         """Landmarks are the same with and without iron."""
         return self._perfect if "_with_iron" not in self.__dict__ else self._with_iron
 
     @cached_property
     def _with_iron(self) -> SimulatedWalk:
-        return simulated(self.name, self.seed, self.level)
+        return simulated(self._scenario, self.seed, self.level)
 
     @cached_property
     def _perfect(self) -> SimulatedWalk:
-        return simulated(self.name, self.seed, self.level, calibrated=True)
+        return simulated(self._scenario, self.seed, self.level, calibrated=True)
 
 
-def simulated(name: str, seed: int, level: str, calibrated: bool = False) -> SimulatedWalk:
+def simulated(name: str | Scenario, seed: int, level: str, calibrated: bool = False) -> SimulatedWalk:
     """Simulate a walk in one of the simulator's fields, or in one of `MIXTURES`."""
     if level not in MIXTURES:
         return simulate(name, seed, Choices(field=level, calibrated=calibrated))
@@ -100,9 +109,9 @@ def simulated(name: str, seed: int, level: str, calibrated: bool = False) -> Sim
     return replace(smooth, recording=replace(smooth.recording, mag=mixed))
 
 
-def loop_calibration(name: str, seed: int) -> Calibration:
+def loop_calibration(name: str | Scenario, seed: int) -> Calibration:
     """What the same shoe and sensor tell on a calibration loop; raises `CalibrationError` where they do not."""
-    one = scenario(name)
+    one = scenario(name) if isinstance(name, str) else name
     loop = replace(scenario("calibration-loop"), sensor=one.sensor, worn=one.worn)
     recording = simulate(loop, seed).recording
     _, magnetometer = ellipse_of_walk(footfall_field(recording, detect_stances(recording)))
@@ -128,15 +137,17 @@ class Recorded:
     landmark: tuple[str, ...] = ()
     passed: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros(0), np.zeros((0, 3))))
     truth: Path | None = None
+    reading: Reading = AS_IT_IS
 
     def session(self, magnetometer: str) -> Session:
         """What all methods see: the heading at the start is not known."""
-        session = prepare(self._recording, Options())
+        calibration = self.reading.calibration if magnetometer == LOOP else None
+        session = prepare(self._recording, Options(use_magnetometer=magnetometer != NONE), calibration)
         return calibrated_on_itself(session) if magnetometer == WALK else session
 
     @cached_property
     def _recording(self) -> Recording:
-        recording = read(self.path)
+        recording = read(self.path, self.reading.format)
         return recording if self.truth is None else replace(recording, truth=read_truth(self.truth))
 
 

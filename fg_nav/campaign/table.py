@@ -1,7 +1,7 @@
 """The tables of a campaign, from its kept results: the same campaign gives the same bytes, whoever made it and when.
 
 ======================= ===========================================================================================
-results.parquet         one row a cell and alignment, in the order of the keys; a cell that failed has one row
+results.parquet         one row a cell and alignment, in the order of their places; a cell that failed has one row
 results.csv             the same
 timings.parquet         one row a cell: what differs from run to run: the time it took, and what code made it
 ======================= ===========================================================================================
@@ -36,7 +36,7 @@ BATCH = 1000
 
 
 def write_tables(folder: Path, results: Iterable[Result]) -> None:
-    """Write all tables, of results in the order of their keys; each table is there whole or as it was.
+    """Write all tables, of results in the order of their places (`place_of`); each table is there whole or as it was.
 
     Only some results are held at a time: a long one is a megabyte.
 
@@ -94,6 +94,11 @@ def words_of(key: Key) -> dict[str, str]:
     told = json.dumps(dict(method.changes), sort_keys=True) if method.changes else ""
     of_walk = (key.group, key.field, key.walk, key.magnetometer)
     return dict(zip(WORDS, (*of_walk, method.name, method.preset, told), strict=True))
+
+
+def place_of(key: Key) -> tuple[str, ...]:
+    """Place of a cell among others: its first columns, as text."""
+    return tuple(words_of(key).values())
 
 
 def rows_of(result: Result) -> Iterator[dict[str, Any]]:

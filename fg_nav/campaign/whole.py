@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fg_nav.errors import OutputError
+
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Of errors: another folder would be on the same disk, and begin anew."""
 
 
 @contextmanager
@@ -25,7 +29,8 @@ def whole(path: Path) -> Iterator[Path]:
         beside.replace(path)
     except OSError as error:
         reason = (error.strerror or type(error).__name__).lower()
-        raise OutputError(f"{path} could not be written ({reason}): name another folder.") from error
+        hint = "make room, and the same command goes on" if error.errno in FULL else "name another folder"
+        raise OutputError(f"{path} could not be written ({reason}): {hint}.") from error
     finally:
         with suppress(OSError):
             beside.unlink(missing_ok=True)

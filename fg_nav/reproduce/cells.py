@@ -93,7 +93,7 @@ def read_walks(folder: Path, keys: Sequence[Key]) -> Walks:
 
 
 def made_by(walks: Walks) -> dict[str, int]:
-    """How many results each state of the code made, by its sum (`fg_nav.campaign.kept.code_sum`)."""
+    """How many results each state of code and libraries made, by its sum (`fg_nav.campaign.kept.code_sum`)."""
     return dict(Counter(one.code for results in walks.results.values() for one in results))
 
 
@@ -108,8 +108,9 @@ def made_elsewhere(walks: Walks) -> tuple[str, ...]:
         f"sum {most_first[0][0]}" if len(others) == 1 else ", ".join(f"{n} with sum {code}" for code, n in most_first)
     )
     return (
-        f"{sum(others.values())} of {counted(total, 'result')} on walks were made by another state of the code than "
-        f"this one ({sums}), with the same parameters: without the folder '{FOLDER}' all are made anew.",
+        f"{sum(others.values())} of {counted(total, 'result')} on walks were made by another state of the code, or of "
+        f"its libraries, than this one ({sums}), with the same parameters: "
+        f"without the folder '{FOLDER}' all are made anew.",
     )
 
 

@@ -6,7 +6,6 @@ that make figures (`code_sum`); and as long as its pictures are there, if it has
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -21,7 +20,7 @@ import factors
 import fg_nav
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import AllanCurve
-from fg_nav.campaign.kept import what_runs
+from fg_nav.campaign.kept import sum_over
 from fg_nav.plain import plain
 from fg_nav.pocket import PRESETS
 from fg_nav.pocket.paper import FIELDS_UT
@@ -165,16 +164,14 @@ def parameters() -> dict[str, Any]:
 
 @cache
 def code_sum() -> str:
-    """Sum over the sources that make a figure."""
-    root, total = Path(str(fg_nav.__file__)).parent, hashlib.sha256()
+    """Sum over the sources that make a figure, and what they run on."""
+    root = Path(str(fg_nav.__file__)).parent
     sources = [
         *(path for path in root.rglob("*.py") if path.relative_to(root).parts[0] not in _SEEN_ONLY),
         *(path for path in (root / "reproduce").glob("munoz_diaz2017_*.py") if path.stem != _IN_WORDS),
         *Path(str(factors.__file__)).parent.glob("*.py"),
     ]
-    for path in sorted(sources):
-        total.update(what_runs(path.read_text(encoding="utf-8")).encode())
-    return total.hexdigest()[:16]
+    return sum_over(sorted(sources))
 
 
 @dataclass(frozen=True)

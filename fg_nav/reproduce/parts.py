@@ -1,8 +1,9 @@
 """What an experiment measures once and keeps: arrays of one seed in a file of their own, made anew by other code.
 
 Walks by methods are kept by `fg_nav.campaign.kept`; this is for all else, such as a calibration loop. A part holds as
-long as the code that made it is the same, to the last statement: there is no other way to tell what its numbers rest
-on. Numbers come back to the last bit, so that rows made from kept parts are those made at once.
+long as the code that made it is the same, to the last statement, and the libraries that it ran on: there is no other
+way to tell what its numbers rest on. Numbers come back to the last bit, so that rows made from kept parts are those
+made at once.
 """
 
 from __future__ import annotations

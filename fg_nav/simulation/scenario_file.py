@@ -118,11 +118,20 @@ def read_scenario(path: File) -> Scenario:
         If the file cannot be read, knows words that we do not, or describes what cannot be.
     """
     try:
-        return _scenario(path.stem, tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
         raise SimulationError(f"{path.name} is no TOML: {error}.") from None
+    return scenario_of(path.name, text)
+
+
+def scenario_of(file: str, text: str) -> Scenario:
+    """Return the scenario of a file that was read already; raises as `read_scenario` does."""
+    try:
+        return _scenario(File(file).stem, tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise SimulationError(f"{file} is no TOML: {error}.") from None
     except SimulationError as error:
-        raise SimulationError(f"{path.name}: {error}") from None
+        raise SimulationError(f"{file}: {error}") from None
 
 
 def _scenario(name: str, content: Mapping[str, Any]) -> Scenario:

@@ -1,5 +1,6 @@
 """A campaign as a whole: what is made, what is joined, what is made anew, and that the tables do not tell how."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -15,7 +16,8 @@ from pyarrow import parquet
 
 from fg_nav import cli
 from fg_nav.campaign import command, kept, table
-from fg_nav.campaign.command import CELLS, Wanted, campaign
+from fg_nav.campaign.command import Wanted, campaign
+from fg_nav.campaign.folder import CELLS, MARK, held
 from fg_nav.campaign.pace import Pace
 from fg_nav.campaign.parcel import parcel, unpacked
 from fg_nav.campaign.plan import read_plan
@@ -24,6 +26,8 @@ from fg_nav.errors import CampaignError, OutputError
 from fg_nav.report.campaign import duration, in_words
 from tests.campaign import fakes
 from tests.command_line import FgNav, in_a_process
+
+ROOT = Path(cli.__file__).parents[1]
 
 PLAN = 'scenarios = ["demo"]\nfields = ["smooth"]\nseeds = 2\nmethods = ["iez", "ma2018"]\nmagnetometers = ["raw"]\n'
 
@@ -51,6 +55,10 @@ def made(monkeypatch):
 
 def tables(folder):
     return {name: (folder / name).read_bytes() for name in TABLES if name != TIMINGS}
+
+
+def rows(folder, name=RESULTS):
+    return parquet.read_table(folder / name).to_pylist()
 
 
 def run(plan, out, **more):
@@ -147,6 +155,16 @@ def test_what_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [result.key.file]
 
 
+@pytest.mark.parametrize(("number", "hint"), [(errno.ENOSPC, "make room"), (errno.EIO, "name another folder")])
+def test_a_full_disk_is_no_reason_to_begin_elsewhere(tmp_path, monkeypatch, number, hint):
+    def refused(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "replace", refused)
+    with pytest.raises(OutputError, match=hint):
+        kept.keep(tmp_path, fakes.results(fakes.job("demo", "1"))[0])
+
+
 def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, fg_nav: FgNav):
     (tmp_path / "walks").mkdir()
     (tmp_path / "walks" / "bad.csv").write_text("time_s\n1\n")
@@ -194,9 +212,99 @@ def test_a_folder_of_ours_is_known_by_its_mark_or_by_having_nothing_else(tmp_pat
     (tmp_path / "ours" / "letter.txt").touch()
     assert run(plan, tmp_path / "ours").joined == 4
     (tmp_path / "ours" / "letter.txt").unlink()
-    (tmp_path / "ours" / command.MARK).unlink()
+    (tmp_path / "ours" / MARK).unlink()
     assert run(plan, tmp_path / "ours").joined == 4
-    assert (tmp_path / "ours" / command.MARK).is_file()
+    assert (tmp_path / "ours" / MARK).is_file()
+
+
+def test_a_plan_may_grow_and_what_is_of_no_plan_any_more_is_told(tmp_path, plan, made, capsys):
+    run(plan, tmp_path / "out")
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 3"))
+    assert run(plan, tmp_path / "out").joined == 4
+    assert capsys.readouterr().out == ""
+    other = tmp_path / "other.toml"
+    other.write_text(PLAN.replace("seeds = 2", "seeds = 3\nfirst_seed = 102"))
+    run(other, tmp_path / "out")
+    said = capsys.readouterr().out
+    words = "has 2 results of other plans than this"
+    assert f"{words} (the last one there was {plan}): the tables leave them out" in said
+    assert {row["walk"] for row in rows(tmp_path / "out")} == {"102", "103", "104"}
+    assert run(plan, tmp_path / "out").joined == 6
+    assert f"{words} (the last one there was {other}): the tables leave them out" in capsys.readouterr().out
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 1"))
+    run(plan, tmp_path / "out")
+    assert f"{words.replace('2', '6')}: the tables" in capsys.readouterr().out
+
+
+def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, plan, made, fg_nav: FgNav):
+    out = tmp_path / "out"
+    code = "import sys, time, pathlib; from fg_nav.campaign.folder import held\n"
+    code += "with held(*map(pathlib.Path, sys.argv[1:])):\n    print(1, flush=True); time.sleep(600)"
+    words = [sys.executable, "-c", code, str(out), str(plan)]
+    other = subprocess.Popen(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE)
+    try:
+        assert other.stdout.readline() == b"1\n"
+        assert fg_nav("campaign", plan, "--out", out).refused("another campaign is at work in")
+        assert not made
+    finally:
+        other.kill()
+        other.communicate()
+    for half in (".results.csv.1.part", f"{CELLS}/.a.json.1.part"):
+        (out / half).touch()
+    assert run(plan, out).joined == 0
+    assert not [path for path in out.rglob("*") if path.name.endswith(".part")]
+
+
+def test_without_locks_nobody_is_kept_out(tmp_path, plan, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with held(tmp_path / "out", plan):
+        (tmp_path / "out" / ".results.csv.1.part").touch()
+        with held(tmp_path / "out", tmp_path / "other.toml") as again:
+            assert again.before == str(plan)
+    assert (tmp_path / "out" / ".results.csv.1.part").exists()
+
+
+def test_tables_go_while_results_are_missing_and_who_stops_is_told(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
+    out = tmp_path / "out"
+    run(plan, out)
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 4"))
+    as_it_was = command.on_cluster
+
+    def stopped(jobs, *more):
+        as_it_was(jobs[:1], *more)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "on_cluster", stopped)
+    ran = fg_nav("campaign", plan, "--out", out)
+    assert (ran.code, ran.out) == (130, "")
+    assert ran.err == "note: stopped: 6 of 8 results are kept, the same command goes on from there\n"
+    assert not [name for name in TABLES if (out / name).exists()]
+    monkeypatch.setattr(command, "on_cluster", as_it_was)
+    assert run(plan, out).joined == 6
+    assert [name for name in TABLES if (out / name).exists()] == list(TABLES)
+
+
+@pytest.mark.parametrize("harm", ["is not what was kept there", "was there and is gone"])
+def test_what_another_program_does_to_a_cell_is_told(tmp_path, plan, made, monkeypatch, harm):
+    def harmed(key):
+        cell = tmp_path / "out" / CELLS / key.file
+        cell.unlink() if harm.endswith("gone") else cell.write_text("{}")
+        return ()
+
+    monkeypatch.setattr(command, "place_of", harmed)
+    with pytest.raises(OutputError, match=f"101.json {harm}: run the same command again"):
+        run(plan, tmp_path / "out")
+
+
+def test_rows_are_in_the_order_of_their_first_columns(tmp_path, plan, made):
+    """Words of methods are in another order: `iez:physical` is behind `iez,...`, its preset before `tuned`."""
+    text = PLAN.replace('"ma2018"', '"iez:physical"').replace("seeds = 2", "seeds = [9, 10]")
+    plan.write_text(f"{text}[parameters.iez]\nacc_density = [0.1, 10.0, 2.0]\n")
+    run(plan, tmp_path / "out")
+    for name in (RESULTS, TIMINGS):
+        places = [tuple(row[word] for word in table.WORDS) for row in rows(tmp_path / "out", name)]
+        assert places == sorted(places)
+        assert len(set(places)) == 12
 
 
 def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
@@ -205,11 +313,13 @@ def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
 
 
 def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
-    for name in ("a b.csv", "a-b.csv"):
-        (tmp_path / "walks").mkdir(exist_ok=True)
-        (tmp_path / "walks" / name).write_text("x\n")
-    (tmp_path / "plan.toml").write_text('recordings = ["walks"]\nmethods = ["iez"]\n')
-    with pytest.raises(CampaignError, match="rename one"):
+    for name in ("a b/w.csv", "a-b/w.csv"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("x\n")
+    (tmp_path / "plan.toml").write_text('recordings = ["a b", "a-b"]\nmethods = ["iez"]\n')
+    with pytest.raises(
+        CampaignError, match=r"'w\.csv' of 'a b' and 'w\.csv' of 'a-b' would be kept in one file: rename"
+    ):
         command.keys_of(read_plan(tmp_path / "plan.toml"))
 
 
@@ -239,7 +349,7 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
     cells = tmp_path / "out" / CELLS
     words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
-    variables = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
     first = subprocess.Popen([sys.executable, "-m", "fg_nav.cli", *words], env=variables, start_new_session=True)
     while first.poll() is None and not (cells.is_dir() and any(cells.glob("*.json"))):
         time.sleep(0.01)

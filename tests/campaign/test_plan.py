@@ -47,6 +47,23 @@ def test_parameters_make_a_grid_of_a_method(tmp_path):
     )
 
 
+def test_parameters_of_a_preset_are_its_own_and_before_those_of_all(tmp_path):
+    """`iez` is the preset `tuned`, whichever way it is written; its name alone is for all presets."""
+    for written in ("iez", "iez:tuned"):
+        text = f'scenarios = ["demo"]\nseeds = 1\nmethods = ["{written}", "iez:physical"]\n'
+        text += '[parameters.iez]\ngravity = 9.8\nacc_density = 1.0\n[parameters."iez:tuned"]\ngravity = 9.7\n'
+        assert plan(tmp_path, text).methods == (
+            "iez,acc_density=1.0,gravity=9.7",
+            "iez:physical,acc_density=1.0,gravity=9.8",
+        )
+
+
+def test_a_mark_before_the_text_is_no_part_of_it(tmp_path):
+    """As editors of another system put it there."""
+    (tmp_path / "plan.toml").write_text(GOOD, encoding="utf-8-sig")
+    assert read_plan(tmp_path / "plan.toml") == plan(tmp_path, GOOD)
+
+
 def test_parameters_of_a_method_go_to_its_presets_and_a_whole_number_is_a_real_one(tmp_path):
     text = 'scenarios = ["demo"]\nseeds = 1\nmethods = ["ma2018", "ma2018:physical"]\n'
     text += (
@@ -102,7 +119,13 @@ BAD = {
     GOOD + "[parameters.smoother]\nmagnetic.gate = 'a/b'": "give one word",
     GOOD + "[parameters.smoother]\nknown_lever = 1": "cannot be 1",
     GOOD + "[parameters.smoother]\nknown_lever = [[1.0, 2.0, 3.0]]": "cannot be",
+    GOOD + "[parameters.smoother]\nmagnetic.rounds = 1\n'magnetic.rounds' = [2, 3]": "is given twice",
+    GOOD + '[parameters."iez:magic"]\ngravity = 9.8': "'iez:magic', which is not among the methods",
+    GOOD + '[parameters."iez:physical"]\ngravity = 9.8': "'iez:physical', which is not among the methods",
+    f'recordings = ["{"a" * 300}"]\n' + GOOD: "no folder",
     "seeds = = 3": "is no TOML",
+    f"seeds = 1{'0' * 5000}": "too long",
+    f"seeds = {'[' * 3000}{']' * 3000}": "too deep",
 }
 
 

@@ -1,5 +1,7 @@
 """Folders of recordings: which files are walks, what their truth is, and that a bad one is a result."""
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,8 +9,11 @@ import numpy as np
 import pytest
 
 from fg_nav.campaign.made import jobs_of
+from fg_nav.campaign.mark import MARKS
 from fg_nav.campaign.parcel import in_cells, parcel, unpacked
 from fg_nav.campaign.recordings import OUR_TABLES, walks_in
+from fg_nav.campaign.table import TABLES
+from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.report import folder as report_folder
 from fg_nav.simulation import simulate
@@ -47,7 +52,25 @@ def test_a_mat_beside_belongs_to_the_walk(tmp_path):
 
 def test_our_own_tables_are_no_walks():
     ours = report_folder.RESULT_FILES | report_folder.SIMULATION_FILES | report_folder.DETECT_FILES
+    ours |= set(TABLES)
     assert {name for name in ours if name.endswith(".csv")} - {"recording.csv"} == set(OUR_TABLES)
+
+
+def test_folders_that_our_commands_fill_have_no_walks(tmp_path):
+    """A campaign may write beside its recordings, and finds the same walks the next time."""
+    alone = names(tmp_path, "1/recording.csv", "1/truth.tum")
+    for mark in MARKS:
+        names(tmp_path, f"out{mark}/results.csv", f"out{mark}/table.csv", f"out{mark}/cells/a.csv", f"out{mark}/{mark}")
+    assert names(tmp_path, "copied/results.csv") == alone == {"1/recording.csv": "truth.tum"}
+    with pytest.raises(CampaignError, match="holds no recordings"):
+        walks_in([tmp_path / f"out{MARKS[0]}"])
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="has no such names")
+def test_a_name_that_is_no_text_is_told(tmp_path):
+    (tmp_path / os.fsdecode(b"w\xff.csv")).write_text("x")
+    with pytest.raises(CampaignError, match=r"w\\udcff.csv' is not UTF-8: rename it"):
+        walks_in([tmp_path])
 
 
 @pytest.mark.parametrize("far", [False, True], ids=["here", "as bytes"])
