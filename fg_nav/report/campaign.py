@@ -37,7 +37,8 @@ def shown() -> Iterator[Callable[[Standing], None]]:
 def in_words(now: Standing) -> str:
     """How far it is, in one line."""
     left = "time left not known yet" if now.left_s is None else f"about {duration(now.left_s)} left"
-    return f"{now.done} of {now.total} results, {counted(now.workers, 'worker')}, {left}"
+    workers = counted(now.workers, "worker") if now.workers else "no workers yet"
+    return f"{now.done} of {now.total} results, {workers}, {left}"
 
 
 def duration(seconds: float) -> str:
