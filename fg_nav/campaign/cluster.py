@@ -38,7 +38,7 @@ from typing import Any, TypeAlias
 from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key
 from fg_nav.campaign.made import Job
-from fg_nav.campaign.parcel import Brought, Parcel, failed, parcel, unpacked
+from fg_nav.campaign.parcel import KILLED, Brought, Parcel, failed, parcel, unpacked
 from fg_nav.campaign.waiting import Waiting
 from fg_nav.errors import CampaignError
 
@@ -342,8 +342,7 @@ class _Session:
 
     def _killed(self, sent: _Sent) -> None:
         code = kept.code_sum()
-        reason = "it ended its worker, again and again: out of memory, or a crash"
-        self._take(sent.cell, Brought((failed(sent.cell, reason, code),), code, None), len(self._crew.able))
+        self._take(sent.cell, Brought((failed(sent.cell, KILLED, code),), code, None), len(self._crew.able))
 
     def _landed_one(self, future: Future) -> None:
         """Take what came of a cell, or let it wait again; one that was given to another is nothing any more."""

@@ -23,6 +23,9 @@ from fg_nav.campaign import kept
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, Ready, results_of
 
+KILLED = "it ended its worker, again and again: out of memory, or a crash"
+"""Why there is nothing of a cell that killed too many workers."""
+
 
 @dataclass(frozen=True)
 class Parcel:

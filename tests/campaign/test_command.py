@@ -154,7 +154,7 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, 
         ran = fg_nav("campaign", tmp_path / "plan.toml", "--out", tmp_path / "out")
         assert (ran.code, ran.err) == (0, "")
         assert f"2 results, {joined} of them from before" in ran.out
-        assert "failed: walks, recorded, bad.csv, iez: bad.csv" in ran.out
+        assert "failed: walks, recorded, bad.csv, walk, iez: bad.csv" in ran.out
     assert sum(made.values()) == 2
     rows = parquet.read_table(tmp_path / "out" / RESULTS).to_pylist()
     assert [(row["walk"], row["method"], row["alignment"]) for row in rows] == [
