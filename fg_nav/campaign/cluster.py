@@ -63,7 +63,7 @@ LOOK_S = 1.0
 """How often the connection is looked at while no result comes."""
 
 Take: TypeAlias = Callable[[Job, Brought, int], None]
-"""Is given each job with what came of it, and how many work at once."""
+"""Is given each cell, as a job of its own, with what came of it, and how many work at once."""
 
 Look: TypeAlias = Callable[[int, Mapping[Key, float]], None]
 """Is given, every `LOOK_S` or sooner, how many work, and how long each cell in work has been (s)."""
@@ -306,7 +306,12 @@ class _Session:
             self._show()
         finally:
             for sent in self._flying.values():
-                self._waiting.back(sent.cell)
+                self._left(sent)
+
+    def _left(self, sent: _Sent) -> None:
+        """Let a cell wait again, and its worker be at nothing."""
+        self._waiting.leave(sent.worker)
+        self._waiting.back(sent.cell)
 
     def _show(self) -> None:
         now = monotonic()
@@ -336,9 +341,10 @@ class _Session:
             future.cancel()
         self._deaths[sent.key] += future.status != "finished"
         if self._deaths[sent.key] >= DEATHS:
+            self._waiting.leave(sent.worker)
             self._killed(sent)
         else:
-            self._waiting.back(sent.cell)
+            self._left(sent)
 
     def _killed(self, sent: _Sent) -> None:
         code = kept.code_sum()
@@ -355,7 +361,7 @@ class _Session:
         try:
             brought = future.exception(timeout=FETCH_S) if ours else future.result(timeout=FETCH_S)
         except (OSError, CancelledError):  # cancelled with the connection, or its worker died with the result
-            self._waiting.back(sent.cell)
+            self._left(sent)
             return
         except Exception as error:  # it was lost and made again, and then this
             brought, ours = error, True
@@ -371,8 +377,7 @@ class _Session:
         if brought.results:
             self._take(sent.cell, brought, len(self._crew.able))
             return
-        self._waiting.leave(sent.worker)  # it does not hold the walk
-        self._waiting.back(sent.cell)
+        self._left(sent)  # it does not hold the walk
 
     def _troubled(self, sent: _Sent, error: Exception) -> None:
         """Give the cell to another worker, too often in trouble end the campaign."""
@@ -385,8 +390,7 @@ class _Session:
                 "see to them, and the same command goes on from there."
             )
         self._crew.rest(sent.worker, _in_a_line(error))
-        self._waiting.leave(sent.worker)
-        self._waiting.back(sent.cell)
+        self._left(sent)
 
 
 class _Crew:

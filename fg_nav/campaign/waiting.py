@@ -1,9 +1,9 @@
 """What waits to be made on a cluster, and which worker takes which cell.
 
 A worker takes one cell at a time and keeps what it made ready of the walk: the simulation or the file, its stances and
-its field. So it goes on with the walk that it is at, then begins one that nobody has begun, and where there is none it
-helps with the walk of which most is left, from the other end. While there are walks enough each is made ready once;
-a single walk is shared by all workers.
+its field. So it goes on with the walk that it is at, then begins one that nobody has begun. Where there is none it
+takes one that was left by a worker that is gone, and at last helps with the walk of which most is left, from the other
+end. While there are walks enough each is made ready once; a single walk is shared by all workers.
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ class Waiting:
             job = self._untouched.popleft()
             self._begun[walk_of(job)] = deque(in_cells(job))
             return self._taken(walk_of(job))
-        most = max(self._begun, key=lambda walk: len(self._begun[walk]))
-        return self._taken(most, last=True)
+        manned = set(self._at.values())
+        most = max(self._begun, key=lambda walk: (walk not in manned, len(self._begun[walk])))
+        return self._taken(most, last=most in manned)
 
     def begin(self, worker: str, job: Job) -> None:
         """Note that the worker is at the walk of this cell."""

@@ -33,7 +33,7 @@ def work(sent: Parcel) -> Brought:
         Path(asked.walk).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if asked.group == "slow":
-        time.sleep(0.5)
+        time.sleep(0.3)
     return Brought(results(asked), code_sum(), 0.01)
 
 

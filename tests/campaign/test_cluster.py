@@ -424,7 +424,7 @@ def test_a_real_scheduler_started_anew_goes_on():
 
 def test_a_deadly_cell_on_a_real_worker_with_threads_takes_no_other_with_it(monkeypatch):
     port, address, scheduler, worker = commands()
-    jobs = [fakes.job("deadly", "1"), *(fakes.job("slow", str(walk)) for walk in range(5))]
+    jobs = [fakes.job("deadly", "1"), *(fakes.job("slow", str(walk)) for walk in range(3))]
     taken = Taken()
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     monkeypatch.setattr(cluster, "DEATHS", 2)

@@ -45,6 +45,15 @@ def test_help_goes_where_most_is_left_and_only_when_all_are_begun():
     assert taken(waiting, "two").walk == "1"
 
 
+def test_what_a_worker_that_is_gone_left_comes_before_helping():
+    waiting = Waiting([fakes.job("demo", "1", *METHODS), fakes.job("demo", "2", *METHODS[:2])])
+    assert taken(waiting, "one").walk == "1"
+    assert taken(waiting, "two").walk == "2"
+    waiting.leave("two")
+    assert taken(waiting, "three").keys[0].method == METHODS[1]
+    assert taken(waiting, "three").walk == "1"
+
+
 def test_a_cell_that_comes_back_is_the_next_of_its_walk_and_none_is_lost_or_given_twice():
     waiting = Waiting([fakes.job("demo", "1", "iez"), fakes.job("demo", "2", "iez")])
     first = taken(waiting, "one")
