@@ -1,12 +1,17 @@
 """Jobs on a Dask cluster: one of our own on this machine, or theirs.
 
-A job is a task that is sent when a worker is free to take it, so that what kills a worker is known: the task that it
-was at. Results come back to this process, which keeps them, so the cluster needs no disk in common with it.
+A worker is given one cell at a time (`fg_nav.campaign.waiting`), and a cell is for one worker only, so that what kills
+a worker is known: the cell that it was at. Results come back to this process, which keeps them, so the cluster needs
+no disk in common with it.
 
 ============================ ========================================================================================
-a worker dies                Dask gives its task to another, and our own cluster starts a new worker
-a task kills worker by       it is split into its cells, and a cell that does the same becomes a result that failed
+a worker dies                its cell is given to another, and our own cluster starts a new worker
+a cell kills worker by       it becomes a result that failed
 worker, `DEATHS` of them
+a worker cannot work         is told; it is left alone for `REST_S` and its cell given to another; if `TROUBLES` of them
+(its disk is full)           cannot work on one cell the campaign stops
+a worker is paused, which    is told; it is given no cell until it goes on
+Dask does to spare memory
 the scheduler is gone        what had not come back is sent again once it is there again, for `patience_s`
 there is no worker           is told, and waited for as long
 another program there        the campaign stops, whether scheduler or workers have other code or none: what they
@@ -21,25 +26,32 @@ from __future__ import annotations
 import logging
 import re
 import warnings
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from queue import Empty, Queue
 from time import monotonic, sleep
 from typing import Any, TypeAlias
 
 from fg_nav.campaign import kept
+from fg_nav.campaign.kept import Key
 from fg_nav.campaign.made import Job
-from fg_nav.campaign.parcel import Brought, Parcel, failed, in_cells, parcel, unpacked
+from fg_nav.campaign.parcel import KILLED, Brought, Parcel, failed, parcel, unpacked
+from fg_nav.campaign.waiting import Waiting
 from fg_nav.errors import CampaignError
-from fg_nav.wording import counted
 
 EXTRA = "campaign"
 
 DEATHS = 3
-"""Workers that a task may kill; on a cluster of others its own setting counts, one more by default."""
+"""Workers that a cell may kill."""
+
+TROUBLES = 3
+"""Times that workers may be unable to work on a cell."""
+
+REST_S = 10.0
+"""For a worker that could not work, so that it does not get through all cells at once."""
 
 PATIENCE_S = 300.0
 """For a scheduler or workers that are gone: a restart takes seconds, a node of a queue minutes."""
@@ -51,7 +63,10 @@ LOOK_S = 1.0
 """How often the connection is looked at while no result comes."""
 
 Take: TypeAlias = Callable[[Job, Brought, int], None]
-"""Is given each job with what came of it, and how many work at once."""
+"""Is given each cell, as a job of its own, with what came of it, and how many work at once."""
+
+Look: TypeAlias = Callable[[int, Mapping[Key, float]], None]
+"""Is given, every `LOOK_S` or sooner, how many work, and how long each cell in work has been (s)."""
 
 Work: TypeAlias = Callable[[Parcel], Brought]
 """What a worker does; `unpacked` but in tests."""
@@ -69,8 +84,7 @@ _ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port
 _CODE_THERE = "__import__('fg_nav.campaign.kept', fromlist=['code_sum']).code_sum()"
 
 _OURS = {
-    "distributed.scheduler.allowed-failures": DEATHS - 1,
-    "distributed.scheduler.worker-saturation": 1.0,  # no task waits at a worker, to be blamed for another
+    "distributed.scheduler.allowed-failures": DEATHS,  # we count ourselves
     "distributed.worker.memory.target": False,  # nothing is stored there that could be put to disk
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,  # a paused worker would never be given work again
@@ -122,9 +136,13 @@ class Cluster:
         """Whether the workers may have other disks."""
         return self.scheduler is not None
 
+    def workers_for(self, jobs: Sequence[Job]) -> int:
+        """Number of processes of our own that these need: each gets its share of the memory."""
+        return max(1, min(self.workers, sum(len(job.keys) for job in jobs)))
+
     @contextmanager
-    def entered(self) -> Iterator[str]:
-        """Yield the scheduler's address, its cluster started if it is ours.
+    def entered(self, jobs: Sequence[Job]) -> Iterator[str]:
+        """Yield the scheduler's address, its cluster started for these jobs if it is ours.
 
         Raises
         ------
@@ -140,7 +158,7 @@ class Cluster:
         with dask.config.set(_OURS):
             try:
                 ours = LocalCluster(
-                    n_workers=self.workers,
+                    n_workers=self.workers_for(jobs),
                     threads_per_worker=1,
                     processes=True,
                     host="127.0.0.1",
@@ -153,16 +171,19 @@ class Cluster:
                 yield ours.scheduler_address
 
 
-def on_cluster(jobs: Sequence[Job], cluster: Cluster, take: Take, tell: Tell) -> None:
-    """Make all jobs, and give what comes of each to `take`.
+def _nobody_looks(workers: int, at: Mapping[Key, float]) -> None: ...
+
+
+def on_cluster(jobs: Sequence[Job], cluster: Cluster, take: Take, tell: Tell, look: Look = _nobody_looks) -> None:
+    """Make all jobs, and give what comes of each cell to `take`.
 
     Raises
     ------
     CampaignError
         If scheduler or workers are gone for longer than the cluster's patience, or have other code.
     """
-    waiting = deque(jobs)
-    with cluster.entered() as address:
+    waiting = Waiting(jobs)
+    with cluster.entered(jobs) as address:
         client = _connected(address)
         if client is None:
             raise CampaignError(
@@ -170,7 +191,7 @@ def on_cluster(jobs: Sequence[Job], cluster: Cluster, take: Take, tell: Tell) ->
             )
         while client is not None:
             try:
-                _Session(client, cluster, take, tell).work(waiting)
+                _Session(client, cluster, waiting, take, tell, look).work()
                 return
             except _LostError:
                 tell(f"the scheduler at {address} is gone: trying again for {cluster.patience_s:.0f} s")
@@ -206,6 +227,11 @@ def _other_program(error: object) -> CampaignError:
     )
 
 
+def _is_of_another_program(error: object) -> bool:
+    """Whether an error says that a task could not be read, there or by the scheduler."""
+    return isinstance(error, ImportError | AttributeError) or "deserializ" in str(error)
+
+
 def _in_a_line(error: object) -> str:
     """What an error says, to the end of its first sentence: Dask's have several lines, and links."""
     first, *_ = " ".join(str(error).split()).split(". ")
@@ -237,51 +263,196 @@ def _close(client: Client) -> None:
         client.close(timeout=2.0)
 
 
+@dataclass(frozen=True)
+class _Sent:
+    """A cell, the worker that it is for, and when it was sent."""
+
+    cell: Job
+    worker: str
+    at: float = field(default_factory=monotonic)
+
+    @property
+    def key(self) -> Key:
+        """Of its one result."""
+        return self.cell.keys[0]
+
+
 class _Session:
     """Work on one connection to a scheduler, until all is done or the connection is gone."""
 
-    def __init__(self, client: Client, cluster: Cluster, take: Take, tell: Tell) -> None:
-        self._client, self._cluster, self._take, self._tell = client, cluster, take, tell
-        self._flying: dict[Future, Job] = {}
+    def __init__(self, client: Client, cluster: Cluster, waiting: Waiting, take: Take, tell: Tell, look: Look) -> None:
+        self._client, self._cluster, self._waiting = client, cluster, waiting
+        self._take, self._tell, self._look = take, tell, look
+        self._flying: dict[Future, _Sent] = {}
         self._landed: Queue[Future] = Queue()
-        self._threads = 0
-        self._idle_since: float | None = None
-        self._checked: set[str] = set()
+        self._crew = _Crew(client, cluster, tell)
+        self._deaths: Counter[Key] = Counter()
+        self._troubles: Counter[Key] = Counter()
 
-    def work(self, waiting: deque[Job]) -> None:
+    def work(self) -> None:
         """Do what waits; when the connection is lost all that did not come back waits again."""
         try:
-            while waiting or self._flying:
-                self._count()
-                while waiting and len(self._flying) < self._threads:
-                    self._send(waiting.popleft())
+            while self._waiting or self._flying:
+                self._crew.see(idle=not self._flying)
+                for future in [one for one, sent in self._flying.items() if sent.worker not in self._crew.there]:
+                    self._died(future)
+                busy = {sent.worker for sent in self._flying.values()}
+                for worker in self._crew.able:
+                    if self._waiting and worker not in busy:
+                        self._send(worker)
+                self._show()
                 with suppress(Empty):
-                    future = self._landed.get(timeout=LOOK_S)
-                    waiting.extend(self._ended(future, self._flying.pop(future)))
+                    self._landed_one(self._landed.get(timeout=LOOK_S))
+            self._show()
         finally:
-            waiting.extendleft(self._flying.values())
+            for sent in self._flying.values():
+                self._left(sent)
 
-    def _count(self) -> None:
-        """See how many work, and that there is a scheduler."""
+    def _left(self, sent: _Sent) -> None:
+        """Let a cell wait again, and its worker be at nothing."""
+        self._waiting.leave(sent.worker)
+        self._waiting.back(sent.cell)
+
+    def _show(self) -> None:
+        now = monotonic()
+        self._look(len(self._crew.able), {sent.key: now - sent.at for sent in self._flying.values()})
+
+    def _send(self, worker: str) -> None:
+        cell = self._waiting.cell_for(worker)
+        sent = _Sent(cell, worker)
+        packed = parcel(cell, self._cluster.far, self._waiting.name_of(cell), self._waiting.is_at(worker, cell))
+        self._waiting.begin(worker, cell)
+        try:
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", message="Sending large graph")  # the files of a recorded walk
+                future = self._client.submit(self._cluster.work, packed, pure=False, workers=[worker])
+        except (OSError, RuntimeError, ValueError, CancelledError) as error:
+            self._waiting.back(cell)
+            raise _LostError from error
+        self._flying[future] = sent
+        future.add_done_callback(self._landed.put)
+
+    def _died(self, future: Future) -> None:
+        """Give a cell whose worker is gone to another, too often killed by it as a result that failed."""
+        if future.status == "error":  # what it is comes yet
+            return
+        sent = self._flying.pop(future)
+        with suppress(OSError, RuntimeError, ValueError, CancelledError):
+            future.cancel()
+        self._deaths[sent.key] += future.status != "finished"
+        if self._deaths[sent.key] >= DEATHS:
+            self._waiting.leave(sent.worker)
+            self._killed(sent)
+        else:
+            self._left(sent)
+
+    def _killed(self, sent: _Sent) -> None:
+        code = kept.code_sum()
+        self._take(sent.cell, Brought((failed(sent.cell, KILLED, code),), code, None), len(self._crew.able))
+
+    def _landed_one(self, future: Future) -> None:
+        """Take what came of a cell, or let it wait again; one that was given to another is nothing any more."""
+        from distributed.scheduler import KilledWorker
+
+        sent = self._flying.pop(future, None)
+        if sent is None:
+            return
+        ours = future.status == "error"  # and not one of fetching
+        try:
+            brought = future.exception(timeout=FETCH_S) if ours else future.result(timeout=FETCH_S)
+        except (OSError, CancelledError):  # cancelled with the connection, or its worker died with the result
+            self._left(sent)
+            return
+        except Exception as error:  # it was lost and made again, and then this
+            brought, ours = error, True
+        if isinstance(brought, KilledWorker):  # told by a scheduler that counts less than we do
+            self._killed(sent)
+        elif ours:  # what goes wrong in a cell is its result: this went wrong before it was begun
+            self._troubled(sent, brought)
+        else:
+            self._came(sent, brought)
+
+    def _came(self, sent: _Sent, brought: Brought) -> None:
+        _check_code(brought.code)
+        if brought.results:
+            self._take(sent.cell, brought, len(self._crew.able))
+            return
+        self._left(sent)  # it does not hold the walk
+
+    def _troubled(self, sent: _Sent, error: Exception) -> None:
+        """Give the cell to another worker, too often in trouble end the campaign."""
+        if _is_of_another_program(error):
+            raise _other_program(error)
+        self._troubles[sent.key] += 1
+        if self._troubles[sent.key] >= TROUBLES:
+            raise CampaignError(
+                f"the worker {sent.worker} cannot work ({_in_a_line(error)}), nor could those tried before it: "
+                "see to them, and the same command goes on from there."
+            )
+        self._crew.rest(sent.worker, _in_a_line(error))
+        self._left(sent)
+
+
+class _Crew:
+    """Who is there to work, and what there is to tell of them."""
+
+    def __init__(self, client: Client, cluster: Cluster, tell: Tell) -> None:
+        self._client, self._cluster, self._tell = client, cluster, tell
+        self.there: Set[str] = frozenset()
+        self.able: Sequence[str] = ()
+        self._paused: Set[str] = frozenset()
+        self._paused_at = float("-inf")
+        self._resting: dict[str, float] = {}
+        self._checked: set[str] = set()
+        self._told: set[str] = set()
+        self._idle_since: float | None = None
+
+    def see(self, idle: bool) -> None:
+        """See who is there, and that there is a scheduler; `idle` if nobody is at anything."""
         if self._client.status != "running":
             raise _LostError
         try:
             threads = self._client.nthreads()
+            self._see_paused()
         except (OSError, RuntimeError, ValueError, CancelledError) as error:
             raise _LostError from error
+        if any(count > 1 for count in threads.values()):
+            self._tell_once("a worker with several threads is given one cell at a time: start workers by --nthreads 1")
+        self.there = threads.keys()
         if self._cluster.far:
-            self._check(threads.keys() - self._checked)
-        self._threads = sum(threads.values())
-        if self._threads:
+            self._check(self.there - self._checked)
+        known = self._checked if self._cluster.far else self.there
+        working = (self.there & known) - self._paused
+        self.able = sorted(one for one in working if self._resting.get(one, 0.0) <= monotonic())
+        self._wait(idle and not working)
+
+    def rest(self, worker: str, reason: str) -> None:
+        """Leave a worker alone for a time."""
+        self._resting[worker] = monotonic() + REST_S
+        self._tell_once(f"the worker {worker} cannot work ({reason}): what it was at goes to another")
+
+    def _see_paused(self) -> None:
+        if monotonic() - self._paused_at < LOOK_S:
+            return
+        found = self._client.scheduler_info(n_workers=-1)["workers"]
+        self._paused = {worker for worker, about in found.items() if about.get("status") == "paused"}
+        self._paused_at = monotonic()
+        for worker in sorted(self._paused):
+            self._tell_once(f"the worker {worker} is paused, short of memory: it is given no more until it goes on")
+
+    def _wait(self, nobody: bool) -> None:
+        """Tell once that there is nobody, and raise `CampaignError` where that lasts."""
+        if not nobody:
             self._idle_since = None
             return
+        what = "no workers but paused ones" if self._paused & self.there else "no workers"
         if self._idle_since is None:
             self._idle_since = monotonic()
-            self._tell("the cluster has no workers: waiting for some")
+            self._tell(f"the cluster has {what}: waiting for some")
         if monotonic() - self._idle_since > self._cluster.patience_s:
             raise CampaignError(
-                f"the cluster has had no workers for {self._cluster.patience_s:.0f} s: "
-                "start some (`dask worker ADDRESS`), and the same command goes on from there."
+                f"the cluster has had {what} for {self._cluster.patience_s:.0f} s: start some "
+                "(`dask worker ADDRESS --nthreads 1`, one a core), and the same command goes on from there."
             )
 
     def _check(self, workers: Set[str]) -> None:
@@ -299,41 +470,7 @@ class _Session:
                 _check_code(code)
                 self._checked.add(worker)
 
-    def _send(self, job: Job) -> None:
-        try:
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", message="Sending large graph")  # the files of a recorded walk
-                future = self._client.submit(self._cluster.work, parcel(job, self._cluster.far), pure=False)
-        except (OSError, RuntimeError, ValueError, CancelledError) as error:
-            self._flying[object()] = job
-            raise _LostError from error
-        self._flying[future] = job
-        future.add_done_callback(self._landed.put)
-
-    def _ended(self, future: Future, job: Job) -> list[Job]:
-        """Take what came of a job, or return what is to be done of it again."""
-        from distributed.scheduler import KilledWorker
-
-        failed = future.status == "error"
-        try:
-            brought = future.exception(timeout=FETCH_S) if failed else future.result(timeout=FETCH_S)
-        except (OSError, CancelledError):  # cancelled with the connection, or its worker died with the result
-            return [job]
-        if isinstance(brought, KilledWorker):
-            return self._broken(job, "it ended its worker, again and again: out of memory, or a crash")
-        if failed:  # what goes wrong in a cell is its result: this went wrong before a cell was begun
-            raise _other_program(brought)
-        _check_code(brought.code)
-        self._take(job, brought, self._threads)
-        return []
-
-    def _broken(self, job: Job, reason: str) -> list[Job]:
-        cells = in_cells(job)
-        if len(cells) > 1:
-            self._tell(
-                f"{job.group}, {job.field}, {job.walk}: {reason}; trying its {counted(len(cells), 'cell')} alone"
-            )
-            return cells
-        code = kept.code_sum()
-        self._take(job, Brought((failed(job, reason, code),), code, 0.0), self._threads)
-        return []
+    def _tell_once(self, words: str) -> None:
+        if words not in self._told:
+            self._told.add(words)
+            self._tell(words)

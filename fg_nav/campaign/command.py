@@ -189,12 +189,11 @@ def _make(
     jobs: Sequence[Job], folder: Path, cluster: Cluster, joined: int, show: Callable[[Standing], None], tell: Tell
 ) -> None:
     pace = Pace.of(joined, jobs)
-    show(pace.standing(cluster.workers))
+    show(pace.standing(0 if cluster.far else cluster.workers_for(jobs)))
 
     def take(job: Job, brought: Brought, workers: int) -> None:
         for result in brought.results:
             kept.keep(folder, result)
-        pace.came(job.group, len(brought.results), brought.seconds)
-        show(pace.standing(workers))
+        pace.came(job.keys, brought.seconds)
 
-    on_cluster(jobs, cluster, take, tell)
+    on_cluster(jobs, cluster, take, tell, lambda workers, at: show(pace.standing(workers, at)))

@@ -1,8 +1,8 @@
 """Make results: each method on each walk, simulated or real, under what was known of the iron on the shoe.
 
-A walk is simulated once for all that is asked of it. All methods share its recording, stances and field, and the
-heading at the start: on a simulated walk the true one, on a real one nobody knows it. What a method cannot solve is a
-result too, with the reason.
+A walk is simulated once for all that is asked of it in one place. All methods share its recording, stances and field,
+and the heading at the start: on a simulated walk the true one, on a real one nobody knows it. What a method cannot
+solve is a result too, with the reason.
 """
 
 from __future__ import annotations
@@ -83,14 +83,36 @@ def made(job: Job, folder: Path, code: str) -> None:
         kept.keep(folder, result)
 
 
-def results_of(job: Job, code: str) -> Iterator[Result]:
-    """Make all that is missing of one walk, one after the other."""
-    source = job.source
+@dataclass
+class Ready:
+    """A walk made ready: its source, and the session that all methods share under the magnetometer asked for last."""
+
+    source: Source
+    _magnetometer: str | None = None
+    _session: Session | str = ""
+
+    def session(self, magnetometer: str) -> Session | str:
+        """Return the session, or why there is none."""
+        if magnetometer != self._magnetometer:
+            self._magnetometer, self._session = None, ""  # not to hold two
+            self._session = _session_or_reason(self.source, magnetometer)
+            self._magnetometer = magnetometer
+        return self._session
+
+    @property
+    def refused(self) -> bool:
+        """Whether there was no session."""
+        return isinstance(self._session, str)
+
+
+def results_of(job: Job, code: str, ready: Ready | None = None) -> Iterator[Result]:
+    """Make all that is missing of one walk, one after the other; of what is `ready` of it, if anything is."""
+    ready = ready or Ready(job.source)
     for magnetometer, methods in job.missing.items():
-        session = _session_or_reason(source, magnetometer)
+        session = ready.session(magnetometer)
         for method, settings in methods.items():
             blank = Result(Key(job.group, job.field, job.walk, magnetometer, method), settings, code)
-            yield result_of(blank, source, session)
+            yield result_of(blank, ready.source, session)
 
 
 def _session_or_reason(source: Source, magnetometer: str) -> Session | str:

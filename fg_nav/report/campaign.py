@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from fg_nav.campaign.command import Done
 from fg_nav.campaign.kept import Result, code_sum
 from fg_nav.campaign.pace import Standing
+from fg_nav.campaign.parcel import KILLED
 from fg_nav.campaign.table import TABLES
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.report.terminal import console, ruled_table
@@ -37,7 +38,8 @@ def shown() -> Iterator[Callable[[Standing], None]]:
 def in_words(now: Standing) -> str:
     """How far it is, in one line."""
     left = "time left not known yet" if now.left_s is None else f"about {duration(now.left_s)} left"
-    return f"{now.done} of {now.total} results, {counted(now.workers, 'worker')}, {left}"
+    workers = counted(now.workers, "worker") if now.workers else "no workers yet"
+    return f"{now.done} of {now.total} results, {workers}, {left}"
 
 
 def duration(seconds: float) -> str:
@@ -90,8 +92,16 @@ def _notes(done: Done) -> Iterator[str]:
     other = sum(one.code != code_sum() for one in done.results)
     if other:
         yield f"{counted(other, 'result')} made by other code: --renew makes them anew"
-    failures = [one for one in done.results if one.failed]
+    yield from _of_failures([one for one in done.results if one.failed])
+
+
+def _of_failures(failures: Sequence[Result]) -> Iterator[str]:
     for one in failures[:MOST_REASONS]:
-        yield f"failed: {', '.join((one.key.group, one.key.field, one.key.walk, one.key.method))}: {one.failed}"
+        key = one.key
+        yield f"failed: {', '.join((key.group, key.field, key.walk, key.magnetometer, key.method))}: {one.failed}"
     if len(failures) > MOST_REASONS:
         yield f"and {len(failures) - MOST_REASONS} more failed: see the column `failed`"
+    if any(one.failed == KILLED for one in failures):
+        yield f"{counted(len(failures), 'result')} failed: --retry makes them anew, with fewer --workers for memory"
+    elif failures:
+        yield f"{counted(len(failures), 'result')} failed: --retry makes them anew"

@@ -32,6 +32,8 @@ def work(sent: Parcel) -> Brought:
     if asked.group == "deadly once" and not Path(asked.walk).exists():
         Path(asked.walk).touch()
         os.kill(os.getpid(), signal.SIGKILL)
+    if asked.group == "slow":
+        time.sleep(0.3)
     return Brought(results(asked), code_sum(), 0.01)
 
 

@@ -6,6 +6,7 @@ import sys
 import time
 from collections import Counter
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,9 @@ class Task:
         if self.status != "pending":
             call(self)
 
+    def cancel(self):
+        self.status = "cancelled"
+
     def result(self, timeout):
         return self.value
 
@@ -71,24 +75,35 @@ class Task:
 class Scheduler:
     """Stands in for a client: answers `good` tasks, then is gone; `value` says what a task comes to."""
 
-    def __init__(self, good=1000, threads=2, value=None, code=None):
-        self.good, self.threads, self.value, self.status = good, threads, value, "running"
+    def __init__(self, good=1000, workers=("one", "two"), value=None, code=None, threads=1):
+        self.good, self.workers, self.value, self.threads, self.status = good, list(workers), value, threads, "running"
         self.code = code or code_sum()
+        self.paused = set()
+        self.sent = []
 
     def nthreads(self):
-        return {"one": self.threads} if self.threads else {}
+        return dict.fromkeys(self.workers, self.threads)
+
+    def scheduler_info(self, n_workers):
+        assert n_workers == -1
+        return {"workers": {one: {"status": "paused" if one in self.paused else "running"} for one in self.workers}}
 
     def run(self, function, words, workers, on_error):
         return dict.fromkeys(workers, self.code)
 
-    def submit(self, work, sent, pure):
+    def submit(self, work, sent, pure, workers):
         assert not pure
-        if self.value is not None and len(sent.job.keys) > 1:
-            return Task("error", self.value)
+        [worker] = workers
+        assert worker in self.workers
+        self.sent.append((worker, sent))
         if self.good == 0:
             self.status = "connecting"
             return Task("pending", None)
         self.good -= 1
+        return self.ended(worker, work, sent)
+
+    def ended(self, worker, work, sent):
+        """What comes of a task."""
         return Task("error", self.value) if self.value is not None else Task("finished", work(sent))
 
     def close(self, timeout):
@@ -129,22 +144,20 @@ def test_one_that_stays_away_ends_the_campaign_with_what_to_do(connections):
 
 
 def test_a_cluster_without_workers_is_waited_for_so_long(connections):
-    connections += [Scheduler(threads=0)]
+    connections += [Scheduler(workers=())]
     taken = Taken()
     with pytest.raises(CampaignError, match="has had no workers"):
         on_cluster([fakes.job("quick", "1")], far(), taken.take, taken.told.append)
     assert taken.told == ["the cluster has no workers: waiting for some"]
 
 
-def test_a_job_that_kills_is_tried_cell_by_cell(connections):
-    killed = KilledWorker("task", None, 3)
-    connections += [Scheduler(value=killed)]
+def test_a_scheduler_that_counts_deaths_itself_is_believed(connections):
+    connections += [Scheduler(value=KilledWorker("task", None, 3))]
     jobs = [fakes.job("deadly", "1", "iez", "qsf")]
     taken = Taken()
     on_cluster(jobs, far(), taken.take, taken.told.append)
     assert taken.once(jobs)
-    assert len(taken.failed) == 1
-    assert "trying its 2 cells alone" in taken.told[0]
+    assert "ended its worker" in taken.failed["deadly"]
 
 
 @pytest.mark.parametrize(
@@ -183,6 +196,143 @@ def test_an_error_that_cannot_be_fetched_is_no_end_of_the_campaign(connections, 
     connections += [client]
     on_cluster([fakes.job("quick", "1")], far(), taken.take, taken.told.append)
     assert taken.once([fakes.job("quick", "1")])
+
+
+class Mortal(Scheduler):
+    """Its worker `two` dies of what it is sent, the first two times, and comes again as another."""
+
+    def ended(self, worker, work, sent):
+        if worker in ("two", "two+"):
+            self.workers[self.workers.index(worker)] = f"{worker}+"
+            return Task("pending", None)
+        return super().ended(worker, work, sent)
+
+
+def test_a_cell_whose_worker_dies_goes_to_another(connections):
+    client, taken = Mortal(), Taken()
+    connections += [client]
+    jobs = [fakes.job("quick", str(walk), "iez", "qsf") for walk in range(6)]
+    on_cluster(jobs, far(), taken.take, taken.told.append)
+    assert taken.once(jobs)
+    assert not taken.failed
+    assert len(client.sent) == 12 + 2
+
+
+def test_a_cell_that_ends_every_worker_is_a_result_and_the_others_are_made(connections):
+    class Killing(Scheduler):
+        def ended(self, worker, work, sent):
+            if sent.job.group == "deadly":
+                self.workers[self.workers.index(worker)] = f"{worker}+"
+                return Task("pending", None)
+            return super().ended(worker, work, sent)
+
+    client, taken = Killing(), Taken()
+    connections += [client]
+    jobs = [fakes.job("deadly", "1"), *(fakes.job("quick", str(walk)) for walk in range(6))]
+    on_cluster(jobs, far(), taken.take, taken.told.append)
+    assert taken.once(jobs)
+    assert list(taken.failed) == ["deadly"]
+    assert sum(sent.job.group == "deadly" for _, sent in client.sent) == cluster.DEATHS
+
+
+def test_no_worker_has_two_cells_and_one_with_threads_is_told_of(connections):
+    client, taken, most = Scheduler(threads=4), Taken(), []
+    client.ended = lambda worker, work, sent: Task("pending", None)
+    connections += [client]
+
+    def look(workers, at):
+        most.append((workers, len(at)))
+        if len(most) == 5:
+            client.status = "gone"
+
+    with pytest.raises(CampaignError, match="has been gone"):
+        on_cluster([fakes.job("quick", "1", "iez", "qsf", "ma2018")], far(), taken.take, taken.told.append, look)
+    assert max(most) == (2, 2)
+    assert sum("--nthreads 1" in words for words in taken.told) == 1
+
+
+def test_a_paused_worker_is_told_of_and_given_nothing(connections):
+    client, taken = Scheduler(), Taken()
+    client.paused = {"two"}
+    connections += [client]
+    on_cluster([fakes.job("quick", str(walk)) for walk in range(4)], far(), taken.take, taken.told.append)
+    assert {worker for worker, _ in client.sent} == {"one"}
+    assert [words for words in taken.told if "paused" in words] == taken.told
+    assert len(taken.told) == 1
+
+
+def test_a_cluster_of_paused_workers_is_waited_for_so_long(connections):
+    client, taken = Scheduler(), Taken()
+    client.paused = {"one", "two"}
+    connections += [client]
+    with pytest.raises(CampaignError, match="has had no workers but paused ones"):
+        on_cluster([fakes.job("quick", "1")], far(), taken.take, taken.told.append)
+
+
+class FullDisk(Scheduler):
+    """Where some workers can make no folder."""
+
+    def __init__(self, *full, **more):
+        super().__init__(**more)
+        self.full = full
+
+    def ended(self, worker, work, sent):
+        return Task("error", OSError(28, "No space left")) if worker in self.full else super().ended(worker, work, sent)
+
+
+def test_what_a_worker_cannot_do_another_does(connections):
+    client, taken = FullDisk("two"), Taken()
+    connections += [client]
+    jobs = [fakes.job("quick", str(walk)) for walk in range(6)]
+    on_cluster(jobs, far(), taken.take, taken.told.append)
+    assert taken.once(jobs)
+    assert not taken.failed
+    assert taken.told == [
+        "the worker two cannot work (OSError: [Errno 28] No space left): what it was at goes to another"
+    ]
+    assert sum(worker == "two" for worker, _ in client.sent) == 1
+
+
+def test_where_no_worker_can_the_campaign_ends_and_names_it(connections, monkeypatch):
+    monkeypatch.setattr(cluster, "REST_S", 0.01)
+    connections += [FullDisk("one", workers=("one",))]
+    with pytest.raises(CampaignError, match=r"worker one cannot work \(OSError: \[Errno 28\] No space left\)"):
+        on_cluster([fakes.job("quick", "1")], far(), Taken().take, print)
+
+
+class Killed(Task):
+    """A task that was done, whose worker went with the result, and whose next workers went too."""
+
+    def result(self, timeout):
+        raise KilledWorker("task", None, 3)
+
+
+def test_a_result_that_is_lost_and_then_kills_is_one_that_failed(connections):
+    client, taken = Scheduler(), Taken()
+    client.ended = lambda worker, work, sent: Killed("finished", None)
+    connections += [client]
+    on_cluster([fakes.job("quick", "1")], far(), taken.take, taken.told.append)
+    assert "ended its worker" in taken.failed["quick"]
+
+
+def test_a_worker_that_does_not_hold_the_walk_is_sent_its_files(connections, tmp_path):
+    (tmp_path / "walk.csv").write_text("x\n")
+    job = replace(fakes.job("walks", "walk.csv", "iez", "qsf", "ma2018"), path=tmp_path / "walk.csv")
+    came = iter([True, False, True, True])
+
+    def work(sent):
+        return Brought(fakes.results(sent.job) if next(came) else (), code_sum(), 0.0)
+
+    client, taken = Scheduler(workers=("one",)), Taken()
+    connections += [client]
+    on_cluster([job], far(work=work), taken.take, taken.told.append)
+    assert taken.once([job])
+    assert [bool(sent.files) for _, sent in client.sent] == [True, False, True, False]
+
+
+def test_no_more_processes_are_started_than_there_are_cells():
+    assert Cluster(None, 64).workers_for([fakes.job("quick", "1", "iez", "qsf")]) == 2
+    assert Cluster(None, 2).workers_for([fakes.job("quick", "1", "iez", "qsf", "ma2018")]) == 2
 
 
 BARE = """
@@ -270,6 +420,19 @@ def test_a_real_scheduler_started_anew_goes_on():
     assert taken.once(jobs)
     assert len(running) == 4
     assert any("is gone" in words for words in taken.told)
+
+
+def test_a_deadly_cell_on_a_real_worker_with_threads_takes_no_other_with_it(monkeypatch):
+    port, address, scheduler, worker = commands()
+    jobs = [fakes.job("deadly", "1"), *(fakes.job("slow", str(walk)) for walk in range(3))]
+    taken = Taken()
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setattr(cluster, "DEATHS", 2)
+    with dask(*scheduler), dask(*worker[:2], "--nthreads", "4"):
+        until_it_answers(port)
+        on_cluster(jobs, Cluster(address, 1, 60.0, fakes.work), taken.take, taken.told.append)
+    assert taken.once(jobs)
+    assert list(taken.failed) == ["deadly"]
 
 
 def until_it_answers(port):

@@ -18,12 +18,11 @@ from fg_nav import cli
 from fg_nav.campaign import command, kept, table
 from fg_nav.campaign.command import Wanted, campaign
 from fg_nav.campaign.folder import CELLS, MARK, held
-from fg_nav.campaign.pace import Pace
 from fg_nav.campaign.parcel import parcel, unpacked
 from fg_nav.campaign.plan import read_plan
 from fg_nav.campaign.table import RESULTS, TABLES, TIMINGS, write_tables
 from fg_nav.errors import CampaignError, OutputError
-from fg_nav.report.campaign import duration, in_words
+from fg_nav.report.campaign import duration
 from tests.campaign import fakes
 from tests.command_line import FgNav, in_a_process
 
@@ -44,7 +43,7 @@ def made(monkeypatch):
     """Count the cells that are made, here and without a cluster."""
     count = Counter()
 
-    def on_cluster(jobs, cluster, take, tell):
+    def on_cluster(jobs, cluster, take, tell, look):
         for job in jobs:
             count.update(job.keys)
             take(job, unpacked(parcel(job, cluster.far)), cluster.workers)
@@ -173,7 +172,7 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, 
         ran = fg_nav("campaign", tmp_path / "plan.toml", "--out", tmp_path / "out")
         assert (ran.code, ran.err) == (0, "")
         assert f"2 results, {joined} of them from before" in ran.out
-        assert "failed: walks, recorded, bad.csv, iez: bad.csv" in ran.out
+        assert "failed: walks, recorded, bad.csv, walk, iez: bad.csv" in ran.out
     assert sum(made.values()) == 2
     rows = parquet.read_table(tmp_path / "out" / RESULTS).to_pylist()
     assert [(row["walk"], row["method"], row["alignment"]) for row in rows] == [
@@ -367,23 +366,6 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     assert not made
     run(plan, tmp_path / "undisturbed")
     assert tables(tmp_path / "undisturbed") == tables(tmp_path / "out")
-
-
-def test_time_left_is_that_of_what_is_missing():
-    jobs = [fakes.job("short", str(k), "iez", "qsf") for k in range(4)] + [fakes.job("long", "1")]
-    pace = Pace.of(5, jobs)
-    now = pace.standing(2)
-    assert (now.done, now.joined, now.total, now.left_s) == (5, 5, 14, None)
-    assert "not known yet" in in_words(now)
-    pace.came("short", 2, 4.0)
-    now = pace.standing(2)
-    assert (now.done, now.left_s) == (7, pytest.approx((6 * 2.0 + 1 * 2.0) / 2))
-    pace.came("long", 1, 100.0)
-    assert pace.standing(1).left_s == pytest.approx(6 * 2.0)
-    assert "12 s left" in in_words(pace.standing(1))
-    for k in range(3):
-        pace.came("short", 2, 4.0)
-        assert pace.standing(1).left_s == pytest.approx((2 - k) * 4.0)
 
 
 def test_durations_are_said_as_people_do():

@@ -99,7 +99,7 @@ def test_a_recording_is_solved_with_its_truth_and_a_bad_one_is_told(tmp_path, fa
 def test_a_bug_in_one_cell_fails_that_cell(monkeypatch):
     from fg_nav.campaign import parcel as module
 
-    def of(job, code):
+    def of(job, code, ready):
         for key in job.keys:
             if key.method == "broken":
                 raise ZeroDivisionError("oh")
