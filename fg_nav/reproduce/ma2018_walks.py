@@ -33,12 +33,22 @@ OFFICE, MALL = "office", "mall"
 ZUPT, IQSF, PROPOSED, SMOOTHER, INERTIAL = "iez", "iqsf", "ma2018", "smoother", "inertial"
 
 PRINTED, PHYSICAL, TUNED, NO_FIELD, OURS = "as printed", "physical", "tuned", "no field", "smoother"
-COLUMNS = (PRINTED, PHYSICAL, TUNED, NO_FIELD, OURS)
-"""Settings of a filter, the smoother without the field, and the smoother."""
+BOTH_WAYS = "matched, both ways"
+COLUMNS = (PRINTED, PHYSICAL, TUNED, BOTH_WAYS, NO_FIELD, OURS)
+"""Settings of a filter, the filter that believes what the smoother believes, run forth and back, the smoother without
+the field, and the smoother."""
 
 PRESET = {PRINTED: ":as-printed", PHYSICAL: ":physical", TUNED: ""}
 
-METHODS = (ZUPT, *(name + preset for name in (IQSF, PROPOSED) for preset in PRESET.values()), INERTIAL, SMOOTHER)
+MATCHED = "matched-rts"
+
+METHODS = (
+    *(ZUPT + PRESET[column] for column in (PRINTED, TUNED)),
+    *(name + preset for name in (IQSF, PROPOSED) for preset in PRESET.values()),
+    MATCHED,
+    INERTIAL,
+    SMOOTHER,
+)
 
 NAMES = {ZUPT: "pure ZUPT", IQSF: "iQSF", PROPOSED: "proposed"}
 """The paper's words for its filters."""
@@ -52,8 +62,9 @@ def keys(fields: Sequence[str], seeds: Sequence[int]) -> list[Key]:
 def columns_of(filter_name: str) -> dict[str, str]:
     """Methods by column, for the rows of one filter."""
     if filter_name == ZUPT:
-        return {TUNED: ZUPT, NO_FIELD: INERTIAL}
-    return {column: filter_name + preset for column, preset in PRESET.items()} | {OURS: SMOOTHER}
+        return {PRINTED: ZUPT + PRESET[PRINTED], TUNED: ZUPT, NO_FIELD: INERTIAL}
+    filters = {column: filter_name + preset for column, preset in PRESET.items()}
+    return filters | ({BOTH_WAYS: MATCHED} if filter_name == PROPOSED else {}) | {OURS: SMOOTHER}
 
 
 @dataclass(frozen=True)
@@ -93,7 +104,7 @@ class Printed:
             self.words,
             ours,
             self.paper,
-            TUNED if self.filter_name == ZUPT else PRINTED,
+            PRINTED,
             bound=self.bound,
             good=-1 if self.filter_name == PROPOSED else 0,
             why=one_line(dict(self.why).get(field, dict(self.why).get("", ""))),
