@@ -34,8 +34,9 @@ walks with the iron of the shoe left on; at rest: from sample to sample, one sho
 first seed's. The paper prints the first two in rad/s and uses them on radians a stride; it does not say from which
 instant to which, nor whether the foot walked. Strengths are in mG, of which ten are a uT."""
 
-_NOISE = """Calibrated and without steel the changes are far smaller than the printed sigmas; with the iron of the shoe
-left on they are of their order, so these seem to hold more than noise. What they were measured on is not told."""
+_NOISE = """Calibrated and without steel the changes are smaller than the printed sigmas, those of the angles by far;
+with the iron of the shoe left on they are of their order, so these seem to hold more than noise. What they were
+measured on is not told."""
 
 _ROC_SETTING = """Scenario mall, magnetometer calibrated. A stance is truly quasi-static where the field vectors of the
 four stances of its window (three strides) differ by less than a limit: 2 uT on the field smooth, 10 uT on between (0.65

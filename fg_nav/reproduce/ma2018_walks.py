@@ -162,7 +162,7 @@ _BOTH = """The proposed filter as printed is worse than iQSF on this field. iQSF
 footfalls, and a heading once in a while is enough. The paper's factor is that of a filter with a compass over one
 without, as on the other field."""
 
-_APART = """It is a ratio of two errors that are both several times the printed ones (rows above), over an iQSF that
+_APART = """It is a ratio of two errors that are both more than twice the printed ones (rows above), over an iQSF that
 believes no footfall: a filter with few compasses over one with none. On single walks it comes out anywhere (see the
 spread)."""
 
