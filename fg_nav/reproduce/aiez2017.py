@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from fg_nav.campaign.kept import Key
+from fg_nav.campaign.sources import LOOP
 from fg_nav.reproduce import aiez2017_figures as figures
-from fg_nav.reproduce.aiez2017_corridor import STRENGTHS, corridor_experiment
-from fg_nav.reproduce.aiez2017_magnet import STRONGER, magnet_part, walks_of
-from fg_nav.reproduce.aiez2017_walks import building_experiment, keys
+from fg_nav.reproduce.aiez2017_corridor import DETECTOR_OF, STRENGTHS, corridor_experiment
+from fg_nav.reproduce.aiez2017_magnet import SCENARIO, STRONGER, magnet_part, walks_of
+from fg_nav.reproduce.aiez2017_walks import IEZ, building_experiment, keys
 from fg_nav.reproduce.cells import made_elsewhere, make_missing, parameters_of, read_walks
 from fg_nav.reproduce.drawing import Pictures
+from fg_nav.reproduce.made_with import made_with
 from fg_nav.reproduce.results import Reproduction, one_line
 
 PAPER = "aiez2017"
@@ -20,6 +23,9 @@ CITATION = (
 )
 
 FIELDS = ("smooth", "indoor")
+
+_PAST_MAGNET = Key(SCENARIO.name, FIELDS[0], "", LOOP, IEZ)
+"""For the parameters of the scenario of Z-E1, whose walks are kept as parts."""
 
 CORRIDORS = 20
 """The first seeds of a run that are enough: of a quick one, and of walks past the magnet."""
@@ -62,7 +68,7 @@ def reproduce(
             building_experiment(walks, FIELDS, [figures.figure_7(pictures, walks, FIELDS)]),
         ],
         differs=[one_line(text) for text in (*_DIFFERS, *made_elsewhere(walks))],
-        parameters=parameters_of(walks),
+        parameters=parameters_of(walks) | made_with([*wanted, _PAST_MAGNET], DETECTOR_OF.values()),
     )
 
 

@@ -14,10 +14,11 @@ from fg_nav.reproduce.cells import Walks, made_elsewhere, make_missing, paramete
 from fg_nav.reproduce.drawing import Pictures
 from fg_nav.reproduce.headings import headings_part
 from fg_nav.reproduce.ma2018_calibration import calibration_experiment
-from fg_nav.reproduce.ma2018_detector import noise_experiment, roc_experiment
+from fg_nav.reproduce.ma2018_detector import DETECTOR_OF, noise_experiment, roc_experiment
 from fg_nav.reproduce.ma2018_loop import loop_part, loops_of
 from fg_nav.reproduce.ma2018_noise import QUICK_REST_S, REST_S, noise_part
 from fg_nav.reproduce.ma2018_roc import cases_of, roc_part
+from fg_nav.reproduce.made_with import made_with
 from fg_nav.reproduce.parts import Part
 from fg_nav.reproduce.results import Experiment, Reproduction, one_line
 
@@ -107,7 +108,7 @@ def reproduce(
         seeds=tuple(plan.seeds),
         experiments=_experiments(folder, plan, walks),
         differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()), *made_elsewhere(walks))],
-        parameters=parameters_of(walks),
+        parameters=parameters_of(walks) | made_with(plan.keys, ("iqsf-printed", "iqsf", *DETECTOR_OF.values())),
     )
 
 

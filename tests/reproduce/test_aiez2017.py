@@ -1,8 +1,11 @@
 """Zhang's experiments: every printed figure has its row and a verdict, and every picture is drawn."""
 
+import json
+
 import numpy as np
 import pytest
 
+from fg_nav.plain import plain
 from fg_nav.reproduce import aiez2017
 from fg_nav.reproduce.aiez2017_magnet import NEAR, magnet_part
 from fg_nav.reproduce.aiez2017_walks import keys
@@ -70,6 +73,14 @@ def test_the_footfalls_that_are_turned_are_those_beside_the_magnet(found, folder
     assert (far_m[near] < 1.5).all()
     assert rows_of(found)["Z-E1: footfalls near, all walks, ten magnets"].ours["physical"].median == near.sum()
     assert np.abs(walk["place"][:, 0]).max() < 3.0
+
+
+def test_parameters_are_told_of_walks_and_detectors_too(found):
+    told = json.dumps(plain(found.parameters))
+    assert "0x" not in told  # the place of something in memory: it would be another in each run
+    assert found.parameters["scenario magnet-corridor"]["magnets"]
+    assert not found.parameters["scenario teaching-building"]["magnets"]
+    assert {"field smooth", "field indoor", "detector qsf-stance"} <= set(found.parameters)
 
 
 def test_the_same_rows_come_out_of_what_was_kept(found, folder):

@@ -185,6 +185,10 @@ def test_quick_leaves_a_field_out_and_says_so(measured, undrawn, tmp_path):
     assert any("Left out are all rows of the field smooth" in text for text in found.differs)
     assert told[-1] == 1.0
     assert found.parameters["ma2018:as-printed"] == {"sigma": 1.0}
+    assert found.parameters["scenario mall"]["sensor"]["name"] == "mpu-9250x8"
+    assert found.parameters["detector ma2018-printed"].fixed_threshold == 170.0
+    assert "field indoor" in found.parameters
+    assert "field smooth" not in found.parameters
     assert all(row.verdict for row in rows_of(found).values() if row.paper is not None)
 
 
