@@ -23,18 +23,16 @@ _CLOSE = 0.05
 
 _SETTING = """Scenario calibration-loop: circles to the right and to the left in a field without steel, eight MPU-9250
 in the heel, 400 Hz. Table 1 is what we put in: its first line is the iron of shoe and floor, its second the module
-without the shoe, tumbled by hand for a minute. So its rows tell whether the method finds again what was there
-(put in), and what the difference of the two lines costs CLSEF. As
-printed: Eq. 6-12 to the letter; right quadrant: the same with Eq. 8 by atan2; fitted: our least squares; CLSEF: the
-ellipsoid of the tumbled module. Figure 7 is the magnetic heading of the footfalls less that of the gyroscope, about its
-mean."""
+without the shoe, tumbled by hand for a minute. So its rows tell whether the method finds again what was there (put in),
+and what the difference of the two lines costs CLSEF. As printed: Eq. 6-12 to the letter; right quadrant: the same with
+Eq. 8 by atan2; fitted: our least squares; CLSEF: the ellipsoid of the tumbled module; as no ellipsoid tells its scale
+from readings alone, K_c has the printed determinant. Figure 7 is the magnetic heading of the footfalls less that of the
+gyroscope, about its mean."""
 
 _ETA = """Eq. 8 takes an arcsine, and so mirrors the long axis where the farthest reading lies at negative x; with the
 right quadrant the axis is found (column beside)."""
 
 _THEN = "Then the difference is within 5 deg, and so is that of our fit."
-
-_FREE = """An ellipsoid does not tell its scale from readings alone: K_c has the printed determinant."""
 
 
 def calibration_experiment(loops: Sequence[Loop], pictures: Sequence[Picture]) -> Experiment:
@@ -88,7 +86,6 @@ def _of_ellipsoid(loops: Sequence[Loop]) -> Iterator[Row]:
         values = [float((loop.K * np.cbrt(scale / np.linalg.det(loop.K)))[i, j]) for loop in loops]
         paper = float(MA_K[i, j])
         tolerance = _CLOSE if i == j else 0.01 / abs(paper)
-        why = _FREE if (i, j) == (0, 0) else ""
         ours = {FREE: spread_of(values)}
         yield Row(
             f"K_c {i + 1}{j + 1}",
@@ -100,7 +97,7 @@ def _of_ellipsoid(loops: Sequence[Loop]) -> Iterator[Row]:
             0,
             0,
             tolerance,
-            one_line(why),
+            "",
             "{:.3f}",
             "input",
         )
