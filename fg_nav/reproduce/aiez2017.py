@@ -85,7 +85,7 @@ _DIFFERS = (
     smaller here.""",
     """The classical detector has no printed threshold either. Ours, the rate of the strength within a stance, believes
     the field beside the magnet, as the paper shows, but also everywhere else: IEZ + classical QMD is a filter with a
-    compass at every footfall here, and far better than in Table I.""",
+    compass at every footfall here, far better than in Table I and on the rough floor better than AIEZ as printed.""",
     """The smoother, and the matched filter both ways, are told the whole walk before they answer; the paper's filters
     answer at each step. The columns are no race between equals.""",
 )

@@ -51,14 +51,15 @@ filters are not; and the smoother measures the compass's noise on each walk. Cla
 within a stance, as in Z-E1."""
 
 _CHANCE = """What an IEZ ends off by is chance: the drift of one sensor on one walk, whose calibration the paper does
-not describe. The printed figure lies within the spread of ours, above the median."""
+not describe. The printed figure is about the largest of ours (see the spread)."""
 
 _NO_GATE = """Our classical detector believes every footfall, on this field too, and so the filter has a compass at each
 of them. The places average out, and that ends far nearer than no compass; the paper's is hardly better than its IEZ.
 How many footfalls theirs believed, and how its building turned the field there, is not told."""
 
-_ROUGH = """No sigma is printed; with 10 deg for the test and 5 deg for the compass the filter believes most footfalls
-of this rough floor, whose deviations are larger than that. Tuned, with 20 deg for the compass, it is off by less."""
+_ROUGH = """No sigma is printed. With 10 deg for the test and 5 deg for the compass the filter ends farther off on this
+rough floor than the one that believes every footfall (classical QMD, as printed): the test, or what else it measures
+beside the compass, costs it here. Tuned, with 20 deg for the compass, it is off by less."""
 
 _NO_MERIT = """As printed it believes every footfall on this field, as the classical detector does: that the error is so
 small is no merit of the test."""
