@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from fg_nav.arrays import Bools, Floats
 from fg_nav.report import style
 from fg_nav.reproduce.aiez2017_corridor import CLASSICAL, DETECTOR_OF, PHYSICAL
+from fg_nav.reproduce.aiez2017_corridor import PRINTED as AS_PRINTED
 from fg_nav.reproduce.aiez2017_magnet import NEAR
 from fg_nav.reproduce.aiez2017_walks import BUILDING, NAMES, PRINTED, columns_of
 from fg_nav.reproduce.cells import Walks
@@ -42,7 +43,11 @@ def figure_5(pictures: Pictures, walk: Arrays) -> Picture:
     )
 
 
-_DRAWN = {"classical QMD": CLASSICAL, "proposed, with the sigmas of physics": PHYSICAL}
+_DRAWN = {
+    "classical QMD": CLASSICAL,
+    "proposed, as printed": AS_PRINTED,
+    "proposed, with the sigmas of physics": PHYSICAL,
+}
 
 
 def figure_6(pictures: Pictures, walk: Arrays) -> Picture:
@@ -51,14 +56,14 @@ def figure_6(pictures: Pictures, walk: Arrays) -> Picture:
     worst = walk["t"][np.nanargmax(walk["turned_deg"])]
     close = np.abs(walk["t"] - worst) < ZOOM_S
     with style.styled():
-        figure, panels = new_panels(2, 2, 6.0, 10.0)
+        figure, panels = new_panels(len(_DRAWN), 2, 3.0 * len(_DRAWN), 10.0)
         for row, (words, column) in enumerate(_DRAWN.items()):
             believed = walk[f"statistic {DETECTOR_OF[column]}"] < 1.0
             for part, axes in zip((whole, close), panels[2 * row :], strict=False):
                 _draw_verdicts(axes, walk, part, believed)
             style.head(panels[2 * row], words, columns=2)
             panels[2 * row + 1].set_title("beside the magnet")
-        for axes in panels[2:]:
+        for axes in panels[-2:]:
             axes.set_xlabel("time (s)")
     return pictures.keep(
         figure,

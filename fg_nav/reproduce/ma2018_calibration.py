@@ -9,6 +9,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.reproduce.ma2018_loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Loop, heading_errors
+from fg_nav.reproduce.reasons import ABOVE, BELOW, Reason, reason_for
 from fg_nav.reproduce.results import Experiment, Picture, Row, Spread, one_line, spread_of
 from fg_nav.simulation.sensors.iron import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 
@@ -22,15 +23,16 @@ _CLOSE = 0.05
 
 _SETTING = """Scenario calibration-loop: circles to the right and to the left in a field without steel, eight MPU-9250
 in the heel, 400 Hz. Table 1 is what we put in: its first line is the iron of shoe and floor, its second the module
-without the shoe, tumbled by hand for a minute. So its rows tell whether the method finds again what was there. As
-printed: Eq. 6-12 to the letter; right quadrant: the same with Eq. 8 by atan2; fitted: our least squares; CLSEF: the
-ellipsoid of the tumbled module. Figure 7 is the magnetic heading of the footfalls less that of the gyroscope, about its
-mean."""
+without the shoe, tumbled by hand for a minute. So its rows tell whether the method finds again what was there (put in),
+and what the difference of the two lines costs CLSEF. As printed: Eq. 6-12 to the letter; right quadrant: the same with
+Eq. 8 by atan2; fitted: our least squares; CLSEF: the ellipsoid of the tumbled module; as no ellipsoid tells its scale
+from readings alone, K_c has the printed determinant. Figure 7 is the magnetic heading of the footfalls less that of the
+gyroscope, about its mean."""
 
 _ETA = """Eq. 8 takes an arcsine, and so mirrors the long axis where the farthest reading lies at negative x; with the
-right quadrant the axis is found."""
+right quadrant the axis is found (column beside)."""
 
-_FREE = """An ellipsoid does not tell its scale from readings alone: K_c has the printed determinant."""
+_THEN = "Then the difference is within 5 deg, and so is that of our fit."
 
 
 def calibration_experiment(loops: Sequence[Loop], pictures: Sequence[Picture]) -> Experiment:
@@ -49,13 +51,13 @@ def calibration_experiment(loops: Sequence[Loop], pictures: Sequence[Picture]) -
 
 def _of_ellipse(loops: Sequence[Loop]) -> Iterator[Row]:
     """First line of the table."""
-    shapes: tuple[tuple[str, str, float, Callable[[Floats], float], str, str], ...] = (
-        ("offset x", "mG", MG_PER_UT * MA_OFFSET_UT[0], lambda e: MG_PER_UT * e[0], "{:.1f}", ""),
-        ("offset y", "mG", MG_PER_UT * MA_OFFSET_UT[1], lambda e: MG_PER_UT * e[1], "{:.1f}", ""),
-        ("eta", "rad", MA_ETA_RAD, lambda e: e[2], "{:.3f}", _ETA),
-        ("tau", "", MA_TAU, lambda e: e[3], "{:.3f}", ""),
-        ("R, first row, first element", "", 0.562, lambda e: np.cos(e[2]), "{:.3f}", _ETA),
-        ("R, first row, second element", "", 0.827, lambda e: np.sin(e[2]), "{:.3f}", _ETA),
+    shapes: tuple[tuple[str, str, float, Callable[[Floats], float], str, tuple[Reason, ...]], ...] = (
+        ("offset x", "mG", MG_PER_UT * MA_OFFSET_UT[0], lambda e: MG_PER_UT * e[0], "{:.1f}", ()),
+        ("offset y", "mG", MG_PER_UT * MA_OFFSET_UT[1], lambda e: MG_PER_UT * e[1], "{:.1f}", ()),
+        ("eta", "rad", MA_ETA_RAD, lambda e: e[2], "{:.3f}", (Reason(_ETA, ABOVE),)),
+        ("tau", "", MA_TAU, lambda e: e[3], "{:.3f}", ()),
+        ("R, first row, first element", "", 0.562, lambda e: np.cos(e[2]), "{:.3f}", (Reason(_ETA, BELOW),)),
+        ("R, first row, second element", "", 0.827, lambda e: np.sin(e[2]), "{:.3f}", ()),
     )
     for name, unit, paper, value, pattern, why in shapes:
         ours = {
@@ -64,7 +66,7 @@ def _of_ellipse(loops: Sequence[Loop]) -> Iterator[Row]:
         }
         printed = f"{paper:.2f}" if unit == "mG" else f"{paper:.3f}"
         row = partial(Row, f"{name}", unit, printed, ours, paper, PRINTED, good=0, tolerance=_CLOSE)
-        yield row(why=one_line(why), pattern=pattern)
+        yield row(why=reason_for(why, "", ours[PRINTED].median - paper), pattern=pattern, whose="input")
 
 
 def _or_failed(value: float) -> float:
@@ -84,7 +86,6 @@ def _of_ellipsoid(loops: Sequence[Loop]) -> Iterator[Row]:
         values = [float((loop.K * np.cbrt(scale / np.linalg.det(loop.K)))[i, j]) for loop in loops]
         paper = float(MA_K[i, j])
         tolerance = _CLOSE if i == j else 0.01 / abs(paper)
-        why = _FREE if (i, j) == (0, 0) else ""
         ours = {FREE: spread_of(values)}
         yield Row(
             f"K_c {i + 1}{j + 1}",
@@ -96,7 +97,7 @@ def _of_ellipsoid(loops: Sequence[Loop]) -> Iterator[Row]:
             0,
             0,
             tolerance,
-            one_line(why),
+            "",
             "{:.3f}",
             "input",
         )
@@ -118,10 +119,10 @@ def _of_heading(loops: Sequence[Loop]) -> Iterator[Row]:
         PRINTED,
         bound=1,
         pattern="{:.1f}",
-        why=one_line(f"{_ETA} Then the difference is within 5 deg, and so is that of our fit."),
+        why=reason_for((Reason(f"{_ETA} {_THEN}", ABOVE),), "", largest[PRINTED].median - 5.0),
     )
     yield Row("the same, root mean square", "deg", "", rms, pattern="{:.1f}")
-    yield Row("CLSEF's largest difference over it", "", "> 1", ratios, 1.0, PRINTED, bound=-1, good=1)
+    yield Row("CLSEF's largest difference over it", "", "> 1", ratios, 1.0, PRINTED, bound=-1, good=1, whose="input")
 
 
 def _all() -> dict[str, str]:

@@ -23,7 +23,7 @@ from fg_nav.reproduce.drawing import (
 from fg_nav.reproduce.ma2018_walks import IQSF, MALL, NAMES, OFFICE, PRESET, PRINTED, PROPOSED, SMOOTHER, TUNED, ZUPT
 from fg_nav.reproduce.results import Picture
 
-DRAWN = {ZUPT: ZUPT, IQSF: IQSF + PRESET[PRINTED], PROPOSED: PROPOSED + PRESET[PRINTED]}
+DRAWN = {name: name + PRESET[PRINTED] for name in (ZUPT, IQSF, PROPOSED)}
 """The paper's three methods, as they are drawn: as printed."""
 
 
@@ -36,7 +36,7 @@ def figure_9(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> Picture
     """The true way through the office, from above."""
     with style.styled():
         figure, [axes] = new_panels(1, 1, 3.6)
-        result = first(walks, OFFICE, fields[0], ZUPT)
+        result = first(walks, OFFICE, fields[0], DRAWN[ZUPT])
         if result is not None:
             draw_path(axes, truth_of(result), "truth", style.INK)
         axes.set_title("The office from above: three loops on the same way")

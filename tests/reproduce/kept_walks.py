@@ -10,6 +10,9 @@ from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, WalkErrors
 
 FOOTFALLS = 60
 
+SHARES = {AS_STARTED: 1.0, BEST_YAW: 0.5}
+"""What is left of a path's errors as it is laid on the truth; of those at its end all."""
+
 
 def keep_walks(folder, keys, error_m, failing=()):
     """Keep a walk for each key whose errors are all `error_m(key)`; `failing` are keys that could not be solved."""
@@ -22,16 +25,21 @@ def keep_walks(folder, keys, error_m, failing=()):
 
 
 def walk(blank, error_m):
-    """A round of 1000 m, all of whose errors are so many metres and degrees."""
+    """A round of 1000 m, all of whose errors as started are so many metres and degrees."""
     angle = np.linspace(0.0, 2 * np.pi, FOOTFALLS)
     truth = 160.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
-    errors = WalkErrors(AS_STARTED, 1000.0, error_m, 0.0, -error_m, error_m, error_m, error_m)
+    errors = {
+        mode: WalkErrors(mode, 1000.0, error_m, 0.0, -error_m, share * error_m, share * error_m, share * error_m)
+        for mode, share in SHARES.items()
+    }
     estimate = (truth + np.array([0.0, error_m])).round(2).tolist()
     return replace(
         blank,
-        errors={AS_STARTED: errors, BEST_YAW: errors},
+        errors=errors,
         landmark=tuple(str(k % 14 + 1) for k in range(42)) if blank.key.group == "mall" else (),
-        landmark_m={AS_STARTED: [error_m] * 42} if blank.key.group == "mall" else {},
+        landmark_m={mode: [share * error_m] * 42 for mode, share in SHARES.items()}
+        if blank.key.group == "mall"
+        else {},
         estimate={AS_STARTED: estimate, BEST_YAW: estimate},
         truth=truth.round(2).tolist(),
         used="u--" * (FOOTFALLS // 3),
