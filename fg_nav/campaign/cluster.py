@@ -217,7 +217,7 @@ def check_address(address: str) -> None:
 
 def _check_code(code: str) -> None:
     if code != kept.code_sum():
-        raise CampaignError("the workers have another fg-nav than this: install the same version there.")
+        raise CampaignError("the workers have another fg-nav, Python or libraries than this: install the same versions there.")
 
 
 def _other_program(error: object) -> CampaignError:

@@ -91,7 +91,7 @@ def _notes(done: Done) -> Iterator[str]:
     yield f"{counted(len(done.results), 'result')}, {done.joined} of them from before"
     other = sum(one.code != code_sum() for one in done.results)
     if other:
-        yield f"{counted(other, 'result')} made by other code: --renew makes them anew"
+        yield f"{counted(other, 'result')} made by other code or libraries: --renew makes them anew"
     yield from _of_failures([one for one in done.results if one.failed])
 
 

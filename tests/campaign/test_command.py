@@ -189,8 +189,8 @@ def test_what_other_code_made_is_told_and_made_anew_if_wanted(tmp_path, plan, ma
     run(plan, tmp_path / "out")
     monkeypatch.setattr(kept, "code_sum", lambda: "other")
     monkeypatch.setattr("fg_nav.report.campaign.code_sum", lambda: "other")
-    assert "4 results made by other code" in fg_nav("campaign", plan, "--out", tmp_path / "out").out
-    assert "by other code" not in fg_nav("campaign", plan, "--out", tmp_path / "out", "--renew").out
+    assert "4 results made by other code or libraries" in fg_nav("campaign", plan, "--out", tmp_path / "out").out
+    assert "by other code or libraries" not in fg_nav("campaign", plan, "--out", tmp_path / "out", "--renew").out
     assert sum(made.values()) == 8
 
 
