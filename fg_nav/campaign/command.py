@@ -16,7 +16,8 @@ from typing import Any
 
 from fg_nav.campaign import kept
 from fg_nav.campaign.cells import recorded_keys, simulated_keys
-from fg_nav.campaign.cluster import Cluster, Tell, check_address, check_installed, on_cluster
+from fg_nav.campaign.cluster import Cluster, check_address, check_installed
+from fg_nav.campaign.crew import Tell
 from fg_nav.campaign.folder import Folder, held
 from fg_nav.campaign.kept import Key, Result
 from fg_nav.campaign.made import Job, jobs_of
@@ -24,6 +25,7 @@ from fg_nav.campaign.pace import Pace, Standing
 from fg_nav.campaign.parcel import Brought
 from fg_nav.campaign.plan import Plan, read_plan
 from fg_nav.campaign.recordings import RECORDED, Walk
+from fg_nav.campaign.session import on_cluster
 from fg_nav.campaign.settings import settings_of
 from fg_nav.campaign.table import place_of, write_tables
 from fg_nav.errors import CampaignError, OutputError

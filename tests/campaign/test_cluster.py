@@ -12,10 +12,11 @@ from pathlib import Path
 import pytest
 from distributed.scheduler import KilledWorker
 
-from fg_nav.campaign import cluster
-from fg_nav.campaign.cluster import Cluster, check_address, check_installed, on_cluster
+from fg_nav.campaign import crew, session
+from fg_nav.campaign.cluster import DEATHS, Cluster, check_address, check_installed
 from fg_nav.campaign.kept import code_sum
 from fg_nav.campaign.parcel import Brought
+from fg_nav.campaign.session import on_cluster
 from fg_nav.errors import CampaignError
 from tests.campaign import fakes
 
@@ -114,8 +115,9 @@ class Scheduler:
 def connections(monkeypatch):
     """Clients that are handed out one after the other, and then none."""
     some = []
-    monkeypatch.setattr(cluster, "_connected", lambda _: some.pop(0) if some else None)
-    monkeypatch.setattr(cluster, "LOOK_S", 0.01)
+    monkeypatch.setattr(session, "_connected", lambda _: some.pop(0) if some else None)
+    for module in (session, crew):
+        monkeypatch.setattr(module, "LOOK_S", 0.01)
     return some
 
 
@@ -232,7 +234,7 @@ def test_a_cell_that_ends_every_worker_is_a_result_and_the_others_are_made(conne
     on_cluster(jobs, far(), taken.take, taken.told.append)
     assert taken.once(jobs)
     assert list(taken.failed) == ["deadly"]
-    assert sum(sent.job.group == "deadly" for _, sent in client.sent) == cluster.DEATHS
+    assert sum(sent.job.group == "deadly" for _, sent in client.sent) == DEATHS
 
 
 def test_no_worker_has_two_cells_and_one_with_threads_is_told_of(connections):
@@ -294,7 +296,7 @@ def test_what_a_worker_cannot_do_another_does(connections):
 
 
 def test_where_no_worker_can_the_campaign_ends_and_names_it(connections, monkeypatch):
-    monkeypatch.setattr(cluster, "REST_S", 0.01)
+    monkeypatch.setattr(crew, "REST_S", 0.01)
     connections += [FullDisk("one", workers=("one",))]
     with pytest.raises(CampaignError, match=r"worker one cannot work \(OSError: \[Errno 28\] No space left\)"):
         on_cluster([fakes.job("quick", "1")], far(), Taken().take, print)
@@ -427,7 +429,7 @@ def test_a_deadly_cell_on_a_real_worker_with_threads_takes_no_other_with_it(monk
     jobs = [fakes.job("deadly", "1"), *(fakes.job("slow", str(walk)) for walk in range(3))]
     taken = Taken()
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-    monkeypatch.setattr(cluster, "DEATHS", 2)
+    monkeypatch.setattr(session, "DEATHS", 2)
     with dask(*scheduler), dask(*worker[:2], "--nthreads", "4"):
         until_it_answers(port)
         on_cluster(jobs, Cluster(address, 1, 60.0, fakes.work), taken.take, taken.told.append)

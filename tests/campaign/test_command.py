@@ -330,7 +330,7 @@ def test_dask_is_loaded_by_nobody_else():
 
 
 def test_a_scheduler_that_is_not_there(tmp_path, plan, monkeypatch, fg_nav: FgNav):
-    monkeypatch.setattr("fg_nav.campaign.cluster.CONNECT_S", 0.2)
+    monkeypatch.setattr("fg_nav.campaign.session.CONNECT_S", 0.2)
     refused = fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert refused.refused("no Dask scheduler answers at tcp://127.0.0.1:1")
     assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("'moon' is no address")
