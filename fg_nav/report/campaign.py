@@ -101,7 +101,6 @@ def _of_failures(failures: Sequence[Result]) -> Iterator[str]:
         yield f"failed: {', '.join((key.group, key.field, key.walk, key.magnetometer, key.method))}: {one.failed}"
     if len(failures) > MOST_REASONS:
         yield f"and {len(failures) - MOST_REASONS} more failed: see the column `failed`"
-    if any(one.failed == KILLED for one in failures):
-        yield f"{counted(len(failures), 'result')} failed: --retry makes them anew, with fewer --workers for memory"
-    elif failures:
-        yield f"{counted(len(failures), 'result')} failed: --retry makes them anew"
+    if failures:
+        fewer = ", with fewer --workers for memory" if any(one.failed == KILLED for one in failures) else ""
+        yield f"{counted(len(failures), 'result')} failed: --retry makes them anew{fewer}"

@@ -87,17 +87,13 @@ def _template(setting: Setting) -> Figure:
     axes = figure.subplots()
     axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
     if setting.street is not None:
-        east, north, field = _bent(setting.street, 1.0)
-        shown = axes.pcolormesh(*_bent(setting.street, 0.25)[:2], _strength(setting.street, 0.25), cmap="viridis")
+        east, north, field = _bent(setting.street, 0.25)
+        shown = axes.pcolormesh(east, north, np.linalg.norm(field, axis=-1), cmap="viridis")
         figure.colorbar(shown, ax=axes, label="field (uT)", shrink=0.8)
-        few = (slice(None, None, 3),) * 2
+        few = (slice(None, None, 12),) * 2
         axes.quiver(east[few], north[few], field[few][..., 0], field[few][..., 1], color="white", width=0.002)
     style.head(axes, "Figure 4: the field past lamps and a car")
     return figure
-
-
-def _strength(street: Cylinders, step_m: float) -> Floats:
-    return np.asarray(np.linalg.norm(_bent(street, step_m)[2], axis=-1))
 
 
 def _bent(street: Cylinders, step_m: float) -> tuple[Floats, Floats, Floats]:
