@@ -14,13 +14,13 @@ an optimiser of gtsam such a factor is handed a copy of all values at each call,
 linearise with `graph.linearize(values)` from Python instead, which makes no copy.
 """
 
-from factors.differential_field import (
+from .differential_field import (
     differential_field_covariance,
     differential_field_factor,
     differential_field_jacobians,
     differential_field_residual,
 )
-from factors.field_potential import (
+from .field_potential import (
     WayIntegral,
     field_potential_factor,
     field_potential_jacobians,
@@ -28,11 +28,11 @@ from factors.field_potential import (
     field_potential_sigma,
     way_integral,
 )
-from factors.floor_height import FloorParameters, floor_height_factor, floor_height_residual, floor_labels
-from factors.gravity import gravity_factor, gravity_sigma
-from factors.guarded import guarded_factor
-from factors.gyro_errors import gyro_error_factor, gyro_error_prior, gyro_error_sensitivity, with_gyro_errors
-from factors.local_field import (
+from .floor_height import FloorParameters, floor_height_factor, floor_height_residual, floor_labels
+from .gravity import gravity_factor, gravity_sigma
+from .guarded import guarded_factor
+from .gyro_errors import gyro_error_factor, gyro_error_prior, gyro_error_sensitivity, with_gyro_errors
+from .local_field import (
     earth_field_prior,
     field_tie_coefficients,
     field_tie_factor,
@@ -43,14 +43,14 @@ from factors.local_field import (
     student_t_information,
     student_t_noise,
 )
-from factors.magnetic_heading import (
+from .magnetic_heading import (
     heading_sigma,
     magnetic_heading_factor,
     magnetic_heading_jacobian,
     magnetic_heading_residual,
 )
-from factors.position_fix import position_fix_factor, position_fix_noise
-from factors.straight_walk import (
+from .position_fix import position_fix_factor, position_fix_noise
+from .straight_walk import (
     StraightParameters,
     straight_probability,
     straight_triples,
@@ -58,9 +58,9 @@ from factors.straight_walk import (
     straight_walk_jacobians,
     straight_walk_residual,
 )
-from factors.swing_field import SwingQuadratics, swing_field_factor, swing_field_quadratics
-from factors.zero_rate import zero_rate_factor, zero_rate_sigma
-from factors.zero_velocity import rolling_stance_factor, rolling_stance_jacobian, rolling_stance_residual
+from .swing_field import SwingQuadratics, swing_field_factor, swing_field_quadratics
+from .zero_rate import zero_rate_factor, zero_rate_sigma
+from .zero_velocity import rolling_stance_factor, rolling_stance_jacobian, rolling_stance_residual
 
 __all__ = [
     "FloorParameters",

@@ -23,8 +23,8 @@ factor for two poses; for more, give them one variable of `local_field`, which i
 import gtsam
 import numpy as np
 
-from factors.guarded import Array, guarded_factor
-from factors.rotation import skew
+from .guarded import Array, guarded_factor
+from .rotation import skew
 
 
 def differential_field_residual(nav_R_i: Array, nav_R_j: Array, field_i: Array, field_j: Array) -> Array:

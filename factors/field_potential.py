@@ -61,8 +61,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from factors.guarded import Array, guarded_factor
-from factors.rotation import turn_about_up
+from .guarded import Array, guarded_factor
+from .rotation import turn_about_up
 
 FIELD_STATE = 7
 """Numbers of a field state: phi (uT m), across (uT, of another factor), E_E, E_N, h_x, h_y, h_z (uT)."""

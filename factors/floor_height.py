@@ -22,7 +22,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.guarded import Array, guarded_factor
+from .guarded import Array, guarded_factor
 
 
 def floor_height_residual(height: Array | float, floor_height: Array | float) -> Array:

@@ -24,7 +24,7 @@ in graphs of attitudes only, or where the stance has no inertial factors within.
 import gtsam
 import numpy as np
 
-from factors.guarded import Array
+from .guarded import Array
 
 STANDARD_GRAVITY = 9.80665
 """m/s^2"""

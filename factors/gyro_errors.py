@@ -39,8 +39,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.guarded import Array, guarded_factor
-from factors.rotation import rotation_exp
+from .guarded import Array, guarded_factor
+from .rotation import rotation_exp
 
 Ints = NDArray[np.intp]
 

@@ -28,8 +28,8 @@ eliminated, they are the differential field. Hard iron that drifts: a `gtsam.Bet
 import gtsam
 import numpy as np
 
-from factors.guarded import Array, guarded_factor
-from factors.rotation import skew
+from .guarded import Array, guarded_factor
+from .rotation import skew
 
 SHORTEST_M = 0.01
 """Fields less far apart than this are taken to be so: a foot does not come down on the same spot to a centimetre."""

@@ -32,8 +32,8 @@ of which the row above is the derivative at equal tilt. Without it the field is 
 import gtsam
 import numpy as np
 
-from factors.guarded import Array, guarded_factor
-from factors.rotation import turn_about_up
+from .guarded import Array, guarded_factor
+from .rotation import turn_about_up
 
 
 def magnetic_heading_residual(

@@ -16,7 +16,7 @@ noise in `gtsam.noiseModel.Robust`.
 import gtsam
 import numpy as np
 
-from factors.guarded import Array
+from .guarded import Array
 
 
 def position_fix_noise(horizontal_sigma: float, vertical_sigma: float = np.inf) -> gtsam.noiseModel.Diagonal:

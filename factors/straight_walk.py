@@ -38,7 +38,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.guarded import Array, guarded_factor
+from .guarded import Array, guarded_factor
 
 
 @dataclass(frozen=True)

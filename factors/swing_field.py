@@ -39,8 +39,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.guarded import Array
-from factors.rotation import Ints, skew
+from .guarded import Array
+from .rotation import Ints, skew
 
 LARGEST_TURN = 0.05
 """rad by which a change of bias may turn the end of a stretch before the quadratic has to be made anew."""

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from factors.guarded import Array, guarded_factor
+from .guarded import Array, guarded_factor
 
 
 def zero_rate_sigma(duration: Array | float, rate_density: float, turned: float) -> Array:

@@ -23,7 +23,7 @@ With l = 0 and no settling this is the plain zero-velocity update, for which gts
 import gtsam
 import numpy as np
 
-from factors.guarded import Array, guarded_factor
+from .guarded import Array, guarded_factor
 
 
 def rolling_stance_residual(nav_R_body: Array, nav_v: Array, body_velocity: Array, nav_settling: Array) -> Array:

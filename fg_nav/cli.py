@@ -22,9 +22,9 @@ from fg_nav.errors import CalibrationError, EstimationError, FgNavError, Magneti
 
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
+    from fg_nav.lab.simulation import Choices, SimulatedWalk
     from fg_nav.recording import Recording
     from fg_nav.session import Options, Outcome, Session
-    from fg_nav.simulation import Choices, SimulatedWalk
 
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
 
@@ -431,8 +431,8 @@ def stream(
     Reads rows of canonical CSV, the header line first. Ctrl-C ends the walk and writes its result.
     """
     _check_free(out, force)
+    from fg_nav.online.command import Wanted, streamed
     from fg_nav.report.in_progress import printed, remark, show_end, write_end
-    from fg_nav.stream.command import Wanted, streamed
 
     wanted = Wanted(source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence)
     walk = streamed(wanted, printed(), remark)
@@ -481,9 +481,9 @@ def simulate(
     from fg_nav.report.folder import SIMULATION_FILES
 
     _check_free(out, force, SIMULATION_FILES)
+    from fg_nav.lab.simulation import Choices
     from fg_nav.report.simulated import print_simulation
     from fg_nav.report.writing import write_simulation_folder
-    from fg_nav.simulation import Choices
 
     walk = _simulated(scenario, seed, Choices(sensor, site, field, worn, rate, turn, calibrated))
     with _folder(out, force, walk.scenario.name, SIMULATION_FILES) as (place, folder):
@@ -508,8 +508,8 @@ def campaign(
     retry: Annotated[bool, typer.Option("--retry", help="Make anew what failed.")] = False,
 ) -> None:
     """Try methods on many walks, simulated and recorded; the same command goes on with what was stopped."""
-    from fg_nav.campaign.command import Wanted
-    from fg_nav.campaign.command import campaign as made
+    from fg_nav.lab.campaign.command import Wanted
+    from fg_nav.lab.campaign.command import campaign as made
     from fg_nav.report.campaign import print_campaign, remark, shown
 
     place = RESULTS / plan.stem if out is None else out
@@ -539,7 +539,7 @@ def reproduce(
 
     A run that was ended goes on from there with the same command.
     """
-    from fg_nav.reproduce.command import reproduce as reproduced
+    from fg_nav.lab.reproduce.command import reproduce as reproduced
 
     reproduced(paper, out or RESULTS / f"reproduce-{paper}", seeds, first, workers, quick, force)
 
@@ -635,9 +635,9 @@ def _solved(session: Session, names: Sequence[str]) -> dict[str, Outcome]:
 
 
 def _simulated(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:
+    from fg_nav.lab.simulation import Choices, scenario, simulate
+    from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
     from fg_nav.report.terminal import progress
-    from fg_nav.simulation import Choices, scenario, simulate
-    from fg_nav.simulation.scenario_file import SUFFIX, read_scenario
 
     own = name.endswith(SUFFIX)
     chosen = read_scenario(Path(name)) if own else scenario(name)

@@ -42,15 +42,15 @@ class EvaluationError(FgNavError):
 
 
 class SimulationError(FgNavError):
-    """A walk, sensor or field was asked for that cannot be (`fg_nav.simulation`)."""
+    """A walk, sensor or field was asked for that cannot be (`fg_nav.lab.simulation`)."""
 
 
 class StreamError(FgNavError):
-    """A source of samples cannot be opened, or nobody can be served (`fg_nav.stream`)."""
+    """A source of samples cannot be opened, or nobody can be served (`fg_nav.online`)."""
 
 
 class CampaignError(FgNavError):
-    """A campaign cannot be as planned, or cannot go on (`fg_nav.campaign`)."""
+    """A campaign cannot be as planned, or cannot go on (`fg_nav.lab.campaign`)."""
 
 
 class OutputError(FgNavError):

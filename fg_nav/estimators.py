@@ -91,8 +91,8 @@ BLOCK = 64
 def _online(given: Given, progress: Progress | None) -> Solution:
     """Push a recording through as if it were being walked; then solve it as a whole, with the stances it was given."""
     from fg_nav.online import OnlineNavigator
+    from fg_nav.online.smoother import OnlineOptions
     from fg_nav.smoother import SmootherParameters
-    from fg_nav.smoother.online import OnlineOptions
 
     recording, field = given.recording, given.field
     parameters = changed(SmootherParameters(), given.changes)

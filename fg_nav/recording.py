@@ -13,7 +13,7 @@ A `RawRecording` is what a file says, in SI units but unjudged; a `Recording` is
 `Recording.from_raw` is the one door between the two, and this is its policy:
 
 =============================== =======================================================================
-wrong unit, gravity removed     refused, and named (`fg_nav.plausibility`)
+wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility`)
 repeated stamps                 the later rows are left out, with a note; refused if they are many
 stamps that run backward        refused
 missing (non-finite) samples    a hole of up to 20 ms is left out, with a note; a longer one is refused
@@ -30,14 +30,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fg_nav import plausibility
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.coning import integrable
 from fg_nav.errors import RecordingError
-from fg_nav.gaps import Gaps, bridged
-from fg_nav.peaks import Peaks, rebuilt
-from fg_nav.saturation import clipping_levels
-from fg_nav.timing import dejittered
+from fg_nav.samples import plausibility
+from fg_nav.samples.coning import integrable
+from fg_nav.samples.gaps import Gaps, bridged
+from fg_nav.samples.peaks import Peaks, rebuilt
+from fg_nav.samples.saturation import clipping_levels
+from fg_nav.samples.timing import dejittered
 from fg_nav.wording import counted
 
 MIN_SAMPLES = 20
@@ -173,7 +173,7 @@ class Recording:
 
     @cached_property
     def integrable(self) -> tuple[Floats, Floats]:
-        """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.coning`)."""
+        """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.samples.coning`)."""
         h = np.append(np.diff(self.t), self.period_s)
         acc, gyr = self.peaks
         return integrable(acc.whole, gyr.whole, h, self.gaps)
@@ -186,7 +186,7 @@ class Recording:
 
     @cached_property
     def clipping(self) -> tuple[Floats, Floats]:
-        """Levels (2, 3) from which on specific force and rate are clipped, as in `fg_nav.saturation`."""
+        """Levels (2, 3) from which on specific force and rate are clipped, as in `fg_nav.samples.saturation`."""
         return clipping_levels(self.acc), clipping_levels(self.gyr)
 
     def known_by(self, period_s: float, clipping: tuple[Floats, Floats]) -> Recording:

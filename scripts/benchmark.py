@@ -51,11 +51,11 @@ from fg_nav.ekf import run_iez
 from fg_nav.ekf.presets import TUNED, run_filter
 from fg_nav.evaluation import evaluate
 from fg_nav.io import read
+from fg_nav.lab.simulation.fields import SITES
 from fg_nav.magnetic import footfall_field
 from fg_nav.magnetic.attitude import inertial_attitude
 from fg_nav.recording import Recording
 from fg_nav.report.terminal import progress
-from fg_nav.simulation.fields import SITES
 from fg_nav.smoother import SmootherParameters, batch, smooth
 
 SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 2.5, 2.3, 2.5

@@ -45,11 +45,11 @@ from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.matched import MatchedParameters, run_matched
 from fg_nav.ekf.presets import parameters_of
 from fg_nav.frames import heading_of
+from fg_nav.lab.simulation import SCENARIOS, Scenario, SimulatedWalk, simulate
+from fg_nav.lab.simulation.sensors import IronPrior
 from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import progress
-from fg_nav.simulation import SCENARIOS, Scenario, SimulatedWalk, simulate
-from fg_nav.simulation.sensors import IronPrior
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances

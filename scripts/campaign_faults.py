@@ -33,9 +33,9 @@ import figures as fig
 import psutil
 from figures import Figure
 
-from fg_nav.campaign.folder import CELLS
-from fg_nav.campaign.table import RESULTS, RESULTS_CSV
 from fg_nav.errors import CampaignError
+from fg_nav.lab.campaign.folder import CELLS
+from fg_nav.lab.campaign.table import RESULTS, RESULTS_CSV
 
 METHODS = ("smoother", "matched-rts", "ma2018")
 SCENARIOS = ("office", "office-open")

@@ -23,8 +23,8 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalStances, stances_of
 from fg_nav.errors import FormatError
+from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
-from fg_nav.simulation import simulate
 from fg_nav.stances import Stances
 
 BLOCK_S = 0.05

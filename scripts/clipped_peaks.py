@@ -1,4 +1,4 @@
-"""What a sensor hides that cuts its peaks, and what is left when they are rebuilt (`fg_nav.peaks`).
+"""What a sensor hides that cuts its peaks, and what is left when they are rebuilt (`fg_nav.samples.peaks`).
 
     python scripts/clipped_peaks.py [RECORDING ...] [--strides N] [--seed N] [--mount NAME] [--rate HZ]
 
@@ -19,8 +19,8 @@ from lost_samples import walk
 
 from fg_nav.arrays import Floats
 from fg_nav.io import read
-from fg_nav.peaks import rebuilt
-from fg_nav.simulation.person import MOUNTS, mount_named
+from fg_nav.lab.simulation.person import MOUNTS, mount_named
+from fg_nav.samples.peaks import rebuilt
 
 SHARES = (0.95, 0.85, 0.7, 0.5)
 

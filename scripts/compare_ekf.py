@@ -12,8 +12,8 @@ that was asked for. What other code made is joined and told; `--renew` makes tha
 methods on a walk share recording, stances and field, and are told the heading at the start, the true one; Munich has
 no declination, so that a compass and the truth have the same north. Seeds begin at 101: filters are tuned below 100.
 
-What was known of the iron on the shoe is in `fg_nav.campaign.sources`: `loop` is as Ma did it, and the default. Real
-walks have no loop, and are `walk` unless they are to be `raw`.
+What was known of the iron on the shoe is in `fg_nav.lab.campaign.sources`: `loop` is as Ma did it, and the default.
+Real walks have no loop, and are `walk` unless they are to be `raw`.
 
 Figures are medians over the walks (5 % to 95 %), of their size where they have a sign. A method that fails on a walk
 is infinitely wrong there. `as started` and `yaw` are two ways to lay a path on the truth, see
@@ -47,19 +47,19 @@ from compare_tables import (
 )
 from walks import GDIN, OPENSHOE, REAL_WALKS
 
-from fg_nav.campaign import cells, kept
-from fg_nav.campaign.cells import recorded_keys, simulated_keys
-from fg_nav.campaign.kept import Key, Result
-from fg_nav.campaign.made import Job, name_and_preset
-from fg_nav.campaign.settings import settings_of
-from fg_nav.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES
 from fg_nav.errors import OutputError, SimulationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
+from fg_nav.lab.campaign import cells, kept
+from fg_nav.lab.campaign.cells import recorded_keys, simulated_keys
+from fg_nav.lab.campaign.kept import Key, Result
+from fg_nav.lab.campaign.made import Job, name_and_preset
+from fg_nav.lab.campaign.settings import settings_of
+from fg_nav.lab.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES
+from fg_nav.lab.simulation import scenario
+from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.report import style
 from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from fg_nav.report.terminal import progress
-from fg_nav.simulation import scenario
-from fg_nav.simulation.scenarios import FIELDS
 
 FIRST_SEED, SEEDS = 101, 20
 REAL_FIELD = "real"

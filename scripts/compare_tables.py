@@ -17,14 +17,14 @@ import numpy as np
 from figures import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.campaign import kept
-from fg_nav.campaign.kept import Result
-from fg_nav.campaign.made import name_and_preset
-from fg_nav.campaign.sources import WALK
 from fg_nav.evaluation.landmarks import error_reduction_percent
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
+from fg_nav.lab.campaign import kept
+from fg_nav.lab.campaign.kept import Result
+from fg_nav.lab.campaign.made import name_and_preset
+from fg_nav.lab.campaign.sources import WALK
+from fg_nav.lab.reproduce.walk_figures import at_landmarks, mean, used_percent, walk_error
 from fg_nav.report.terminal import console
-from fg_nav.reproduce.walk_figures import at_landmarks, mean, used_percent, walk_error
 from fg_nav.wording import counted
 
 OFFICE, OFFICE_OPEN, MALL, BUILDING = "office", "office-open", "mall", "teaching-building"

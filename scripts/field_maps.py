@@ -25,8 +25,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError, SimulationError
-from fg_nav.report import style
-from fg_nav.simulation.fields import (
+from fg_nav.lab.simulation.fields import (
     AS_PRINTED,
     SITES,
     Circuit,
@@ -49,6 +48,7 @@ from fg_nav.simulation.fields import (
     street,
     upright_loop,
 )
+from fg_nav.report import style
 
 HEIGHTS_M = {"foot": 0.10, "pocket": 0.75}
 FAR_M = 0.5

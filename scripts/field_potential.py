@@ -47,18 +47,18 @@ import numpy as np
 import walks
 from matplotlib.figure import Figure
 
-from factors.field_potential import way_integral
-from factors.rotation import rotation_exp, turn_about_up
 from fg_nav.arrays import Floats, Ints
-from fg_nav.campaign.sources import LOOP, RAW, Recorded, Simulated
 from fg_nav.errors import OutputError
+from fg_nav.factors.field_potential import way_integral
+from fg_nav.factors.rotation import rotation_exp, turn_about_up
 from fg_nav.frames import wrap
+from fg_nav.lab.campaign.sources import LOOP, RAW, Recorded, Simulated
+from fg_nav.lab.simulation import scenario
+from fg_nav.lab.simulation.fields import earth_at
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report import style
 from fg_nav.report.field_potential import plot_field_north
 from fg_nav.session import Session
-from fg_nav.simulation import scenario
-from fg_nav.simulation.fields import earth_at
 from fg_nav.smoother import smooth
 
 FIRST_SEED, SEEDS = 101, 10

@@ -2,7 +2,7 @@
 
     python scripts/field_roc.py [--seeds N] [--jobs N] [--scenarios NAME ...] [--out DIR] [--json FILE]
 
-What is taken for the truth, and in which fields, is in `fg_nav.reproduce.ma2018_roc`.
+What is taken for the truth, and in which fields, is in `fg_nav.lab.reproduce.ma2018_roc`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,7 @@ from figures import Figure
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EvaluationError, OutputError
 from fg_nav.evaluation import Band, Roc
-from fg_nav.magnetic import DETECTORS
-from fg_nav.report import style
-from fg_nav.report.roc import RocPanel, plot_rocs
-from fg_nav.report.terminal import progress
-from fg_nav.reproduce.ma2018_roc import (
+from fg_nav.lab.reproduce.ma2018_roc import (
     CURVED_DEG,
     FEWEST,
     FIELDS,
@@ -41,6 +37,10 @@ from fg_nav.reproduce.ma2018_roc import (
     judged,
     stretches,
 )
+from fg_nav.magnetic import DETECTORS
+from fg_nav.report import style
+from fg_nav.report.roc import RocPanel, plot_rocs
+from fg_nav.report.terminal import progress
 
 FIRST_SEED, SEEDS = 101, 10
 SCENARIOS = ("office", "mall")

@@ -49,10 +49,10 @@ from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.presets import Parameters, parameters_of
 from fg_nav.ekf.track import Track
 from fg_nav.frames import heading_of, yaw_rotation
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.session import Options, prepare
-from fg_nav.simulation import Choices, simulate
 from fg_nav.start import Start
 
 FIRST_SEED = 101

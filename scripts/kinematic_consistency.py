@@ -10,8 +10,8 @@ true state at its end.
 a sample of period h misses the angle h^3/12 w x w' (coning) and the velocity h^3/12 (w x f' - w' x f) (sculling). That
 is second order in the period: twice the rate leaves a quarter. It is physics of a foot, not an error of the simulator:
 the same integral over the real gdin walks, at 400 Hz, is 0.2 to 0.8 mm/s a stride.
-"corrected" has these two terms added, as every estimator here has them (`fg_nav.coning`): what is still left is of
-fourth order, and shows that samples and truth agree.
+"corrected" has these two terms added, as every estimator here has them (`fg_nav.samples.coning`): what is still left is
+of fourth order, and shows that samples and truth agree.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
-from fg_nav.coning import compensated
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.lab.simulation.foot import FootMotion, foot_motion
+from fg_nav.lab.simulation.footsteps import Strides, Style
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.person import MOUNTS, Person, mount_named
+from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.simulation.foot import FootMotion, foot_motion
-from fg_nav.simulation.footsteps import Strides, Style
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.person import MOUNTS, Person, mount_named
-from fg_nav.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan
+from fg_nav.samples.coning import compensated
 
 RATES_HZ = (100.0, 200.0, 400.0, 800.0)
 QUANTITIES = ("attitude, mdeg", "velocity, mm/s", "position, mm")

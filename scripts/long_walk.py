@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from fg_nav.lab.simulation import SCENARIOS, Choices, courses, simulate
+from fg_nav.lab.simulation.plan import Section, Stand
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation import SCENARIOS, Choices, courses, simulate
-from fg_nav.simulation.plan import Section, Stand
 
 PAUSE_S = 10.0
 SHORTEST_ROUND_S = 55.0

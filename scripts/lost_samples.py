@@ -10,7 +10,7 @@ known: there it is the angle, all axes, by which what the bridge says was turned
 ============ =========================================================================
 held         the sample before the gap stands for all of it
 interpolated the mean of the two samples beside it
-learned      what `fg_nav.gaps` makes of it; the error over its sigma, rms over all axes
+learned      what `fg_nav.samples.gaps` makes of it; the error over its sigma, rms over all axes
 ============ =========================================================================
 """
 
@@ -27,15 +27,15 @@ from kinematic_consistency import section
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.coning import compensated
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.gaps import bridged
 from fg_nav.io import read
+from fg_nav.lab.simulation.foot import FootMotion, foot_motion
+from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.person import MOUNTS, Mount, Person, mount_named
+from fg_nav.lab.simulation.plan import Stand, plan
 from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.simulation.foot import FootMotion, foot_motion
-from fg_nav.simulation.footsteps import Style
-from fg_nav.simulation.person import MOUNTS, Mount, Person, mount_named
-from fg_nav.simulation.plan import Stand, plan
+from fg_nav.samples.coning import compensated
+from fg_nav.samples.gaps import bridged
 
 LOST = (1, 2, 3, 4)
 WAYS = ("held", "interpolated", "learned")

@@ -46,11 +46,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
 from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
 from fg_nav.frames import heading_of, wrap
-from fg_nav.magnetic import DETECTORS, footfall_field
-from fg_nav.magnetic.channels import SIGNALS
-from fg_nav.magnetic.verdicts import QUASI_STATIC
-from fg_nav.recording import TrajectoryTruth
-from fg_nav.reproduce.aiez2017_magnet import (
+from fg_nav.lab.reproduce.aiez2017_magnet import (
     FAR,
     NEAR,
     SCENARIO,
@@ -61,9 +57,13 @@ from fg_nav.reproduce.aiez2017_magnet import (
     told_apart,
     turned_by_magnet,
 )
+from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation.scenarios import Choices
+from fg_nav.magnetic import DETECTORS, footfall_field
+from fg_nav.magnetic.channels import SIGNALS
+from fg_nav.magnetic.verdicts import QUASI_STATIC
+from fg_nav.recording import TrajectoryTruth
 from fg_nav.session import Options, Outcome, prepare, solve
-from fg_nav.simulation import simulate
-from fg_nav.simulation.scenarios import Choices
 
 FIRST_SEED, SEEDS = 101, 20
 EDGES_DEG = (0.0, 2.0, 5.0, 10.0, 20.0, 45.0, 180.0)

@@ -49,17 +49,17 @@ from compare_tables import (
     spread,
 )
 
-from fg_nav.campaign import kept
-from fg_nav.campaign.kept import Key, Result
-from fg_nav.campaign.made import measured
-from fg_nav.campaign.sources import LOOP, PERFECT, Simulated
 from fg_nav.errors import FgNavError, OutputError
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.pose_consistency import PARTS
+from fg_nav.lab.campaign import kept
+from fg_nav.lab.campaign.kept import Key, Result
+from fg_nav.lab.campaign.made import measured
+from fg_nav.lab.campaign.sources import LOOP, PERFECT, Simulated
+from fg_nav.lab.simulation import scenario
 from fg_nav.plain import plain
 from fg_nav.report.terminal import console, progress
 from fg_nav.session import Outcome, Session
-from fg_nav.simulation import scenario
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution
 

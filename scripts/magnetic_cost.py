@@ -32,9 +32,9 @@ from figures import Figure
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.magnetic import footfall_field
 from fg_nav.recording import Recording
-from fg_nav.simulation import Choices, simulate
 from fg_nav.smoother import smooth
 
 SCENARIO, SEED, FIELDS = "mall", 1, ("smooth", "indoor")

@@ -35,14 +35,14 @@ from figures import Figure
 from walks import GDIN, OPENSHOE, REAL_WALKS, data_folder, real_path
 
 from fg_nav.arrays import Floats
-from fg_nav.campaign.made import solved
-from fg_nav.campaign.sources import LOOP, Recorded, Simulated, Source
 from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
+from fg_nav.lab.campaign.made import solved
+from fg_nav.lab.campaign.sources import LOOP, Recorded, Simulated, Source
 from fg_nav.online import OnlineNavigator
+from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Recording, Truth
 from fg_nav.report.terminal import progress
 from fg_nav.session import Session
-from fg_nav.smoother.online import OnlineOptions
 from fg_nav.solution import Solution, StanceTable
 
 FIRST_SEED, SEEDS = 101, 20

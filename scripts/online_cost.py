@@ -3,7 +3,7 @@
     python scripts/online_cost.py [--minutes N] [--lag SECONDS] [--rate HZ] [--field LEVEL] [--json FILE]
 
 A simulated walk with a magnetometer (`long_walk`), its stances found beforehand: what is timed is `add_footfall` of
-`fg_nav.smoother.online`, that is the graph, and not the detection. A row each thousand footfalls: p50, p99 and longest,
+`fg_nav.online.smoother`, that is the graph, and not the detection. A row each thousand footfalls: p50, p99 and longest,
 ms, and the memory of the process, MB. The longest is a warm-up, or where a full graph lets go of its older half.
 
 Times depend on the machine and on what else it does, the ratio of the last thousand to footfalls 500 to 1500 on the
@@ -27,8 +27,8 @@ from long_walk import long_walk
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import SimulationError
+from fg_nav.online.smoother import Footfall, OnlineOptions, OnlineSmoother, Samples
 from fg_nav.recording import Recording
-from fg_nav.smoother.online import Footfall, OnlineOptions, OnlineSmoother, Samples
 from fg_nav.stances import Stances
 
 MINUTES, RATE_HZ, SEED = 240.0, 100.0, 1

@@ -34,15 +34,15 @@ from figures import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import heading_of, yaw_rotation
+from fg_nav.lab.simulation import Choices, Scenario, simulate
+from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.path import Pose, arc, straight
+from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.judge import SampleJudge
+from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import progress
-from fg_nav.simulation import Choices, Scenario, simulate
-from fg_nav.simulation.footsteps import Style
-from fg_nav.simulation.path import Pose, arc, straight
-from fg_nav.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of
-from fg_nav.smoother.online import OnlineOptions
 from fg_nav.solution import StanceTable
 
 FIRST_SEED, SEEDS = 101, 20

@@ -45,6 +45,9 @@ import numpy as np
 from figures import Figure
 
 from fg_nav.arrays import Floats
+from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
+from fg_nav.lab.simulation.emulation import with_field
+from fg_nav.lab.simulation.fields import Field, Homogeneous, street
 from fg_nav.pocket import (
     PocketGraphParameters,
     PocketParameters,
@@ -57,9 +60,6 @@ from fg_nav.pocket import (
 from fg_nav.pocket.paper import FIELDS_UT
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import progress
-from fg_nav.simulation import Choices, SimulatedWalk, simulate
-from fg_nav.simulation.emulation import with_field
-from fg_nav.simulation.fields import Field, Homogeneous, street
 
 FIRST_SEED, SEEDS, NOISE_UT = 101, 20, 0.5
 WITHIN_DEG_S = 0.02

@@ -19,11 +19,11 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.simulation import Person, courses
-from fg_nav.simulation.foot import FootMotion, foot_motion
-from fg_nav.simulation.motion import Kinematics
-from fg_nav.simulation.person import INSTEP
-from fg_nav.simulation.plan import plan
+from fg_nav.lab.simulation import Person, courses
+from fg_nav.lab.simulation.foot import FootMotion, foot_motion
+from fg_nav.lab.simulation.motion import Kinematics
+from fg_nav.lab.simulation.person import INSTEP
+from fg_nav.lab.simulation.plan import plan
 
 CLASSES: Mapping[str, Any] = {
     "default (tangent space)": gtsam.PreintegratedImuMeasurements,

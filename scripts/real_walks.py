@@ -34,10 +34,10 @@ from figures import Figure
 from walks import GDIN, OPENSHOE, REAL_WALKS, Walk
 
 from fg_nav.arrays import Floats
-from fg_nav.campaign.sources import RAW, WALK, Recorded
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import Consistency, Metrics, evaluate, stance_nees
+from fg_nav.lab.campaign.sources import RAW, WALK, Recorded
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console, progress
 from fg_nav.session import Session, solve

@@ -36,13 +36,13 @@ from fg_nav.calibration import rolling_lever
 from fg_nav.detection import detect_stances
 from fg_nav.detection.statistics import shoe
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.lab.simulation import Person, Scenario, simulate
+from fg_nav.lab.simulation.path import polyline
+from fg_nav.lab.simulation.plan import Stand, Walk
+from fg_nav.lab.simulation.sensors import preset
+from fg_nav.lab.simulation.streams import Streams
 from fg_nav.mechanisation import NavState
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation import Person, Scenario, simulate
-from fg_nav.simulation.path import polyline
-from fg_nav.simulation.plan import Stand, Walk
-from fg_nav.simulation.sensors import preset
-from fg_nav.simulation.streams import Streams
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
 

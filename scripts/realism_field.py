@@ -39,8 +39,8 @@ from fg_nav.ekf import run_iez
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
 from fg_nav.io import read
+from fg_nav.lab.simulation.fields import SITES, environment
 from fg_nav.recording import Recording
-from fg_nav.simulation.fields import SITES, environment
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 

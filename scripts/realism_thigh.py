@@ -31,10 +31,10 @@ from scipy.signal import butter, filtfilt, find_peaks
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.person import Person
-from fg_nav.simulation.plan import Stand, Walk, plan
-from fg_nav.simulation.thigh import Pocket, thigh_motion
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.plan import Stand, Walk, plan
+from fg_nav.lab.simulation.thigh import Pocket, thigh_motion
 
 RATE_HZ = 100.0
 SITTING_S = (60.0, 70.0)

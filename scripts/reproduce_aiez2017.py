@@ -2,7 +2,7 @@
 
     python scripts/reproduce_aiez2017.py [--quick] [--seeds N] [--first SEED] [--workers N] [--out DIR] [--force]
 
-The same as `fg-nav reproduce aiez2017` with the same options; how it is done stands in `fg_nav.reproduce`.
+The same as `fg-nav reproduce aiez2017` with the same options; how it is done stands in `fg_nav.lab.reproduce`.
 """
 
 import sys

@@ -4,7 +4,7 @@
 
 Each preset lies on a table for an hour (`at-rest`), seeds 101 on. Found over true, median of axes and seeds with the
 least and the most: N, K where the preset has a walk and the hour shows it, and the lowest point of the curve, over the
-one that noise and drift have by their formulas (`fg_nav.simulation.sensors.drift`).
+one that noise and drift have by their formulas (`fg_nav.lab.simulation.sensors.drift`).
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import NoiseFit
 from fg_nav.calibration.sensor_noise import SensorNoise, recording_noise
-from fg_nav.simulation import SCENARIOS, Choices, simulate
-from fg_nav.simulation.plan import Stand
-from fg_nav.simulation.sensors import preset
-from fg_nav.simulation.sensors.triad import TriadPrior
+from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
+from fg_nav.lab.simulation.plan import Stand
+from fg_nav.lab.simulation.sensors import preset
+from fg_nav.lab.simulation.sensors.triad import TriadPrior
 
 SENSORS = ("xsens-mtw", "lord-gx5", "mpu-9250", "kvh-1750")
 FIRST_SEED = 101

@@ -32,11 +32,11 @@ from figures import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import heading_of, wrap, yaw_rotation
+from fg_nav.lab.simulation import SCENARIOS, Scenario, simulate
+from fg_nav.lab.simulation.sensors import SensorPrior, preset
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.terminal import progress
 from fg_nav.session import Outcome, prepare, solve
-from fg_nav.simulation import SCENARIOS, Scenario, simulate
-from fg_nav.simulation.sensors import SensorPrior, preset
 
 FIRST_SEED, SEEDS = 101, 20
 METHODS = ("iez", "smoother")

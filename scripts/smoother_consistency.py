@@ -34,9 +34,9 @@ from compare_tables import BUILDING, MALL, OFFICE, OFFICE_OPEN, print_remarks
 from figures import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.campaign.kept import Result
-from fg_nav.campaign.sources import LOOP, PERFECT
 from fg_nav.evaluation.pose_consistency import PARTS, PLACES, band, freedom_of_mean, inside
+from fg_nav.lab.campaign.kept import Result
+from fg_nav.lab.campaign.sources import LOOP, PERFECT
 
 FIRST_SEED, SEEDS = 101, 20
 METHODS = ("inertial", "smoother")

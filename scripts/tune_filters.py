@@ -49,9 +49,9 @@ from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, parameters_of
 from fg_nav.ekf.tuned import allowing
 from fg_nav.errors import OutputError
 from fg_nav.frames import heading_of
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation import Choices, simulate
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 

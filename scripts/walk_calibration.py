@@ -40,14 +40,14 @@ from fg_nav.calibration import (
 )
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
+from fg_nav.lab.simulation import SCENARIOS
+from fg_nav.lab.simulation.fields import SITES, environment
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.plan import Section, Walk, plan
+from fg_nav.lab.simulation.sensors import Iron, IronPrior, ma_table_1
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.compass import level_R_body
-from fg_nav.simulation import SCENARIOS
-from fg_nav.simulation.fields import SITES, environment
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.person import Person
-from fg_nav.simulation.plan import Section, Walk, plan
-from fg_nav.simulation.sensors import Iron, IronPrior, ma_table_1
 
 EARTH = SITES["munich"]
 SENSOR_M = np.array([0.0, 0.0, 0.1])

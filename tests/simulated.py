@@ -15,15 +15,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
+from fg_nav.lab.simulation import courses
+from fg_nav.lab.simulation.foot import FootMotion, foot_motion
+from fg_nav.lab.simulation.footsteps import Strides, Style
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.person import INSTEP, Gait, Mount, Person, Shock
+from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
+from fg_nav.lab.simulation.ramps import Bursts, Ramps
+from fg_nav.lab.simulation.sensors import SensorPrior, preset
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation import courses
-from fg_nav.simulation.foot import FootMotion, foot_motion
-from fg_nav.simulation.footsteps import Strides, Style
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.person import INSTEP, Gait, Mount, Person, Shock
-from fg_nav.simulation.plan import Section, Stand, Walk, plan
-from fg_nav.simulation.ramps import Bursts, Ramps
-from fg_nav.simulation.sensors import SensorPrior, preset
 
 NO_SHOCK = Shock(0.0, 0.0, 20.0, 0.1)
 

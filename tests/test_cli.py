@@ -12,8 +12,8 @@ import pytest
 
 from fg_nav import session
 from fg_nav.io import write_canonical, write_tum
+from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation import simulate
 from tests.command_line import FgNav, in_a_process, names
 
 RUN_FILES = {

@@ -9,9 +9,9 @@ import pytest
 
 from fg_nav import cli
 from fg_nav.io import write_canonical
+from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
+from fg_nav.lab.simulation.plan import Stand
 from fg_nav.recording import Recording
-from fg_nav.simulation import SCENARIOS, Choices, simulate
-from fg_nav.simulation.plan import Stand
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from fg_nav.calibration.file import read_calibration, write_calibration
 from fg_nav.calibration.of_recording import METHODS
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, write_canonical
+from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
-from fg_nav.simulation import simulate
 from tests.command_line import FgNav, names
 
 EARTH = np.array([0.0, 21.0, -43.0])

@@ -15,12 +15,12 @@ from fg_nav.cli import app
 from fg_nav.errors import DetectionError
 from fg_nav.frames import wrap
 from fg_nav.io import read, write_canonical, write_tum
+from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.disturbance import judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.field_survey import SAMPLEWISE, SURVEYED, USUAL
 from fg_nav.report.folder import DETECT_FILES
-from fg_nav.simulation import simulate
 from tests.command_line import FgNav, names
 
 

@@ -13,9 +13,9 @@ from fg_nav.ekf.gated_compass import GatedCompassParameters
 from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, parameters_of
 from fg_nav.errors import EstimationError
 from fg_nav.io import write_canonical
+from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.quasi_static import DETECTORS
 from fg_nav.session import Session, prepare, solve
-from fg_nav.simulation import simulate
 from tests.command_line import FgNav
 
 FILTERS = ("iez", *GATED, "aiez")

@@ -21,11 +21,11 @@ from fg_nav.calibration.file import Calibration
 from fg_nav.errors import EstimationError, FormatError, StreamError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
-from fg_nav.stream import StreamOptions, follow
-from fg_nav.stream.lines import lines_of
-from fg_nav.stream.rows import RowReader
-from fg_nav.stream.server import LineServer
-from fg_nav.stream.sources import opened
+from fg_nav.online.follow import StreamOptions, follow
+from fg_nav.online.lines import lines_of
+from fg_nav.online.rows import RowReader
+from fg_nav.online.server import LineServer
+from fg_nav.online.sources import opened
 from tests.command_line import names
 from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
 

@@ -8,7 +8,7 @@ import pytest
 
 from fg_nav.earth import EarthField, Place, field_at
 from fg_nav.errors import EarthError
-from fg_nav.simulation.fields import earth_field
+from fg_nav.lab.simulation.fields import earth_field
 
 TODAY = date(2026, 11, 21)
 

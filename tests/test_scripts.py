@@ -13,7 +13,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, FormatError
 from fg_nav.evaluation import Metrics
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.simulation import simulate
+from fg_nav.lab.simulation import simulate
 from fg_nav.smoother import SmootherParameters, batch
 from tests.real_data import DATA, needs_data
 

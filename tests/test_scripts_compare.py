@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.campaign import cells, kept, settings
-from fg_nav.campaign.made import measured, name_and_preset, solved
-from fg_nav.campaign.sources import Simulated, loop_calibration, simulated
 from fg_nav.errors import EstimationError, OutputError, SimulationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, WalkErrors
+from fg_nav.lab.campaign import cells, kept, settings
+from fg_nav.lab.campaign.made import measured, name_and_preset, solved
+from fg_nav.lab.campaign.sources import Simulated, loop_calibration, simulated
+from fg_nav.lab.simulation import simulate
 from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
-from fg_nav.simulation import simulate
 from tests.real_data import DATA, needs_data
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"

@@ -12,9 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fg_nav.campaign import kept
 from fg_nav.errors import OutputError
 from fg_nav.evaluation.walked import AS_STARTED, WalkErrors
+from fg_nav.lab.campaign import kept
 from fg_nav.recording import Recording, TrajectoryTruth
 from tests.real_data import DATA, needs_data
 

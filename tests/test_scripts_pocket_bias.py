@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.simulation import Choices, simulate
+from fg_nav.lab.simulation import Choices, simulate
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in

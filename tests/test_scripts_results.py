@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from fg_nav.errors import OutputError
-from fg_nav.reproduce.file import read_reproduction, written
-from fg_nav.reproduce.words import named, remark
-from tests.reproduce.made import reproduction
+from fg_nav.lab.reproduce.file import read_reproduction, written
+from fg_nav.lab.reproduce.words import named, remark
+from tests.lab.reproduce.made import reproduction
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))

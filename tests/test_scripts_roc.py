@@ -9,9 +9,9 @@ import pytest
 
 from fg_nav.errors import EvaluationError, OutputError
 from fg_nav.evaluation import FieldChange, roc_of
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.magnetic import DETECTORS
 from fg_nav.report.roc import RocPanel, plot_rocs
-from fg_nav.simulation import Choices, simulate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 script = importlib.import_module("field_roc")

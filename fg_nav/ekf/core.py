@@ -28,7 +28,6 @@ from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
-from fg_nav.doubt import doubts
 from fg_nav.ekf.attitude_updates import correct_at_footfall, direction_at, heading_at
 from fg_nav.ekf.covariance import (
     ACC_BIAS,
@@ -51,6 +50,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
+from fg_nav.sample_noise import doubts
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.start import Start, starting_point

@@ -7,7 +7,7 @@ acceleration a in nav and the angular rate w,
 
     density of the specific force = floor + relative |a|        (squares added),        likewise with |w|.
 
-The floor is what is left while the foot stands. Single samples that are doubted for themselves: `fg_nav.doubt`.
+The floor is what is left while the foot stands. Single samples that are doubted for themselves: `fg_nav.sample_noise`.
 """
 
 from __future__ import annotations

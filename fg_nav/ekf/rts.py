@@ -51,7 +51,7 @@ from fg_nav.mechanisation import NavState, strapdown
 
 
 class Samples(NamedTuple):
-    """`h` (N,) s; `acc`, `gyr` (N, 3) and by how much single ones are doubted (`fg_nav.doubt`)."""
+    """`h` (N,) s; `acc`, `gyr` (N, 3) and by how much single ones are doubted (`fg_nav.sample_noise`)."""
 
     h: Floats
     acc: Floats

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fg_nav.arrays import Floats
-from fg_nav.plausibility import GravityTransport
+from fg_nav.samples.plausibility import GravityTransport
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from fg_nav import plausibility
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.errors import DetectionError, RecordingError
@@ -12,8 +11,9 @@ from fg_nav.inspection.facts import Facts, Inspection, MagneticField, Range, Res
 from fg_nav.inspection.words import verdict
 from fg_nav.pocket.mount import turn_signs
 from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, usable_samples
-from fg_nav.saturation import saturated
-from fg_nav.timing import fit_clock
+from fg_nav.samples import plausibility
+from fg_nav.samples.saturation import saturated
+from fg_nav.samples.timing import fit_clock
 
 
 def inspect(raw: RawRecording) -> Inspection:

@@ -1,7 +1,7 @@
 """Navigating while the walk goes on: samples in, an estimate for each footfall out, and at the end the whole walk.
 
 The data's way: `judge` (which samples of a stream to take) with `overlap` (which of a resumed stream are new),
-`fg_nav.detection.causal` (footfalls), `navigator` (hands them to `fg_nav.smoother.online`), `store` (the samples so
+`fg_nav.detection.causal` (footfalls), `navigator` (hands them to `fg_nav.online.smoother`), `store` (the samples so
 far), `checkpoint` (save and resume).
 """
 

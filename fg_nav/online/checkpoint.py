@@ -28,9 +28,9 @@ from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import OnlineNavigator
+from fg_nav.online.smoother import OnlineOptions
 from fg_nav.online.store import CHUNK, COLUMNS
 from fg_nav.plain import plain
-from fg_nav.smoother.online import OnlineOptions
 
 VERSION = 3
 """Of the arrays in a checkpoint."""

@@ -34,8 +34,8 @@ from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.overlap import HEAD, TAIL, TICK_S, Overlap, prints_of
 from fg_nav.online.store import COLUMNS
-from fg_nav.plausibility import acc_problem, field_strength, mag_problem, median_period_s, stamp_problem
 from fg_nav.recording import MAX_GAP_S, RawRecording, usable_samples
+from fg_nav.samples.plausibility import acc_problem, field_strength, mag_problem, median_period_s, stamp_problem
 from fg_nav.wording import counted
 
 JUMP_S = 1.0

@@ -25,17 +25,17 @@ from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, stances_of
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
+from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.judge import SampleJudge
+from fg_nav.online.propagate import Track
+from fg_nav.online.resolve import field_seen
+from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.online.store import SampleStore
 from fg_nav.online.unsolved import straight_between
+from fg_nav.online.walk import Footfall as WalkFootfall
+from fg_nav.online.walk import Samples
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.online import OnlineOptions, OnlineSmoother
-from fg_nav.smoother.online_propagate import Track
-from fg_nav.smoother.online_rows import StanceEstimate
-from fg_nav.smoother.online_walk import Footfall as WalkFootfall
-from fg_nav.smoother.online_walk import Samples
-from fg_nav.smoother.online_warm import field_seen
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 

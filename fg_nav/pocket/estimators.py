@@ -36,7 +36,7 @@ from fg_nav.pocket.steps import StepParameters, Steps, find_steps
 from fg_nav.pocket.swing_axis import ThighSwing, thigh_swing
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
-from fg_nav.saturation import saturated
+from fg_nav.samples.saturation import saturated
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.wording import counted
 

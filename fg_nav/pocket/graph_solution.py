@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from factors.rotation import rotation_exp, unskew
 from fg_nav.arrays import Floats
+from fg_nav.factors.rotation import rotation_exp, unskew
 from fg_nav.pocket.belief import earth_rate
 from fg_nav.pocket.graph_chain import (
     BIAS,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.rotation import relative_rotations, rotation_exp, unskew
 from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.rotation import relative_rotations, rotation_exp, unskew
 from fg_nav.pocket.ekf import KEPT_EVERY_S
 from fg_nav.pocket.graph_chain import Nodes, Solved
 from fg_nav.pocket.track import PocketTrack

@@ -2,7 +2,7 @@
 
 Samples are kept until the next nodes are complete, made into links (`graph_links`), and the end of the graph is solved
 anew (`graph_window`). Between, the last node is carried on by the gyroscope. A rate's change within its sample (coning,
-`fg_nav.coning`) is known one sample late, and so is a node.
+`fg_nav.samples.coning`) is known one sample late, and so is a node.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.rotation import rotation_exp
 from fg_nav.arrays import Floats, Ints
-from fg_nav.coning import compensated
 from fg_nav.errors import EstimationError
+from fg_nav.factors.rotation import rotation_exp
 from fg_nav.pocket.graph_links import Links, links_between, node_samples
 from fg_nav.pocket.graph_parameters import PocketGraphParameters
 from fg_nav.pocket.graph_solution import Prior, after_gap, prior_of
@@ -25,6 +24,7 @@ from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.start import PocketStart, level_start
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
+from fg_nav.samples.coning import compensated
 
 
 @dataclass(frozen=True)

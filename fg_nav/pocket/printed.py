@@ -16,8 +16,8 @@ Eq.       printed                                      read
                                                        somebody sits (`euler_state`)
 ========= ============================================ ============================================================
 
-Eq. 21's (r_c / r) in place of its square is the field's affair (`fg_nav.simulation`). This module has what the kernel
-needs of the printed equations.
+Eq. 21's (r_c / r) in place of its square is the field's affair (`fg_nav.lab.simulation`). This module has what the
+kernel needs of the printed equations.
 """
 
 from __future__ import annotations

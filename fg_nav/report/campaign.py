@@ -11,12 +11,12 @@ from statistics import median
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from fg_nav.campaign.command import Done
-from fg_nav.campaign.kept import Result, code_sum
-from fg_nav.campaign.pace import Standing
-from fg_nav.campaign.parcel import KILLED
-from fg_nav.campaign.table import TABLES
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
+from fg_nav.lab.campaign.command import Done
+from fg_nav.lab.campaign.kept import Result, code_sum
+from fg_nav.lab.campaign.pace import Standing
+from fg_nav.lab.campaign.parcel import KILLED
+from fg_nav.lab.campaign.table import TABLES
 from fg_nav.report.terminal import console, ruled_table
 from fg_nav.wording import counted
 

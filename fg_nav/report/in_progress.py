@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from fg_nav.commands.stream_end import result
 from fg_nav.evaluation import evaluate
+from fg_nav.online.lines import lines_of
 from fg_nav.report.results import write_json, write_strides
 from fg_nav.report.terminal import progress
 from fg_nav.report.writing import write_run_folder
-from fg_nav.stream.ended import result
-from fg_nav.stream.lines import lines_of
 
 if TYPE_CHECKING:
+    from fg_nav.online.command import Followed
     from fg_nav.solution import Solution
-    from fg_nav.stream.command import Followed
 
 
 def remark(words: str) -> None:

@@ -18,14 +18,14 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.io import write_canonical, write_tum
+from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk
+from fg_nav.lab.simulation.fields import SITES
+from fg_nav.lab.simulation.scenarios import FIELDS
+from fg_nav.lab.simulation.sensors import PRESETS
 from fg_nav.plain import plain
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.results import write_json
 from fg_nav.report.terminal import console, listing
-from fg_nav.simulation import SCENARIOS, SimulatedWalk
-from fg_nav.simulation.fields import SITES
-from fg_nav.simulation.scenarios import FIELDS
-from fg_nav.simulation.sensors import PRESETS
 from fg_nav.version import version
 from fg_nav.wording import counted
 

@@ -7,11 +7,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
+from fg_nav.lab.simulation import SimulatedWalk
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report import style
 from fg_nav.report.maps import draw_ends, new_map
 from fg_nav.report.thinning import spread_rows
-from fg_nav.simulation import SimulatedWalk
 
 MAX_PIECES = 20_000
 WIDEST_SCALE = (2.0, 98.0)

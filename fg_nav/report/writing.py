@@ -15,8 +15,8 @@ from fg_nav.report.style import save
 from fg_nav.report.surroundings import plot_surroundings
 
 if TYPE_CHECKING:
+    from fg_nav.lab.simulation import SimulatedWalk
     from fg_nav.session import Outcome, Session
-    from fg_nav.simulation import SimulatedWalk
 
 
 def write_run_folder(folder: Path, session: Session, outcome: Outcome) -> None:

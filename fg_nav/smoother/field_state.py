@@ -35,8 +35,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
-from factors.field_potential import field_potential_jacobians, field_potential_residual
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.factors.field_potential import field_potential_jacobians, field_potential_residual
 from fg_nav.smoother.field_noise import FieldRoughness
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.field_way import FieldWay

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.field_potential import way_integral
 from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.field_potential import way_integral
 from fg_nav.frames import levelled
 from fg_nav.smoother.field_parameters import FieldParameters
 

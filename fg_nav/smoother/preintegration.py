@@ -7,9 +7,9 @@ looks like a yaw bias. The noise of an interval is the mean over its samples of
     s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
 
 and the interval gets the same total as from a noise set sample by sample. What is doubted more, on an axis at the end
-of its range and before a gap (`fg_nav.doubt`), is so at its own sample: a force that was hidden when the foot pushed
-off moves the end of its swing, and one that was hidden when it came down does not. A gap is integrated in steps of the
-sample period: within a step, what turns does not yet move.
+of its range and before a gap (`fg_nav.sample_noise`), is so at its own sample: a force that was hidden when the foot
+pushed off moves the end of its swing, and one that was hidden when it came down does not. A gap is integrated in steps
+of the sample period: within a step, what turns does not yet move.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.doubt import doubts
 from fg_nav.recording import Recording
+from fg_nav.sample_noise import doubts
 from fg_nav.smoother.parameters import SmootherParameters
 
 

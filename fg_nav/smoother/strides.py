@@ -31,10 +31,10 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, S, V, X
 
-from factors import rolling_stance_jacobian, rolling_stance_residual, zero_rate_factor
-from factors.rotation import skew
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
+from fg_nav.factors import rolling_stance_jacobian, rolling_stance_residual, zero_rate_factor
+from fg_nav.factors.rotation import skew
 from fg_nav.recording import Recording
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.parameters import SmootherParameters

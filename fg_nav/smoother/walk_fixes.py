@@ -21,9 +21,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from factors.position_fix import position_fix_factor, position_fix_noise
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
+from fg_nav.factors.position_fix import position_fix_factor, position_fix_noise
 from fg_nav.fixes import Fix
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother.initial import turn_walk

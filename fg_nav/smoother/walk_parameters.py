@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from factors.floor_height import FloorParameters
-from factors.straight_walk import StraightParameters
+from fg_nav.factors.floor_height import FloorParameters
+from fg_nav.factors.straight_walk import StraightParameters
 
 
 @dataclass(frozen=True)

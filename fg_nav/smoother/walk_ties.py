@@ -34,8 +34,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X, Z
 
-from factors.floor_height import floor_height_jacobian, floor_height_residual, floor_labels
-from factors.straight_walk import (
+from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.floor_height import floor_height_jacobian, floor_height_residual, floor_labels
+from fg_nav.factors.straight_walk import (
     StraightParameters,
     straight_probability,
     straight_triples,
@@ -43,7 +44,6 @@ from factors.straight_walk import (
     straight_walk_loss,
     straight_walk_residual,
 )
-from fg_nav.arrays import Floats, Ints
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.solver import Part
 from fg_nav.smoother.walk_parameters import WalkParameters

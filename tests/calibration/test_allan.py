@@ -11,9 +11,9 @@ from fg_nav.calibration.allan import FLOOR, allan_curve, averaging_factors, fit_
 from fg_nav.calibration.allan_confidence import covariance_products
 from fg_nav.calibration.sensor_noise import longest_stillness, recording_noise
 from fg_nav.errors import CalibrationError
+from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
+from fg_nav.lab.simulation.plan import Stand
 from fg_nav.recording import Recording
-from fg_nav.simulation import SCENARIOS, Choices, simulate
-from fg_nav.simulation.plan import Stand
 
 PERIOD_S = 0.01
 COUNT = 20_000

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.calibration.at_rest import accelerometer_at_rest, gyroscope_at_rest
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
-from fg_nav.simulation import simulate
 
 RATE_HZ = 100.0
 G = GRAVITY_M_S2

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.calibration import METHODS, calibrate
 from fg_nav.errors import CalibrationError, MagneticError
+from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
-from fg_nav.simulation import simulate
 
 HARD = np.array([15.0, -8.0, 3.0])
 

@@ -12,10 +12,10 @@ from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, stances_of
 from fg_nav.detection.sliding import Sliding
 from fg_nav.errors import DetectionError
+from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.recording import Recording
-from fg_nav.simulation.footsteps import Style
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.plan import Stand, Walk
 from tests.simulated import PERSON, WALKERS, corridor, simulated, straight_walk
 
 

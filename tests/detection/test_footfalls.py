@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection import footfalls as ff
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.simulation import Choices, simulate
-from fg_nav.simulation.footsteps import Style
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.person import Mount, Person
-from fg_nav.simulation.plan import Stand, Walk
+from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.person import Mount, Person
+from fg_nav.lab.simulation.plan import Stand, Walk
 from tests.simulated import WALKERS, SimulatedFoot, corridor, mounted, simulated, straight_walk
 
 SLOW_M_S = {Style.WALK: 0.12, Style.RUN: 0.25}

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import RestParameters, find_rests
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.person import Mount, Person
+from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.recording import Recording
-from fg_nav.simulation import simulate
-from fg_nav.simulation.footsteps import Style
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.person import Mount, Person
-from fg_nav.simulation.plan import Stand, Walk
 from tests.simulated import WALKERS, mounted, simulated, straight_walk
 
 BIAS_DEG_S = np.array([0.3, -0.2, 0.1])

@@ -9,9 +9,9 @@ from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.statistics import STATISTICS, StillnessNoise
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.person import Mount, Person
 from fg_nav.recording import Recording
-from fg_nav.simulation.footsteps import Style
-from fg_nav.simulation.person import Mount, Person
 from fg_nav.stances import runs
 from tests.simulated import WALKERS, straight_walk
 

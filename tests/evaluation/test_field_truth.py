@@ -6,8 +6,8 @@ import pytest
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation import compass_deviation, course_change, field_change
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.compass import heading_of_field, levelled_field
-from fg_nav.simulation import simulate
 
 NORTH = np.array([0.0, 21.0, -43.0])
 

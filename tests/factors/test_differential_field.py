@@ -6,13 +6,13 @@ import pytest
 from gtsam.symbol_shorthand import X
 from hypothesis import given, settings
 
-from factors.differential_field import (
+from fg_nav.factors.differential_field import (
     differential_field_covariance,
     differential_field_factor,
     differential_field_jacobians,
     differential_field_residual,
 )
-from factors.local_field import local_field_jacobians
+from fg_nav.factors.local_field import local_field_jacobians
 from fg_nav.frames import yaw_rotation
 from tests.factors.attitudes import attitude, eliminated, fields, pose, values_of, vectors
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual

@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad_vec
 
-from factors.field_potential import (
+from fg_nav.factors.field_potential import (
     field_potential_factor,
     field_potential_jacobians,
     field_potential_residual,
     field_potential_sigma,
     way_integral,
 )
-from factors.rotation import rotation_exp
+from fg_nav.factors.rotation import rotation_exp
 from fg_nav.frames import yaw_rotation
-from fg_nav.simulation.fields import Circuit, Cylinders, Sum, draw_floor, earth_field, magnet
+from fg_nav.lab.simulation.fields import Circuit, Cylinders, Sum, draw_floor, earth_field, magnet
 from tests.factors.attitudes import attitude, information, pose, values_of, vectors
 from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from factors.floor_height import (
+from fg_nav.factors.floor_height import (
     FloorParameters,
     floor_height_factor,
     floor_height_jacobian,

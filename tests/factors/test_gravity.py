@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from factors.gravity import STANDARD_GRAVITY, gravity_factor, gravity_sigma
+from fg_nav.factors.gravity import STANDARD_GRAVITY, gravity_factor, gravity_sigma
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
 vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import V, X
 
-from factors import guarded_factor
+from fg_nav.factors import guarded_factor
 
 EYE = np.eye(3)
 NOISE = gtsam.noiseModel.Isotropic.Sigma(3, 0.5)

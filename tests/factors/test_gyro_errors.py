@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from factors.gyro_errors import (
+from fg_nav.factors.gyro_errors import (
     G_SENSITIVITY,
     G_SENSITIVITY_DIAGONAL,
     GYRO_MATRIX,

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_t
 
-from factors.differential_field import differential_field_factor, differential_field_residual
-from factors.local_field import (
+from fg_nav.factors.differential_field import differential_field_factor, differential_field_residual
+from fg_nav.factors.local_field import (
     earth_field_prior,
     field_tie_coefficients,
     field_tie_factor,
@@ -19,7 +19,7 @@ from factors.local_field import (
     student_t_information,
     student_t_noise,
 )
-from factors.magnetic_heading import heading_sigma, magnetic_heading_factor
+from fg_nav.factors.magnetic_heading import heading_sigma, magnetic_heading_factor
 from tests.factors.attitudes import attitude, eliminated, fields, information, pose, values_of, vectors
 from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians, residual
 

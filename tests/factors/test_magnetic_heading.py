@@ -7,7 +7,7 @@ from gtsam.symbol_shorthand import X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from factors.magnetic_heading import (
+from fg_nav.factors.magnetic_heading import (
     heading_sigma,
     magnetic_heading_factor,
     magnetic_heading_jacobian,

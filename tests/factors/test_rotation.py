@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from factors.rotation import left_jacobian, rotation_exp, skew
+from fg_nav.factors.rotation import left_jacobian, rotation_exp, skew
 from tests.factors.attitudes import vectors
 
 scales = st.sampled_from([1e-9, 1e-4, 0.02, 0.03, 1.0])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from factors.straight_walk import (
+from fg_nav.factors.straight_walk import (
     StraightParameters,
     has_course,
     straight_probability,

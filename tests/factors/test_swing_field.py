@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from factors.rotation import relative_rotations
-from factors.swing_field import (
+from fg_nav.factors.rotation import relative_rotations
+from fg_nav.factors.swing_field import (
     chi_square_at,
     has_moved_too_far,
     least_chi_square,

@@ -7,7 +7,7 @@ from gtsam.symbol_shorthand import B, G
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from factors.zero_rate import (
+from fg_nav.factors.zero_rate import (
     zero_rate_factor,
     zero_rate_jacobian,
     zero_rate_residual,

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.io import read, read_pyshoe_labels, read_raw, read_truth, write_canonical
-from fg_nav.plausibility import gravity_transport, rest_acc
 from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
+from fg_nav.samples.plausibility import gravity_transport, rest_acc
 from fg_nav.stances import Stances
 from tests.real_data import DATA, needs_data
 

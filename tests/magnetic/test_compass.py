@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, wrap
+from fg_nav.lab.simulation.fields import earth_field
 from fg_nav.magnetic import compass, printed
-from fg_nav.simulation.fields import earth_field
 
 G = np.array([0.0, 0.0, GRAVITY_M_S2])
 INCLINATION, DECLINATION = np.radians([64.23, 2.57])

@@ -11,7 +11,7 @@ from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
-from fg_nav.smoother.online import OnlineOptions
+from fg_nav.online.smoother import OnlineOptions
 from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
 
 

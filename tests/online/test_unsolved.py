@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.online import OnlineNavigator
-from fg_nav.smoother import online, online_graph, online_lag, online_restart
-from fg_nav.smoother.online import OnlineSmoother
-from fg_nav.smoother.online_graph import WholeGraph
-from fg_nav.smoother.online_lag import LaggedGraph
+from fg_nav.online import OnlineNavigator, fixed_lag, isam2, recovery, smoother
+from fg_nav.online.fixed_lag import LaggedGraph
+from fg_nav.online.isam2 import WholeGraph
+from fg_nav.online.smoother import OnlineSmoother
 from tests.online.walks import TOLD, push, rows_of, short_walk
 
 LAGS = [None, 6.0]
@@ -22,13 +21,13 @@ BEGINS = 7
 
 @pytest.fixture(autouse=True)
 def early_warm_ups(monkeypatch):
-    monkeypatch.setattr(online, "WARM_UPS", (1, 2, 3, 4))
+    monkeypatch.setattr(smoother, "WARM_UPS", (1, 2, 3, 4))
 
 
 @pytest.fixture(scope="module")
 def undisturbed():
     patched = pytest.MonkeyPatch()
-    patched.setattr(online, "WARM_UPS", (1, 2, 3, 4))
+    patched.setattr(smoother, "WARM_UPS", (1, 2, 3, 4))
     tables = {lag: walked(lag).causal() for lag in LAGS}
     patched.undo()
     return tables
@@ -102,7 +101,7 @@ def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, 
     navigator = walked(lag)
     assert fault.failed == 1
     goes_on(navigator, undisturbed[lag], 1.0)
-    assert navigator.causal().field_reason[BEGINS] == online_restart.REASON
+    assert navigator.causal().field_reason[BEGINS] == recovery.REASON
 
 
 @pytest.mark.parametrize("lag", LAGS)
@@ -111,8 +110,8 @@ def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, lag, foo
     """Nor the stride alone: then it begins again with sigmas for all that may have happened."""
     fault = Failing(monkeypatch, footfalls)
     fault.breaks(WholeGraph if lag is None else LaggedGraph, "add")
-    fault.breaks(online_restart, "without")
-    fault.breaks(online_restart, "first_values")
+    fault.breaks(recovery, "without")
+    fault.breaks(recovery, "first_values")
     navigator = walked(lag)
     assert fault.failed == 3 * footfalls
     goes_on(navigator, undisturbed[lag], 5.0)
@@ -137,9 +136,9 @@ def test_a_window_has_no_solution_with_weak_priors_either(monkeypatch, undisturb
 
 @pytest.mark.parametrize("lag", LAGS)
 def test_nothing_can_leave(monkeypatch, undisturbed, lag):
-    monkeypatch.setattr(online_graph, "MOST_FOOTFALLS", BEGINS + 1)
+    monkeypatch.setattr(isam2, "MOST_FOOTFALLS", BEGINS + 1)
     fault = Failing(monkeypatch, calls=1)
-    fault.breaks(online_graph if lag is None else online_lag, "without")
+    fault.breaks(isam2 if lag is None else fixed_lag, "without")
     goes_on(walked(lag), undisturbed[lag], 0.9)
     assert fault.failed == 1
 
@@ -162,7 +161,7 @@ def test_no_covariance_is_found_or_it_is_no_number(monkeypatch, undisturbed, lag
             fault = Failing(patched, calls=1)
             fault.breaks(gtsam.ISAM2, "marginalCovariance") if lag is None else None
             second = Failing(patched, calls=1, error=ZeroDivisionError)
-            second.breaks(online_graph if lag is None else online_lag, "marginal_covariances", instead)
+            second.breaks(isam2 if lag is None else fixed_lag, "marginal_covariances", instead)
             goes_on(walked(lag), undisturbed[lag], 0.9)
             assert second.failed == 1
 
@@ -174,7 +173,7 @@ def test_the_smoothed_past_is_told_though_it_cannot_be_solved(monkeypatch, undis
     def never(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(online_graph, "marginal_covariances", never)
+    monkeypatch.setattr(isam2, "marginal_covariances", never)
     told = navigator.smoothed()
     np.testing.assert_allclose(told.position, expected.position, atol=0.05)
     assert (told.position_sigma > 50.0).all()
@@ -190,7 +189,7 @@ def test_the_smoothed_past_is_told_though_it_cannot_be_solved(monkeypatch, undis
 
 @pytest.mark.parametrize("lag", LAGS)
 def test_a_warm_up_that_finds_nothing_is_left_out(monkeypatch, undisturbed, lag):
-    solve, calls = online.solve_so_far, []
+    solve, calls = smoother.solve_so_far, []
 
     def failing(*given):
         calls.append(0)
@@ -198,7 +197,7 @@ def test_a_warm_up_that_finds_nothing_is_left_out(monkeypatch, undisturbed, lag)
             raise RuntimeError("Indeterminate linear system detected")
         return solve(*given)
 
-    monkeypatch.setattr(online, "solve_so_far", failing)
+    monkeypatch.setattr(smoother, "solve_so_far", failing)
     navigator = walked(lag)
     assert len(navigator.causal()) == len(undisturbed[lag])
     np.testing.assert_allclose(navigator.causal().position, undisturbed[lag].position, atol=0.5)
@@ -207,7 +206,7 @@ def test_a_warm_up_that_finds_nothing_is_left_out(monkeypatch, undisturbed, lag)
 @pytest.mark.parametrize("lag", LAGS)
 def test_a_walk_begins_where_it_can(monkeypatch, undisturbed, lag):
     """The first two footfalls cannot be leveled, say; the third is the first."""
-    solve, calls = online.solve_so_far, []
+    solve, calls = smoother.solve_so_far, []
 
     def failing(*given):
         calls.append(0)
@@ -215,7 +214,7 @@ def test_a_walk_begins_where_it_can(monkeypatch, undisturbed, lag):
             raise EstimationError("it has no up.")
         return solve(*given)
 
-    monkeypatch.setattr(online, "solve_so_far", failing)
+    monkeypatch.setattr(smoother, "solve_so_far", failing)
     told = []
     navigator = walked(lag, told.append)
     assert len(told) == 1

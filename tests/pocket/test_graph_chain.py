@@ -6,7 +6,7 @@ import pytest
 from gtsam.symbol_shorthand import B, X
 from scipy.spatial.transform import Rotation
 
-from factors.rotation import rotation_exp
+from fg_nav.factors.rotation import rotation_exp
 from fg_nav.pocket import PocketGraphParameters, PocketStart
 from fg_nav.pocket.graph_chain import (
     BIAS,

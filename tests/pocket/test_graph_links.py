@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from factors.rotation import rotation_exp
+from fg_nav.factors.rotation import rotation_exp
 from fg_nav.pocket.graph_links import links_between, node_samples
 from fg_nav.pocket.graph_motion import REST_LINKS, rests_of
 from fg_nav.pocket.graph_parameters import PocketGraphParameters

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import EstimationError
 from fg_nav.inspection import inspect
 from fg_nav.io import read
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pocket.mount import refuse_foot, refuse_pocket, turn_signs
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.simulation import Choices, simulate
 from tests.real_data import DATA, needs_data
 
 RATE_HZ = 100.0

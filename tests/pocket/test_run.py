@@ -13,12 +13,12 @@ from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import yaw_rotation
 from fg_nav.io import write_canonical
+from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.lab.simulation.path import straight
+from fg_nav.lab.simulation.plan import Stand, TurnOnSpot, Walk
+from fg_nav.lab.simulation.scenarios import scenario
 from fg_nav.pocket.estimators import METHODS, navigate_pocket
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.simulation import Choices, simulate
-from fg_nav.simulation.path import straight
-from fg_nav.simulation.plan import Stand, TurnOnSpot, Walk
-from fg_nav.simulation.scenarios import scenario
 
 PAPER = METHODS[1]
 

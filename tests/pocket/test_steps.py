@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EstimationError
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pocket import estimate_pocket
 from fg_nav.pocket.steps import find_steps, turning_points
 from fg_nav.pocket.swing_axis import thigh_swing
 from fg_nav.recording import Recording
-from fg_nav.simulation import Choices, simulate
 
 RATE_HZ = 50.0
 

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.comparison import compare
+from fg_nav.lab.simulation import SimulatedWalk, simulate
 from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
 from fg_nav.session import Options, Outcome, Session
-from fg_nav.simulation import SimulatedWalk, simulate
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 

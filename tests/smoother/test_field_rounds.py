@@ -13,13 +13,13 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.errors import EstimationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap
+from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation.fields import magnet
+from fg_nav.lab.simulation.fields.dipole import Dipoles
 from fg_nav.magnetic import FootfallField, footfall_field
 from fg_nav.magnetic.quasi_static import NO_FIELD
 from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.simulation import simulate
-from fg_nav.simulation.fields import magnet
-from fg_nav.simulation.fields.dipole import Dipoles
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.field_rounds import FEWEST

@@ -8,9 +8,9 @@ import pytest
 from gtsam.symbol_shorthand import M, X
 from scipy.spatial.transform import Rotation
 
-from factors.differential_field import differential_field_factor
-from factors.magnetic_heading import heading_sigma, magnetic_heading_factor
 from fg_nav.arrays import Floats
+from fg_nav.factors.differential_field import differential_field_factor
+from fg_nav.factors.magnetic_heading import heading_sigma, magnetic_heading_factor
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import field_noise
 from fg_nav.smoother.field_noise import FieldRoughness, Roughness

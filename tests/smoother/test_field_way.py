@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import levelled, yaw_rotation
-from fg_nav.simulation.fields import magnet
+from fg_nav.lab.simulation.fields import magnet
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.field_way import FieldWay, field_way
 

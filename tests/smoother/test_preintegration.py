@@ -9,9 +9,9 @@ import pytest
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.peaks import rebuilt
 from fg_nav.recording import Recording
-from fg_nav.saturation import saturated
+from fg_nav.samples.peaks import rebuilt
+from fg_nav.samples.saturation import saturated
 from fg_nav.smoother.preintegration import preintegrate
 from tests.smoother.walks import DEFAULT, demo
 

@@ -12,8 +12,8 @@ from fg_nav.errors import EstimationError
 from fg_nav.evaluation import Consistency, evaluate, stance_nees
 from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap, yaw_rotation
+from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
-from fg_nav.simulation import simulate
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.noise_level import LEVELS

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, S, V, X
 
-from factors import guarded_factor
 from fg_nav.errors import EstimationError
+from fg_nav.factors import guarded_factor
 from fg_nav.smoother.solver import MOST_HALVINGS, Solved, solve
 from tests.smoother.walks import DEFAULT, demo, minimum, node_arrays, problem
 

@@ -9,9 +9,10 @@ import pytest
 from gtsam.symbol_shorthand import X, Z
 from scipy.spatial.transform import Rotation
 
-from factors import guarded_factor
-from factors.floor_height import FloorParameters, floor_height_factor, floor_labels
-from factors.straight_walk import (
+from fg_nav.arrays import Floats, Ints
+from fg_nav.factors import guarded_factor
+from fg_nav.factors.floor_height import FloorParameters, floor_height_factor, floor_labels
+from fg_nav.factors.straight_walk import (
     StraightParameters,
     straight_probability,
     straight_triples,
@@ -19,7 +20,6 @@ from factors.straight_walk import (
     straight_walk_noise,
     straight_walk_residual,
 )
-from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.covariances import marginal_covariances

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, S, V, X
 
-from factors import rolling_stance_factor
 from fg_nav.arrays import Floats
 from fg_nav.calibration import rolling_lever
 from fg_nav.detection import detect_stances, find_rests
+from fg_nav.factors import rolling_stance_factor
 from fg_nav.frames import levelled
 from fg_nav.io import read, read_pyshoe_labels
+from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
-from fg_nav.simulation.person import Person
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes

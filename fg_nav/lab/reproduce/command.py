@@ -1,0 +1,179 @@
+"""`fg-nav reproduce`: make all experiments of a paper, and lay them beside it on the terminal and in a folder.
+
+The folder holds `report.html`, `results.json`, the pictures, and what each walk came to: a run that was ended goes on
+from there. `results.json` is written last, so a folder with it is complete.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import replace
+from importlib import import_module, metadata
+from pathlib import Path
+
+from rich.text import Text
+
+from fg_nav.errors import OutputError
+from fg_nav.lab.campaign.mark import REPRODUCTION, lines_of, visible
+from fg_nav.lab.reproduce.file import write_whole, written
+from fg_nav.lab.reproduce.page import page
+from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
+from fg_nav.lab.reproduce.words import counted, named, printed, remark, told
+from fg_nav.plain import plain
+from fg_nav.report.folder import unwritable
+from fg_nav.report.terminal import console, progress, ruled_table
+from fg_nav.version import version
+
+PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
+
+FIRST_SEED, SEEDS, QUICK_SEEDS = 101, 50, 3
+"""As in docs/results.md. Smaller seeds are those that anything was tuned on."""
+
+REPORT, RESULTS = "report.html", "results.json"
+
+MARK = REPRODUCTION
+"""File in a folder of ours; it names the paper, and below it pictures of an older result while a new one is made."""
+
+_LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
+
+_ENDED = "a worker was ended from outside, perhaps for want of memory: run the same command again, it goes on."
+
+Paper = Callable[[Path, Sequence[int], int, Callable[[float], None], bool], Reproduction]
+"""Of a folder, seeds, workers, who is told the fraction done, and whether it is to be quick."""
+
+
+def reproduce(
+    paper: str,
+    out: Path,
+    seeds: int | None = None,
+    first: int = FIRST_SEED,
+    workers: int | None = None,
+    quick: bool = False,
+    force: bool = False,
+) -> Reproduction:
+    """Make a paper's experiments into a folder, and print them.
+
+    Parameters
+    ----------
+    paper : one of `PAPERS`.
+    out : the folder: new, empty, or of the same paper.
+    seeds, first : how many walks of each kind, `SEEDS` or quick `QUICK_SEEDS` by default, and the first of their seeds.
+    workers : processes; None for one a core.
+    quick : fewer walks, and whatever else the paper's experiments leave out then.
+    force : replace the result in the folder; finished walks are kept and used.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or a result and `force` is not set, or cannot be written.
+    """
+    number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
+    claim(out, paper, force)
+    with progress(f"{paper}, {number} seeds") as tell:
+        try:
+            made = _paper(paper)(out, range(first, first + number), workers or cores(), tell, quick)
+        except BrokenProcessPool:
+            raise OutputError(_ENDED) from None
+    command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
+    found = replace(made, command=command, versions=versions(), parameters=plain(made.parameters))
+    publish(found, out)
+    show(found, out)
+    return found
+
+
+def cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _paper(name: str) -> Paper:
+    made: Paper = import_module(f"fg_nav.lab.reproduce.{name.replace('-', '_')}").reproduce
+    return made
+
+
+def versions() -> dict[str, str]:
+    """Of this package, of Python, and of the libraries that figures depend on."""
+    return {
+        "fg-nav": version(),
+        "Python": platform.python_version(),
+        **{name: metadata.version(name) for name in _LIBRARIES},
+    }
+
+
+def claim(out: Path, paper: str, force: bool) -> None:
+    """Make the folder ours, or refuse; with `force` take the old report out of it."""
+    try:
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"{out} is a file, not a folder: choose another --out.")
+        out.mkdir(parents=True, exist_ok=True)
+        held, *stale = lines_of(out, MARK) or [""]
+        present = visible(out)
+        if held != paper and present:
+            what = f"the results of {held}" if held else f"'{present[0]}', which this command does not write"
+            raise OutputError(f"{out} holds {what}: choose another --out.")
+        if (out / RESULTS).exists() and not force:
+            raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
+        _mark(out, paper, {*stale, *_pictures_of(out / RESULTS)} if held == paper else ())
+        for name in (RESULTS, REPORT):
+            (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise unwritable(out, error) from None
+
+
+def _mark(out: Path, paper: str, stale: Collection[str]) -> None:
+    """Put down whose folder it is, and which pictures are of a result that is no more."""
+    write_whole(out / MARK, "\n".join([paper, *sorted(stale)]) + "\n")
+
+
+def _pictures_of(results: Path) -> set[str]:
+    """Names of a result's pictures, beside it; none where it cannot be read."""
+    try:
+        experiments = json.loads(results.read_text(encoding="utf-8"))["experiments"]
+        names = {str(picture["file"]) for experiment in experiments for picture in experiment["pictures"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {name for name in names if name.endswith(".png") and Path(name).name == name}
+
+
+def publish(found: Reproduction, out: Path) -> None:
+    """Write the page, take away pictures that only an older result names, and write the results last."""
+    write_whole(out / REPORT, page(found, out))
+    paper, *stale = lines_of(out, MARK)
+    named_here = {picture.file for experiment in found.experiments for picture in experiment.pictures}
+    for name in set(stale) - named_here:
+        with suppress(OSError):
+            (out / name).unlink()
+    write_whole(out / RESULTS, written(found))
+    _mark(out, paper, ())
+
+
+def show(found: Reproduction, out: Path) -> None:
+    """Print the rows of each experiment, what is off and why, and where the files are."""
+    screen = console()
+    screen.print(found.citation, soft_wrap=True)
+    for experiment in found.experiments:
+        screen.print(f"\n{experiment.name}  {experiment.title}", style="bold", soft_wrap=True)
+        if experiment.rows:
+            screen.print(_table(experiment, len(found.seeds)))
+    reasons = [
+        ": ".join(part for part in (row.verdict, f"{experiment.name}, {named(row)}", remark(row)) if part)
+        for experiment in found.experiments
+        for row in experiment.rows
+        if row.verdict in (EXPLAINED, NOT_REPRODUCED)
+    ]
+    for words in ["", *reasons, *([""] if reasons else []), counted(found), f"report: {out / REPORT}", f"files: {out}"]:
+        screen.print(words, soft_wrap=True)
+
+
+def _table(experiment: Experiment, walks: int) -> object:
+    table = ruled_table("", "paper", *experiment.columns, "verdict")
+    for row in experiment.rows:
+        ours = (Text(told(row, column, walks)) for column in experiment.columns)
+        style = "bold red" if row.verdict == NOT_REPRODUCED else ""
+        table.add_row(Text(named(row)), Text(printed(row)), *ours, Text(row.verdict, style=style))
+    return table

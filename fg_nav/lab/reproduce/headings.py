@@ -1,0 +1,55 @@
+"""Headings at the footfalls of one walk, by compass, gyroscope and filter: what the papers' pictures of headings show.
+
+As in the papers the compass is levelled by the accelerometer of the standing foot, and the gyroscope's heading begins
+at the true one.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from fg_nav.frames import heading_of
+from fg_nav.lab.campaign.made import solved
+from fg_nav.lab.campaign.sources import LOOP, Simulated
+from fg_nav.lab.reproduce.parts import Arrays, Part
+from fg_nav.magnetic.verdicts import QUASI_STATIC
+from fg_nav.recording import TrajectoryTruth
+
+STRENGTH_HZ = 5.0
+"""At which the strength of the field is kept."""
+
+
+def headings_part(name: str, scenario: str, field: str, seed: int, method: str) -> Part:
+    """What `headings_of` finds; `name` begins that of the file."""
+    words = method.replace(":", "-")
+    return Part(f"{name}_{scenario}_{field}_{words}_{seed}", partial(headings_of, scenario, field, seed, method))
+
+
+def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
+    """Follow one filter over a walk whose magnetometer is calibrated on the loop.
+
+    Returns
+    -------
+    dict
+        `t` (F,) s, `compass`, `gyroscope`, `estimate` (F,) rad clockwise from north, `used` (F,) where the filter
+        believed the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
+    """
+    session = Simulated(scenario, field, seed).session(LOOP)
+    seen, stances = session.known_field(), solved(session, method).solution.stances
+    recording, truth = session.recording, session.truth
+    assert recording.mag is not None
+    assert isinstance(truth, TrajectoryTruth)
+    known = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
+    every = known[:: max(round(len(known) / (np.ptp(recording.t) * STRENGTH_HZ)), 1)]
+    return {
+        "t": seen.t,
+        "compass": seen.force_heading,
+        "gyroscope": seen.gyro_heading,
+        "estimate": heading_of(stances.nav_R_body),
+        "used": np.array([word == QUASI_STATIC for word in stances.field]),
+        "place": truth.position[seen.sample, :2],
+        "strength_t": recording.t[every],
+        "strength": np.linalg.norm(recording.mag[every], axis=1),
+    }

@@ -1,0 +1,232 @@
+"""How well the quasi-static field detectors tell still fields on simulated walks: Ma 2018, Figures 8, 13, 14 (M-E2).
+
+Truth is the simulator's field at the footfalls. A stance is truly quasi-static where the largest difference between the
+field vectors of any two of the four stances of its window (three strides, Ma's N) is below a limit; beside it stand the
+direction of the field over the ground by the same rule, and whether a compass would be right. P_D and P_FA are Ma's:
+how often a field passes that is truly quasi-static, and one that is not.
+
+Three fields, for what is quasi-static depends on how much steel there is:
+
+======= ================================================================================================
+smooth  the level of that name: at the foot the field changes by 3 uT in the median over a window
+between 0.65 of smooth and 0.35 of indoor: about 10 uT, the geometric mean of the two
+indoor  the level of that name, fitted to real walks over reinforced floors: 27 uT
+======= ================================================================================================
+
+Each field has its own limit, at which both kinds are there; Ma's threshold is looked at in more mixtures. They need no
+walks of their own: with one seed the two levels have the same steps and the same noise, and what the magnetometer
+shows is linear in the field.
+
+The magnetometer is calibrated (hard and soft iron taken off as drawn) or has its iron. Bands are of 90 % over walks
+(`fg_nav.evaluation.roc`). Seeds begin at 101: the fraction and the limits were chosen on seeds below 100.
+
+AIEZ's statistic depends on its own threshold, for what it trusts corrects the heading it is compared with: its curve
+is what other thresholds would make of the statistic it had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection import detect_stances
+from fg_nav.evaluation import FieldChange, Roc, compass_deviation, course_change, field_change, roc_of
+from fg_nav.lab.reproduce.parts import Arrays, Part
+from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
+from fg_nav.magnetic import DETECTORS, footfall_field, judge
+from fg_nav.magnetic.attitude import inertial_attitude
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.stances import Stances
+
+WINDOW = 3
+"""Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows."""
+
+FIELDS = {"smooth": 0.0, "between": 0.35, "indoor": 1.0}
+"""How much of `indoor` is in each; the rest is `smooth`."""
+
+SWEEP = {f"{share:g} indoor": share for share in (0.2, 0.5, 0.7)}
+"""More of these, in which only Ma's detector is looked at."""
+
+LIMIT_UT = {"smooth": 2.0, "between": 10.0, "indoor": 20.0} | dict.fromkeys(SWEEP, 10.0)
+"""Of the change of the vector over a window, where one limit is to stand for all."""
+
+MA, MA_THRESHOLD, MA_P_D, OURS = "ma2018-printed", 170.0, 0.8, "ma2018"
+
+STRAIGHT_DEG, CURVED_DEG = 5.0, 15.0
+"""Of a window's three strides the directions differ by less, or by more."""
+
+FEWEST = 20
+"""Cases of a kind without which no ROC is drawn from them."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One simulated walk in one field: what is true of its F stances, and each detector's statistic there.
+
+    Statistics (F,) are over thresholds: of a calibrated magnetometer, and of one that has its iron.
+    """
+
+    change: FieldChange
+    course: Floats
+    deviation: Floats
+    calibrated: Mapping[str, Floats]
+    with_iron: Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class Case:
+    """All walks of a scenario in one field."""
+
+    scenario: str
+    field: str
+    walks: Sequence[Judged]
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.scenario}, {self.field}"
+
+    @cached_property
+    def walk(self) -> Ints:
+        """(M,) which walk a stance is of."""
+        return np.repeat(np.arange(len(self.walks)), [len(walk.course) for walk in self.walks])
+
+    @cached_property
+    def vector_uT(self) -> Floats:
+        """(M,) true change over the window."""
+        return np.concatenate([walk.change.vector_uT for walk in self.walks])
+
+    @cached_property
+    def heading_deg(self) -> Floats:
+        """(M,) true change of the field's direction over the ground."""
+        return np.asarray(np.rad2deg(np.concatenate([walk.change.heading for walk in self.walks])))
+
+    @cached_property
+    def course_deg(self) -> Floats:
+        """(M,) by how much the directions of the window's strides differ."""
+        return np.asarray(np.rad2deg(np.concatenate([walk.course for walk in self.walks])))
+
+    @cached_property
+    def wrong_deg(self) -> Floats:
+        """(M,) error of a perfect compass."""
+        return np.asarray(np.abs(np.rad2deg(np.concatenate([walk.deviation for walk in self.walks]))))
+
+    def statistic(self, detector: str, with_iron: bool = False) -> Floats:
+        """(M,) over its threshold; NaN also where the truth is not known."""
+        parts = [(walk.with_iron if with_iron else walk.calibrated)[detector] for walk in self.walks]
+        return np.where(np.isfinite(self.vector_uT), np.concatenate(parts), np.nan)
+
+    def passes(self, detector: str) -> Bools:
+        """(M,) True where the field passes; not where it was not judged."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.statistic(detector) < 1.0)
+
+    @property
+    def static(self) -> Bools:
+        """(M,) truly so, by the field's own limit."""
+        return self.within("vector", LIMIT_UT[self.field])
+
+    def within(self, measure: str, limit: float) -> Bools:
+        """(M,) True where this measure of the truth stays below a limit."""
+        measures = {"vector": self.vector_uT, "heading": self.heading_deg, "compass": self.wrong_deg}
+        with np.errstate(invalid="ignore"):
+            return np.asarray(measures[measure] < limit)
+
+    def roc(self, detector: str, truth: Bools | None = None, with_iron: bool = False) -> Roc | None:
+        """ROC against a truth, that of the field's own limit if none is given; None with too few of a kind."""
+        statistic, signal = self.statistic(detector, with_iron), self.static if truth is None else truth
+        judged = np.isfinite(statistic)
+        if min(signal[judged].sum(), (~signal)[judged].sum()) < FEWEST:
+            return None
+        return roc_of(statistic, signal, self.walk)
+
+
+def by_steel() -> dict[str, float]:
+    """Every field by its name and the share of `indoor` in it, which rises."""
+    return dict(sorted((FIELDS | SWEEP).items(), key=lambda named: named[1]))
+
+
+def judged(wanted: tuple[str, int], fields: Sequence[str] | None = None) -> dict[str, Judged]:
+    """Simulate a scenario with a seed and judge it in these fields, or in every one."""
+    smooth, indoor = (simulate(*wanted, Choices(field=level)) for level in ("smooth", "indoor"))
+    stances = detect_stances(smooth.recording)
+    attitude = inertial_attitude(smooth.recording, stances)
+    return {name: _judged_in(smooth, indoor, name, stances, attitude) for name in fields or by_steel()}
+
+
+def _judged_in(smooth: SimulatedWalk, indoor: SimulatedWalk, name: str, stances: Stances, attitude: Floats) -> Judged:
+    """Judge the walk in a mixture of the two fields; both are the same walk."""
+    share, detectors = by_steel()[name], tuple(DETECTORS) if name in FIELDS else (MA, OURS)
+    recording = smooth.recording
+    sample = stances.stillest(recording.gyr)
+    assert isinstance(recording.truth, TrajectoryTruth)
+    nav_field = (1 - share) * smooth.nav_field(sample) + share * indoor.nav_field(sample)
+    mixed = replace(recording, mag=_mixed(recording.mag, indoor.recording.mag, share))
+    fields = [footfall_field(heard, stances, nav_R_body=attitude) for heard in (_without_iron(mixed, smooth), mixed)]
+    statistics = [{which: judge(field, which).statistic for which in detectors} for field in fields]
+    return Judged(
+        field_change(nav_field, WINDOW),
+        course_change(recording.truth.position[sample], WINDOW),
+        compass_deviation(nav_field, smooth.earth.vector),
+        *statistics,
+    )
+
+
+def _mixed(one: Floats | None, other: Floats | None, share: float) -> Floats:
+    assert one is not None
+    assert other is not None
+    return (1 - share) * one + share * other
+
+
+def _without_iron(recording: Recording, walk: SimulatedWalk) -> Recording:
+    """Take off the hard and soft iron as drawn: as calibrated as can be."""
+    assert recording.mag is not None
+    sensor = walk.drawn["sensor"]
+    mag = np.linalg.solve(np.array(sensor["soft_iron"]), (recording.mag - np.array(sensor["hard_iron_uT"])).T).T
+    return replace(recording, mag=mag)
+
+
+def stretches(case: Case) -> dict[str, Bools]:
+    """(M,) True where the way is straight, bends, or is curved."""
+    course = case.course_deg
+    with np.errstate(invalid="ignore"):
+        return {
+            "straight": course < STRAIGHT_DEG,
+            "bent": (course >= STRAIGHT_DEG) & (course < CURVED_DEG),
+            "curved": course >= CURVED_DEG,
+        }
+
+
+def roc_part(scenario: str, seed: int) -> Part:
+    """What `cases_of` reads of one walk."""
+    return Part(f"ma2018_roc_{scenario}_{seed}", partial(_judged_arrays, scenario, seed))
+
+
+def _judged_arrays(scenario: str, seed: int) -> Arrays:
+    """Truth and statistics of one walk in each of `FIELDS`, by names with a slash."""
+    arrays: dict[str, Floats] = {}
+    for field, walk in judged((scenario, seed), tuple(FIELDS)).items():
+        arrays |= {f"{field}/{name}": getattr(walk.change, name) for name in _CHANGES}
+        arrays |= {f"{field}/course": walk.course, f"{field}/deviation": walk.deviation}
+        arrays |= {f"{field}/statistic {name}": values for name, values in walk.calibrated.items()}
+    return arrays
+
+
+def cases_of(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, Case]:
+    """Cases by field, of walks that are kept or made now; the magnetometer calibrated as can be."""
+    walks = [roc_part(scenario, seed).of(folder) for seed in seeds]
+    return {field: Case(scenario, field, [_judged_of(arrays, field) for arrays in walks]) for field in FIELDS}
+
+
+def _judged_of(arrays: Arrays, field: str) -> Judged:
+    change = FieldChange(*(arrays[f"{field}/{name}"] for name in _CHANGES))
+    statistics = {name: arrays[f"{field}/statistic {name}"] for name in DETECTORS}
+    return Judged(change, arrays[f"{field}/course"], arrays[f"{field}/deviation"], statistics, {})
+
+
+_CHANGES = ("vector_uT", "heading", "inclination", "strength_uT")

@@ -1,0 +1,438 @@
+"""From a plan of a walk to the strides of a right foot: where it comes down, when, and in which manner.
+
+A plan is a row of sections, each beginning where the one before ended: standing, walking or running along a path,
+stairs, turns on the spot. The path is that of the body's centre over the ground.
+
+Strides along a path. The n-th footprint lies at the share W(n) / W(end) of the integral of 1 + c |curvature| (people
+shorten their strides in bends), where W sums the strides' weights
+
+    w_k = half_k exp(a_k / 2) (1 + cv e_k),    stride time = T exp(-a_k / 2) (1 + cv e'_k),
+
+half_k = 1/2 for the first step from, and the last into, standing, else 1; a_k the slow changes of pace, an AR(1)
+process of strides; e, e' white and normal. Pace goes half into length and half into time, because people keep the
+ratio of stride length to cadence when they walk faster (Sekiya et al. 1996, the walk ratio).
+
+A footprint stands half the step width to the right of the centre, and scatters about that place: white, and with a slow
+wander of the centre, which fades out towards both ends of the plan. The first and the last footprint do not scatter,
+so that a walk whose path is closed ends exactly where it began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from scipy.signal import lfilter
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import SimulationError
+from fg_nav.frames import wrap
+from fg_nav.lab.simulation.footsteps import Strides, Style
+from fg_nav.lab.simulation.path import GAP_M, KINK_RAD, Path, Pose
+from fg_nav.lab.simulation.person import Gait, Person
+
+LONGEST_STRIDE = 2.0
+FASTEST_PACE = 3.0
+"""No one makes strides longer than this many times the usual one, or goes this many times as fast."""
+
+MOST_STRIDES = 200_000
+"""Two days of walking, and more than a computer's memory likes."""
+
+FLAT_SHARE = 0.85
+"""By this share of a stride the foot is down and flat in every manner of going."""
+
+_TURN_RAD = 1.2
+"""By how much a foot turns in one stride on the spot: a right angle takes two, about-turn three."""
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Standing still for `seconds`."""
+
+    seconds: float
+
+    def __post_init__(self) -> None:
+        _check_positive("stand for", self.seconds, "s")
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Going along a path.
+
+    Attributes
+    ----------
+    path : of the body's centre.
+    style : `Style.WALK` or `Style.RUN`.
+    strides : how many; None for the number that the gait makes of the path.
+    pace : speed over the gait's usual one; half of it, as a power, goes into the strides' length.
+    """
+
+    path: Path
+    style: Style = Style.WALK
+    strides: int | None = None
+    pace: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.style not in (Style.WALK, Style.RUN):
+            raise SimulationError(
+                f"A path is walked or run, not gone in style {self.style!r}: use Stairs or TurnOnSpot."
+            )
+        _check_positive("walk at a pace of", self.pace, "times the usual one")
+        if self.pace > FASTEST_PACE:
+            raise SimulationError(
+                f"Nobody walks {self.pace:g} times as fast as usual: give a pace of at most {FASTEST_PACE:g}."
+            )
+        if self.strides is not None and self.strides < 1:
+            raise SimulationError(f"A path cannot be walked in {self.strides} strides: ask for one or more.")
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """A flight of stairs straight ahead; one foot takes every second tread.
+
+    Attributes
+    ----------
+    treads : how many steps of the stairs, the landing included.
+    rise_m, tread_m : height and depth of one, m (DIN 18065: 0.14-0.20 and 0.23-0.37).
+    up : or down.
+    """
+
+    treads: int
+    rise_m: float = 0.17
+    tread_m: float = 0.29
+    up: bool = True
+
+    def __post_init__(self) -> None:
+        if self.treads < 1:
+            raise SimulationError(f"Stairs cannot have {self.treads} treads: give one or more.")
+        _check_positive("climb stairs with a rise of", self.rise_m, "m")
+        _check_positive("climb stairs with treads of", self.tread_m, "m")
+
+
+@dataclass(frozen=True)
+class TurnOnSpot:
+    """Turning by `angle` rad, clockwise if positive, without going anywhere."""
+
+    angle: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.angle) or self.angle == 0:
+            raise SimulationError(
+                f"Nobody can turn on the spot by {self.angle} rad: give an angle, positive to the right."
+            )
+
+
+Section: TypeAlias = Stand | Walk | Stairs | TurnOnSpot
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How regular a walker is.
+
+    Attributes
+    ----------
+    step_width_m : between the lines on which left and right foot tread, m (adults: 0.10-0.20).
+    footprint_m, heading_rad : white scatter of the footprints about their place and of the feet's direction.
+    wander_m, wander_strides : slow wandering of the centre off its path: standard deviation and correlation length.
+    pace, pace_strides : slow relative changes of pace: standard deviation and correlation length in strides.
+    bend_m : c above, m; a curve of 1 m radius is walked in strides shorter by a fifth.
+    """
+
+    step_width_m: float = 0.18
+    footprint_m: float = 0.015
+    heading_rad: float = float(np.deg2rad(1.5))
+    wander_m: float = 0.05
+    wander_strides: float = 20.0
+    pace: float = 0.03
+    pace_strides: float = 20.0
+    bend_m: float = 0.25
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A landmark and the stride that comes down nearest to it, whose foot is flat at `time_s`."""
+
+    landmark: str
+    stride: int
+    time_s: float
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """What a section comes down to: n strides, the pose of the body's centre after each, and the time they wait first.
+
+    `position` (n, 3) m, `heading` (n,) rad, `duration` (n,) s; `marks` are landmarks with the footprint of this leg
+    (0 = where it begins) that is nearest to each.
+    """
+
+    position: Floats
+    heading: Floats
+    duration: Floats
+    style: Style
+    marks: tuple[tuple[str, int], ...] = ()
+    wait_s: float = 0.0
+
+
+def plan(
+    sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
+) -> Strides:
+    """Draw the strides of a plan.
+
+    Parameters
+    ----------
+    sections : one after the other; the first path says where the walk begins, else it is the origin, facing north.
+    person : whose gait it is.
+    rng : source of the variability.
+    scatter : how regular the walker is.
+
+    Returns
+    -------
+    Strides
+        Of the right foot.
+
+    Raises
+    ------
+    SimulationError
+        No strides at all, sections that do not join, or strides nobody can make.
+    """
+    return plan_with_landmarks(sections, person, rng, scatter)[0]
+
+
+def plan_with_landmarks(
+    sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
+) -> tuple[Strides, tuple[Crossing, ...]]:
+    """The same as `plan`, with the crossings of the paths' landmarks in the order in which they are passed."""
+    if not any(not isinstance(section, Stand) for section in sections):
+        raise SimulationError("The plan has no strides in it: add a Walk, Stairs or a TurnOnSpot.")
+    start = _start(sections)
+    legs = list(_Walker(person, scatter, rng).legs(sections, start))
+    strides = _strides(legs, start, rng, scatter)
+    return strides, _crossings(legs, strides)
+
+
+def end_of(section: Section, pose: Pose) -> Pose:
+    """The pose of the body's centre after a section that begins at `pose`."""
+    if isinstance(section, Walk):
+        rounds = pose.heading - section.path.start.heading
+        return Pose(section.path.end.position, section.path.end.heading + rounds)
+    if isinstance(section, TurnOnSpot):
+        return Pose(pose.position, pose.heading + section.angle)
+    if isinstance(section, Stairs):
+        return Pose(_climbed(section, pose, np.array([float(section.treads)]))[0], pose.heading)
+    return pose
+
+
+def _start(sections: Sequence[Section]) -> Pose:
+    """Where the first path begins, before the turns on the spot that come first."""
+    turned = 0.0
+    for section in sections:
+        if isinstance(section, TurnOnSpot):
+            turned += section.angle
+        elif isinstance(section, Walk):
+            return Pose(section.path.start.position, section.path.start.heading - turned)
+        elif isinstance(section, Stairs):
+            break
+    return Pose(np.zeros(3), 0.0)
+
+
+class _Walker:
+    """A person on the way, with all that varies from stride to stride."""
+
+    def __init__(self, person: Person, scatter: Scatter, rng: np.random.Generator) -> None:
+        self._person, self._scatter, self._rng = person, scatter, rng
+        self._pace = _SlowChange(scatter.pace, scatter.pace_strides, rng)
+
+    def legs(self, sections: Sequence[Section], start: Pose) -> Iterator[_Leg]:
+        """The legs of the sections, in order."""
+        pose = start
+        for i, section in enumerate(sections):
+            if isinstance(section, Walk):
+                _check_joint(section.path.start, pose, i)
+                yield self._walking(section, pose, (_stands(sections, i - 1), _stands(sections, i + 1)))
+            elif isinstance(section, Stairs):
+                yield self._climbing(section, pose)
+            elif isinstance(section, TurnOnSpot):
+                yield self._turning(section, pose)
+            else:
+                yield _standing(section)
+            pose = end_of(section, pose)
+
+    def _walking(self, section: Walk, pose: Pose, halves: tuple[bool, bool]) -> _Leg:
+        """Strides along a path; `halves` says whether it begins and ends in standing."""
+        path, gait = section.path, self._person.gait(section.style)
+        weight = _half_steps(_stride_count(section, gait, halves), halves)
+        faster = self._pace.draw(len(weight)) / 2
+        weight *= np.exp(faster) * self._varied(gait, len(weight))
+        arc = _along(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]), self._scatter.bend_m)
+        position, heading = path.at(arc[1:])
+        duration = gait.stride_s / np.sqrt(section.pace) * np.exp(-faster) * self._varied(gait, len(weight))
+        marks = tuple((mark.name, int(np.argmin(np.abs(arc - mark.arc)))) for mark in path.landmarks)
+        return _Leg(position, heading + pose.heading - path.start.heading, duration, section.style, marks)
+
+    def _climbing(self, section: Stairs, pose: Pose) -> _Leg:
+        """Every second tread; with an odd number of them the first stride takes one."""
+        style = Style.STAIRS_UP if section.up else Style.STAIRS_DOWN
+        trodden = np.arange(section.treads, 0, -2, dtype=np.float64)[::-1]
+        gait = self._person.gait(style)
+        duration = gait.stride_s * self._varied(gait, len(trodden))
+        return _Leg(_climbed(section, pose, trodden), np.full(len(trodden), pose.heading), duration, style)
+
+    def _turning(self, section: TurnOnSpot, pose: Pose) -> _Leg:
+        gait = self._person.gait(Style.TURN)
+        count = max(2, int(np.ceil(abs(section.angle) / _TURN_RAD)))
+        heading = pose.heading + section.angle * np.arange(1, count + 1) / count
+        duration = gait.stride_s * self._varied(gait, count)
+        return _Leg(np.tile(pose.position, (count, 1)), heading, duration, Style.TURN)
+
+    def _varied(self, gait: Gait, count: int) -> Floats:
+        """Factors (K,) about 1 with the gait's variation, none beyond three standard deviations."""
+        return 1 + gait.variation * np.clip(self._rng.standard_normal(count), -3.0, 3.0)
+
+
+def _stands(sections: Sequence[Section], i: int) -> bool:
+    """Whether the walker stands with feet together in section i, or where there is none."""
+    return not 0 <= i < len(sections) or isinstance(sections[i], Stand | TurnOnSpot)
+
+
+def _standing(section: Stand) -> _Leg:
+    return _Leg(np.zeros((0, 3)), np.zeros(0), np.zeros(0), Style.WALK, wait_s=section.seconds)
+
+
+def _stride_count(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
+    """How many strides a path takes: as asked for, else the number nearest to the gait's."""
+    usual_m = gait.stride_m * np.sqrt(section.pace)
+    count = section.strides or max(1, round(section.path.length_m / usual_m + sum(halves) / 2))
+    if count > MOST_STRIDES:
+        raise SimulationError(
+            f"{section.path.length_m:g} m take {float(count):.3g} strides: ask for at most {MOST_STRIDES}."
+        )
+    mean_m = section.path.length_m / _half_steps(count, halves).sum()
+    if mean_m > LONGEST_STRIDE * usual_m:
+        raise SimulationError(
+            f"{section.path.length_m:g} m in {count} strides makes strides of {mean_m:.3g} m: "
+            f"ask for about {round(section.path.length_m / usual_m)}."
+        )
+    return count
+
+
+def _half_steps(count: int, halves: tuple[bool, bool]) -> Floats:
+    """Weights (K,) of strides: a half for the step out of standing and the one into it."""
+    weight = np.ones(count)
+    weight[0] = 0.5 if halves[0] else weight[0]
+    weight[-1] = 0.5 if halves[1] else weight[-1]
+    return weight
+
+
+def _along(path: Path, share: Floats, bend_m: float) -> Floats:
+    """Arc lengths (N,) m at the shares (N,) of the way, strides being shorter in bends."""
+    middle = (path.arc[1:] + path.arc[:-1]) / 2
+    density = np.diff(path.arc) * (1 + bend_m * np.minimum(np.abs(path.curvature(middle)), 1.0))
+    total = np.concatenate([[0.0], np.cumsum(density)])
+    arc: Floats = np.interp(share * total[-1], total, path.arc)
+    return arc
+
+
+def _climbed(section: Stairs, pose: Pose, treads: Floats) -> Floats:
+    """Place (N, 3) m on the stairs after so many treads (N,)."""
+    rise = section.rise_m if section.up else -section.rise_m
+    step = [section.tread_m * np.sin(pose.heading), section.tread_m * np.cos(pose.heading), rise]
+    place: Floats = pose.position + treads[:, None] * np.array(step)
+    return place
+
+
+class _SlowChange:
+    """A stationary AR(1) process, drawn piece by piece: sd `sd`, correlation length `length` in steps."""
+
+    def __init__(self, sd: float, length: float, rng: np.random.Generator) -> None:
+        self._rng, self._sd = rng, sd
+        self._keep = float(np.exp(-1 / length))
+        self._last = sd * float(rng.standard_normal())
+
+    def draw(self, count: int) -> Floats:
+        """The next `count` values."""
+        kick = self._sd * np.sqrt(1 - self._keep**2) * self._rng.standard_normal(count)
+        kick[0] += self._keep * self._last
+        values: Floats = lfilter([1.0], [1.0, -self._keep], kick)
+        self._last = float(values[-1])
+        return values
+
+
+def _strides(legs: Sequence[_Leg], start: Pose, rng: np.random.Generator, scatter: Scatter) -> Strides:
+    """Legs, one after the other, as strides: their times, and the feet beside the centre."""
+    duration = np.concatenate([leg.duration for leg in legs])
+    wait = np.zeros(len(duration) + 1)
+    np.add.at(wait, _first_strides(legs), [leg.wait_s for leg in legs])
+    end = np.cumsum(wait[:-1] + duration)
+    begin = np.concatenate([[0.0], end[:-1]]) + wait[:-1]
+    position = np.vstack([start.position, *(leg.position for leg in legs)])
+    heading = np.concatenate([[start.heading], *(leg.heading for leg in legs)])
+    footprint, toe = _feet(position, heading, rng, scatter)
+    return Strides(
+        start=begin,
+        duration=end - begin,
+        footprint=footprint,
+        heading=toe,
+        style=np.concatenate([np.full(len(leg.duration), leg.style, dtype=np.int64) for leg in legs]),
+        end_s=float(end[-1] + wait[-1]),
+    )
+
+
+def _first_strides(legs: Sequence[_Leg]) -> Ints:
+    """Index (L,) of each leg's first stride, or of the one that comes after where it has none."""
+    count = [len(leg.duration) for leg in legs]
+    return np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
+
+
+def _feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: Scatter) -> tuple[Floats, Floats]:
+    """Footprints (K + 1, 3) m and headings (K + 1,) rad of a right foot, the centre being here."""
+    count = len(heading)
+    inside = np.ones(count)
+    inside[[0, -1]] = 0.0
+    ends = np.minimum(np.arange(count), np.arange(count)[::-1])
+    fade = np.minimum(ends / scatter.wander_strides, 1.0)
+    wander = fade * _SlowChange(scatter.wander_m, scatter.wander_strides, rng).draw(count)
+    right = np.stack([np.cos(heading), -np.sin(heading), np.zeros(count)], axis=1)
+    footprint = position + (scatter.step_width_m / 2 + wander)[:, None] * right
+    ahead = np.stack([np.sin(heading), np.cos(heading), np.zeros(count)], axis=1)
+    off = scatter.footprint_m * inside[:, None] * rng.standard_normal((count, 2))
+    footprint += off[:, :1] * right + off[:, 1:] * ahead
+    toe = heading + scatter.heading_rad * inside * rng.standard_normal(count)
+    return _closed(footprint, toe)
+
+
+def _closed(footprint: Floats, heading: Floats) -> tuple[Floats, Floats]:
+    """Take the round-off from the end of a closed walk."""
+    turned = float(wrap(np.array(heading[-1] - heading[0])))
+    if np.linalg.norm(footprint[-1] - footprint[0]) < GAP_M and abs(turned) < KINK_RAD:
+        footprint[-1] = footprint[0]
+        heading[-1] -= turned
+    return footprint, heading
+
+
+def _crossings(legs: Sequence[_Leg], strides: Strides) -> tuple[Crossing, ...]:
+    """Landmarks with the strides that come down nearest to them, in the whole plan."""
+    found = []
+    for first, leg in zip(_first_strides(legs), legs, strict=True):
+        for name, footprint in leg.marks:
+            stride = max(int(first) + footprint - 1, 0)
+            found.append(Crossing(name, stride, float(strides.start[stride] + FLAT_SHARE * strides.duration[stride])))
+    return tuple(found)
+
+
+def _check_joint(start: Pose, pose: Pose, i: int) -> None:
+    gap = float(np.linalg.norm(start.position - pose.position))
+    if gap > GAP_M:
+        raise SimulationError(f"The path of section {i} begins {gap:.3g} m from where the walk is: move it there.")
+    kink = float(wrap(np.array(start.heading - pose.heading)))
+    if abs(kink) > KINK_RAD:
+        raise SimulationError(
+            f"The path of section {i} sets out {np.degrees(kink):.3g} deg from where the walker faces: "
+            "turn on the spot first."
+        )
+
+
+def _check_positive(what: str, value: float, unit: str) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise SimulationError(f"Nobody can {what} {value} {unit}: give a positive number.")

@@ -1,0 +1,278 @@
+"""The named scenarios: which course, worn where, on what sensor, in which field.
+
+A scenario is a default for each of these; `Choices` replaces any of them. Sensor and place are those of the paper that
+the scenario comes from. Ma's and Zhang's sensors sit in the heel of a shoe, Munoz Diaz' in the trouser pocket; the
+others are on the instep, as in the real walks that this project is tested on.
+
+Fields are the three levels of `fg_nav.lab.simulation.fields.levels`, and, for a street, iron cylinders for lamps and
+cars.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation import courses
+from fg_nav.lab.simulation.fields import (
+    AS_PRINTED,
+    LEVELS,
+    PAST_CARS,
+    PHYSICAL,
+    TEMPLATE,
+    Field,
+    Homogeneous,
+    Sum,
+    environment,
+    magnet,
+    street,
+)
+from fg_nav.lab.simulation.plan import Section
+from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, preset
+
+Worn: TypeAlias = Literal["heel", "instep", "pocket", "table"]
+WORN: tuple[Worn, ...] = get_args(Worn)
+
+Course: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
+
+STREET_FIELDS: Mapping[str, tuple[tuple[tuple[float, float, float], ...], float]] = {
+    "street": (TEMPLATE, PHYSICAL),
+    "street-as-printed": (TEMPLATE, AS_PRINTED),
+    "past-cars": (PAST_CARS, PHYSICAL),
+    "past-cars-as-printed": (PAST_CARS, AS_PRINTED),
+}
+"""Fields of lamps and parked cars: where these stand in a block, and the exponent of their decay."""
+
+FIELDS = (*LEVELS, *STREET_FIELDS)
+
+FLOOR_MAGNET_MOMENT = (0.0, 2.0, 1.0)
+"""Of the magnet on the floor of the corridor, A m^2: a block of 3 cm^3 neodymium. Zhang gives none."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A walk that can be simulated.
+
+    Attributes
+    ----------
+    name, summary : for people.
+    course : draws the sections of the walk.
+    worn : where the sensor is; on a table it goes nowhere.
+    sensor : its preset (`fg_nav.lab.simulation.sensors`), or a prior of your own.
+    site : where on Earth: a site of Munoz Diaz' Table 1 or `latitude,longitude,YYYY-MM-DD`.
+    field : one of `FIELDS`.
+    magnets : positions (3,) m of permanent magnets on the floor, with `FLOOR_MAGNET_MOMENT`.
+    aligned : a sensor in a pocket sits as the thigh does, x forward and z along the bone, as strapped to it; otherwise
+        it is turned as drawn by the seed. Nothing to sensors elsewhere.
+    """
+
+    name: str
+    summary: str
+    course: Course
+    worn: Worn
+    sensor: str | SensorPrior
+    site: str = "munich"
+    field: str = "indoor"
+    magnets: tuple[tuple[float, float, float], ...] = ()
+    aligned: bool = False
+
+    @property
+    def prior(self) -> SensorPrior:
+        """What the sensor is drawn from; raises `SimulationError` if there is no such preset."""
+        return preset(self.sensor) if isinstance(self.sensor, str) else self.sensor
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What of a scenario is to be otherwise; None leaves it as it is.
+
+    Attributes
+    ----------
+    sensor, site, field, worn : see `Scenario`.
+    rate_hz : of the recording; None for the sensor's own.
+    turned_deg : the whole course, clockwise.
+    calibrated : leave out the magnetometer's hard and soft iron.
+    aligned : see `Scenario`; False leaves it as it is.
+    """
+
+    sensor: str | None = None
+    site: str | None = None
+    field: str | None = None
+    worn: Worn | None = None
+    rate_hz: float | None = None
+    turned_deg: float = 0.0
+    calibrated: bool = False
+    aligned: bool = False
+
+    def applied_to(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with what was chosen in place of its defaults.
+
+        Raises
+        ------
+        SimulationError
+            For a sensor or a place to wear it that does not exist, a rate or turn that cannot be, or the calibration of
+            a magnetometer that the sensor has not.
+        """
+        chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn")}
+        changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
+        _check_worn(changed.worn)
+        prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
+        prior = _calibrated(prior) if self.calibrated else prior
+        changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
+        return _turned_by(changed, self.turned_deg) if self.turned_deg else changed
+
+
+def _check_worn(worn: str) -> None:
+    if worn not in WORN:
+        raise SimulationError(f"a sensor cannot be worn at '{worn}': choose one of {', '.join(WORN)}.")
+
+
+def _calibrated(prior: SensorPrior) -> SensorPrior:
+    if prior.mag is None:
+        raise SimulationError(
+            f"{prior.name} has no magnetometer to be calibrated: choose another sensor, or leave the calibration out."
+        )
+    return prior.with_iron(IronPrior())
+
+
+def _turned_by(scenario: Scenario, degrees: float) -> Scenario:
+    if not np.isfinite(degrees):
+        raise SimulationError(f"a course cannot be turned by {degrees} degrees: give a number.")
+    angle = float(np.deg2rad(degrees))
+    magnets = tuple(_turned(place, angle) for place in scenario.magnets)
+    return replace(scenario, course=lambda rng: courses.turned(scenario.course(rng), angle), magnets=magnets)
+
+
+def _fixed(course: Callable[[], Sequence[Section]]) -> Course:
+    """Make a course that draws nothing look like one that does."""
+    return lambda _: course()
+
+
+_MA, _ZHANG, _MUNOZ_DIAZ = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2"
+
+SCENARIOS: Mapping[str, Scenario] = {
+    s.name: s
+    for s in (
+        Scenario(
+            "office", "three equal loops through office corridors, 1018 m, 786 strides (Ma 2018)",
+            courses.office, "heel", _MA,
+        ),
+        Scenario(
+            "office-open", "as long as the office, ending far from the start: shows scale errors",
+            courses.office_open, "heel", _MA,
+        ),
+        Scenario(
+            "mall", "three winding laps past 14 landmarks, 2480 m, 1920 strides (Ma 2018)",
+            courses.mall, "heel", _MA,
+        ),
+        Scenario(
+            "mall-open", "as long as the mall, past 42 landmarks, ending far from the start",
+            courses.mall_open, "heel", _MA,
+        ),
+        Scenario(
+            "teaching-building", "three cycles, 515.5 m in 7 minutes (Zhang, AIEZ)",
+            _fixed(courses.teaching_building), "heel", _ZHANG,
+        ),
+        Scenario(
+            "magnet-corridor", "a corridor to and fro past a magnet on the floor (Zhang, AIEZ)",
+            courses.magnet_corridor, "heel", _ZHANG, field="smooth", magnets=(courses.MAGNET_POSITION,),
+        ),
+        Scenario(
+            "calibration-loop", "circles to the right and to the left, to calibrate a magnetometer (Ma 2018)",
+            _fixed(courses.calibration_loop), "heel", _MA, field="homogeneous",
+        ),
+        Scenario(
+            "pocket-street", "three round trips in a street, 3 km in 39 minutes, in the pocket (Munoz Diaz 2017)",
+            courses.pocket_street, "pocket", _MUNOZ_DIAZ, field="homogeneous",
+        ),
+        Scenario(
+            "pocket-past-cars", "the same street at the equator, past cars at 16 and 32 min, lamps at 24 and 35",
+            courses.past_cars, "pocket", _MUNOZ_DIAZ, site="equator", field="past-cars", aligned=True,
+        ),
+        Scenario(
+            "pocket-long", "twelve round trips of 360 m in 44 minutes, in the pocket (Munoz Diaz 2017)",
+            courses.pocket_long, "pocket", "xsens-mtw", field="homogeneous",
+        ),
+        Scenario(
+            "stairs", "two flights up, a corridor, and down again",
+            _fixed(courses.stairs), "instep", "lord-gx5-900",
+        ),
+        Scenario(
+            "mixed-gait", "slow, usual and fast walking, running, standing and turning on the spot",
+            _fixed(courses.mixed_gait), "instep", "lord-gx5-900",
+        ),
+        Scenario(
+            "demo", "one minute round an L-shaped corridor",
+            _fixed(courses.demo), "instep", "lord-gx5-900",
+        ),
+        Scenario(
+            "at-rest", "an hour on a table, for an Allan deviation",
+            _fixed(courses.at_rest), "table", "xsens-mtw", field="homogeneous",
+        ),
+    )
+}  # fmt: skip
+"""All scenarios by name."""
+
+
+def scenario(name: str) -> Scenario:
+    """Return the scenario of this name.
+
+    Raises
+    ------
+    SimulationError
+        For any other name.
+    """
+    if name not in SCENARIOS:
+        raise SimulationError(f"there is no scenario '{name}': choose one of {', '.join(SCENARIOS)}.")
+    return SCENARIOS[name]
+
+
+def surroundings(of: Scenario, earth: Homogeneous, ways: Floats, rng: np.random.Generator) -> Field:
+    """Draw the field about a scenario's course.
+
+    Parameters
+    ----------
+    of : says which field, and where magnets lie.
+    earth : the field without all else.
+    ways : (M, 3) m, places on the floor where feet come down, in order.
+    rng : source of all that is random.
+
+    Raises
+    ------
+    SimulationError
+        For a field that does not exist, or a street with iron in the way.
+    """
+    magnets = [magnet(np.array(place), np.array(FLOOR_MAGNET_MOMENT)) for place in of.magnets]
+    return Sum([_background(of.field, earth, ways, rng), *magnets])
+
+
+def _background(name: str, earth: Homogeneous, ways: Floats, rng: np.random.Generator) -> Field:
+    if name not in FIELDS:
+        raise SimulationError(f"there is no field '{name}': choose one of {', '.join(FIELDS)}.")
+    if name not in STREET_FIELDS:
+        return environment(name, earth, ways, rng)
+    start, forward, length_m = _street(ways[:, :2])
+    heading_deg = float(np.rad2deg(np.arctan2(forward[0], forward[1])))
+    template, exponent = STREET_FIELDS[name]
+    return street(earth, length_m, start=start, heading_deg=heading_deg, exponent=exponent, template=template)
+
+
+def _street(ways: Floats) -> tuple[tuple[float, float], Floats, float]:
+    """Where a straight street (M, 2) begins, its direction (2,) and its length in m."""
+    farthest = ways[np.argmax(np.linalg.norm(ways - ways[0], axis=1))]
+    length_m = float(np.linalg.norm(farthest - ways[0]))
+    if length_m < 1.0:
+        raise SimulationError("there is no street to put lamps and cars along: choose a longer course.")
+    return (float(ways[0, 0]), float(ways[0, 1])), (farthest - ways[0]) / length_m, length_m
+
+
+def _turned(place: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
+    """Turn a place clockwise about the origin by `angle` rad."""
+    east, north, up = place
+    c, s = float(np.cos(angle)), float(np.sin(angle))
+    return c * east + s * north, c * north - s * east, up

@@ -1,0 +1,311 @@
+"""The whole sensor: one unit or several averaged, the iron around them, and the clock of the logger.
+
+    prior.draw(rng) -> Sensor                what stays the same from walk to walk: scale, axes, iron, clock
+    sensor.switched_on(rng) -> SensorRun     what is new on every walk: turn-on biases, drift, noise
+    run.measure(t, rate, force, field)       the next block of samples
+
+A module of several units (Ma's has eight) averages their readings row by row. Every unit is simulated on its own,
+with its own errors, range and steps, and the readings are averaged after: so white noise falls with the square
+root of their number, the units' own errors do too, and a peak beyond the range is cut before it is averaged. What
+all units share does not average away: the iron and the turn of the board against the body.
+
+No result depends on how the walk is cut into blocks: every kind of noise has a stream of its own, drawn in the
+order of the samples, and drifts are functions of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation.sensors import checks
+from fg_nav.lab.simulation.sensors.average import mean_of
+from fg_nav.lab.simulation.sensors.clock import Clock, ClockPrior
+from fg_nav.lab.simulation.sensors.compass import BodyField, Compass
+from fg_nav.lab.simulation.sensors.iron import Iron, IronPrior
+from fg_nav.lab.simulation.sensors.magnetometer import Magnetometer, MagnetometerPrior
+from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior
+from fg_nav.plain import plain
+
+MOST_UNITS = 256
+
+MOST_RAD_S, MOST_M_S2 = 100.0, 1000.0
+"""No error of a gyroscope or an accelerometer is larger: a few times the range of any of them."""
+
+
+@dataclass(frozen=True)
+class SensorPrior:
+    """What sensors of one make are like, and so what an estimator may assume of one; perfect by default.
+
+    Attributes
+    ----------
+    name : of the preset or the make.
+    rate_hz : rows a second.
+    gyr, acc : gyroscopes (rad/s) and accelerometers (m/s^2) of a unit.
+    mag : its magnetometer; None for none.
+    iron : that all units carry along.
+    clock : of the logger.
+    units : how many are averaged.
+    mount_sd_rad : turn of the board against the body, per axis, the same for all units.
+
+    Raises
+    ------
+    SimulationError
+        If the rate is not positive, an error negative or more than can be, or the number of units none, naming the
+        field.
+    """
+
+    name: str
+    rate_hz: float
+    gyr: TriadPrior = field(default_factory=TriadPrior)
+    acc: TriadPrior = field(default_factory=TriadPrior)
+    mag: MagnetometerPrior | None = field(default_factory=MagnetometerPrior)
+    iron: IronPrior = field(default_factory=IronPrior)
+    clock: ClockPrior = field(default_factory=ClockPrior)
+    units: int = 1
+    mount_sd_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks.positive_finite(self, "rate_hz")
+        checks.up_to(np.pi, self, "mount_sd_rad")
+        self.gyr.check_errors(MOST_RAD_S, "SensorPrior.gyr")
+        self.acc.check_errors(MOST_M_S2, "SensorPrior.acc")
+        if not isinstance(self.units, int) or not 1 <= self.units <= MOST_UNITS:
+            raise SimulationError(
+                f"units of a SensorPrior is {self.units!r}: give a whole number from 1 to {MOST_UNITS}."
+            )
+
+    @property
+    def period_s(self) -> float:
+        """Distance of the rows in s."""
+        return 1 / self.rate_hz
+
+    def at_rate(self, rate_hz: float) -> SensorPrior:
+        """Make the same sensor with another rate: its noise density stays, its noise per sample does not."""
+        return replace(self, rate_hz=rate_hz)
+
+    def with_held_field(self, held: bool = True) -> SensorPrior:
+        """Make the same sensor with a logger that repeats the field where there is no new sample."""
+        return self if self.mag is None else replace(self, mag=replace(self.mag, held=held))
+
+    def with_iron(self, iron: IronPrior) -> SensorPrior:
+        """Make the same sensor with exactly this iron: its chips add no offset or scale error of their own."""
+        if self.mag is None:
+            return replace(self, iron=iron)
+        exact = replace(self.mag, offset_sd_uT=0.0, scale_sd=0.0, cross_axis_sd=0.0)
+        return replace(self, iron=iron, mag=exact)
+
+    def draw(self, rng: np.random.Generator) -> Sensor:
+        """Draw one particular sensor."""
+        mount = Rotation.from_rotvec(self.mount_sd_rad * rng.standard_normal(3)).as_matrix()
+        iron, clock = self.iron.draw(rng), self.clock.draw(rng)
+        units = tuple(Unit.drawn(self, rng) for _ in range(self.units))
+        return Sensor(self, units, iron, clock, mount)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Parameters for JSON, in SI units and uT; None stands for infinite."""
+        return _plain_dict(self)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One chip of a module: gyroscopes, accelerometers and magnetometer."""
+
+    gyr: Triad
+    acc: Triad
+    mag: Magnetometer | None
+
+    @classmethod
+    def drawn(cls, prior: SensorPrior, rng: np.random.Generator) -> Unit:
+        """Draw one unit."""
+        mag = None if prior.mag is None else prior.mag.draw(rng)
+        return cls(prior.gyr.draw(rng), prior.acc.draw(rng), mag)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One particular sensor: what stays the same from walk to walk.
+
+    `units`, `iron` and `clock` as drawn; `board_R_body` (3, 3) turns body vectors into the axes of the board.
+    """
+
+    prior: SensorPrior
+    units: tuple[Unit, ...]
+    iron: Iron
+    clock: Clock
+    board_R_body: Floats
+
+    @property
+    def gyr_matrix(self) -> Floats:
+        """What the readings make of a rate (3, 3): the mean of the units, after the turn of the board."""
+        return mean_of([unit.gyr.matrix for unit in self.units]) @ self.board_R_body
+
+    @property
+    def acc_matrix(self) -> Floats:
+        """What the readings make of a specific force (3, 3)."""
+        return mean_of([unit.acc.matrix for unit in self.units]) @ self.board_R_body
+
+    @property
+    def g_sensitivity(self) -> Floats:
+        """What the rate readings make of a specific force (3, 3), rad/s per m/s^2."""
+        return mean_of([unit.gyr.g_sensitivity for unit in self.units]) @ self.board_R_body
+
+    @property
+    def soft_iron(self) -> Floats:
+        """What the field readings make of a field (3, 3): iron and the chips' own errors together."""
+        return self._mag_matrix() @ self.iron.soft @ self.board_R_body
+
+    @property
+    def hard_iron_uT(self) -> Floats:
+        """What the field readings show without a field (3,) uT: iron and the chips' own offsets together."""
+        offsets = [unit.mag.offset_uT for unit in self.units if unit.mag is not None]
+        return self._mag_matrix() @ self.iron.hard_uT + (mean_of(offsets) if offsets else 0.0)
+
+    def switched_on(self, rng: np.random.Generator) -> SensorRun:
+        """Switch on for one walk; spawns all its streams from `rng`, a new set with every call."""
+        return SensorRun(self, rng)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All that was drawn, for JSON: effective values of the average first, then unit by unit."""
+        effective = ("gyr_matrix", "acc_matrix", "g_sensitivity", "soft_iron", "hard_iron_uT")
+        return {
+            "prior": self.prior.as_dict(),
+            **{name: plain(getattr(self, name)) for name in effective},
+            "clock_scale_error": self.clock.scale_error,
+            "board_R_body": plain(self.board_R_body),
+            "iron": plain(self.iron),
+            "units": [_drawn(unit) for unit in self.units],
+        }
+
+    def _mag_matrix(self) -> Floats:
+        matrices = [unit.mag.matrix for unit in self.units if unit.mag is not None]
+        return mean_of(matrices) if matrices else np.eye(3)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The rows of one block that arrived, M of N.
+
+    Attributes
+    ----------
+    t : (M,) s, stamps: strictly increasing, on from the block before.
+    taken : (M,) s, what the logger's clock showed when they were taken: stamps without delay, for the truth.
+    acc, gyr : (M, 3) m/s^2, rad/s.
+    mag : (M, 3) uT, NaN (or the last one, if held) where there is no new sample; None without a magnetometer.
+    fresh : (M,) whether there is a new sample of the field; None without a magnetometer.
+    row : (M,) which instants of the block they are, for the truth.
+    """
+
+    t: Floats
+    taken: Floats
+    acc: Floats
+    gyr: Floats
+    mag: Floats | None
+    fresh: Bools | None
+    row: Ints
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True)
+class Biases:
+    """True biases of the averaged readings at N instants: `gyr` (N, 3) rad/s, `acc` (N, 3) m/s^2."""
+
+    gyr: Floats
+    acc: Floats
+
+
+class SensorRun:
+    """A sensor during one walk, from t = 0 on."""
+
+    def __init__(self, sensor: Sensor, rng: np.random.Generator) -> None:
+        self.sensor = sensor
+        rate_hz = sensor.prior.rate_hz
+        clock_rng, field_rng, *unit_rngs = rng.spawn(2 + 2 * len(sensor.units))
+        pairs = list(zip(sensor.units, unit_rngs[::2], unit_rngs[1::2], strict=True))
+        self._gyr = [unit.gyr.switched_on(gyr_rng, rate_hz) for unit, gyr_rng, _ in pairs]
+        self._acc = [unit.acc.switched_on(acc_rng, rate_hz) for unit, _, acc_rng in pairs]
+        self._clock = sensor.clock.switched_on(clock_rng, rate_hz)
+        self._compass = Compass(
+            sensor.prior.mag, [unit.mag for unit in sensor.units], sensor.iron, sensor.board_R_body, field_rng
+        )
+        self._end = -np.inf
+
+    def measure(self, t: Floats, rate: Floats, force: Floats, body_field: BodyField | None = None) -> Samples:
+        """Take the next N samples.
+
+        Parameters
+        ----------
+        t : (N,) s from 0 on, rising, one every period: when each sample begins.
+        rate, force : (N, 3) rad/s and m/s^2 in the body frame, each the mean over [t, t + period].
+        body_field : asked once, if the block has samples of the magnetometer, for the field (M, 3) uT in the body
+            frame, without iron, when they were taken: at M rising instants (M,) s, a lag before their rows and so
+            maybe a little before t[0] or 0. None for a recording without magnetometer.
+
+        Returns
+        -------
+        Samples
+            Those that arrive, with their stamps.
+
+        Raises
+        ------
+        SimulationError
+            If shapes disagree, something is not finite, or the block does not follow on the one before.
+        """
+        self._admit(t, rate, force)
+        turn = self.sensor.board_R_body.T
+        rate, force = rate @ turn, force @ turn
+        gyr = mean_of([unit.measure(t, rate, force) for unit in self._gyr])
+        acc = mean_of([unit.measure(t, force) for unit in self._acc])
+        mag, fresh = self._compass.measure(t, body_field)
+        stamps, taken, row = self._clock.stamped(t)
+        if mag is None or fresh is None:
+            return Samples(stamps, taken, acc[row], gyr[row], None, None, row)
+        return Samples(stamps, taken, acc[row], gyr[row], mag[row], fresh[row], row)
+
+    def biases_at(self, t: Floats) -> Biases:
+        """True biases at any instants `t` (N,) s of the walk, turn-on and drift together."""
+        return Biases(
+            gyr=mean_of([unit.bias_at(t) for unit in self._gyr]),
+            acc=mean_of([unit.bias_at(t) for unit in self._acc]),
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """What was new on this walk, for JSON: turn-on biases of the average, and unit by unit."""
+        gyr, acc = ([unit.turn_on_bias for unit in units] for units in (self._gyr, self._acc))
+        return {
+            "gyr_turn_on_bias_rad_s": plain(mean_of(gyr)),
+            "acc_turn_on_bias_m_s2": plain(mean_of(acc)),
+            "units": [{"gyr": plain(g), "acc": plain(a)} for g, a in zip(gyr, acc, strict=True)],
+        }
+
+    def _admit(self, t: Floats, rate: Floats, force: Floats) -> None:
+        checks.rows("rate", rate, t)
+        checks.rows("force", force, t)
+        if not (np.diff(t, prepend=self._end) > 0).all():
+            raise SimulationError("the instants to measure at do not rise: give blocks one after the other, each once.")
+        self._end = float(t[-1]) if len(t) else self._end
+
+
+def _drawn(unit: Unit) -> dict[str, Any]:
+    """What is particular about a unit; its prior is told once."""
+    told: dict[str, Any] = {
+        "gyr_matrix": plain(unit.gyr.matrix),
+        "g_sensitivity": plain(unit.gyr.g_sensitivity),
+        "acc_matrix": plain(unit.acc.matrix),
+    }
+    if unit.mag is not None:
+        told |= {"mag_matrix": plain(unit.mag.matrix), "mag_offset_uT": plain(unit.mag.offset_uT)}
+    return told
+
+
+def _plain_dict(value: object) -> dict[str, Any]:
+    told = plain(value)
+    assert isinstance(told, dict)
+    return told

@@ -1,0 +1,144 @@
+"""Three gyroscopes or three accelerometers: how they misread a rate or a specific force.
+
+    y = digits(M x + G f + b + d(t) + n)
+
+====== ===== ===========================================================================================
+x      u     (3,) what is to be measured along the body's axes: rate (rad/s) or specific force (m/s^2)
+M      1     (3, 3) identity plus scale errors on and cross-axis errors off the diagonal: fixed for a unit
+G      u s^2/m (3, 3) g-sensitivity of a gyroscope, f the specific force: fixed for a unit
+b      u     (3,) turn-on bias: new whenever the unit is switched on
+d(t)   u     (3,) drift (`fg_nav.lab.simulation.sensors.drift`)
+n      u     (3,) white noise, standard deviation N sqrt(f_s) a sample at the rate f_s (Hz)
+digits       the end of the range, then the steps of the converter (`digitised`)
+====== ===== ===========================================================================================
+
+u is the unit of the triad. The noise density N (u/sqrt(Hz)) is the one estimators use: two-sided, the Allan
+deviation at 1 s, the angle or velocity random walk. A data sheet's noise density is one-sided and sqrt(2) times
+as large: 0.01 deg/s/sqrt(Hz) over 92 Hz make the 0.1 deg/s rms of the MPU-9250's sheet.
+
+Six free off-diagonal elements of M hold both the turn of the triad against the body and its axes' skewness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.lab.simulation.sensors import checks
+from fg_nav.lab.simulation.sensors.checks import ZERO, Triple
+from fg_nav.lab.simulation.sensors.drift import Drift, DriftPath
+
+MOST_SPREAD = 0.5
+"""Of the elements of M; beyond that the axes are anywhere."""
+
+
+@dataclass(frozen=True)
+class TriadPrior:
+    """What triads of one make are like; a perfect one by default. u is rad/s or m/s^2.
+
+    Attributes
+    ----------
+    noise_density : N, u/sqrt(Hz), two-sided.
+    bias, bias_sd : turn-on bias, expected (3,) and standard deviation about it per axis, u.
+    drift : of the bias.
+    scale_sd, cross_axis_sd : standard deviations of M's elements on and off the diagonal.
+    g_sensitivity_sd : standard deviation of G's elements, u per m/s^2.
+    limit : end of the range, u.
+    resolution : step of the converter, u; 0 for none.
+
+    Raises
+    ------
+    SimulationError
+        If a standard deviation is negative or anything is not a number or more than can be, naming the field.
+    """
+
+    noise_density: float = 0.0
+    bias: Triple = ZERO
+    bias_sd: float = 0.0
+    drift: Drift = field(default_factory=Drift)
+    scale_sd: float = 0.0
+    cross_axis_sd: float = 0.0
+    g_sensitivity_sd: float = 0.0
+    limit: float = np.inf
+    resolution: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks.not_negative(self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution")
+        checks.up_to(MOST_SPREAD, self, "scale_sd", "cross_axis_sd")
+        checks.positive(self, "limit")
+        checks.vector(self, "bias")
+
+    def check_errors(self, most: float, called: str) -> None:
+        """Demand errors that are no larger than `most` (u) for a triad `called` so; raises SimulationError."""
+        checks.up_to(most, self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution", called=called)
+        checks.vector(self, "bias", most=most, called=called)
+        checks.up_to(most, self.drift, "sd", "walk", called=f"{called}.drift")
+        checks.vector(self.drift, "trend", most=most, called=f"{called}.drift")
+
+    def draw(self, rng: np.random.Generator) -> Triad:
+        """Draw one unit's triad; takes the same number of draws whatever the parameters."""
+        matrix = distortion(self.scale_sd, self.cross_axis_sd, rng)
+        return Triad(self, matrix, self.g_sensitivity_sd * rng.standard_normal((3, 3)))
+
+
+@dataclass(frozen=True)
+class Triad:
+    """One particular triad. `matrix` M (3, 3) and `g_sensitivity` G (3, 3) stay the same from walk to walk."""
+
+    prior: TriadPrior
+    matrix: Floats
+    g_sensitivity: Floats
+
+    def switched_on(self, rng: np.random.Generator, rate_hz: float) -> TriadRun:
+        """Switch on: draws the turn-on bias, and spawns streams for drift and noise from `rng`."""
+        return TriadRun(self, rng, rate_hz)
+
+
+class TriadRun:
+    """A triad while it is on. `turn_on_bias` (3,) u stays, the drift is on top of it."""
+
+    def __init__(self, triad: Triad, rng: np.random.Generator, rate_hz: float) -> None:
+        self.triad = triad
+        self.turn_on_bias = triad.prior.bias + triad.prior.bias_sd * rng.standard_normal(3)
+        drift_rng, self._rng = rng.spawn(2)
+        self._drift = DriftPath(triad.prior.drift, drift_rng)
+        self._noise_sd = triad.prior.noise_density * float(np.sqrt(rate_hz))
+
+    def bias_at(self, t: Floats) -> Floats:
+        """True bias (N, 3) u at any instants `t` (N,) s."""
+        return np.asarray(self.turn_on_bias + self._drift.at(t))
+
+    def measure(self, t: Floats, true: Floats, force: Floats | None = None) -> Floats:
+        """Readings (N, 3) u of the next N samples.
+
+        Parameters
+        ----------
+        t : (N,) s, instants of the samples.
+        true : (N, 3) u, what is to be measured.
+        force : (N, 3) m/s^2, what a gyroscope is sensitive to beside its rate.
+        """
+        reading = true @ self.triad.matrix.T + self.bias_at(t)
+        if force is not None and self.triad.prior.g_sensitivity_sd:
+            reading += force @ self.triad.g_sensitivity.T
+        if self._noise_sd:
+            reading += self._noise_sd * self._rng.standard_normal(reading.shape)
+        return digitised(reading, self.triad.prior.limit, self.triad.prior.resolution)
+
+
+def distortion(scale_sd: float, cross_axis_sd: float, rng: np.random.Generator) -> Floats:
+    """Draw a matrix M (3, 3): identity plus errors of these standard deviations on and off the diagonal."""
+    spread = np.where(np.eye(3, dtype=np.bool_), scale_sd, cross_axis_sd)
+    return np.asarray(np.eye(3) + spread * rng.standard_normal((3, 3)))
+
+
+def digitised(reading: Floats, limit: float, resolution: float) -> Floats:
+    """Clip readings (N, 3) at the ends of the range, then round to steps of the converter; changes `reading`."""
+    if np.isfinite(limit):
+        np.clip(reading, -limit, limit, out=reading)
+    if resolution:
+        reading /= resolution
+        np.rint(reading, out=reading)
+        reading *= resolution
+    return reading

@@ -1,0 +1,276 @@
+"""From a scenario and a seed to a recording with all its truth: the simulator, put together.
+
+    course -> strides -> motion of foot or thigh -> rate, force
+                      -> field of the surroundings -> body field  -> sensor -> recording
+
+The motion is known at any instant; the sensor samples it in blocks, so that memory grows with the recording alone.
+Truth is told on the recording's clock, scale error and all, but not late by the delays that jitter its stamps.
+The origin of the recording's truth is where the sensor first is; the field was drawn about the course before that,
+and `origin` says where the one lies in the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation.fields import Field, Homogeneous, earth_at
+from fg_nav.lab.simulation.foot import foot_motion
+from fg_nav.lab.simulation.footsteps import Strides
+from fg_nav.lab.simulation.lying import Lying, no_strides
+from fg_nav.lab.simulation.motion import Kinematics, Motion
+from fg_nav.lab.simulation.person import Person, mount_named
+from fg_nav.lab.simulation.plan import Crossing, plan_with_landmarks
+from fg_nav.lab.simulation.scenarios import Choices, Scenario, scenario, surroundings
+from fg_nav.lab.simulation.sensors import SensorRun
+from fg_nav.lab.simulation.streams import Streams
+from fg_nav.lab.simulation.thigh import Pocket, thigh_motion
+from fg_nav.recording import MIN_SAMPLES, Provenance, Recording, TrajectoryTruth
+
+BLOCK = 50_000
+"""Samples worked on at a time."""
+
+MOST_SAMPLES = 20_000_000
+"""Three of Munoz Diaz' walks in a row at 2 kHz; 4 GB, for measured at its peak a sample takes 190 bytes."""
+
+Progress: TypeAlias = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class BiasTruth:
+    """True biases: `t` (M,) s, `gyr` (M, 3) rad/s, `acc` (M, 3) m/s^2."""
+
+    t: Floats
+    gyr: Floats
+    acc: Floats
+
+
+@dataclass(frozen=True)
+class Passing:
+    """A landmark that is passed: at `time_s`, the foot being flat, the sensor is at `position` (3,) m."""
+
+    landmark: str
+    time_s: float
+    position: Floats
+
+
+@dataclass(frozen=True)
+class SimulatedWalk:
+    """A recording, and everything that is true about it.
+
+    Attributes
+    ----------
+    scenario, choices, seed : what was asked for, and as it was in effect.
+    recording : with `TrajectoryTruth`.
+    fresh : (N,) True where the magnetometer has a new sample; None without one.
+    biases : once a second.
+    strides : of the foot; for a pocket, of the foot below; none on a table.
+    flat : (K + 1, 2) s, from when to when the foot stands flat; None for a pocket and a table.
+    landmarks : in the order in which they are passed.
+    field, earth : of the surroundings and without them, by places in the course's frame.
+    origin : (3,) m, the origin of the recording's truth in the course's frame.
+    drawn : the sensor as drawn and as switched on, for JSON.
+    person : who walked.
+
+    All times are on the recording's clock.
+    """
+
+    scenario: Scenario
+    choices: Choices
+    seed: int
+    recording: Recording
+    fresh: Bools | None
+    biases: BiasTruth
+    strides: Strides
+    flat: Floats | None
+    landmarks: tuple[Passing, ...]
+    field: Field
+    earth: Homogeneous
+    origin: Floats
+    drawn: dict[str, Any]
+    person: Person
+
+    def nav_field(self, sample: Ints) -> Floats:
+        """True field (F, 3) uT in nav where the sensor is at these samples (F,) of the recording."""
+        truth = self.recording.truth
+        assert isinstance(truth, TrajectoryTruth)
+        return self.field.at(truth.position[sample] + self.origin)
+
+
+def _say_nothing(_: float) -> None:
+    """Report no progress."""
+
+
+def simulate(
+    name: str | Scenario,
+    seed: int,
+    choices: Choices = Choices(),
+    person: Person | None = None,
+    progress: Progress = _say_nothing,
+) -> SimulatedWalk:
+    """Simulate a scenario.
+
+    Parameters
+    ----------
+    name : of the scenario, or one of your own.
+    seed : draws everything; sensor, mount and leg are the same in all scenarios of a seed.
+    choices : what of the scenario is to be otherwise.
+    person : who walks; None for somebody drawn by the seed.
+    progress : is told the fraction done.
+
+    Raises
+    ------
+    SimulationError
+        For names that do not exist and walks, sensors or fields that cannot be.
+    """
+    chosen = choices.applied_to(scenario(name) if isinstance(name, str) else name)
+    streams = Streams(seed, chosen.name)
+    person = Person().drawn(streams.lasting("person")) if person is None else person
+    sensor = chosen.prior.draw(streams.lasting("sensor"))
+    earth = earth_at(chosen.site)
+    strides, crossings = _strides(chosen, person, streams)
+    _check_size(strides.end_s, chosen.prior.rate_hz)
+    motion, flat = _motion(chosen, strides, person, streams)
+    field = surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
+    run = sensor.switched_on(streams.of_this_walk("switched on"))
+    count = _sample_count(strides.end_s, chosen.prior.rate_hz)
+    rows = _Rows.joined(_measured(run, motion, field, count, progress), count)
+    origin = rows.position[0].copy()
+    return SimulatedWalk(
+        scenario=chosen,
+        choices=choices,
+        seed=seed,
+        recording=rows.recording(origin, f"{chosen.name}, seed {seed}"),
+        fresh=rows.fresh,
+        biases=_biases(run, strides.end_s),
+        strides=_on_clock(strides, _clock_rate(run)),
+        flat=None if flat is None else flat * _clock_rate(run),
+        landmarks=_landmarks(crossings, motion, origin, _clock_rate(run)),
+        field=field,
+        earth=earth,
+        origin=origin,
+        drawn={"sensor": run.sensor.as_dict(), "switched_on": run.as_dict()},
+        person=person,
+    )
+
+
+def _sample_count(end_s: float, rate_hz: float) -> int:
+    return int(end_s * rate_hz)
+
+
+def _check_size(end_s: float, rate_hz: float) -> None:
+    told = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
+    if not end_s * rate_hz <= MOST_SAMPLES:
+        raise SimulationError(f"{told}: make the walk shorter or the rate lower, for at most {MOST_SAMPLES}.")
+    if _sample_count(end_s, rate_hz) < MIN_SAMPLES:
+        raise SimulationError(f"{told}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
+
+
+def _strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
+    sections = chosen.course(streams.of_this_walk("course"))
+    if chosen.worn == "table":
+        return no_strides(sections), ()
+    return plan_with_landmarks(sections, person, streams.of_this_walk("strides"))
+
+
+def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
+    """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
+    if chosen.worn == "table":
+        return Lying.drawn(streams.of_this_walk("table")), None
+    if chosen.worn == "pocket":
+        pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
+        return thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
+    mount = mount_named(chosen.worn).drawn(streams.lasting("mount"))
+    foot = foot_motion(strides, person, mount, streams.of_this_walk("foot"))
+    return foot, foot.flat
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Samples that arrived, M, with the true pose at each; `taken` is when they were, without delay."""
+
+    t: Floats
+    taken: Floats
+    acc: Floats
+    gyr: Floats
+    mag: Floats | None
+    fresh: Bools | None
+    position: Floats
+    nav_R_body: Floats
+
+    @classmethod
+    def joined(cls, blocks: Iterable[_Rows], most: int) -> _Rows:
+        """One block after the other, `most` rows at most: each is put in its place, so that none is held twice."""
+        columns: list[Any] = []
+        count = 0
+        for block in blocks:
+            parts = [getattr(block, item.name) for item in fields(cls)]
+            columns = columns or [_room_for(part, most) for part in parts]
+            for column, part in zip(columns, parts, strict=True):
+                if column is not None:
+                    column[count : count + len(part)] = part
+            count += len(block.t)
+        trimmed: list[Any] = [None if column is None else column[:count] for column in columns]
+        return cls(*trimmed)
+
+    def recording(self, origin: Floats, name: str) -> Recording:
+        """The recording, its truth on the same clock but without the delay of the stamps; moves `position`."""
+        self.position[:] -= origin
+        truth = TrajectoryTruth(self.taken, self.position, self.nav_R_body)
+        provenance = Provenance(format="simulated", notes=(f"simulated: {name}",))
+        return Recording(self.t, self.acc, self.gyr, self.mag, truth, provenance)
+
+
+def _room_for(part: Floats | Bools | None, count: int) -> Floats | Bools | None:
+    """An array for so many rows like those of `part`; the system gives memory for what is written only."""
+    return None if part is None else np.empty((count, *part.shape[1:]), dtype=part.dtype)
+
+
+def _measured(run: SensorRun, motion: Motion, field: Field, count: int, progress: Progress) -> Iterator[_Rows]:
+    """So many samples of what the sensor records of a motion, block after block."""
+    period_s = run.sensor.prior.period_s
+    for begin in range(0, count, BLOCK):
+        t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
+        state = motion.at(t)
+        rate, force = motion.sampled(t, period_s)
+        samples = run.measure(t, rate, force, lambda instants: _body_field(motion.at(instants), field))
+        progress((begin + len(t)) / count)
+        yield _Rows(
+            samples.t, samples.taken, samples.acc, samples.gyr, samples.mag, samples.fresh,
+            state.position[samples.row], state.nav_R_body[samples.row],
+        )  # fmt: skip
+
+
+def _body_field(state: Kinematics, field: Field) -> Floats:
+    turned: Floats = np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position))
+    return turned
+
+
+def _clock_rate(run: SensorRun) -> float:
+    """Seconds of the recording's clock in a true second."""
+    return 1.0 + run.sensor.clock.scale_error
+
+
+def _on_clock(strides: Strides, clock_rate: float) -> Strides:
+    """The same strides, by a clock of this rate."""
+    start, duration = strides.start * clock_rate, strides.duration * clock_rate
+    return replace(strides, start=start, duration=duration, end_s=strides.end_s * clock_rate)
+
+
+def _biases(run: SensorRun, end_s: float) -> BiasTruth:
+    t = np.arange(0.0, end_s)
+    biases = run.biases_at(t)
+    return BiasTruth(t * _clock_rate(run), biases.gyr, biases.acc)
+
+
+def _landmarks(crossings: Sequence[Crossing], motion: Motion, origin: Floats, clock_rate: float) -> tuple[Passing, ...]:
+    if not crossings:
+        return ()
+    t = np.array([crossing.time_s for crossing in crossings])
+    place = motion.at(t).position - origin
+    return tuple(Passing(c.landmark, float(s), p) for c, s, p in zip(crossings, t * clock_rate, place, strict=True))

@@ -1,0 +1,254 @@
+"""Where the graph of a walk has no solution, the walk goes on from its last footfall.
+
+That footfall was told, with its sigmas: they become a prior on its last node, and the newest stride is put behind it
+with its own factors. What came before stays as it was told. If the stride has no solution either, the newest footfall
+begins alone where dead reckoning has it, or else where the last one was, with sigmas for all that a person may have
+walked and turned in the meantime. The state of the field is begun anew from where it was, with nothing known of it.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Protocol
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, M, S, V, X
+
+from fg_nav.arrays import Floats
+from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.isam2 import weak_priors
+from fg_nav.online.marginalise import without
+from fg_nav.online.strides import Place, StrideWindow, first_values
+from fg_nav.online.ties import GraphTies
+from fg_nav.smoother.field_state import E_H, SIZE
+from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.solver import UNSOLVED
+from fg_nav.smoother.strides import Stride, add_stride
+
+REASON = "the walk had no solution here, and goes on from the footfall before"
+"""In place of a verdict on the field."""
+
+NODE_SPEED_M_S = 0.1
+"""Sigma of the velocity of a foot at the end of its stance."""
+
+WALKING_M_S = 1.5
+"""Sigma of the mean velocity of a person of whom nothing is known ..."""
+
+TURNED_RAD = 1.0
+"""... of the heading after a stride that makes no sense ..."""
+
+SWINGING_M_S = 3.0
+"""... and of the velocity of the foot."""
+
+NORTH_UT = (0.0, 20.0)
+"""East and north part of a field that nothing is known of."""
+
+
+class Graph(Protocol):
+    """What `online_graph` and `online_lag` have in common here."""
+
+    def pose(self, key: int) -> gtsam.Pose3:
+        """Return a pose as now known."""
+
+    def vector(self, key: int) -> Floats:
+        """Return a vector as now known."""
+
+    def bias(self, key: int) -> gtsam.imuBias.ConstantBias:
+        """Return a bias as now known."""
+
+    def covariance(self, key: int) -> Floats:
+        """Return the covariance of a pose or a bias."""
+
+    def begun_at(self) -> gtsam.Values:
+        """Return where the variables are linearised."""
+
+    def restart(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
+        """Begin again from a graph of these footfalls."""
+
+
+def check(graph: Graph, place: Place) -> None:
+    """Raise `RuntimeError` if what is known of a footfall is not finite, or not uncertain."""
+    known = [graph.pose(X(place.result)).matrix(), graph.vector(V(place.result)), graph.bias(B(place.bias)).vector()]
+    covariances = [graph.covariance(X(place.result)), graph.covariance(B(place.bias))]
+    finite = all(np.isfinite(part).all() for part in (*known, *covariances))
+    if not finite or not all((np.diagonal(one) > 0.0).all() for one in covariances):
+        raise RuntimeError("the graph has a solution that is not finite")
+
+
+def go_on(
+    graph: Graph,
+    last: StanceEstimate,
+    graph_cov: Floats,
+    window: StrideWindow,
+    stride: Stride,
+    p: SmootherParameters,
+    with_field: bool,
+) -> None:
+    """Let a graph begin anew from its last footfall.
+
+    Parameters
+    ----------
+    last : footfall, as it was told.
+    graph_cov : (4, 4) covariance of its place and yaw in the graph.
+    window, stride : the newest.
+    with_field : whether the footfall needs a state of the field.
+    """
+    held = _held(graph, last, window.before)
+    field, values = gtsam.Values(), _reckoned(window, stride, held, p)
+    if with_field:
+        field.insert(M(window.place.number), _state(graph, window.before))
+    try:
+        prior = _prior(last, graph_cov, held, window.before, p)
+        factors, solved = _behind(window, stride, held, values, prior, p)
+        _begin(graph, factors, solved, field, window.place)
+    except UNSOLVED:
+        factors = _alone(last, graph_cov, values, window.place, p)
+        _begin(graph, factors, values, field, window.place)
+
+
+def _begin(
+    graph: Graph, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, field: gtsam.Values, place: Place
+) -> None:
+    """Begin with a footfall and its state of the field, if it has one."""
+    factors.push_back(weak_priors(field))
+    values.insert(field)
+    graph.restart(factors, values, [place])
+    check(graph, place)
+
+
+def _state(graph: Graph, before: Place) -> Floats:
+    """State of the field at the last footfall: as known, or as linearised, or a field that points north."""
+    for known in (graph.vector, graph.begun_at().atVector):
+        with suppress(*UNSOLVED):
+            state = np.asarray(known(M(before.number)))
+            if np.isfinite(state).all():
+                return state
+    state = np.zeros(SIZE)
+    state[E_H] = NORTH_UT
+    return state
+
+
+def _held(graph: Graph, last: StanceEstimate, before: Place) -> gtsam.Values:
+    """Variables at the end of the last footfall, as known where the graph can tell, else as told."""
+    told = gtsam.Pose3(gtsam.Rot3(last.nav_R_body), last.position)
+    pose, velocity, bias = told, np.zeros(3), gtsam.imuBias.ConstantBias(np.zeros(3), last.gyro_bias)
+    try:
+        known = graph.pose(X(before.stop - 1)), graph.vector(V(before.stop - 1)), graph.bias(B(before.bias))
+        near = np.linalg.norm(known[0].translation() - last.position) < 1.0
+        if near and np.isfinite(np.concatenate([known[0].matrix().ravel(), known[1], known[2].vector()])).all():
+            pose, velocity, bias = known
+    except UNSOLVED:
+        pass
+    held = gtsam.Values()
+    held.insert(X(before.stop - 1), pose)
+    held.insert(V(before.stop - 1), velocity)
+    held.insert(B(before.bias), bias)
+    held.insert(S(before.bias), np.zeros(1))
+    return held
+
+
+def _prior(
+    last: StanceEstimate, graph_cov: Floats, held: gtsam.Values, before: Place, p: SmootherParameters
+) -> gtsam.NonlinearFactorGraph:
+    """What is known of the last footfall, as a prior on its last node."""
+    graph = gtsam.NonlinearFactorGraph()
+    key, velocity_key = X(before.stop - 1), V(before.stop - 1)
+    pose = held.atPose3(key)
+    graph.addPriorPose3(key, pose, _pose_noise(pose, graph_cov, np.radians(p.tilt_sigma_deg)))
+    slow = gtsam.noiseModel.Isotropic.Sigma(3, NODE_SPEED_M_S)
+    graph.addPriorVector(velocity_key, held.atVector(velocity_key), slow)
+    _add_sensor(graph, last, held.atConstantBias(B(before.bias)), before.bias, p)
+    return graph
+
+
+def _behind(
+    window: StrideWindow,
+    stride: Stride,
+    held: gtsam.Values,
+    values: gtsam.Values,
+    prior: gtsam.NonlinearFactorGraph,
+    p: SmootherParameters,
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Factors and values of the newest footfall, behind what is known of the last."""
+    graph = gtsam.NonlinearFactorGraph(prior)
+    add_stride(graph, GraphTies(graph), stride, p)
+    whole = gtsam.Values(held)
+    whole.insert(values)
+    before, place = window.before, window.place
+    leaving = [X(before.stop - 1), V(before.stop - 1)]
+    leaving += [B(before.bias), S(before.bias)] if place.bias != before.bias else []
+    factors = gtsam.NonlinearFactorGraph()
+    for factor in without((graph.at(i) for i in range(graph.size())), whole, leaving):
+        factors.push_back(factor)
+    for key in leaving:
+        whole.erase(key)
+    return factors, whole
+
+
+def _reckoned(window: StrideWindow, stride: Stride, held: gtsam.Values, p: SmootherParameters) -> gtsam.Values:
+    """Where the newest footfall is by its stride alone; where the last one was, if that is not finite."""
+    bias = held.atConstantBias(B(window.before.bias))
+    try:
+        graph = gtsam.NonlinearFactorGraph()
+        add_stride(graph, GraphTies(graph), stride, p)
+        values = first_values(window, graph, held, bias, p)
+        if _is_finite(values, window.place):
+            return values
+    except UNSOLVED:
+        pass
+    values, place = gtsam.Values(), window.place
+    for j in range(place.first, place.stop):
+        values.insert(X(j), held.atPose3(X(window.before.stop - 1)))
+        values.insert(V(j), np.zeros(3))
+    if place.bias != window.before.bias:
+        values.insert(B(place.bias), bias)
+        values.insert(S(place.bias), np.zeros(1))
+    return values
+
+
+def _is_finite(values: gtsam.Values, place: Place) -> bool:
+    nodes = range(place.first, place.stop)
+    parts = [part for j in nodes for part in (values.atPose3(X(j)).matrix().ravel(), values.atVector(V(j)))]
+    return bool(np.isfinite(np.concatenate(parts)).all())
+
+
+def _alone(
+    last: StanceEstimate, graph_cov: Floats, values: gtsam.Values, place: Place, p: SmootherParameters
+) -> gtsam.NonlinearFactorGraph:
+    """Priors on the newest footfall, for all that may have happened since the last one; `values` gets what it lacks."""
+    elapsed = max(place.t - last.t, 0.0)
+    wide = graph_cov + np.diag([(WALKING_M_S * elapsed) ** 2] * 3 + [TURNED_RAD**2])
+    graph = gtsam.NonlinearFactorGraph()
+    for j in range(place.first, place.stop):
+        pose = values.atPose3(X(j))
+        graph.addPriorPose3(X(j), pose, _pose_noise(pose, wide, TURNED_RAD))
+        graph.addPriorVector(V(j), np.zeros(3), gtsam.noiseModel.Isotropic.Sigma(3, SWINGING_M_S))
+    bias = gtsam.imuBias.ConstantBias(np.zeros(3), last.gyro_bias)
+    if not values.exists(B(place.bias)):
+        values.insert(B(place.bias), bias)
+        values.insert(S(place.bias), np.zeros(1))
+    _add_sensor(graph, last, bias, place.bias, p)
+    return graph
+
+
+def _add_sensor(
+    graph: gtsam.NonlinearFactorGraph,
+    last: StanceEstimate,
+    bias: gtsam.imuBias.ConstantBias,
+    number: int,
+    p: SmootherParameters,
+) -> None:
+    """Priors on bias and settling, by what is known of the sensor."""
+    sigma = np.concatenate([np.repeat(p.acc_bias_sigma, 3), last.gyro_bias_sigma])
+    graph.addPriorConstantBias(B(number), bias, gtsam.noiseModel.Diagonal.Sigmas(sigma))
+    graph.addPriorVector(S(number), np.zeros(1), gtsam.noiseModel.Isotropic.Sigma(1, p.settling_sigma_m))
+
+
+def _pose_noise(pose: gtsam.Pose3, nav_cov: Floats, tilt_rad: float) -> gtsam.noiseModel.Gaussian:
+    """Noise of a pose in its tangent space, from place and yaw (4, 4) and tilt in navigation axes."""
+    covariance = np.diag([tilt_rad**2, tilt_rad**2, 0.0, 0.0, 0.0, 0.0])
+    covariance[np.ix_([3, 4, 5, 2], [3, 4, 5, 2])] = nav_cov
+    turn, body_R_nav = np.zeros((6, 6)), pose.rotation().matrix().T
+    turn[:3, :3] = turn[3:, 3:] = body_R_nav
+    return gtsam.noiseModel.Gaussian.Covariance(turn @ covariance @ turn.T)

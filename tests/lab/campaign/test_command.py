@@ -1,0 +1,372 @@
+"""A campaign as a whole: what is made, what is joined, what is made anew, and that the tables do not tell how."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+import weakref
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from pyarrow import parquet
+
+from fg_nav import cli
+from fg_nav.errors import CampaignError, OutputError
+from fg_nav.lab.campaign import command, kept, table
+from fg_nav.lab.campaign.command import Wanted, campaign
+from fg_nav.lab.campaign.folder import CELLS, MARK, held
+from fg_nav.lab.campaign.parcel import parcel, unpacked
+from fg_nav.lab.campaign.plan import read_plan
+from fg_nav.lab.campaign.table import RESULTS, TABLES, TIMINGS, write_tables
+from fg_nav.report.campaign import duration
+from tests.command_line import FgNav, in_a_process
+from tests.lab.campaign import fakes
+
+ROOT = Path(cli.__file__).parents[1]
+
+PLAN = 'scenarios = ["demo"]\nfields = ["smooth"]\nseeds = 2\nmethods = ["iez", "ma2018"]\nmagnetometers = ["raw"]\n'
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    return path
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Count the cells that are made, here and without a cluster."""
+    count = Counter()
+
+    def on_cluster(jobs, cluster, take, tell, look):
+        for job in jobs:
+            count.update(job.keys)
+            take(job, unpacked(parcel(job, cluster.far)), cluster.workers)
+
+    monkeypatch.setattr(command, "on_cluster", on_cluster)
+    return count
+
+
+def tables(folder):
+    return {name: (folder / name).read_bytes() for name in TABLES if name != TIMINGS}
+
+
+def rows(folder, name=RESULTS):
+    return parquet.read_table(folder / name).to_pylist()
+
+
+def run(plan, out, **more):
+    return campaign(Wanted(plan, out, **more), lambda _: None, print)
+
+
+def test_what_is_there_is_joined_and_the_tables_are_the_same_bytes(tmp_path, plan, made):
+    one = run(plan, tmp_path / "one")
+    assert (len(one.results), one.joined, sum(made.values())) == (4, 0, 4)
+    for half in sorted((tmp_path / "one" / CELLS).iterdir())[::2]:
+        half.unlink()
+    again = run(plan, tmp_path / "one")
+    assert (again.joined, sum(made.values())) == (2, 6)
+    first = tables(tmp_path / "one")
+    run(plan, tmp_path / "two")
+    assert tables(tmp_path / "two") == first
+    timed = parquet.read_table(tmp_path / "one" / TIMINGS).to_pylist()
+    assert all(row["runtime_s"] > 0.0 and row["code"] == kept.code_sum() for row in timed)
+
+
+def test_the_tables_tell_what_the_cells_hold(tmp_path, plan, made):
+    done = run(plan, tmp_path / "one")
+    rows = parquet.read_table(tmp_path / "one" / RESULTS).to_pylist()
+    assert [(row["walk"], row["method"], row["alignment"]) for row in rows] == [
+        (walk, method, mode) for walk in ("101", "102") for method in ("iez", "ma2018") for mode in ("origin", "yaw")
+    ]
+    by_key = {(one.key.walk, one.key.method): one for one in done.results}
+    assert len(by_key) == 4
+    for row in rows:
+        errors = by_key[row["walk"], row["method"]].errors[row["alignment"]]
+        assert row["rmse_m"] == errors.rmse_m
+        assert row["end_percent"] == pytest.approx(100.0 * row["end_m"] / row["distance_m"])
+        assert 50 < row["footfalls"] < 80
+        assert row["failed"] == ""
+
+
+def test_runtime_does_not_change_a_byte(tmp_path):
+    results = [one for walk in "213" for one in fakes.results(fakes.job("demo", walk, "qsf", "iez"))]
+    results[0] = replace(results[0], failed="no such walk.")
+    for name, some, runtime in (("one", results, 1.0), ("two", results[::-1], 2.0)):
+        (tmp_path / name).mkdir()
+        ordered = sorted((replace(one, runtime_s=runtime, code=name) for one in some), key=lambda one: one.key)
+        write_tables(tmp_path / name, ordered)
+    assert tables(tmp_path / "one") == tables(tmp_path / "two")
+    assert (tmp_path / "one" / TIMINGS).read_bytes() != (tmp_path / "two" / TIMINGS).read_bytes()
+    with pytest.raises(OutputError, match="could not be written"):
+        write_tables(tmp_path / "nowhere", results)
+
+
+def test_only_some_results_are_held_at_a_time(tmp_path, plan, made, monkeypatch):
+    """A cell has its paths; the tables are made of batches, and what is handed back has no paths."""
+    done = run(plan, tmp_path / "one")
+    held, most = set(), []
+    monkeypatch.setattr(table, "BATCH", 2)
+    read = kept.kept
+
+    def counting(*some):
+        result = read(*some)
+        assert result.estimate
+        number = len(most)
+        held.add(number)
+        weakref.finalize(result, held.discard, number)
+        most.append(len(held))
+        return result
+
+    monkeypatch.setattr(kept, "kept", counting)
+    again = run(plan, tmp_path / "one")
+    assert len(most) == 8
+    assert max(most) <= 3
+    assert again.results == done.results
+    assert not any(one.estimate or one.truth or one.whitened or one.parameters for one in again.results)
+    rows = parquet.read_table(tmp_path / "one" / RESULTS).to_pylist()
+    assert len(rows) == 8
+
+
+def test_a_table_that_fails_half_way_leaves_all_as_they_were(tmp_path):
+    def some():
+        yield from fakes.results(fakes.job("demo", "1", "iez"))
+        raise OutputError("gone.")
+
+    write_tables(tmp_path, fakes.results(fakes.job("demo", "1", "qsf")))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(OutputError, match="gone"):
+        write_tables(tmp_path, some())
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert set(before) == set(TABLES)
+
+
+def test_what_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
+    result = fakes.results(fakes.job("demo", "1"))[0]
+    (tmp_path / result.key.file).mkdir()
+    with pytest.raises(OutputError, match="could not be written"):
+        kept.keep(tmp_path, result)
+    assert [path.name for path in tmp_path.iterdir()] == [result.key.file]
+
+
+@pytest.mark.parametrize(("number", "hint"), [(errno.ENOSPC, "make room"), (errno.EIO, "name another folder")])
+def test_a_full_disk_is_no_reason_to_begin_elsewhere(tmp_path, monkeypatch, number, hint):
+    def refused(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "replace", refused)
+    with pytest.raises(OutputError, match=hint):
+        kept.keep(tmp_path, fakes.results(fakes.job("demo", "1"))[0])
+
+
+def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, fg_nav: FgNav):
+    (tmp_path / "walks").mkdir()
+    (tmp_path / "walks" / "bad.csv").write_text("time_s\n1\n")
+    (tmp_path / "plan.toml").write_text('recordings = ["walks"]\nmethods = ["iez", "ma2018"]\n')
+    for joined in (0, 2):
+        ran = fg_nav("campaign", tmp_path / "plan.toml", "--out", tmp_path / "out")
+        assert (ran.code, ran.err) == (0, "")
+        assert f"2 results, {joined} of them from before" in ran.out
+        assert "failed: walks, recorded, bad.csv, walk, iez: bad.csv" in ran.out
+    assert sum(made.values()) == 2
+    rows = parquet.read_table(tmp_path / "out" / RESULTS).to_pylist()
+    assert [(row["walk"], row["method"], row["alignment"]) for row in rows] == [
+        ("bad.csv", "iez", None),
+        ("bad.csv", "ma2018", None),
+    ]
+    (tmp_path / "walks" / "bad.csv").write_text("time_s\n2\n")
+    assert run(tmp_path / "plan.toml", tmp_path / "out").joined == 0
+    assert run(tmp_path / "plan.toml", tmp_path / "out").joined == 2
+    assert run(tmp_path / "plan.toml", tmp_path / "out", retry=True).joined == 0
+
+
+def test_what_other_code_made_is_told_and_made_anew_if_wanted(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
+    run(plan, tmp_path / "out")
+    monkeypatch.setattr(kept, "code_sum", lambda: "other")
+    monkeypatch.setattr("fg_nav.report.campaign.code_sum", lambda: "other")
+    assert "4 results made by other code or libraries" in fg_nav("campaign", plan, "--out", tmp_path / "out").out
+    assert "by other code or libraries" not in fg_nav("campaign", plan, "--out", tmp_path / "out", "--renew").out
+    assert sum(made.values()) == 8
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: FgNav):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "a.png").touch()
+    assert fg_nav("campaign", plan, "--out", tmp_path / "photos").refused("holds what is no campaign")
+    assert fg_nav("campaign", plan, "--out", plan).refused("cannot be written")
+    for folder, file in (("letters", "letter.txt"), ("other", f"{CELLS}/a.png"), ("paper", ".fg-nav-reproduce")):
+        (tmp_path / folder / CELLS).mkdir(parents=True)
+        (tmp_path / folder / file).touch()
+        assert fg_nav("campaign", plan, "--out", tmp_path / folder).refused(f"('{file}')")
+    assert not made
+
+
+def test_a_folder_of_ours_is_known_by_its_mark_or_by_having_nothing_else(tmp_path, plan, made):
+    run(plan, tmp_path / "ours")
+    (tmp_path / "ours" / "letter.txt").touch()
+    assert run(plan, tmp_path / "ours").joined == 4
+    (tmp_path / "ours" / "letter.txt").unlink()
+    (tmp_path / "ours" / MARK).unlink()
+    assert run(plan, tmp_path / "ours").joined == 4
+    assert (tmp_path / "ours" / MARK).is_file()
+
+
+def test_a_plan_may_grow_and_what_is_of_no_plan_any_more_is_told(tmp_path, plan, made, capsys):
+    run(plan, tmp_path / "out")
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 3"))
+    assert run(plan, tmp_path / "out").joined == 4
+    assert capsys.readouterr().out == ""
+    other = tmp_path / "other.toml"
+    other.write_text(PLAN.replace("seeds = 2", "seeds = 3\nfirst_seed = 102"))
+    run(other, tmp_path / "out")
+    said = capsys.readouterr().out
+    words = "has 2 results of other plans than this"
+    assert f"{words} (the last one there was {plan}): the tables leave them out" in said
+    assert {row["walk"] for row in rows(tmp_path / "out")} == {"102", "103", "104"}
+    assert run(plan, tmp_path / "out").joined == 6
+    assert f"{words} (the last one there was {other}): the tables leave them out" in capsys.readouterr().out
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 1"))
+    run(plan, tmp_path / "out")
+    assert f"{words.replace('2', '6')}: the tables" in capsys.readouterr().out
+
+
+def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, plan, made, fg_nav: FgNav):
+    out = tmp_path / "out"
+    code = "import sys, time, pathlib; from fg_nav.lab.campaign.folder import held\n"
+    code += "with held(*map(pathlib.Path, sys.argv[1:])):\n    print(1, flush=True); time.sleep(600)"
+    words = [sys.executable, "-c", code, str(out), str(plan)]
+    other = subprocess.Popen(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE)
+    try:
+        assert other.stdout.readline() == b"1\n"
+        assert fg_nav("campaign", plan, "--out", out).refused("another campaign is at work in")
+        assert not made
+    finally:
+        other.kill()
+        other.communicate()
+    for half in (".results.csv.1.part", f"{CELLS}/.a.json.1.part"):
+        (out / half).touch()
+    assert run(plan, out).joined == 0
+    assert not [path for path in out.rglob("*") if path.name.endswith(".part")]
+
+
+def test_without_locks_nobody_is_kept_out(tmp_path, plan, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with held(tmp_path / "out", plan):
+        (tmp_path / "out" / ".results.csv.1.part").touch()
+        with held(tmp_path / "out", tmp_path / "other.toml") as again:
+            assert again.before == str(plan)
+    assert (tmp_path / "out" / ".results.csv.1.part").exists()
+
+
+def test_tables_go_while_results_are_missing_and_who_stops_is_told(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
+    out = tmp_path / "out"
+    run(plan, out)
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 4"))
+    as_it_was = command.on_cluster
+
+    def stopped(jobs, *more):
+        as_it_was(jobs[:1], *more)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "on_cluster", stopped)
+    ran = fg_nav("campaign", plan, "--out", out)
+    assert (ran.code, ran.out) == (130, "")
+    assert ran.err == "note: stopped: 6 of 8 results are kept, the same command goes on from there\n"
+    assert not [name for name in TABLES if (out / name).exists()]
+    monkeypatch.setattr(command, "on_cluster", as_it_was)
+    assert run(plan, out).joined == 6
+    assert [name for name in TABLES if (out / name).exists()] == list(TABLES)
+
+
+@pytest.mark.parametrize("harm", ["is not what was kept there", "was there and is gone"])
+def test_what_another_program_does_to_a_cell_is_told(tmp_path, plan, made, monkeypatch, harm):
+    def harmed(key):
+        cell = tmp_path / "out" / CELLS / key.file
+        cell.unlink() if harm.endswith("gone") else cell.write_text("{}")
+        return ()
+
+    monkeypatch.setattr(command, "place_of", harmed)
+    with pytest.raises(OutputError, match=f"101.json {harm}: run the same command again"):
+        run(plan, tmp_path / "out")
+
+
+def test_rows_are_in_the_order_of_their_first_columns(tmp_path, plan, made):
+    """Words of methods are in another order: `iez:physical` is behind `iez,...`, its preset before `tuned`."""
+    text = PLAN.replace('"ma2018"', '"iez:physical"').replace("seeds = 2", "seeds = [9, 10]")
+    plan.write_text(f"{text}[parameters.iez]\nacc_density = [0.1, 10.0, 2.0]\n")
+    run(plan, tmp_path / "out")
+    for name in (RESULTS, TIMINGS):
+        places = [tuple(row[word] for word in table.WORDS) for row in rows(tmp_path / "out", name)]
+        assert places == sorted(places)
+        assert len(set(places)) == 12
+
+
+def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert fg_nav("campaign", plan).refused("pip install 'fg-nav[campaign]'", "distributed")
+
+
+def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
+    for name in ("a b/w.csv", "a-b/w.csv"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("x\n")
+    (tmp_path / "plan.toml").write_text('recordings = ["a b", "a-b"]\nmethods = ["iez"]\n')
+    with pytest.raises(
+        CampaignError, match=r"'w\.csv' of 'a b' and 'w\.csv' of 'a-b' would be kept in one file: rename"
+    ):
+        command.keys_of(read_plan(tmp_path / "plan.toml"))
+
+
+def test_dask_is_loaded_by_nobody_else():
+    code = "import sys, fg_nav, fg_nav.cli, fg_nav.session, fg_nav.smoother; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "fg_nav.smoother" in loaded
+    assert not {"dask", "distributed", "pyarrow.parquet"} & set(loaded)
+
+
+def test_a_scheduler_that_is_not_there(tmp_path, plan, monkeypatch, fg_nav: FgNav):
+    monkeypatch.setattr("fg_nav.lab.campaign.session.CONNECT_S", 0.2)
+    refused = fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
+    assert refused.refused("no Dask scheduler answers at tcp://127.0.0.1:1")
+    assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("'moon' is no address")
+
+
+def test_a_word_that_is_no_address_is_refused_without_a_traceback_of_dask(tmp_path, plan):
+    refused = in_a_process("campaign", str(plan), "--out", str(tmp_path / "out"), "--scheduler", "nonsense")
+    assert refused.code == 1
+    assert len(refused.err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_killed_campaign_goes_on(tmp_path, plan, made):
+    """The program itself, with its own cluster, is killed with a cell done; its workers go with it."""
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
+    cells = tmp_path / "out" / CELLS
+    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    first = subprocess.Popen([sys.executable, "-m", "fg_nav.cli", *words], env=variables, start_new_session=True)
+    while first.poll() is None and not (cells.is_dir() and any(cells.glob("*.json"))):
+        time.sleep(0.01)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
+    assert 0 < len(there) < 16
+    assert not (tmp_path / "out" / RESULTS).exists()
+    fakes.until_gone(first.pid)
+    there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
+    second = in_a_process(*words)
+    assert (second.code, second.err) == (0, "")
+    assert f"16 results, {len(there)} of them from before" in second.out
+    assert {path: path.stat().st_mtime_ns for path in there} == there
+    assert not made
+    run(plan, tmp_path / "undisturbed")
+    assert tables(tmp_path / "undisturbed") == tables(tmp_path / "out")
+
+
+def test_durations_are_said_as_people_do():
+    assert [duration(s) for s in (3.4, 61, 3599.9, 90061)] == ["3 s", "1 min 01 s", "1 h 00 min", "25 h 01 min"]

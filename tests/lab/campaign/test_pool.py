@@ -1,0 +1,99 @@
+"""Tasks on processes: all are done, and an error or Ctrl-C ends what waits and what is at work."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from fg_nav.lab.campaign.pool import as_done
+from tests.lab.campaign.fakes import until_gone
+
+SCRIPT = """
+import signal
+import sys
+from functools import partial
+from pathlib import Path
+from fg_nav.lab.campaign.pool import as_done
+from tests.lab.campaign.test_pool import slow
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what is in its background deaf to it
+    for _ in as_done([partial(slow, Path(sys.argv[1]), n, 60.0) for n in range(8)], 2):
+        pass
+"""
+
+
+def square(number):
+    return number * number, os.getpid()
+
+
+def slow(folder, number, seconds):
+    """Take so long, and leave a file at the beginning and one at the end; "bad" fails."""
+    (folder / f"{number}.begun").touch()
+    if number == "bad":
+        raise ValueError("bad")
+    time.sleep(seconds)
+    (folder / f"{number}.done").touch()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_all_tasks_are_done_here_or_by_others(workers):
+    found = dict(as_done([partial(square, number) for number in range(6)], workers))
+    assert {number: value for number, (value, _) in found.items()} == {n: n * n for n in range(6)}
+    assert ({pid for _, pid in found.values()} == {os.getpid()}) == (workers == 1)
+
+
+def test_after_an_error_nothing_is_begun_and_nothing_goes_on(tmp_path):
+    tasks = [partial(slow, tmp_path, name, 30.0) for name in ("bad", *range(20))]
+    began = time.monotonic()
+    with pytest.raises(ValueError, match="bad"):
+        list(as_done(tasks, 2))
+    assert time.monotonic() - began < 25.0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert len(names) < 8
+    assert not any(name.endswith("done") for name in names)
+
+
+def test_who_wants_no_more_does_not_wait_for_the_rest(tmp_path):
+    tasks = [partial(slow, tmp_path, name, 0.0 if name == 0 else 30.0) for name in range(20)]
+    began, some = time.monotonic(), as_done(tasks, 2)
+    assert next(some)[0] == 0
+    some.close()
+    assert time.monotonic() - began < 25.0
+
+
+MINE = []
+
+
+def test_workers_are_no_copies_of_this_process():
+    """What its threads hold would be held for ever in a copy."""
+    MINE.append("here")
+    assert dict(as_done([partial(list_of_mine), partial(list_of_mine)], 2)) == {0: [], 1: []}
+
+
+def list_of_mine():
+    return MINE
+
+
+def test_ctrl_c_ends_all_and_only_the_parent_tells(tmp_path):
+    """As a terminal does it: the signal goes to the parent and its workers."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    variables = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+    words = [sys.executable, str(script), str(tmp_path)]
+    ran = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=variables, start_new_session=True)
+    end = time.monotonic() + 60.0
+    while len(list(tmp_path.glob("*.begun"))) < 2:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    os.killpg(ran.pid, signal.SIGINT)
+    _, told = ran.communicate(timeout=90.0)
+    assert ran.returncode != 0
+    assert told.count("KeyboardInterrupt") == 1
+    assert len(list(tmp_path.glob("*.begun"))) == 2
+    until_gone(ran.pid)

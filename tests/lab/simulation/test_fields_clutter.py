@@ -1,0 +1,298 @@
+"""The clutter of buildings: floors, stairs, objects, and the three levels."""
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation.fields import (
+    LEVELS,
+    SITES,
+    Cables,
+    Clutter,
+    Dipoles,
+    FloorParameters,
+    Kind,
+    Sum,
+    TreadParameters,
+    closely_spaced,
+    curl,
+    divergence,
+    draw_floor,
+    draw_treads,
+    environment,
+    gradient,
+    place_cables,
+    place_objects,
+)
+from fg_nav.lab.simulation.fields.ways import SENSOR_HEIGHTS_M
+
+EARTH = SITES["munich"]
+CORRIDOR = np.array([[0.0, 0, 0], [40, 0, 0], [40, 25, 0], [0, 25, 0], [0, 0, 0]])
+WINDING = np.array(
+    [[0, 0, 0], [3, 0, 1.7], [4, 0, 1.7], [4, 1.2, 1.7], [3, 1.2, 1.7], [0, 1.2, 3.4], [0, 0, 3.4], [3, 0, 5.1]]
+)
+LOCKER = Kind("locker", 50.0, (0.0, 2.0), (0.0, 0.5), (0.5, 2.0), (2.0, 20.0), memory=3.0)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def up(height):
+    return np.array([0.0, 0.0, height])
+
+
+def over(height, count=4000, size=100.0, seed=1):
+    xy = rng(seed).uniform(0, size, (count, 2))
+    return np.column_stack([xy, np.full(count, height)])
+
+
+def rms(field):
+    return np.sqrt(np.mean(field**2))
+
+
+def swept(way):
+    """Points over a way at which a sensor may be."""
+    points = closely_spaced(way).points
+    return np.concatenate([points + up(height) for height in SENSOR_HEIGHTS_M])
+
+
+def is_magnetic(field, position):
+    changes = gradient(field, position)
+    largest = np.abs(changes).max()
+    return np.abs(divergence(changes)).max() <= 1e-4 * largest and np.abs(curl(changes)).max() <= 1e-4 * largest
+
+
+@pytest.mark.parametrize("height", [0.05, 0.1, 0.75, -0.1])
+@pytest.mark.parametrize("parameters", [FloorParameters(), FloorParameters(mesh_heading_deg=30.0)])
+def test_over_and_under_a_floor_there_is_a_magnetic_field(height, parameters):
+    assert is_magnetic(draw_floor(rng(), parameters), over(height, 300))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_floor_is_as_rough_as_asked_at_the_foot(seed):
+    parameters = FloorParameters(strength_uT=7.0)
+    felt = draw_floor(rng(seed), parameters).at(over(0.1))
+    assert rms(felt) == pytest.approx(7.0, rel=0.05)
+    assert np.all(np.abs(felt.mean(axis=0)) < 0.7)
+
+
+def test_a_floor_fades_towards_the_pocket():
+    floor = draw_floor(rng())
+    strength = [rms(floor.at(over(height))) for height in (0.05, 0.1, 0.3, 0.75, 1.5)]
+    assert np.all(np.diff(strength) < 0)
+    assert strength[3] < 0.45 * strength[1]
+
+
+def test_short_waves_fade_first():
+    short = draw_floor(rng(), FloorParameters(shortest_m=1.0, longest_m=1.0))
+    ratio = rms(short.at(over(0.6))) / rms(short.at(over(0.1)))
+    assert ratio == pytest.approx(np.exp(-2 * np.pi * 0.5), rel=1e-6)
+
+
+def test_under_a_floor_nothing_blows_up():
+    floor = draw_floor(rng(), FloorParameters(depth_m=0.05))
+    at_sheet = np.abs(floor.at(over(-0.05))).max()
+    for depth in (0.06, 0.5, 5.0):
+        assert np.abs(floor.at(over(-depth))).max() <= at_sheet
+
+
+def test_flux_passes_the_sheet():
+    floor = draw_floor(rng(), FloorParameters(depth_m=0.05))
+    above, below = floor.at(over(-0.05 + 1e-9)), floor.at(over(-0.05 - 1e-9))
+    np.testing.assert_allclose(above[:, 2], below[:, 2], atol=1e-5)
+
+
+def test_a_floor_lies_where_it_is_put():
+    low, high = draw_floor(rng(5)), draw_floor(rng(5), height_m=7.0)
+    np.testing.assert_allclose(low.at(over(0.1)), high.at(over(7.1)), atol=1e-9)
+
+
+def test_a_floor_does_not_repeat_within_a_building():
+    floor = draw_floor(rng())
+    here = over(0.1, 2000, size=20.0)
+    felt = floor.at(here)
+    for _ in range(60):
+        angle = rng(_).uniform(0, 2 * np.pi)
+        away = rng(_ + 100).uniform(8, 100) * np.array([np.sin(angle), np.cos(angle), 0])
+        assert abs(np.mean(felt * floor.at(here + away)) / np.mean(felt**2)) < 0.35
+
+
+def test_bars_make_the_floor_rough_across_them():
+    bars = draw_floor(rng(), FloorParameters(mesh_heading_deg=0.0, mesh_spread_deg=0.0))
+    position = over(0.1)
+    changes = gradient(bars, position)
+    assert np.abs(changes[:, 0, 1]).max() < 1e-4 * np.abs(changes[:, 0, 0]).max()
+    assert rms(bars.at(position)) == pytest.approx(FloorParameters().strength_uT, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"strength_uT": -1.0},
+        {"shortest_m": 0.0},
+        {"shortest_m": 7.0, "longest_m": 6.0},
+        {"modes": 0},
+        {"depth_m": -0.2},
+    ],
+)
+def test_a_floor_that_cannot_be_is_refused(wrong):
+    with pytest.raises(SimulationError, match="floor"):
+        FloorParameters(**wrong)
+
+
+def test_stairs_are_as_rough_as_asked_all_the_way_up():
+    way = closely_spaced(WINDING)
+    treads = draw_treads(way, rng(), TreadParameters(strength_uT=6.0))
+    felt = treads.at(way.points + up(0.1))
+    assert rms(felt) == pytest.approx(6.0, rel=1e-6)
+    halves = np.array_split(felt, 2)
+    assert all(0.6 < rms(half) / 6.0 < 1.4 for half in halves)
+    assert rms(treads.at(way.points + up(0.75))) < 0.7 * rms(felt)
+    assert is_magnetic(treads, swept(WINDING)[::5])
+
+
+def test_no_steel_of_the_stairs_is_in_the_way():
+    p = TreadParameters()
+    treads = draw_treads(closely_spaced(WINDING), rng())
+    distance = np.linalg.norm(swept(WINDING)[:, None] - treads.position, axis=2)
+    assert distance.min() >= p.room_m
+
+
+def test_what_is_walked_again_counts_once():
+    once, thrice = closely_spaced(CORRIDOR), closely_spaced(np.vstack([CORRIDOR] * 3))
+    assert len(once.spots) == pytest.approx(130, abs=8)
+    np.testing.assert_allclose(len(thrice.spots), len(once.spots), atol=3)
+    apart = np.linalg.norm(once.spots[:, None] - once.spots, axis=2) + 9 * np.eye(len(once.spots))
+    assert apart.min() > 0.89
+
+
+def test_a_way_is_followed_closely_and_as_it_climbs():
+    way = closely_spaced(WINDING)
+    assert np.linalg.norm(np.diff(way.points, axis=0), axis=1).max() <= 0.2 + 1e-9
+    assert not way.is_level
+    assert closely_spaced(CORRIDOR + up(3.0)).floor_m == pytest.approx(3.0)
+    slope = way.spot_directions[0]
+    np.testing.assert_allclose(slope, WINDING[1] / np.linalg.norm(WINDING[1]), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_objects_keep_out_of_the_way(seed):
+    way = closely_spaced(CORRIDOR)
+    placed = place_objects((LOCKER,), way, EARTH.vector, rng(seed))
+    assert len(placed) > 50
+    distance = np.linalg.norm(swept(CORRIDOR)[:, None] - placed.position, axis=2)
+    assert distance.min() >= LOCKER.room_m
+    assert distance.min(axis=0).max() < 4.0
+
+
+def test_there_are_as_many_objects_as_asked():
+    way = closely_spaced(CORRIDOR)
+    point = Kind("point", 50.0, (0.6, 2.0), (0.0, 0.5), (0.1, 0.2), (1.0, 2.0), memory=1.0)
+    counts = [len(place_objects((point,), way, EARTH.vector, rng(seed))) for seed in range(40)]
+    expected = 0.5 * len(way.spots)
+    assert np.mean(counts) == pytest.approx(expected, abs=4 * np.sqrt(expected / 40))
+
+
+def test_soft_iron_follows_the_field_and_memory_does_not():
+    way = closely_spaced(CORRIDOR)
+    soft = Kind("soft", 30.0, (0.6, 2.0), (0.0, 0.5), (0.5, 2.0), (2.0, 20.0), memory=0.0)
+    plain = place_objects((soft,), way, EARTH.vector, rng(3))
+    turned = place_objects((soft,), way, -EARTH.vector, rng(3))
+    np.testing.assert_allclose(turned.moment, -plain.moment)
+    hard = (
+        place_objects((LOCKER,), way, -EARTH.vector, rng(3)).moment
+        + place_objects((LOCKER,), way, EARTH.vector, rng(3)).moment
+    )
+    assert rms(hard) > 0.5 * rms(plain.moment)
+
+
+@pytest.mark.parametrize("way", [CORRIDOR, WINDING], ids=["corridor", "stairs"])
+def test_cables_keep_out_of_the_way(way):
+    circuits = place_cables(Cables(per_100_m=100.0, length_m=(1.0, 3.0)), closely_spaced(way), rng())
+    assert len(circuits) > 5
+    for circuit in circuits:
+        distance, _ = KDTree(swept(way)).query(circuit.pieces(0.05))
+        assert distance.min() > Cables().room_m - 0.02  # corners between the pieces that were looked at
+
+
+def test_cables_are_felt_a_little():
+    way = closely_spaced(CORRIDOR)
+    circuits = place_cables(Cables(per_100_m=20.0), way, rng())
+    assert len(circuits) > 10
+    felt = Sum(circuits).at(way.points + up(0.1))
+    assert 0.05 < rms(felt) < 5.0
+    assert is_magnetic(Sum(circuits), swept(CORRIDOR)[::20])
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("way", [CORRIDOR, WINDING], ids=["corridor", "stairs"])
+def test_every_level_is_a_magnetic_field_wherever_the_sensor_may_be(level, way):
+    position = swept(way)[::7]
+    changes = gradient(environment(level, EARTH, way, rng()), position)
+    largest = max(1.0, np.abs(changes).max())
+    assert np.abs(divergence(changes)).max() < 1e-4 * largest
+    assert np.abs(curl(changes)).max() < 1e-4 * largest
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_a_seed_makes_one_building_and_another_another(level):
+    position = swept(CORRIDOR)
+    first, again, other = (environment(level, EARTH, CORRIDOR, rng(seed)).at(position) for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert (rms(first - other) > 1.0) == (level != "homogeneous")
+
+
+def test_the_homogeneous_level_is_the_earth():
+    assert environment("homogeneous", EARTH, CORRIDOR, rng()) is EARTH
+
+
+def footfalls(way, height=0.1):
+    points = closely_spaced(way).points
+    return points[:: round(1.29 / 0.2)] + up(height)
+
+
+def steps(level, seed, height=0.1):
+    felt = environment(level, EARTH, CORRIDOR, rng(seed)).at(footfalls(CORRIDOR, height))
+    return np.median(np.linalg.norm(np.diff(felt, axis=0), axis=1))
+
+
+def test_smooth_changes_by_one_to_two_microtesla_a_step_and_indoor_by_eight_to_nineteen():
+    assert 1.0 < np.median([steps("smooth", seed) for seed in range(8)]) < 2.0
+    assert 8.0 < np.median([steps("indoor", seed) for seed in range(8)]) < 19.0
+
+
+def test_indoors_the_pocket_feels_less_than_the_foot():
+    foot, pocket = (np.median([steps("indoor", seed, height) for seed in range(5)]) for height in (0.1, 0.75))
+    assert pocket < 0.5 * foot
+    assert pocket > 1.0
+
+
+def test_an_empty_building_is_its_floor():
+    bare = Clutter(kinds=(), cables=None)
+    felt = environment("indoor", EARTH, CORRIDOR, rng(), bare).at(over(0.1)) - EARTH.vector
+    assert rms(felt) == pytest.approx(bare.floor.strength_uT, rel=0.05)
+    stairs = environment("indoor", EARTH, WINDING, rng(), bare)
+    assert isinstance(stairs, Sum)
+    assert isinstance(stairs.parts[1], Dipoles)
+
+
+def test_a_way_of_one_point_is_enough():
+    here = np.array([[1.0, 2.0, 0.0]])
+    for level in LEVELS:
+        assert np.isfinite(environment(level, EARTH, here, rng()).at(here + up(0.1))).all()
+
+
+@pytest.mark.parametrize(
+    ("level", "way", "words"),
+    [
+        ("outdoor", CORRIDOR, "homogeneous, smooth, indoor"),
+        ("indoor", np.zeros((0, 3)), "path"),
+        ("indoor", np.zeros((4, 2)), "path"),
+        ("smooth", np.full((4, 3), np.nan), "path"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(level, way, words):
+    with pytest.raises(SimulationError, match=words):
+        environment(level, EARTH, way, rng())

@@ -1,0 +1,280 @@
+"""Cylinders, dipoles and circuits against the laws of magnetostatics."""
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import SimulationError
+from fg_nav.frames import yaw_rotation
+from fg_nav.lab.simulation.fields import (
+    AS_PRINTED,
+    PHYSICAL,
+    SITES,
+    Circuit,
+    Cylinders,
+    Dipoles,
+    Sum,
+    curl,
+    divergence,
+    earth_field,
+    gradient,
+    magnet,
+    rod,
+    sphere_moment,
+    spheroid_moment,
+    street,
+    upright_loop,
+)
+from fg_nav.lab.simulation.fields.cylinder import CAR_M, STREETLIGHT_M, TEMPLATE_LENGTH_M
+from fg_nav.lab.simulation.fields.dipole import IRON_MU_R, demagnetising_factor
+
+MU_0 = 4 * np.pi * 0.1
+"""In uT m / A."""
+
+K = (IRON_MU_R - 1) / (IRON_MU_R + 1)
+SKEW = earth_field(50.0, 60.0, 30.0)
+
+
+def one_cylinder(far=SITES["equator"], radius=0.3, **options):
+    return Cylinders(np.zeros((1, 2)), np.array([radius]), far, **options)
+
+
+def around(count=200, least=0.5, most=3.0, seed=0):
+    """Points between two spheres about the origin."""
+    direction = np.random.default_rng(seed).standard_normal((count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * np.random.default_rng(seed + 1).uniform(least, most, (count, 1))
+
+
+def beside(count=200, least=0.4, most=3.0, seed=0):
+    """Points between two upright cylinders about the origin."""
+    rng = np.random.default_rng(seed)
+    angle, distance = rng.uniform(0, 2 * np.pi, count), rng.uniform(least, most, count)
+    return np.stack([distance * np.sin(angle), distance * np.cos(angle), rng.uniform(0, 2, count)], axis=1)
+
+
+LOOP = upright_loop(np.array([-2.0, -4.0, 0.0]), np.array([3.0, -4.0, 0.0]), 2.8, 7.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "position"),
+    [
+        (one_cylinder(), beside()),
+        (one_cylinder(SKEW, radius=0.35), beside()),
+        (one_cylinder(SITES["north-pole"]), beside()),
+        (magnet(np.zeros(3), np.array([1.0, -2.0, 3.0])), around()),
+        (rod(np.array([0, 0, -0.2]), np.array([0.1, 0, 0.2]), np.array([1.0, 2.0, -30.0])), around()),
+        (LOOP, around()),
+        (Sum((SKEW, LOOP, magnet(np.zeros(3), np.ones(3)))), around()),
+    ],
+    ids=["cylinder", "skew cylinder", "pole", "magnet", "rod", "circuit", "sum"],
+)
+def test_a_magnetic_field_has_neither_divergence_nor_curl(field, position):
+    changes = gradient(field, position)
+    largest = np.abs(changes).max()
+    assert np.abs(divergence(changes)).max() <= 1e-4 * largest
+    assert np.abs(curl(changes)).max() <= 1e-4 * largest
+
+
+def test_the_printed_exponent_makes_no_magnetic_field():
+    changes = gradient(one_cylinder(exponent=AS_PRINTED), beside())
+    size = np.linalg.norm(changes, axis=(1, 2))
+    assert np.median(np.abs(divergence(changes)) / size) > 0.1
+    assert np.median(np.linalg.norm(curl(changes), axis=1) / size) > 0.1
+
+
+@pytest.mark.parametrize("exponent", [PHYSICAL, AS_PRINTED])
+def test_it_is_equation_21_for_a_field_along_north(exponent):
+    position = beside()
+    x, y, _ = position.T
+    r, rho = np.hypot(x, y), np.arctan2(x, y)
+    east = 25 * K * (0.3 / r) ** exponent * np.sin(2 * rho)
+    north = 25 * (1 + K * (0.3 / r) ** exponent * np.cos(2 * rho))
+    expected = np.stack([east, north, np.zeros_like(x)], axis=1)
+    np.testing.assert_allclose(one_cylinder(exponent=exponent).at(position), expected, atol=1e-12)
+
+
+def test_the_field_turns_with_the_field_that_makes_it():
+    turn = yaw_rotation(0.7)
+    position = beside()
+    turned = one_cylinder(earth_field(50.0, 60.0, -np.degrees(0.7))).at(position @ turn.T)
+    np.testing.assert_allclose(turned, one_cylinder(earth_field(50.0, 60.0)).at(position) @ turn.T, atol=1e-12)
+
+
+def test_flux_and_tangential_field_pass_the_surface_of_the_iron():
+    """Inside, B = 2 mu_r / (mu_r + 1) B_far (Jackson, Section 5.12, in two dimensions)."""
+    angle = np.linspace(0, 2 * np.pi, 50)
+    outward = np.stack([np.sin(angle), np.cos(angle), np.zeros(50)], axis=1)
+    along = np.stack([np.cos(angle), -np.sin(angle), np.zeros(50)], axis=1)
+    outside = one_cylinder(SKEW).at(0.3 * (1 + 1e-12) * outward)
+    inside = 2 * IRON_MU_R / (IRON_MU_R + 1) * SKEW.vector * [1, 1, 0]
+    np.testing.assert_allclose(np.sum(outside * outward, axis=1), outward @ inside, atol=1e-6)
+    np.testing.assert_allclose(np.sum(outside * along, axis=1), along @ inside / IRON_MU_R, atol=1e-6)
+
+
+def test_the_upward_part_and_what_is_far_are_untouched():
+    assert np.all(one_cylinder(SKEW).at(beside())[:, 2] == SKEW.vector[2])
+    np.testing.assert_allclose(one_cylinder(SKEW).at(beside(least=300, most=400)), SKEW.at(beside()), atol=1e-4)
+    np.testing.assert_allclose(one_cylinder(SKEW, mu_r=1.0).at(beside()), SKEW.at(beside()), atol=1e-12)
+
+
+def test_nobody_walks_through_iron():
+    with pytest.raises(SimulationError, match=r"inside the cylinder of radius 0.3 m at \(0.00, 0.00\) m"):
+        one_cylinder().at(np.array([[5.0, 0, 0], [0.1, 0.2, 0]]))
+
+
+@pytest.mark.parametrize("options", [{"radius": 0.0}, {"mu_r": 0.5}, {"exponent": 0.0}])
+def test_a_cylinder_that_cannot_be_is_refused(options):
+    with pytest.raises(SimulationError, match="cylinder"):
+        one_cylinder(**options)
+
+
+def test_cylinders_and_radii_must_match():
+    with pytest.raises(SimulationError, match="do not match"):
+        Cylinders(np.zeros((2, 2)), np.ones(3), SKEW)
+
+
+def test_in_its_cell_a_cylinder_is_alone():
+    axis, radius = np.array([[0.0, 0.0], [10.0, 2.0]]), np.array([0.3, 2.0])
+    both = Cylinders(axis, radius, SKEW)
+    position = np.random.default_rng(0).uniform([-5, -5, 0], [15, 6, 2], (500, 3))
+    gap = np.linalg.norm(position[:, None, :2] - axis, axis=2) - radius
+    position, gap = position[gap.min(axis=1) > 0], gap[gap.min(axis=1) > 0]
+    cell = both.cell(position)
+    np.testing.assert_array_equal(cell, gap.argmin(axis=1))
+    assert set(cell) == {0, 1}
+    for k in (0, 1):
+        alone = Cylinders(axis[[k]], radius[[k]], SKEW).at(position[cell == k])
+        np.testing.assert_array_equal(both.at(position)[cell == k], alone)
+
+
+def test_the_field_jumps_only_where_the_cell_changes():
+    way = np.stack([np.arange(0, 120, 0.01), np.zeros(12000), np.ones(12000)], axis=1)
+    avenue = street(SITES["equator"], 120.0)
+    jump = np.linalg.norm(np.diff(avenue.at(way), axis=0), axis=1)
+    border = np.diff(avenue.cell(way)) != 0
+    assert 5 <= border.sum() <= 6
+    assert jump[~border].max() < 0.25
+    assert jump[border].max() > 0.5
+
+
+def test_a_street_has_four_lights_and_a_car_to_a_block():
+    blocks = street(SITES["equator"], 600.0)
+    on_street = (blocks.axis[:, 0] >= 0) & (blocks.axis[:, 0] < 600)
+    assert np.sum(blocks.radius[on_street] == STREETLIGHT_M) == 4 * 5
+    assert np.sum(blocks.radius[on_street] == CAR_M) == 5
+
+
+def test_a_street_repeats_and_turns():
+    position = np.random.default_rng(0).uniform([0, -0.5, 0], [300, 0.5, 1], (300, 3))
+    east = street(SITES["equator"], 600.0)
+    np.testing.assert_allclose(east.at(position), east.at(position + np.array([TEMPLATE_LENGTH_M, 0, 0])), atol=1e-9)
+    north = street(earth_field(25.0, 0.0, -90.0), 600.0, start=(5.0, 7.0), heading_deg=0.0)
+    turn = yaw_rotation(np.pi / 2)
+    np.testing.assert_allclose(north.at(position @ turn.T + [5, 7, 0]), east.at(position) @ turn.T, atol=1e-9)
+
+
+def test_a_street_without_length_is_refused():
+    with pytest.raises(SimulationError, match="street"):
+        street(SKEW, 0.0)
+
+
+def test_a_magnet_has_the_field_of_a_small_current_loop():
+    """Area times current is the moment: Biot-Savart against the dipole."""
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    radius, current = 0.01, 4.0e4
+    corners = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    moment = np.array([0, 0, np.pi * radius**2 * current])
+    position = around(least=0.8)
+    expected = magnet(np.zeros(3), moment).at(position)
+    np.testing.assert_allclose(Circuit(corners, current).at(position), expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_on_its_axis_a_magnet_is_felt_with_the_cube_of_the_distance():
+    position = np.array([[0, 0, 0.5], [0, 0, 1.0], [1.0, 0, 0]])
+    felt = magnet(np.zeros(3), np.array([0, 0, 3.0])).at(position)
+    np.testing.assert_allclose(felt, [[0, 0, 4.8], [0, 0, 0.6], [0, 0, -0.3]], atol=1e-12)
+
+
+def test_magnets_add():
+    a, b = np.random.default_rng(0).normal(size=(2, 4, 3))
+    position = around(least=6, most=9)
+    singly = [magnet(place, moment).at(position) for place, moment in zip(a, b, strict=True)]
+    np.testing.assert_allclose(Dipoles(a, b).at(position), np.sum(singly, axis=0), atol=1e-12)
+    np.testing.assert_array_equal(Dipoles(np.zeros((0, 3)), np.zeros((0, 3))).at(position), 0 * position)
+
+
+def test_flux_passes_the_pole_of_an_iron_sphere():
+    """Inside, B = 3 mu_r / (mu_r + 2) B_far; outside, B_far and a dipole."""
+    radius, far = 0.4, SITES["munich"].vector
+    pole = radius * far / np.linalg.norm(far)
+    outside = far + magnet(np.zeros(3), sphere_moment(far, radius)).at(pole[None])[0]
+    np.testing.assert_allclose(outside, 3 * IRON_MU_R / (IRON_MU_R + 2) * far, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("aspect", "tabled"), [(1.0, 1 / 3), (2.0, 0.1736), (10.0, 0.0203), (0.5, 0.5272), (0.1, 0.8608)]
+)
+def test_demagnetising_factors_are_those_of_osborn(aspect, tabled):
+    assert demagnetising_factor(aspect) == pytest.approx(tabled, abs=6e-5)
+
+
+def test_demagnetising_factors_fall_without_a_step():
+    aspect = np.geomspace(1e-3, 1e3, 4001)
+    factor = np.array([demagnetising_factor(a) for a in aspect])
+    assert np.all(np.diff(factor) < 0)
+    assert np.diff(factor).min() > -2e-3
+    assert factor[0] == pytest.approx(1.0, abs=0.002)
+    assert factor[-1] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_needle_is_magnetised_along_itself():
+    axis = np.array([0.6, 0.0, 0.8])
+    moment = spheroid_moment(SITES["munich"].vector, axis, 1.5, 0.03)
+    lengthwise = abs(moment @ axis)
+    assert lengthwise > 20 * np.linalg.norm(moment - (moment @ axis) * axis)
+    assert moment @ SITES["munich"].vector > 0
+
+
+def test_a_rod_is_two_poles():
+    moment, half = 40.0, 1.4
+    position = around(least=2.0, most=4.0)
+    poles = sum(
+        sign * 0.1 * moment / (2 * half) * (position - pole) / np.linalg.norm(position - pole, axis=1)[:, None] ** 3
+        for sign, pole in ((1, [0, 0, half]), (-1, [0, 0, -half]))
+    )
+    felt = rod(np.array([0, 0, -half]), np.array([0, 0, half]), np.array([0, 0, moment]), count=28).at(position)
+    np.testing.assert_allclose(felt, poles, atol=0.01 * np.abs(poles).max())
+
+
+def test_a_long_wire_is_felt_with_the_distance():
+    wire = Circuit(np.array([[0, -500, 0], [0, 500, 0], [1000, 500, 0], [1000, -500, 0.0]]), 5.0)
+    felt = wire.at(np.array([[-0.5, 0, 0], [0, 0, 0.25]]))
+    np.testing.assert_allclose(felt, [[0, 0, 2.0], [4.0, 0, 0]], atol=0.01)
+
+
+def test_around_a_wire_the_field_adds_up_to_the_current():
+    angle = np.linspace(0, 2 * np.pi, 721)
+    ring = np.array([0.0, -4.0, 0.0]) + 0.6 * np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=1)
+    middle = (ring[1:] + ring[:-1]) / 2
+    total = np.sum(LOOP.at(middle) * np.diff(ring, axis=0))
+    assert total == pytest.approx(MU_0 * LOOP.current_A, rel=1e-4)
+    elsewhere = np.sum(LOOP.at(middle + np.array([0, 2.0, 0])) * np.diff(ring, axis=0))
+    assert elsewhere == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: magnet(np.zeros(3), np.ones(3)).at(np.array([[0.001, 0, 0]])), "within 1 cm of a dipole"),
+        (lambda: magnet(np.zeros(3), np.ones(3)).at(np.zeros((1, 3))), "within 1 cm of a dipole"),
+        (lambda: Dipoles(np.zeros((2, 3)), np.ones((3, 3))), "2 positions but 3 moments"),
+        (lambda: Dipoles(np.zeros((2, 3)), np.ones((2, 2))), "moment of shape"),
+        (lambda: Dipoles(np.full((1, 3), np.nan), np.ones((1, 3))), "position of shape"),
+        (lambda: sphere_moment(np.ones(3), -1.0), "spheroid"),
+        (lambda: Circuit(np.zeros((2, 3)), 1.0), "corners"),
+        (lambda: LOOP.at(LOOP.corners[:1]), "conductor"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(make, words):
+    with pytest.raises(SimulationError, match=words):
+        make()

@@ -1,0 +1,72 @@
+"""The persons drawn walk as real ones do: in every fact of every table but those that say why not."""
+
+import importlib
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.real_data import DATA, needs_data
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
+realism = importlib.import_module("realism")
+realism_field = importlib.import_module("realism_field")
+walks = importlib.import_module("walks")
+
+SEEDS = (11, 12, 13, 14)  # not those on which the gait was chosen
+Facts = Sequence[Mapping[str, float]]
+Tables = Mapping[str, tuple[Mapping[str, object], Mapping[str, Facts]]]
+
+
+@pytest.fixture(scope="module")
+def tables() -> Tables:
+    """Of each table its facts, and its columns: real first."""
+    real = [realism.foot(walk.name, walk.recording) for walk in walks.gdin(DATA)]
+    recorded = {name: [realism.simulated(person(s), s) for s in SEEDS] for name, person in realism.PEOPLE.items()}
+    ours = {name: [realism.foot(name, one) for one in of] for name, of in recorded.items()}
+    inertial = {name: [realism.inertial_facts(walk) for walk in of] for name, of in ({"real": real} | ours).items()}
+    captured = {"real": realism.motion_captured(DATA)} | ours
+    true = {name: [realism.true_facts(walk) for walk in of] for name, of in captured.items()}
+    field = {"real": [walk.facts() for walk in realism_field.real_walks(DATA)]}
+    field |= {name: [realism_field.sensed(walk).facts() for walk in of] for name, of in recorded.items()}
+    return {
+        "inertial": (realism.FACTS, inertial),
+        "true": (realism.TRUE_FACTS, true),
+        "field": (realism_field.FACTS, field),
+    }
+
+
+@needs_data
+@pytest.mark.parametrize("column", list(realism.PEOPLE))
+@pytest.mark.parametrize("table", ["inertial", "true", "field"])
+def test_walks_lie_within_the_real_ones(tables: Tables, table: str, column: str) -> None:
+    facts, columns = tables[table]
+    real, ours = columns["real"], columns[column]
+    outside = {key for key in facts if realism.verdict(real, ours, key) == "outside"}
+    assert outside <= set(realism.REASONS[column])
+    share = np.mean([realism.within(real, ours, key) / len(ours) for key in facts if key not in outside])
+    assert share > 0.7
+
+
+@needs_data
+def test_persons_differ_as_real_ones_do(tables: Tables) -> None:
+    """What the person and the mount decide spans a good part of what it spans in ten real walks, for so few."""
+    _, columns = tables["inertial"]
+    for key in ("toe_down_deg", "toe_up_deg", "roll_deg_s", "pitch_deg_s", "rise_cm", "lever_cm"):
+        real, ours = (np.ptp([facts[key] for facts in columns[name]]) for name in ("real", "simulated"))
+        assert 0.15 * real < ours < 2 * real, key
+
+
+@needs_data
+def test_every_fact_tells_a_foot_from_a_table(tables: Tables) -> None:
+    facts, columns = tables["inertial"]
+    assert all(set(of) == set(facts) for of in columns["real"])
+    assert all(of[key] > 0 for of in columns["real"] for key in facts)
+
+
+def test_reasons_are_of_facts_and_columns_there_are() -> None:
+    known = set(realism.FACTS) | set(realism.TRUE_FACTS) | set(realism_field.FACTS)
+    assert set(realism.PEOPLE) < set(realism.REASONS)
+    assert all(set(reasons) <= known for reasons in realism.REASONS.values())

@@ -1,0 +1,299 @@
+"""The motion of the thigh against mechanics: derivatives, exact integration, rest, and a real thigh."""
+
+import importlib
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.errors import SimulationError
+from fg_nav.frames import GRAVITY_M_S2, heading_of
+from fg_nav.lab.simulation import courses
+from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.path import polyline, straight
+from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan
+from fg_nav.lab.simulation.thigh import Pocket, Ringing, thigh_motion
+from tests.real_data import DATA, needs_data
+
+UP = np.array([0.0, 0.0, 1.0])
+STILL = Pocket(tilt_rad=0.0, posture_rad=0.0)
+QUIET = replace(STILL, ringing=Ringing(hip_m=(0.0, 0.0, 0.0), angle_rad=(0.0, 0.0, 0.0)))
+
+
+def walk(*sections, pocket=Pocket(), seed=0):
+    rng = np.random.default_rng(seed)
+    strides = plan(sections, Person(), rng)
+    return strides, thigh_motion(strides, pocket, rng)
+
+
+@pytest.fixture(scope="module")
+def varied():
+    """Walking round a corner, running, standing, turning and stairs."""
+    corner = polyline([(0, 0), (0, 15), (15, 15)], 1.2)
+    run = straight(20.0).placed(corner.end)
+    sections = [Stand(3.0), Walk(corner), Walk(run, Style.RUN), Stand(3.0), TurnOnSpot(np.pi), Stairs(8), Stand(3.0)]
+    return walk(*sections)
+
+
+@pytest.fixture(scope="module")
+def straight_on():
+    """A walk to the north with the sensor's axes along the thigh's."""
+    return walk(Stand(3.0), Walk(straight(100.0)), Stand(3.0), pocket=STILL)
+
+
+def instants(strides, count=4000, seed=1):
+    return np.sort(np.random.default_rng(seed).uniform(0.0, strides.end_s, count))
+
+
+def walking(strides, rate_hz=100.0):
+    """Instants of steady walking, whole strides."""
+    return np.arange(strides.start[3], strides.start[-3], 1 / rate_hz)
+
+
+def test_velocity_is_the_derivative_of_position(varied):
+    strides, motion = varied
+    t, half = instants(strides), 1e-4
+    moved = (motion.at(t + half).position - motion.at(t - half).position) / (2 * half)
+    np.testing.assert_allclose(moved, motion.at(t).velocity, atol=1e-4)
+
+
+def test_force_is_acceleration_and_gravity(varied):
+    strides, motion = varied
+    t, half = instants(strides), 1e-4
+    acceleration = (motion.at(t + half).velocity - motion.at(t - half).velocity) / (2 * half)
+    state = motion.at(t)
+    felt = np.einsum("nji,nj->ni", state.nav_R_body, acceleration + GRAVITY_M_S2 * UP)
+    np.testing.assert_allclose(felt, state.force, atol=0.02)
+
+
+def test_rate_is_the_derivative_of_attitude(varied):
+    strides, motion = varied
+    t, half = instants(strides), 1e-4
+    before, after = (motion.at(t + h).nav_R_body for h in (-half, half))
+    turned = Rotation.from_matrix(np.swapaxes(before, 1, 2) @ after).as_rotvec() / (2 * half)
+    np.testing.assert_allclose(turned, motion.at(t).rate, atol=2e-3)
+    np.testing.assert_allclose(before @ np.swapaxes(before, 1, 2), np.tile(np.eye(3), (len(t), 1, 1)), atol=1e-12)
+
+
+def test_samples_are_means_over_the_period(varied):
+    strides, motion = varied
+    t, period_s = instants(strides, 500), 0.01
+    fine = t[:, None] + period_s * (np.arange(50) + 0.5) / 50
+    state = motion.at(fine.ravel())
+    rate, force = motion.sampled(t, period_s)
+    np.testing.assert_allclose(rate, state.rate.reshape(-1, 50, 3).mean(axis=1), atol=2e-4)
+    np.testing.assert_allclose(force, state.force.reshape(-1, 50, 3).mean(axis=1), atol=0.01)
+
+
+def errors_after_a_second(strides, motion, rate_hz):
+    """Velocity (m/s), position (m) and angle (rad), rms, that samples leave when each is integrated exactly."""
+    period, n = 1 / rate_hz, int(rate_hz)
+    begin = np.arange(0.0, np.floor(strides.end_s) - 1)
+    start, end = motion.at(begin), motion.at(begin + 1.0)
+    attitude, velocity, position = start.nav_R_body, start.velocity, start.position
+    gravity = -GRAVITY_M_S2 * UP
+    for k in range(n):
+        rate, force = motion.sampled(begin + k * period, period)
+        step, once, twice = steps(rate, period)
+        position = position + velocity * period + gravity * period**2 / 2 + moved(attitude, twice, force)
+        velocity = velocity + gravity * period + moved(attitude, once, force)
+        attitude = attitude @ step
+    turned = Rotation.from_matrix(np.swapaxes(end.nav_R_body, 1, 2) @ attitude).magnitude()
+    return [rms(np.linalg.norm(e, axis=1)) for e in (velocity - end.velocity, position - end.position)] + [rms(turned)]
+
+
+def steps(rate, period):
+    """exp(W h) and its first and second integral over h (N, 3, 3) for constant rates W (N, 3), as series."""
+    x, y, z = rate.T
+    zero = np.zeros(len(rate))
+    w = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    power, step, once, twice = np.tile(np.eye(3), (len(rate), 1, 1)), 0.0, 0.0, 0.0
+    for n in range(10):
+        step, once, twice = step + power, once + power * period / (n + 1), twice + power * period**2 / (n + 1) / (n + 2)
+        power = power @ w * period / (n + 1)
+    return step, once, twice
+
+
+def moved(attitude, integral, force):
+    return np.einsum("nij,njk,nk->ni", attitude, integral, force)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_samples_integrated_exactly_give_the_truth_to_second_order(varied):
+    errors = np.array([errors_after_a_second(*varied, rate_hz) for rate_hz in (50.0, 100.0, 200.0, 400.0)])
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.25)
+    velocity, position, angle = errors[1]
+    assert velocity < 0.012
+    assert position < 0.006
+    assert np.degrees(angle) < 0.02
+
+
+def test_one_who_stands_only_sways():
+    _, motion = walk(Stand(20.0), Walk(straight(5.0)), Stand(5.0))
+    state = motion.at(np.arange(0.5, 19.5, 0.01))
+    assert 0.02 < np.degrees(rms(np.linalg.norm(state.rate, axis=1))) < 1.0
+    assert np.ptp(state.position, axis=0).max() < 0.01
+    np.testing.assert_allclose(np.linalg.norm(state.force, axis=1), GRAVITY_M_S2, atol=0.1)
+
+
+def test_without_sway_standing_is_perfect_rest(straight_on):
+    strides, motion = straight_on
+    end = strides.start[-1] + strides.duration[-1]
+    for t in (np.arange(0.0, strides.start[0] - 0.1, 0.01), np.arange(end + 0.1, strides.end_s, 0.01)):
+        state = motion.at(t)
+        np.testing.assert_allclose(state.rate, 0.0, atol=1e-9)
+        np.testing.assert_allclose(state.velocity, 0.0, atol=1e-9)
+        np.testing.assert_allclose(state.force, np.tile(GRAVITY_M_S2 * UP, (len(t), 1)), atol=1e-9)
+
+
+def test_no_instant_of_walking_is_without_motion(straight_on):
+    strides, motion = straight_on
+    state = motion.at(walking(strides))
+    assert np.linalg.norm(state.velocity, axis=1).min() > 0.4
+
+
+def test_the_thigh_stays_above_the_foot_it_belongs_to(varied):
+    strides, motion = varied
+    t = strides.start + 0.87 * strides.duration
+    hip = motion.hip(t)
+    away = np.linalg.norm((hip - strides.footprint[1:])[:, :2], axis=1)
+    assert away.max() < 0.12
+    height = hip[:, 2] - strides.footprint[1:, 2]
+    assert ((height > 0.78) & (height < 0.93)).all()
+
+
+def test_the_body_faces_where_the_foot_points(varied):
+    strides, motion = varied
+    t = np.array([2.0, strides.end_s - 1.0])
+    facing = heading_of(motion.at(t).nav_R_body @ motion.thigh_R_body.T)
+    meant = strides.heading[[0, -1]]
+    assert np.degrees(np.abs(np.angle(np.exp(1j * (facing - meant))))).max() < 1.0
+
+
+def spectrum_at(values, strides, per_stride):
+    """Amplitude of what comes so many times in a mean stride, of evenly spaced values in `walking`."""
+    t = walking(strides)
+    phase = np.interp(t, strides.start, np.arange(len(strides)))
+    return 2 * np.abs(np.mean((values - values.mean()) * np.exp(-2j * np.pi * per_stride * phase)))
+
+
+def test_the_leg_swings_once_a_stride_and_the_body_bounces_twice():
+    strides, motion = walk(Stand(3.0), Walk(straight(100.0)), Stand(3.0), pocket=QUIET)
+    t = walking(strides)
+    pitch, height = np.degrees(motion.angles(t)[:, 1]), motion.hip(t)[:, 2]
+    assert spectrum_at(pitch, strides, 1) == pytest.approx(25.0, rel=0.05)
+    assert spectrum_at(pitch, strides, 2) < 0.3 * spectrum_at(pitch, strides, 1)
+    assert 2 * spectrum_at(height, strides, 2) == pytest.approx(0.045, rel=0.1)
+    assert spectrum_at(height, strides, 1) < 0.1 * spectrum_at(height, strides, 2)
+
+
+def test_the_leg_is_forward_in_late_swing_and_back_at_heel_off(straight_on):
+    strides, motion = straight_on
+    forward = -motion.angles(strides.start[3:-3] + 0.5 * strides.duration[3:-3])[:, 1]
+    back = -motion.angles(strides.start[3:-3] + 0.1 * strides.duration[3:-3])[:, 1]
+    assert np.degrees(forward).min() > 20
+    assert np.degrees(back).max() < -10
+    ahead = motion.at(strides.start[5:-5] + 0.5 * strides.duration[5:-5])
+    hip = motion.hip(strides.start[5:-5] + 0.5 * strides.duration[5:-5])
+    assert (ahead.position[:, 1] > hip[:, 1]).all()  # the walk goes north
+
+
+def test_larger_strides_swing_more():
+    swings = []
+    for pace in (0.6, 1.0, 1.5):
+        strides, motion = walk(Stand(3.0), Walk(straight(60.0), pace=pace), Stand(3.0), pocket=QUIET)
+        swings.append(spectrum_at(motion.angles(walking(strides))[:, 1], strides, 1))
+    assert swings[0] < 0.9 * swings[1] < 0.8 * swings[2]
+
+
+def test_what_is_felt_adds_up_to_gravity(straight_on):
+    strides, motion = straight_on
+    t = np.arange(0.0, strides.end_s, 0.005)
+    state = motion.at(t)
+    nav_force = np.einsum("nij,nj->ni", state.nav_R_body, state.force)
+    np.testing.assert_allclose(nav_force.mean(axis=0), GRAVITY_M_S2 * UP, atol=0.02)
+
+
+def test_the_sensor_is_tilted_once_for_all():
+    tilts = []
+    for seed in range(60):
+        _, motion = walk(Stand(1.0), Walk(straight(5.0)), Stand(1.0), seed=seed)
+        tilts.append(Rotation.from_matrix(motion.thigh_R_body).as_rotvec())
+    assert np.std(tilts) == pytest.approx(Pocket().tilt_rad, rel=0.25)
+    np.testing.assert_allclose(np.mean(tilts, axis=0), 0.0, atol=0.1)
+
+
+def test_another_walk_keeps_the_tilt_and_rings_anew():
+    strides = plan([Stand(1.0), Walk(straight(9.0)), Stand(1.0)], Person(), np.random.default_rng(0))
+    one, other = (
+        thigh_motion(strides, Pocket(), np.random.default_rng(of_this_walk), np.random.default_rng(9))
+        for of_this_walk in (1, 2)
+    )
+    np.testing.assert_array_equal(one.thigh_R_body, other.thigh_R_body)
+    t = np.arange(0.0, strides.end_s, 0.01)
+    apart = np.degrees(np.abs(one.at(t).rate - other.at(t).rate))
+    standing = t < strides.start[0] - 0.2
+    assert apart[standing].max() > 0.01  # sway
+    assert apart[~standing].max() > 10.0  # ringing
+    remounted = thigh_motion(strides, Pocket(), np.random.default_rng(1), np.random.default_rng(10))
+    assert not np.allclose(remounted.thigh_R_body, one.thigh_R_body, atol=0.01)
+    np.testing.assert_array_equal(remounted.angles(t), one.angles(t))
+    np.testing.assert_array_equal(remounted.hip(t), one.hip(t))
+
+
+def test_a_tilt_turns_what_is_felt_and_nothing_else():
+    quiet = walk(Stand(1.0), Walk(straight(9.0)), Stand(1.0), pocket=QUIET)[1]
+    tilted = walk(Stand(1.0), Walk(straight(9.0)), Stand(1.0), pocket=replace(QUIET, tilt_rad=0.3))[1]
+    t = np.arange(0.0, 8.0, 0.01)
+    one, other = quiet.at(t), tilted.at(t)
+    np.testing.assert_allclose(one.position, other.position, atol=1e-12)
+    np.testing.assert_allclose(one.rate, other.rate @ tilted.thigh_R_body.T, atol=1e-12)
+    np.testing.assert_allclose(one.force, other.force @ tilted.thigh_R_body.T, atol=1e-12)
+
+
+def test_blocks_make_no_difference(varied):
+    strides, motion = varied
+    t = np.arange(0.0, strides.end_s, 0.01)
+    whole, blocks = motion.sampled(t, 0.01), [motion.sampled(part, 0.01) for part in np.array_split(t, 7)]
+    for k in range(2):
+        np.testing.assert_array_equal(whole[k], np.concatenate([block[k] for block in blocks]))
+
+
+def test_one_stride_is_enough():
+    _, motion = walk(Stairs(1), Stand(1.0))
+    assert np.isfinite(motion.at(np.arange(0.0, 2.0, 0.01)).force).all()
+
+
+@pytest.mark.parametrize("wrong", [{"hip_m": -1.0}, {"tilt_rad": np.nan}, {"posture_s": 0.0}, {"posture_rad": -1.0}])
+def test_an_impossible_pocket_is_refused(wrong):
+    with pytest.raises(SimulationError, match=r"^A pocket has a .*\.$"):
+        Pocket(**wrong)
+
+
+def test_forty_four_minutes_take_seconds():
+    rng = np.random.default_rng(0)
+    strides = plan(courses.pocket_long(rng), Person(), rng)
+    began = time.perf_counter()
+    motion = thigh_motion(strides, Pocket(), rng)
+    t = np.arange(0.0, strides.end_s, 0.01)
+    for k in range(0, len(t), 50_000):
+        motion.sampled(t[k : k + 50_000], 0.01)
+    assert time.perf_counter() - began < 3.0
+
+
+@needs_data
+def test_a_real_thigh_moves_like_this():
+    sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
+    realism = importlib.import_module("realism_thigh")
+    real, ours = realism.real_strides(DATA), realism.strides_of(realism.simulated_thigh(seed=1))
+    judged = {name: realism.judged(name, real[name], ours[name]) for name in real}
+    assert set(judged.values()) <= {"ok", realism.STRAP}, judged
+    assert list(judged.values()).count("ok") >= 9

@@ -1,0 +1,255 @@
+"""A walk in progress: it ends where the batch ends, answers the same however it is fed, and goes on."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X
+
+from fg_nav.errors import EstimationError
+from fg_nav.evaluation.alignment import align
+from fg_nav.online import smoother as online_smoother
+from fg_nav.online.fixed_lag import LaggedGraph
+from fg_nav.online.resolve import WARM_UPS
+from fg_nav.online.smoother import Footfall, OnlineOptions, OnlineSmoother, Samples
+from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother.field_parameters import FieldParameters
+from tests.simulated import corridor
+from tests.smoother.walks import Walk, demo, part
+
+FOOTFALLS = 40
+EARTH = np.array([1.0, 20.0, -43.0])
+WITH_WAY = SmootherParameters(magnetic=FieldParameters(potential_least_way_m=0.0))
+
+
+@cache
+def in_field() -> Walk:
+    """The walk of `demo` with a magnetometer at 100 Hz in a field that has ripples a few metres long."""
+    truth = corridor(seed=0).recording.truth
+    ripple = 3.0 * np.sin(2.0 * truth.position[:, :2] + [0.0, 1.0])
+    nav = EARTH + np.column_stack([ripple, np.zeros(len(ripple))])
+    mag = np.einsum("nji,nj->ni", truth.nav_R_body, nav)
+    mag += 0.2 * np.random.default_rng(1).standard_normal(mag.shape)
+    mag[1::2] = np.nan
+    walk = demo()
+    return Walk(replace(walk.recording, mag=mag), walk.stances)
+
+
+def fed(walk: Walk, options: OnlineOptions = OnlineOptions(), footfalls: int = FOOTFALLS, beyond: int = 5):
+    """Feed the footfalls of a walk, each with some samples beyond it."""
+    online, at = OnlineSmoother(options), 0
+    for k in range(footfalls):
+        stop = add(online, walk, k, at, beyond)
+        at = stop
+    return online
+
+
+def add(online: OnlineSmoother, walk: Walk, k: int, at: int, beyond: int = 5) -> int:
+    recording, stances = walk.recording, walk.stances
+    of = stances.footfall == k
+    stop = int(stances.stop[of][-1]) + beyond
+    still = int(stances.stillest(recording.gyr)[k])
+    online.add_footfall(samples(recording, at, stop), Footfall(stances.start[of], stances.stop[of], still))
+    return stop
+
+
+def samples(recording, first: int, stop: int) -> Samples:
+    mag = None if recording.mag is None else recording.mag[first:stop]
+    return Samples(recording.t[first:stop], recording.acc[first:stop], recording.gyr[first:stop], mag)
+
+
+def farthest(table, other) -> float:
+    return float(np.linalg.norm(table.position - other.position, axis=1).max())
+
+
+@cache
+def whole() -> OnlineSmoother:
+    return fed(demo())
+
+
+@cache
+def whole_in_field() -> OnlineSmoother:
+    return fed(in_field(), OnlineOptions(parameters=WITH_WAY))
+
+
+@pytest.mark.parametrize("online", [whole, whole_in_field])
+def test_it_ends_where_the_batch_ends(online):
+    table = online().smoothed()
+    batch = online().finish().stances
+    assert farthest(table, batch) < 0.10
+    np.testing.assert_allclose(table.heading_sigma[-1], batch.heading_sigma[-1], rtol=0.1)
+    np.testing.assert_allclose(table.position_sigma[-1], batch.position_sigma[-1], rtol=0.1)
+
+
+def test_finish_is_the_batch_on_the_same_footfalls():
+    walk = part(demo(), FOOTFALLS)
+    solved = whole().finish().stances
+    assert farthest(solved, smooth(walk.recording, walk.stances).stances) < 1e-3
+
+
+@pytest.mark.parametrize("online", [whole, whole_in_field])
+def test_causal_and_smoothed_agree_at_the_last_footfall_and_not_before(online):
+    causal, smoothed = online().causal(), online().smoothed()
+    np.testing.assert_allclose(causal.position[-1], smoothed.position[-1], atol=1e-3)
+    assert farthest(causal, smoothed) > 1e-3
+    assert causal.heading_sigma[0] <= smoothed.heading_sigma[-1]
+
+
+def test_what_is_known_at_the_moment_and_after_is_near_the_truth():
+    truth = corridor(seed=0).recording.truth
+    for table in (whole().causal(), whole().smoothed()):
+        true = truth.position[table.sample]
+        laid = align(table.position, true).apply(table.position)
+        assert np.linalg.norm(laid - true, axis=1).max() < 0.5
+
+
+@pytest.mark.parametrize(("walk", "options"), [(demo, OnlineOptions()), (in_field, OnlineOptions(parameters=WITH_WAY))])
+def test_the_same_calls_give_the_same_answers_to_the_last_bit(walk, options):
+    one, other = (fed(walk(), options, 20) for _ in range(2))
+    np.testing.assert_array_equal(one.causal().position, other.causal().position)
+    np.testing.assert_array_equal(one.smoothed().pose_cov, other.smoothed().pose_cov)
+
+
+def test_how_far_samples_reach_beyond_a_footfall_hardly_matters():
+    one, other = (fed(demo(), footfalls=20, beyond=beyond) for beyond in (2, 30))
+    assert farthest(one.smoothed(), other.smoothed()) < 0.01
+
+
+def test_a_lag_longer_than_the_walk_is_none():
+    lagged = fed(in_field(), OnlineOptions(parameters=WITH_WAY, lag_s=1000.0))
+    assert farthest(lagged.smoothed(), whole_in_field().smoothed()) < 0.01
+
+
+def test_a_lag_keeps_what_left_it_and_little_else():
+    options = OnlineOptions(parameters=WITH_WAY, lag_s=8.0)
+    lagged = fed(in_field(), options)
+    graph = lagged._graph
+    assert isinstance(graph, LaggedGraph)
+    assert len(lagged.smoothed()) == FOOTFALLS
+    assert len(lagged._places) < 14
+    end = lagged.smoothed().position[-1] - whole_in_field().smoothed().position[-1]
+    assert np.linalg.norm(end) < 0.05
+    np.testing.assert_allclose(
+        lagged.smoothed().heading_sigma[-1], whole_in_field().smoothed().heading_sigma[-1], rtol=0.1
+    )
+    assert len(lagged.finish().stances) == FOOTFALLS
+
+
+def test_samples_are_forgotten_after_the_last_warm_up(monkeypatch):
+    monkeypatch.setattr("fg_nav.online.smoother.WARM_UPS", (1, 4, 8))
+    lagged = fed(demo(), OnlineOptions(lag_s=8.0))
+    kept = lagged._walk
+    assert kept.stop - kept.first < 30.0 * 200.0
+    assert kept.first > 0
+    assert farthest(lagged.smoothed(), whole().smoothed()) < 0.3
+
+
+def test_a_long_walk_is_cut_and_nothing_else_changes(monkeypatch):
+    """When the graph is full its older half leaves: as told then in the past, and as a prior for what follows."""
+    monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 12)
+    monkeypatch.setattr("fg_nav.online.smoother.WARM_UPS", (1, 2, 3, 4, 8))
+    cut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
+    monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 2000)
+    uncut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
+    assert len(cut._places) < 12
+    assert len(cut.smoothed()) == FOOTFALLS
+    np.testing.assert_array_equal(cut.smoothed().sample, uncut.smoothed().sample)
+    assert farthest(cut.causal(), uncut.causal()) < 0.03
+    np.testing.assert_allclose(cut.causal().heading_sigma, uncut.causal().heading_sigma, rtol=0.05)
+
+
+def test_the_pose_is_carried_on_to_the_next_footfall():
+    walk, online = demo(), fed(demo(), footfalls=20)
+    reached = int(walk.stances.stop[walk.stances.footfall == 19][-1]) + 5
+    arrives = int(walk.stances.start[walk.stances.footfall == 20][0]) + 3
+    track = online.propagate(samples(walk.recording, reached, arrives + 200), stands_from(arrives - reached, 200))
+    assert track.t[0] == pytest.approx(walk.recording.t[online._places[-1].last_sample])
+    there = track.position[np.searchsorted(track.t, walk.recording.t[arrives])]
+    np.testing.assert_array_equal(track.position[-1], track.position[-50])
+    add(online, walk, 20, reached)
+    assert np.linalg.norm(online.latest.position - there) < 0.15
+
+
+def stands_from(first: int, more: int):
+    stands = np.zeros(first + more, dtype=bool)
+    stands[first:] = True
+    return stands
+
+
+def test_an_indeterminate_graph_is_repaired():
+    online = fed(demo(), footfalls=10)
+    loose, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(X(10_000), gtsam.Pose3())
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
+    loose.push_back(gtsam.GPSFactor(X(10_000), np.array([1.0, 2.0, 3.0]), noise))
+    before = online._graph.pose(X(online._places[-1].result)).translation()
+    online._graph.add(loose, values, online._places)
+    after = online._graph.pose(X(online._places[-1].result)).translation()
+    np.testing.assert_allclose(after, before, atol=0.01)
+    np.testing.assert_allclose(online._graph.pose(X(10_000)).translation(), [1.0, 2.0, 3.0], atol=1e-3)
+    last = int(demo().stances.stop[demo().stances.footfall == 9][-1]) + 5
+    add(online, demo(), 10, last)
+    assert np.isfinite(online.latest.position).all()
+
+
+def test_a_long_standing_told_in_pieces_is_one_rest():
+    walk = demo()
+    online, at = OnlineSmoother(), 0
+    last = walk.stances.n_footfalls - 1
+    for k in range(last):
+        at = add(online, walk, k, at)
+    ends = np.linspace(walk.stances.start[-1], walk.stances.stop[-1], 5).astype(int)
+    for start, stop in pairwise(ends):
+        continues = start > ends[0]
+        piece = Footfall(np.array([start]), np.array([stop]), int(start + stop) // 2, continues)
+        online.add_footfall(samples(walk.recording, at, stop), piece)
+        at = stop
+    in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances).stances
+    np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.1)
+    np.testing.assert_allclose(in_pieces.position[last - 1], whole_walk.position[last - 1], atol=0.1)
+
+
+@pytest.mark.parametrize("options", [OnlineOptions(), OnlineOptions(lag_s=8.0)])
+def test_a_warm_up_that_fails_late_leaves_no_trace(monkeypatch, options):
+    """Nothing of it is left in the graph, whether it has no solution or one that is not finite."""
+    monkeypatch.setattr(online_smoother, "WARM_UPS", (1, 4, 8))
+    tables = []
+    for broken in ("solve_so_far", "check"):
+        whole_of_it, calls = getattr(online_smoother, broken), []
+
+        def failing(*given, whole_of_it=whole_of_it, calls=calls, broken=broken):
+            calls.append(0)
+            if len(calls) == {"solve_so_far": 3, "check": 8}[broken]:
+                raise RuntimeError("Indeterminate linear system detected")
+            return whole_of_it(*given)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(online_smoother, broken, failing)
+            tables.append(fed(demo(), options, 12).causal())
+    np.testing.assert_array_equal(tables[0].position, tables[1].position)
+    np.testing.assert_array_equal(tables[0].position_cov, tables[1].position_cov)
+
+
+def test_what_is_no_walk_is_refused():
+    recording, stances = demo().recording, demo().stances
+    online = OnlineSmoother()
+    with pytest.raises(EstimationError, match="no footfall yet"):
+        online.propagate(samples(recording, 0, 50))
+    stop = int(stances.stop[0])
+    with pytest.raises(EstimationError, match="footfall 0 is not one"):
+        online.add_footfall(samples(recording, 0, stop - 2), Footfall(stances.start[:1], stances.stop[:1], stop - 9))
+    broken = samples(recording, 0, stop)
+    acc = broken.acc.copy()
+    acc[3] = np.nan
+    with pytest.raises(EstimationError, match="not finite"):
+        online.add_footfall(broken._replace(acc=acc), Footfall(stances.start[:1], stances.stop[:1], stop - 9))
+    assert online.n_footfalls == 0
+    assert online.latest is None
+
+
+def test_warm_ups_rise():
+    assert list(WARM_UPS) == sorted(set(WARM_UPS))
+    assert WARM_UPS[0] == 1
