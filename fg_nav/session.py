@@ -143,7 +143,7 @@ def load(path: Path, format: str | None = None, options: Options | None = None) 
     if session.options.mount == "pocket":
         return session  # a pocket has no footfalls
     if session.options.mount == "foot":
-        from fg_nav.pocket.mount import refuse_pocket
+        from fg_nav.detection.mount import refuse_pocket
 
         refuse_pocket(session.recording)
     return with_footfalls(session)

@@ -72,7 +72,7 @@ class Facts:
 
     `refusal` is why it cannot be navigated with, None if it can; `unit_problems` name wrong units and axes;
     `field` is None without a magnetometer; `wearing` is "foot" or "pocket" where the turning is clearly that of one
-    (`fg_nav.pocket.mount`), else None; `notes` are the remarks of reader and admission.
+    (`fg_nav.detection.mount`), else None; `notes` are the remarks of reader and admission.
     """
 
     name: str

@@ -6,10 +6,10 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
+from fg_nav.detection.mount import measure_turning
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.inspection.facts import Facts, Inspection, MagneticField, Range, Rest, Stamps, StanceShare
 from fg_nav.inspection.words import verdict
-from fg_nav.pocket.mount import turn_signs
 from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, usable_samples
 from fg_nav.samples import plausibility
 from fg_nav.samples.saturation import saturated
@@ -41,7 +41,7 @@ def _facts(raw: RawRecording) -> Facts:
         gravity=plausibility.gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
         field=None if raw.mag is None else _field(raw.mag, duration),
         stance=_stance_share(recording),
-        wearing=None if recording is None else turn_signs(recording).wearing,
+        wearing=None if recording is None else measure_turning(recording).wearing,
         truth=_described(raw.truth),
         refusal=refusal,
         unit_problems=plausibility.unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),

@@ -24,11 +24,11 @@ from typing import TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.dead_reckoning import ReckoningParameters, Way, directions, reckon
 from fg_nav.pocket.ekf import estimate_pocket
-from fg_nav.pocket.mount import TurnSigns, refuse_foot
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.start import PocketStart, compass_start, field_noise_uT, level_start
 from fg_nav.pocket.step_length import StepLength, calibrate_step_length, given_step_length

@@ -22,15 +22,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import butter, sosfiltfilt
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.detection.mount import remove_fast
 from fg_nav.errors import EstimationError
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
-
-SLOW_HZ = 6.0
-"""Flexion has parts of one, two and three a stride; ringing after a footfall is at 8 Hz and more."""
 
 SWINGING_DEG_S = 60.0
 """A thigh that turns faster than this is on its way; one that stands or sits is not."""
@@ -82,30 +79,23 @@ def thigh_swing(recording: Recording, track: PocketTrack) -> ThighSwing:
     EstimationError
         If the sensor hardly turns, or about no axis in particular.
     """
-    rate = slow(recording.gyr - track.gyro_bias, recording.period_s)
+    rate = remove_fast(recording.gyr - track.gyro_bias, recording.period_s)
     swinging = np.linalg.norm(rate, axis=1) > np.radians(SWINGING_DEG_S)
     if swinging.sum() * recording.period_s < 1.0:
         raise EstimationError(
             f"the sensor turns by {SWINGING_DEG_S:g} deg/s or more for {swinging.sum() * recording.period_s:.1f} s "
             "in all, so there is no walk in it: record some strides, with the sensor in a trouser pocket."
         )
-    up_now = slow(track.nav_R_body[:, 2], recording.period_s)
+    up_now = remove_fast(track.nav_R_body[:, 2], recording.period_s)
     up_now /= np.linalg.norm(up_now, axis=1, keepdims=True)
     up = _unit(up_now[swinging].mean(axis=0))
     left = _principal_axis(rate[swinging], up)
     flexion = _flexion(up_now, left, up)
     upright = _about(swinging, recording.period_s) & (np.abs(flexion) < np.radians(UPRIGHT_DEG))
-    skewness = _skewness(-slow(rate @ left, recording.period_s, GAIT_HZ)[upright])
+    skewness = _skewness(-remove_fast(rate @ left, recording.period_s, GAIT_HZ)[upright])
     if skewness < 0:
         left, flexion = -left, -flexion
     return ThighSwing(left, up, up_now, flexion, abs(skewness), _slipped_deg(rate[swinging], up))
-
-
-def slow(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> Floats:
-    """Values (N, ...) without what is faster than this, not delayed."""
-    share = min(below_hz * period_s, 0.45)
-    sections = butter(2, 2.0 * share, output="sos")
-    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=min(3 * round(1 / share), len(values) - 1)))
 
 
 def _about(flags: Bools, period_s: float) -> Bools:

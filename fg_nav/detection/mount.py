@@ -1,4 +1,4 @@
-"""Was the sensor on a foot or in a trouser pocket? What the rate of turn tells of it.
+"""Was the sensor on a foot or in a trouser pocket? What the rate of turn shows.
 
 A foot stands in every stride: it hardly turns for a third of the time (a fifth where it runs), and in between it turns
 at 300 to 600 deg/s. A thigh that walks never rests: its rate passes through nought only where it turns back, and peaks
@@ -29,13 +29,16 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.pocket.swing_axis import slow
 from fg_nav.recording import Recording
 
 Wearing: TypeAlias = Literal["foot", "pocket"]
+
+SLOW_HZ = 6.0
+"""A thigh's swing has parts of one, two and three a stride; ringing after a footfall is at 8 Hz and more."""
 
 WINDOW_S = 4.0
 """Three or four strides."""
@@ -92,9 +95,9 @@ class TurnSigns:
         return f"{100 * self.rest_share:.0f} % of the time at rest between turns of {self.peak_deg_s:.0f} deg/s"
 
 
-def turn_signs(recording: Recording) -> TurnSigns:
+def measure_turning(recording: Recording) -> TurnSigns:
     """Measure how the sensor turns."""
-    rate = slow(recording.gyr - np.median(recording.gyr, axis=0), recording.period_s)
+    rate = remove_fast(recording.gyr - np.median(recording.gyr, axis=0), recording.period_s)
     count = round(WINDOW_S / recording.period_s)
     whole = len(rate) // count if count > 1 else 0
     windows = rate[: whole * count].reshape(whole, count, 3)
@@ -114,9 +117,16 @@ def turn_signs(recording: Recording) -> TurnSigns:
     )
 
 
+def remove_fast(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> Floats:
+    """Values (N, ...) without what is faster than this, not delayed."""
+    share = min(below_hz * period_s, 0.45)
+    sections = butter(2, 2.0 * share, output="sos")
+    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=min(3 * round(1 / share), len(values) - 1)))
+
+
 def refuse_foot(recording: Recording) -> TurnSigns:
     """Return the signs of a recording that is to be of a pocket; raises `EstimationError` if it is clearly a foot's."""
-    signs = turn_signs(recording)
+    signs = measure_turning(recording)
     if signs.wearing == "foot":
         raise EstimationError(f"the sensor was on a foot, not in a pocket ({signs.words}): leave --mount pocket out.")
     return signs
@@ -124,7 +134,7 @@ def refuse_foot(recording: Recording) -> TurnSigns:
 
 def refuse_pocket(recording: Recording) -> None:
     """Raise `EstimationError` if a recording that is to be of a foot is clearly that of a thigh."""
-    signs = turn_signs(recording)
+    signs = measure_turning(recording)
     if signs.wearing == "pocket":
         raise EstimationError(
             f"the sensor was in a trouser pocket, not on a foot (only {signs.words}): try `fg-nav run --mount pocket`."

@@ -7,11 +7,11 @@ import pytest
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
+from fg_nav.detection.mount import measure_turning, refuse_foot, refuse_pocket
 from fg_nav.errors import EstimationError
 from fg_nav.inspection import inspect
 from fg_nav.io import read
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.pocket.mount import refuse_foot, refuse_pocket, turn_signs
 from fg_nav.recording import RawRecording, Recording
 from tests.real_data import DATA, needs_data
 
@@ -44,7 +44,7 @@ def thigh(peak):
 @pytest.mark.parametrize("stride_s", [0.8, 1.3])
 def test_what_stands_in_every_stride_is_a_foot(peak, stride_s):
     recording = turning(foot(peak), stride_s=stride_s)
-    assert turn_signs(recording).wearing == "foot"
+    assert measure_turning(recording).wearing == "foot"
     refuse_pocket(recording)
     with pytest.raises(EstimationError, match=r"on a foot.*leave --mount pocket out"):
         refuse_foot(recording)
@@ -54,7 +54,7 @@ def test_what_stands_in_every_stride_is_a_foot(peak, stride_s):
 @pytest.mark.parametrize("stride_s", [0.8, 1.3])
 def test_what_swings_and_never_rests_is_a_thigh(peak, stride_s):
     recording = turning(thigh(peak), stride_s=stride_s)
-    assert turn_signs(recording).wearing == "pocket"
+    assert measure_turning(recording).wearing == "pocket"
     refuse_foot(recording)
     with pytest.raises(EstimationError, match=r"trouser pocket.*--mount pocket"):
         refuse_pocket(recording)
@@ -72,7 +72,7 @@ def test_what_swings_and_never_rests_is_a_thigh(peak, stride_s):
     ids=["lies", "is never hit", "is faster than a thigh", "is too short", "is too slow"],
 )
 def test_what_is_not_clear_is_not_refused(recording):
-    assert turn_signs(recording).wearing is None
+    assert measure_turning(recording).wearing is None
     refuse_foot(recording)
     refuse_pocket(recording)
 
@@ -80,13 +80,13 @@ def test_what_is_not_clear_is_not_refused(recording):
 def test_it_does_not_hang_on_the_mounting():
     recording = turning(thigh(200.0))
     turned = replace(recording, gyr=Rotation.from_rotvec([1.0, -2.0, 0.5]).apply(recording.gyr))
-    one, other = turn_signs(recording), turn_signs(turned)
+    one, other = measure_turning(recording), measure_turning(turned)
     assert other.rest_share == pytest.approx(one.rest_share)
     assert other.rhythm == pytest.approx(one.rhythm)
 
 
 def test_the_signs_are_what_was_put_in():
-    signs = turn_signs(turning(foot(450.0), axis=(0.0, 1.0, 0.0)))
+    signs = measure_turning(turning(foot(450.0), axis=(0.0, 1.0, 0.0)))
     assert 0.38 < signs.rest_share < 0.55  # and the moments about each turning back
     assert signs.peak_deg_s == pytest.approx(450.0, rel=0.1)
     assert signs.rhythm > 0.95
@@ -103,7 +103,7 @@ def test_the_signs_are_what_was_put_in():
     ],
 )
 def test_simulated_walks(scenario, worn, said, seed):
-    assert turn_signs(simulate(scenario, seed, Choices(worn=worn)).recording).wearing == said
+    assert measure_turning(simulate(scenario, seed, Choices(worn=worn)).recording).wearing == said
 
 
 @pytest.mark.parametrize(("worn", "said"), [("pocket", True), ("heel", False)])
@@ -127,14 +127,14 @@ def test_real_thighs_and_feet_of_one_subject():
     for segment, said in (("upper_leg", "pocket"), ("foot", "foot")):
         for side in ("left", "right"):
             sensor = body[f"{segment}_{side}"]
-            assert turn_signs(Recording(body["t"][used], sensor.acc[used], sensor.gyr[used])).wearing == said
+            assert measure_turning(Recording(body["t"][used], sensor.acc[used], sensor.gyr[used])).wearing == said
 
 
 @needs_data
 def test_real_feet_are_never_taken_for_thighs_and_nearly_always_for_feet():
     folders = ("gdin/own/*.csv", "gdin/own_obsolete/*.csv", "openshoe/*.txt", "vicon/*.mat", "xio/*.csv")
     files = [path for folder in folders for path in sorted(data().glob(folder))]
-    said = [turn_signs(read(path)).wearing for path in files]
+    said = [measure_turning(read(path)).wearing for path in files]
     assert len(said) > 40
     assert "pocket" not in said
     assert said.count("foot") >= len(said) - 5  # running, and crawling where the foot hardly turns
@@ -143,4 +143,4 @@ def test_real_feet_are_never_taken_for_thighs_and_nearly_always_for_feet():
 @needs_data
 def test_what_is_moved_by_hand_is_neither():
     for path in sorted((data() / "broad").glob("*.mat")):
-        assert turn_signs(read(path)).wearing is None, path.name
+        assert measure_turning(read(path)).wearing is None, path.name
