@@ -2,7 +2,7 @@
 
     python scripts/calibration_loop.py [--seeds N] [--field LEVEL]
 
-What is measured, and with which calibrations, is in `fg_nav.lab.reproduce.ma2018_loop`.
+What is measured, and with which calibrations, is in `fg_nav.lab.reproduce.ma2018.loop`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import figures as fig
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.reproduce.ma2018_loop import CLSEF, ELLIPSES, MG_PER_UT, Loop, heading_errors, walked_loop
+from fg_nav.lab.reproduce.ma2018.loop import CLSEF, ELLIPSES, MG_PER_UT, Loop, heading_errors, walked_loop
 
 FIRST_SEED = 101
 

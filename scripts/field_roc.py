@@ -2,7 +2,7 @@
 
     python scripts/field_roc.py [--seeds N] [--jobs N] [--scenarios NAME ...] [--out DIR] [--json FILE]
 
-What is taken for the truth, and in which fields, is in `fg_nav.lab.reproduce.ma2018_roc`.
+What is taken for the truth, and in which fields, is in `fg_nav.lab.reproduce.ma2018.detections`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from figures import Figure
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EvaluationError, OutputError
 from fg_nav.evaluation import Band, Roc
-from fg_nav.lab.reproduce.ma2018_roc import (
+from fg_nav.lab.reproduce.ma2018.detections import (
     CURVED_DEG,
     FEWEST,
     FIELDS,

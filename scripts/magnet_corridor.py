@@ -46,7 +46,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
 from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
 from fg_nav.frames import heading_of, wrap
-from fg_nav.lab.reproduce.aiez2017_magnet import (
+from fg_nav.lab.reproduce.aiez2017.magnet import (
     FAR,
     NEAR,
     SCENARIO,

@@ -19,8 +19,7 @@ import figures as fig
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.file import read_reproduction, write_whole
-from fg_nav.lab.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
-from fg_nav.lab.reproduce.words import (
+from fg_nav.lab.reproduce.messages import (
     MEANINGS,
     VERDICTS,
     counted,
@@ -31,6 +30,7 @@ from fg_nav.lab.reproduce.words import (
     seeds_told,
     told,
 )
+from fg_nav.lab.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
 from fg_nav.report.terminal import console
 
 HEAD = f"""# The papers' figures and ours

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.lab.reproduce import ma2018_loop
+from fg_nav.lab.reproduce.ma2018 import loop as ma2018_loop
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))  # a script finds its neighbours by the folder it is in
 loop = importlib.import_module("calibration_loop")

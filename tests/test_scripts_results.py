@@ -10,7 +10,7 @@ import pytest
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.file import read_reproduction, written
-from fg_nav.lab.reproduce.words import named, remark
+from fg_nav.lab.reproduce.messages import named, remark
 from tests.lab.reproduce.made import reproduction
 
 ROOT = Path(__file__).parents[1]

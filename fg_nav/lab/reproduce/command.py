@@ -21,9 +21,9 @@ from rich.text import Text
 from fg_nav.errors import OutputError
 from fg_nav.lab.campaign.mark import REPRODUCTION, lines_of, visible
 from fg_nav.lab.reproduce.file import write_whole, written
+from fg_nav.lab.reproduce.messages import counted, named, printed, remark, told
 from fg_nav.lab.reproduce.page import page
 from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
-from fg_nav.lab.reproduce.words import counted, named, printed, remark, told
 from fg_nav.plain import plain
 from fg_nav.report.folder import unwritable
 from fg_nav.report.terminal import console, progress, ruled_table

@@ -15,6 +15,7 @@ from pathlib import Path
 from string import Template
 
 from fg_nav.errors import OutputError
+from fg_nav.lab.reproduce.messages import MEANINGS, counts, named, printed, remark, seeds_told, told
 from fg_nav.lab.reproduce.results import (
     AS_ASKED,
     BETTER,
@@ -29,7 +30,6 @@ from fg_nav.lab.reproduce.results import (
     Reproduction,
     Row,
 )
-from fg_nav.lab.reproduce.words import MEANINGS, counts, named, printed, remark, seeds_told, told
 from fg_nav.plain import plain
 
 _CLASSES = {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fg_nav.lab.reproduce import aiez2017
-from fg_nav.lab.reproduce.aiez2017_magnet import NEAR, magnet_part
-from fg_nav.lab.reproduce.aiez2017_walks import keys
+from fg_nav.lab.reproduce.aiez2017.magnet import NEAR, magnet_part
+from fg_nav.lab.reproduce.aiez2017.walks import keys
 from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, REPRODUCED
 from fg_nav.plain import plain
 from tests.lab.reproduce.kept_walks import figures_of, keep_walks, rows_of

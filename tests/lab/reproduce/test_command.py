@@ -13,8 +13,8 @@ from fg_nav import cli
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import command
 from fg_nav.lab.reproduce.file import from_json, in_json, read_reproduction, written
+from fg_nav.lab.reproduce.messages import counted, seeds_told, told
 from fg_nav.lab.reproduce.results import Spread, spread_of
-from fg_nav.lab.reproduce.words import counted, seeds_told, told
 from tests.command_line import in_a_process, names
 from tests.lab.reproduce.made import drawn, reproduction, row
 

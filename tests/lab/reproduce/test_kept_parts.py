@@ -51,7 +51,7 @@ def test_a_part_of_other_code_or_a_damaged_one_is_none(tmp_path, monkeypatch):
 
 def test_what_makes_parts_rests_on_no_other_module_of_the_experiments():
     """Its sum is over its own module and the library: another one's change would go unseen."""
-    sources = {path.stem: path.read_text() for path in Path(parts.__file__).parent.glob("*.py")}
+    sources = {str(path): path.read_text() for path in Path(parts.__file__).parent.rglob("*.py")}
     makers = {name: text for name, text in sources.items() if "return Part(" in text}
     assert len(makers) >= 4
     for name, text in makers.items():

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from fg_nav.evaluation import roc_of
-from fg_nav.lab.reproduce import ma2018, ma2018_noise, ma2018_roc
-from fg_nav.lab.reproduce import ma2018_walks as walked
+from fg_nav.lab.reproduce import ma2018
 from fg_nav.lab.reproduce.headings import headings_of
-from fg_nav.lab.reproduce.ma2018_detector import _bend, _slope
-from fg_nav.lab.reproduce.ma2018_noise import noise
-from fg_nav.lab.reproduce.ma2018_walks import LAID
-from fg_nav.lab.reproduce.reasons import ABOVE, Reason, reason_for
-from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, PUT_IN, REPRODUCED
+from fg_nav.lab.reproduce.ma2018 import detections
+from fg_nav.lab.reproduce.ma2018 import walks as walked
+from fg_nav.lab.reproduce.ma2018.detections import noise
+from fg_nav.lab.reproduce.ma2018.detector import _bend, _slope
+from fg_nav.lab.reproduce.ma2018.walks import LAID
+from fg_nav.lab.reproduce.results import ABOVE, EXPLAINED, NOT_REPRODUCED, PUT_IN, REPRODUCED, Reason, reason_for
 from fg_nav.magnetic import DETECTORS
 from tests.lab.reproduce.kept_walks import figures_of, keep_walks, rows_of
 
@@ -32,10 +32,10 @@ def statistics(scenario, seed):
     """Of a detector that sees the true change with some noise; none passes on curves."""
     rng = np.random.default_rng(seed)
     arrays = {}
-    for field in ma2018_roc.FIELDS:
+    for field in detections.FIELDS:
         change, course = rng.uniform(0.0, 25.0, STANCES), rng.uniform(0.0, np.deg2rad(30.0), STANCES)
         statistic = change / 10 * np.exp(0.3 * rng.standard_normal(STANCES))
-        arrays |= {f"{field}/{name}": change for name in ma2018_roc._CHANGES}
+        arrays |= {f"{field}/{name}": change for name in detections._CHANGES}
         arrays |= {f"{field}/course": course, f"{field}/deviation": rng.normal(0.0, 0.1, STANCES)}
         for name in DETECTORS:
             blind = name.startswith("iqsf")
@@ -44,8 +44,8 @@ def statistics(scenario, seed):
 
 
 def sigmas(seed, rest_s):
-    found = {ma2018_noise.WALKED: np.array([0.004, 0.002, 0.2]), ma2018_noise.IRON_ON: np.array([0.07, 0.03, 0.6])}
-    return found | ({ma2018_noise.AT_REST: np.array([0.01, 0.004, 0.25])} if rest_s else {})
+    found = {detections.WALKED: np.array([0.004, 0.002, 0.2]), detections.IRON_ON: np.array([0.07, 0.03, 0.6])}
+    return found | ({detections.AT_REST: np.array([0.01, 0.004, 0.25])} if rest_s else {})
 
 
 def headings(scenario, field, seed, method):
@@ -60,8 +60,8 @@ def headings(scenario, field, seed, method):
 def measured():
     """All that takes time, made up; but for the calibration loop, which is walked."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ma2018_roc, "_judged_arrays", statistics)
-        patch.setattr(ma2018_noise, "noise", sigmas)
+        patch.setattr(detections, "_judged_arrays", statistics)
+        patch.setattr(detections, "noise", sigmas)
         patch.setattr("fg_nav.lab.reproduce.headings.headings_of", headings)
         patch.setattr(ma2018, "LOOPS", 1)
         yield patch
@@ -201,7 +201,7 @@ def test_headings_of_a_walk_are_those_of_its_filter():
 
 
 def test_noise_is_that_of_the_sensor_and_the_iron_turns_with_the_foot(monkeypatch):
-    monkeypatch.setattr(ma2018_noise, "WALK", "demo")
+    monkeypatch.setattr(detections, "WALK", "demo")
     found = noise(3, 20.0)
     assert (found["iron on"] > 3 * found["walked"]).all()
     assert found["at rest"][2] == pytest.approx(0.5 / np.sqrt(8.0) * np.sqrt(2.0), rel=0.1)

@@ -10,15 +10,15 @@ import pytest
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce import munoz_diaz2017 as paper
-from fg_nav.lab.reproduce import munoz_diaz2017_figures as pictures
-from fg_nav.lab.reproduce import munoz_diaz2017_measures as measures
-from fg_nav.lab.reproduce import munoz_diaz2017_seed as of_seed
 from fg_nav.lab.reproduce.file import written
-from fg_nav.lab.reproduce.munoz_diaz2017_rows import PLAN
-from fg_nav.lab.reproduce.munoz_diaz2017_runs import ESTIMATORS, Run, run_of
-from fg_nav.lab.reproduce.munoz_diaz2017_seed import Wanted, name_of
-from fg_nav.lab.reproduce.munoz_diaz2017_walks import ALL, Setting, cases, setting_of
-from fg_nav.lab.reproduce.munoz_diaz2017_words import TITLES
+from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
+from fg_nav.lab.reproduce.munoz_diaz2017 import runs as measures
+from fg_nav.lab.reproduce.munoz_diaz2017 import seed as of_seed
+from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import ESTIMATORS, Run, run_of
+from fg_nav.lab.reproduce.munoz_diaz2017.seed import Wanted, name_of
+from fg_nav.lab.reproduce.munoz_diaz2017.text import TITLES
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, Setting, cases, setting_of
 from fg_nav.lab.simulation import SCENARIOS, Choices, courses, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.pocket import PocketTrack

@@ -11,8 +11,8 @@ import pytest
 from matplotlib.image import imread
 
 from fg_nav.errors import OutputError
+from fg_nav.lab.reproduce.messages import named, remark
 from fg_nav.lab.reproduce.page import page
-from fg_nav.lab.reproduce.words import named, remark
 from tests.lab.reproduce.made import reproduction
 
 VOID = {"meta", "link", "img", "br", "hr"}

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fg_nav.lab.reproduce.file import read_reproduction
-from fg_nav.lab.reproduce.ma2018_walks import LAID
+from fg_nav.lab.reproduce.ma2018.walks import LAID
 from fg_nav.lab.reproduce.results import TOLERANCE
 
 RESULTS = Path(__file__).parents[3] / "docs" / "results"

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from fg_nav.lab.reproduce.messages import printed, remark, told
 from fg_nav.lab.reproduce.results import Row, Spread, spread_of
-from fg_nav.lab.reproduce.words import printed, remark, told
 
 
 def row(median, paper=1.0, **more):

@@ -1,4 +1,4 @@
-"""M-E1: Ma's calibration on the shoe beside CLSEF, Table 1 and Figure 7, over loops (`ma2018_loop`)."""
+"""M-E1: Ma's calibration on the shoe beside CLSEF, Table 1 and Figure 7, over loops (`loop`)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,25 @@ from functools import partial
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.reproduce.ma2018_loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Loop, heading_errors
-from fg_nav.lab.reproduce.reasons import ABOVE, BELOW, Reason, reason_for
-from fg_nav.lab.reproduce.results import Experiment, Picture, Row, Spread, one_line, spread_of
+from fg_nav.lab.reproduce.ma2018.loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Loop, heading_errors
+from fg_nav.lab.reproduce.results import (
+    ABOVE,
+    BELOW,
+    Experiment,
+    Picture,
+    Reason,
+    Row,
+    Spread,
+    one_line,
+    reason_for,
+    spread_of,
+)
 from fg_nav.lab.simulation.sensors.iron import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 
 PRINTED, QUADRANT, FITTED, FREE = "as printed", "right quadrant", "fitted", "CLSEF"
 
 ON_SHOE = {PRINTED: "ellipse, as printed", QUADRANT: "ellipse, by extremes", FITTED: "ellipse, fitted"}
-"""Columns whose calibration is made on the shoe, by the names of `ma2018_loop`."""
+"""Columns whose calibration is made on the shoe, by the names of `loop`."""
 
 _CLOSE = 0.05
 """Tolerance of what is put in and found again."""

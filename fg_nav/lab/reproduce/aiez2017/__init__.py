@@ -7,10 +7,10 @@ from pathlib import Path
 
 from fg_nav.lab.campaign.kept import Key
 from fg_nav.lab.campaign.sources import LOOP
-from fg_nav.lab.reproduce import aiez2017_figures as figures
-from fg_nav.lab.reproduce.aiez2017_corridor import DETECTOR_OF, STRENGTHS, corridor_experiment
-from fg_nav.lab.reproduce.aiez2017_magnet import SCENARIO, STRONGER, magnet_part, walks_of
-from fg_nav.lab.reproduce.aiez2017_walks import IEZ, building_experiment, keys
+from fg_nav.lab.reproduce.aiez2017 import figures as figures
+from fg_nav.lab.reproduce.aiez2017.corridor import DETECTOR_OF, STRENGTHS, corridor_experiment
+from fg_nav.lab.reproduce.aiez2017.magnet import SCENARIO, STRONGER, magnet_part, walks_of
+from fg_nav.lab.reproduce.aiez2017.walks import IEZ, building_experiment, keys
 from fg_nav.lab.reproduce.cells import made_elsewhere, make_missing, parameters_of, read_walks
 from fg_nav.lab.reproduce.drawing import Pictures
 from fg_nav.lab.reproduce.made_with import made_with

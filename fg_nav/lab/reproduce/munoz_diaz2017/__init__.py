@@ -1,8 +1,8 @@
 """The results of Munoz Diaz et al. (2017) beside ours: what gravity and the field tell of gyro biases in a pocket.
 
-walks    two a seed stand for the paper's two recorded ones                          (`munoz_diaz2017_walks`, `_rest`)
-runs     the paper's filter, as printed and right, and the graph, in batch and online           (`munoz_diaz2017_runs`)
-figures  what is read off them, row by row                                (`munoz_diaz2017_measures`, `_rows`, `_seed`)
+walks    two a seed stand for the paper's two recorded ones                          (`walks`)
+runs     the paper's filter, as printed and right, and the graph, in batch and online           (`runs`)
+figures  what is read off them, row by row                                (`runs`, `rows`, `seed`)
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from functools import partial
 from pathlib import Path
 
 from fg_nav.lab.campaign.pool import as_done
-from fg_nav.lab.reproduce.munoz_diaz2017_figures import FIGURES, file_of
-from fg_nav.lab.reproduce.munoz_diaz2017_rows import PLAN, Planned, Reading
-from fg_nav.lab.reproduce.munoz_diaz2017_seed import DRAWN, Values, Wanted, made, name_of, parameters
-from fg_nav.lab.reproduce.munoz_diaz2017_words import CITATION, DIFFERS, TITLES
+from fg_nav.lab.reproduce.munoz_diaz2017.figures import FIGURES, file_of
+from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN, Planned, Reading
+from fg_nav.lab.reproduce.munoz_diaz2017.seed import DRAWN, Values, Wanted, made, name_of, parameters
+from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
 from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
 
 

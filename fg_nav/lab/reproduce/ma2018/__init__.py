@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fg_nav.lab.campaign.kept import Key
-from fg_nav.lab.reproduce import ma2018_field_figures as field_figures
-from fg_nav.lab.reproduce import ma2018_walk_figures as walk_figures
-from fg_nav.lab.reproduce import ma2018_walks as walked
 from fg_nav.lab.reproduce.cells import Walks, made_elsewhere, make_missing, parameters_of, read_walks
 from fg_nav.lab.reproduce.drawing import Pictures
 from fg_nav.lab.reproduce.headings import headings_part
-from fg_nav.lab.reproduce.ma2018_calibration import calibration_experiment
-from fg_nav.lab.reproduce.ma2018_detector import DETECTOR_OF, noise_experiment, roc_experiment
-from fg_nav.lab.reproduce.ma2018_loop import loop_part, loops_of
-from fg_nav.lab.reproduce.ma2018_noise import QUICK_REST_S, REST_S, noise_part
-from fg_nav.lab.reproduce.ma2018_roc import cases_of, roc_part
+from fg_nav.lab.reproduce.ma2018 import figures
+from fg_nav.lab.reproduce.ma2018 import walks as walked
+from fg_nav.lab.reproduce.ma2018.calibration import calibration_experiment
+from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, cases_of, noise_part, roc_part
+from fg_nav.lab.reproduce.ma2018.detector import DETECTOR_OF, noise_experiment, roc_experiment
+from fg_nav.lab.reproduce.ma2018.loop import loop_part, loops_of
 from fg_nav.lab.reproduce.made_with import made_with
 from fg_nav.lab.reproduce.parts import Part
 from fg_nav.lab.reproduce.results import Experiment, Reproduction, one_line
@@ -66,7 +64,7 @@ class Plan:
     @property
     def headings(self) -> dict[str, Part]:
         """Headings of the first office, by field."""
-        method = walk_figures.DRAWN[walked.PROPOSED]
+        method = figures.DRAWN[walked.PROPOSED]
         return {field: headings_part(PAPER, walked.OFFICE, field, self.seeds[0], method) for field in self.fields}
 
     @property
@@ -119,18 +117,16 @@ def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
     headings = {field: part.of(folder) for field, part in plan.headings.items()}
     noises = [part.of(folder) for part in plan.noises]
     return [
-        calibration_experiment(
-            loops, [field_figures.figure_6(pictures, loops[0]), field_figures.figure_7(pictures, loops[0])]
-        ),
+        calibration_experiment(loops, [figures.figure_6(pictures, loops[0]), figures.figure_7(pictures, loops[0])]),
         noise_experiment(noises, WALK_MINUTES * len(noises), plan.rest_s),
-        roc_experiment(cases, [field_figures.figure_3(pictures, headings), field_figures.figure_8(pictures, cases)]),
+        roc_experiment(cases, [figures.figure_3(pictures, headings), figures.figure_8(pictures, cases)]),
         walked.office_experiment(
             walks,
             plan.fields,
             [
-                walk_figures.figure_9(pictures, walks, plan.fields),
-                walk_figures.figure_10(pictures, walks, plan.fields),
-                field_figures.figure_11(pictures, headings),
+                figures.figure_9(pictures, walks, plan.fields),
+                figures.figure_10(pictures, walks, plan.fields),
+                figures.figure_11(pictures, headings),
             ],
         ),
         walked.mall_experiment(
@@ -138,9 +134,9 @@ def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
             plan.fields,
             cases,
             [
-                walk_figures.figure_12(pictures, walks, plan.fields),
-                *walk_figures.figures_13_14(pictures, walks, plan.fields),
-                *walk_figures.figures_15_16(pictures, walks, plan.fields),
+                figures.figure_12(pictures, walks, plan.fields),
+                *figures.figures_13_14(pictures, walks, plan.fields),
+                *figures.figures_15_16(pictures, walks, plan.fields),
             ],
         ),
     ]

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from fg_nav.lab.campaign.kept import Key
 from fg_nav.lab.reproduce.cells import Walks, keys_of
-from fg_nav.lab.reproduce.reasons import ABOVE, BELOW, Reason, reason_for
-from fg_nav.lab.reproduce.results import Experiment, Picture, Row, Spread, one_line
+from fg_nav.lab.reproduce.results import ABOVE, BELOW, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
 from fg_nav.lab.reproduce.walk_figures import (
     Figure,
     end_m,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fg_nav.lab.reproduce.munoz_diaz2017_measures import (
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import (
     Measure,
     X,
     Y,
@@ -32,8 +32,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017_measures import (
     yaw_range,
     yaw_wander,
 )
-from fg_nav.lab.reproduce.munoz_diaz2017_walks import ALL, BATCH, FILTER, ONLINE, SECOND_NOISES_UT
-from fg_nav.lab.reproduce.munoz_diaz2017_words import (
+from fg_nav.lab.reproduce.munoz_diaz2017.text import (
     DETECTOR,
     DRIFTS,
     FOLLOWS,
@@ -47,6 +46,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017_words import (
     TABLE_1,
     TRIP,
 )
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, BATCH, FILTER, ONLINE, SECOND_NOISES_UT
 from fg_nav.lab.reproduce.results import TOLERANCE, Row
 from fg_nav.pocket.paper import PUBLISHED
 
@@ -72,7 +72,7 @@ class Reading:
     Attributes
     ----------
     row : the row, `ours` empty.
-    case, measure : read off the runs of this case; "" where it is no run's (`munoz_diaz2017_seed`).
+    case, measure : read off the runs of this case; "" where it is no run's (`seed`).
     over_case : the figure is taken over the same one of this case.
     without : estimators that it says nothing of: who is told the whole walk takes no time.
     """

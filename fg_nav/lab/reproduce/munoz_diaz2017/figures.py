@@ -14,9 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.reproduce.munoz_diaz2017_rest import AllanPair
-from fg_nav.lab.reproduce.munoz_diaz2017_runs import Run
-from fg_nav.lab.reproduce.munoz_diaz2017_walks import Setting
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import Run
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import AllanPair, Setting
 from fg_nav.lab.simulation.fields import Cylinders
 from fg_nav.report import style
 

@@ -20,11 +20,9 @@ import fg_nav
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import AllanCurve
 from fg_nav.lab.campaign.kept import sum_over
-from fg_nav.lab.reproduce import munoz_diaz2017_figures as pictures
 from fg_nav.lab.reproduce.file import from_json, in_json, write_whole
-from fg_nav.lab.reproduce.munoz_diaz2017_measures import ratio
-from fg_nav.lab.reproduce.munoz_diaz2017_rest import AllanPair, allan_pair, fog_errors, sensor_errors
-from fg_nav.lab.reproduce.munoz_diaz2017_rows import (
+from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
+from fg_nav.lab.reproduce.munoz_diaz2017.rows import (
     AT_A_SECOND,
     AXES,
     EXPECTED,
@@ -42,20 +40,24 @@ from fg_nav.lab.reproduce.munoz_diaz2017_rows import (
     errors_of,
     minutes_over,
 )
-from fg_nav.lab.reproduce.munoz_diaz2017_runs import GRAPHS, PRESET_NAMES, Run, runs
-from fg_nav.lab.reproduce.munoz_diaz2017_walks import (
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import GRAPHS, PRESET_NAMES, Run, ratio, runs
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
     BATCH,
     FILTER,
     FIRST,
     ONLINE,
     SECOND_NOISES_UT,
+    AllanPair,
     Setting,
+    allan_pair,
     cases,
     first_recording,
     first_walk,
+    fog_errors,
     noise_of,
     second_recording,
     second_walk,
+    sensor_errors,
     setting_of,
 )
 from fg_nav.plain import plain
@@ -76,7 +78,7 @@ DRAWN = (FILTER, ONLINE)
 FOG_HOURS, ALLAN_HOURS = 1.0, 14.0
 """As in the paper."""
 
-_IN_WORDS = "munoz_diaz2017_words"
+_TEXT = "text"
 """Module that no figure depends on."""
 
 _SEEN_ONLY = ("report/", "commands/", "lab/reproduce/", "lab/campaign/", "cli.py")
@@ -167,7 +169,7 @@ def code_sum() -> str:
     root = Path(str(fg_nav.__file__)).parent
     sources = {
         *(path for path in root.rglob("*.py") if not path.relative_to(root).as_posix().startswith(_SEEN_ONLY)),
-        *(path for path in (root / "lab" / "reproduce").glob("munoz_diaz2017_*.py") if path.stem != _IN_WORDS),
+        *(path for path in (root / "lab" / "reproduce").glob("munoz_diaz2017/*.py") if path.stem != _TEXT),
         *root.glob("factors/*.py"),
     }
     return sum_over(sorted(sources))

@@ -20,10 +20,9 @@ import numpy as np
 from fg_nav.evaluation.walked import BEST_YAW
 from fg_nav.lab.campaign.kept import Key, Result
 from fg_nav.lab.reproduce.cells import Walks, keys_of
-from fg_nav.lab.reproduce.ma2018_detector import curve_rows
-from fg_nav.lab.reproduce.ma2018_roc import CURVED_DEG, STRAIGHT_DEG, Case
-from fg_nav.lab.reproduce.reasons import ABOVE, BELOW, Reason, reason_for
-from fg_nav.lab.reproduce.results import Experiment, Picture, Row, Spread, one_line
+from fg_nav.lab.reproduce.ma2018.detections import CURVED_DEG, STRAIGHT_DEG, Case
+from fg_nav.lab.reproduce.ma2018.detector import curve_rows
+from fg_nav.lab.reproduce.results import ABOVE, BELOW, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
 from fg_nav.lab.reproduce.walk_figures import (
     Figure,
     at_landmarks,

@@ -13,12 +13,20 @@ from functools import partial
 import numpy as np
 
 from fg_nav.evaluation import Band, Roc
-from fg_nav.lab.reproduce.ma2018_loop import MG_PER_UT
-from fg_nav.lab.reproduce.ma2018_noise import AT_REST, IRON_ON, WALKED
-from fg_nav.lab.reproduce.ma2018_roc import LIMIT_UT, MA, MA_P_D, OURS, Case, stretches
+from fg_nav.lab.reproduce.ma2018.detections import AT_REST, IRON_ON, LIMIT_UT, MA, MA_P_D, OURS, WALKED, Case, stretches
+from fg_nav.lab.reproduce.ma2018.loop import MG_PER_UT
 from fg_nav.lab.reproduce.parts import Arrays
-from fg_nav.lab.reproduce.reasons import BELOW, Reason, reason_for
-from fg_nav.lab.reproduce.results import Experiment, Picture, Row, Spread, one_line, spread_of
+from fg_nav.lab.reproduce.results import (
+    BELOW,
+    Experiment,
+    Picture,
+    Reason,
+    Row,
+    Spread,
+    one_line,
+    reason_for,
+    spread_of,
+)
 from fg_nav.magnetic.presets import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH
 
 PRINTED, PHYSICAL = "as printed", "physical"

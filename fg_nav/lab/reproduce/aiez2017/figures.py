@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.lab.reproduce.aiez2017_corridor import CLASSICAL, DETECTOR_OF, PHYSICAL
-from fg_nav.lab.reproduce.aiez2017_corridor import PRINTED as AS_PRINTED
-from fg_nav.lab.reproduce.aiez2017_magnet import NEAR
-from fg_nav.lab.reproduce.aiez2017_walks import BUILDING, NAMES, PRINTED, columns_of
+from fg_nav.lab.reproduce.aiez2017.corridor import CLASSICAL, DETECTOR_OF, PHYSICAL
+from fg_nav.lab.reproduce.aiez2017.corridor import PRINTED as AS_PRINTED
+from fg_nav.lab.reproduce.aiez2017.magnet import NEAR
+from fg_nav.lab.reproduce.aiez2017.walks import BUILDING, NAMES, PRINTED, columns_of
 from fg_nav.lab.reproduce.cells import Walks
 from fg_nav.lab.reproduce.drawing import Pictures, draw_path, estimate_of, new_panels, truth_of
 from fg_nav.lab.reproduce.parts import Arrays

@@ -11,9 +11,8 @@ from functools import partial
 
 import numpy as np
 
-from fg_nav.lab.reproduce.aiez2017_magnet import FAR, NEAR, STRONGER, Judged, pooled, told_apart
-from fg_nav.lab.reproduce.reasons import ABOVE, Reason, reason_for
-from fg_nav.lab.reproduce.results import Experiment, Picture, Row, Spread, one_line
+from fg_nav.lab.reproduce.aiez2017.magnet import FAR, NEAR, STRONGER, Judged, pooled, told_apart
+from fg_nav.lab.reproduce.results import ABOVE, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
 
 CLASSICAL, PRINTED, PHYSICAL = "classical", "as printed", "physical"
 
