@@ -384,7 +384,7 @@ def allan(
     from fg_nav.report.folder import ALLAN_FILES
 
     _check_free(out, force, ALLAN_FILES)
-    from fg_nav.calibration.sensor_noise import recording_noise
+    from fg_nav.calibration.at_rest import recording_noise
     from fg_nav.io import read
     from fg_nav.report.allan import print_allan, write_allan
 

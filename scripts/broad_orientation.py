@@ -45,7 +45,8 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError, OutputError
-from fg_nav.io import mat, read
+from fg_nav.io import read
+from fg_nav.io.content import load_mat, mat_array
 from fg_nav.pocket.ekf import estimate_pocket
 from fg_nav.pocket.graph_parameters import PocketGraphParameters
 from fg_nav.pocket.online import follow_pocket
@@ -119,20 +120,20 @@ def trials_of(data: Path, names: Sequence[str] | None = None) -> list[Trial]:
 
 def trial_of(path: Path) -> Trial:
     """Load a trial."""
-    recording, variables = read(path), mat.load(path)
-    wxyz = mat.array(variables, "opt_quat", path, columns=4)
-    moved = mat.array(variables, "movement", path).astype(bool)
+    recording, variables = read(path), load_mat(path)
+    wxyz = mat_array(variables, "opt_quat", path, columns=4)
+    moved = mat_array(variables, "movement", path).astype(bool)
     if not len(wxyz) == len(moved) == len(recording):
         raise FormatError(f"{path.name}: samples were left out of it, so that its truth does not fit: export it again.")
     seen = np.isfinite(wxyz).all(axis=1)
     return Trial(
         name=path.stem,
         recording=recording,
-        field=mat.array(variables, "imu_mag", path, columns=3),
+        field=mat_array(variables, "imu_mag", path, columns=3),
         nav_R_true=Rotation.from_quat(np.where(seen[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True),
         moving=moved & seen,
         resting=~moved,
-        rate=float(mat.array(variables, "sampling_rate", path)[0]),
+        rate=float(mat_array(variables, "sampling_rate", path)[0]),
     )
 
 

@@ -17,8 +17,7 @@ import numpy as np
 from figures import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.evaluation.landmarks import error_reduction_percent
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
+from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, error_reduction_percent
 from fg_nav.lab.campaign import kept
 from fg_nav.lab.campaign.kept import Result
 from fg_nav.lab.campaign.made import name_and_preset

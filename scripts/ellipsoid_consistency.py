@@ -24,9 +24,8 @@ import figures as fig
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid, symmetric
+from fg_nav.calibration.ellipsoid import fitted_ellipsoid, symmetric, unit_sphere
 from fg_nav.calibration.magnetometer import UPPER
-from fg_nav.calibration.unit_sphere import unit_sphere
 from fg_nav.errors import CalibrationError
 
 FIRST_SEED = 101

@@ -14,7 +14,7 @@ result is a file in DIR (`kept`), and holds as long as its parameters are the sa
 landmarks       mean and largest error over the ground, laid as started, m
 rmse, heading   over the footfalls, m and deg; `end` over the ground, m. Medians over the seeds (5 % to 95 %)
 NEES            of place and heading at the last footfall over its expectation, mean over the seeds: 1 for an honest
-                claim (`fg_nav.evaluation.pose_consistency`); where the claim has no cross terms, that of the two parts
+                claim (`fg_nav.evaluation.consistency`); where the claim has no cross terms, that of the two parts
 used            share of footfalls whose field was used
 cost            runtime over that of `inertial` on the same walk, median
 over default    rmse over the default's on the same walk, geometric mean; in the summary over all scenarios and fields
@@ -51,7 +51,7 @@ from compare_tables import (
 
 from fg_nav.errors import FgNavError, OutputError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.pose_consistency import PARTS
+from fg_nav.evaluation.consistency import PARTS
 from fg_nav.lab.campaign import kept
 from fg_nav.lab.campaign.kept import Key, Result
 from fg_nav.lab.campaign.made import measured

@@ -34,7 +34,7 @@ from kinematic_consistency import integrate
 from fg_nav.arrays import Floats, Ints
 from fg_nav.calibration import rolling_lever
 from fg_nav.detection import detect_stances
-from fg_nav.detection.statistics import shoe
+from fg_nav.detection.stance import shoe
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Person, Scenario, simulate
 from fg_nav.lab.simulation.path import polyline

@@ -18,7 +18,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import NoiseFit
-from fg_nav.calibration.sensor_noise import SensorNoise, recording_noise
+from fg_nav.calibration.at_rest import SensorNoise, recording_noise
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.simulation.sensors import preset

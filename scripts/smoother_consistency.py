@@ -4,7 +4,7 @@
         [--seeds N] [--first SEED] [--magnetometer loop|perfect] [--jobs N]
 
 Results are those of `compare_ekf`, kept in the same folder, and taken up again. All methods are told the true heading
-at the start, so nothing is fitted; `fg_nav.evaluation.pose_consistency` has the errors, their parts and the bands.
+at the start, so nothing is fitted; `fg_nav.evaluation.consistency` has the errors, their parts and the bands.
 
 ============== ======================================================================================================
 end            share of the seeds whose NEES at the last footfall lies within the two-sided 95 % band
@@ -34,7 +34,7 @@ from compare_tables import BUILDING, MALL, OFFICE, OFFICE_OPEN, print_remarks
 from figures import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.evaluation.pose_consistency import PARTS, PLACES, band, freedom_of_mean, inside
+from fg_nav.evaluation.consistency import PARTS, PLACES, band, freedom_of_mean, inside
 from fg_nav.lab.campaign.kept import Result
 from fg_nav.lab.campaign.sources import LOOP, PERFECT
 

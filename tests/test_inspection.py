@@ -26,7 +26,7 @@ def _detector(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
             raise DetectionError("no stance was found: look at the statistic.")
         return Stances.from_mask(np.arange(len(recording)) % 100 < 100 * share)
 
-    monkeypatch.setattr("fg_nav.inspection.measure.detect_stances", detect_stances)
+    monkeypatch.setattr("fg_nav.inspection.detect_stances", detect_stances)
 
 
 @pytest.fixture(autouse=True)

@@ -9,24 +9,20 @@ from fg_nav.calibration.at_rest import (
     AccelerometerCalibration,
     AtRestParameters,
     GyroscopeCalibration,
-    accelerometer_at_rest,
-    gyroscope_at_rest,
-)
-from fg_nav.calibration.ellipse import EllipseParameters, ellipse_of_walk, fitted_ellipse
-from fg_nav.calibration.ellipse_shape import Ellipse
-from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid
-from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
-from fg_nav.calibration.footfalls import circular_sd_deg, corrected_field
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.of_recording import METHODS, Effect, Found, calibrate
-from fg_nav.calibration.rolling_lever import RollingLever, RollingLeverParameters, rolling_lever
-from fg_nav.calibration.sensor_noise import (
     RecordingNoise,
     SensorNoise,
     StillnessParameters,
+    accelerometer_at_rest,
+    gyroscope_at_rest,
     recording_noise,
 )
-from fg_nav.calibration.unit_sphere import unit_sphere
+from fg_nav.calibration.ellipse import Ellipse
+from fg_nav.calibration.ellipse_fit import EllipseParameters, ellipse_of_walk, fitted_ellipse
+from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid, unit_sphere
+from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
+from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, corrected_field
+from fg_nav.calibration.of_recording import METHODS, Effect, Found, calibrate
+from fg_nav.calibration.rolling_lever import RollingLever, RollingLeverParameters, rolling_lever
 from fg_nav.calibration.walk import Spread, calibrate_on_walk, level_iron, spread_out_of_sample
 from fg_nav.calibration.walk_model import WalkCalibrationParameters
 

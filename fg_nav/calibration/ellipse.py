@@ -1,18 +1,17 @@
-"""Ma's calibration on the shoe: the levelled field of the standing foot, turned round, lies on an ellipse.
+"""The ellipse on which the levelled field of a standing foot lies as it turns round, and what takes it to a circle.
 
-The ellipse, its symbols and Eq. 9-12 are in `fg_nav.calibration.ellipse_shape`, the fit in `ellipse_fit`.
+In levelled axes (x forward, y left, z up; `fg_nav.magnetic.compass`), horizontal components only:
 
-`fitted_ellipse` is least squares in which a few wild footfalls do not matter, with a covariance. The paper finds the
-same numbers from extremes (Eq. 6-8): `fg_nav.calibration.ellipse_extremes`.
+    m = o + (1/tau on u, 1 across u) b,    u = (cos eta, sin eta) the long axis,  tau = short axis / long axis
+    b = C (m - o),    C = I - (1 - tau) u u^T                                        Ma (9)-(12)
 
-What the floor does with one or two periods in the round is an ellipse itself: no residual can tell it. But circles to
-the left stand elsewhere than circles to the right, and theirs is another ellipse. `ellipse_of_walk` fits both apart;
-half the difference D of their (o_x, o_y, eta, tau) is as uncertain as the ellipse of all, whose covariance P grows by
+so the corrected field lies on a circle whose radius is the short axis. The offset o holds in the levelled axes: it is
+hard iron as long as the foot stands at the same tilt, plus what vertical field the soft iron and a steady error of
+levelling turn into the plane. eta is a direction without an arrow, modulo pi.
 
-    max(1, D^T P^-1 D / 4).
-
-On 36 simulated loops over a smooth floor (seeds below 100) errors are 1.3 of their sigmas with it, and 3.2 without.
-Circles that all turn one way do not show the floor: their covariance knows nothing of it, and a note says so.
+`ellipse_by_extremes` and `ellipse_as_printed` find it as the paper does, Ma (6)-(8), without a covariance: single
+readings decide, so a wild one spoils it, and so does an end of the ellipse that no footfall reached. The least squares
+fit is in `fg_nav.calibration.ellipse_fit`.
 """
 
 from __future__ import annotations
@@ -20,159 +19,178 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse_fit import footfalls_present, likeliest_ellipse
-from fg_nav.calibration.ellipse_shape import Ellipse, half_turn, rise_deg
-from fg_nav.calibration.footfalls import mean_up
-from fg_nav.calibration.magnetometer import LEVEL_FIELD_UT, MagnetometerCalibration, check_strength
-from fg_nav.calibration.quadric import LEAST_UT
+from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
 from fg_nav.errors import CalibrationError
-from fg_nav.magnetic.compass import heading_of_field
-from fg_nav.magnetic.footfall_field import FootfallField
+from fg_nav.magnetic.compass import level_R_body
+from fg_nav.wording import counted
 
-SIDE_FOOTFALLS = 5
-"""Turning is to the left or to the right in the mean over so many."""
-
-UPRIGHT_DEG = 2.0
-"""An x axis so close to vertical has no heading that a foot could repeat: levelled axes turn about at random."""
-
-
-KNOWN_ETA_RAD = 0.3
-"""A direction with more sigma than this is no direction: 17 degrees, and beyond it sigma is no more than a word."""
+UNKNOWN_UT = 30.0
+"""Sigma of hard iron along the vertical, of which circles on a floor say nothing: what `fg_nav.calibration.walk`
+believes before a walk."""
 
 
 @dataclass(frozen=True)
-class EllipseParameters:
-    """When to refuse.
+class Ellipse:
+    """The ellipse of the levelled readings, and the circle it is brought to.
 
     Attributes
     ----------
-    fewest : footfalls; five numbers want a few more to be judged by.
-    largest_gap_rad : between neighbouring directions about the centre. Ma turns by 15 to 35 deg from step to step;
-        with a quarter of the round missing the two ends of it still hold the ellipse.
-    largest_sigma : of the offset over the radius, and of half of tau: 0.05 is an error of 3 deg of heading for both.
-    levelling_sigma_rad : steady error of up, per axis: an accelerometer that is wrong by 3 mg, as a calibrated MEMS
-        part is. What vertical field it brings into the plane looks like an offset, and belongs to it as long as the
-        same levelling is used; for the hard iron it is an error.
+    method : how it was found.
+    offset_uT : o (2,), in levelled axes.
+    eta_rad : from x to the long axis, counter-clockwise seen from above, in (-pi/2, pi/2].
+    tau : short over long axis.
+    radius_uT : short axis, the horizontal strength after the correction.
+    covariance : (4, 4) of o_x, o_y, eta, tau; NaN where the method has none. The variance of eta grows without bound
+        as tau goes to 1, where there is no long axis; (1 - tau) eta stays known.
+    residual_uT : rms distance from the ellipse (with a covariance: that of the readings kept, by degrees of freedom).
+    samples : readings that it rests on.
+    notes : remarks for the user.
     """
 
-    fewest: int = 10
-    largest_gap_rad: float = np.deg2rad(90.0)
-    largest_sigma: float = 0.05
-    levelling_sigma_rad: float = 0.003
+    method: str
+    offset_uT: Floats
+    eta_rad: float
+    tau: float
+    radius_uT: float
+    covariance: Floats
+    residual_uT: float
+    samples: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def numbers(self) -> Floats:
+        """(4,) o_x, o_y (uT), eta (rad), tau."""
+        return np.array([*self.offset_uT, self.eta_rad, self.tau])
+
+    @property
+    def sigma(self) -> Floats:
+        """(4,) standard deviations of o_x, o_y (uT), eta (rad), tau."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def correction(self) -> Floats:
+        """C (2, 2)."""
+        long_axis = along(self.eta_rad)
+        return np.asarray(np.eye(2) - (1.0 - self.tau) * np.outer(long_axis, long_axis))
+
+    def corrected(self, level_xy: Floats) -> Floats:
+        """Horizontal field (..., 2) uT on the circle, from levelled readings (..., 2) uT."""
+        return np.asarray((level_xy - self.offset_uT) @ self.correction)
+
+    def in_body(self, body_up: Floats) -> MagnetometerCalibration:
+        """The same as a calibration of the body's readings, for a foot that stands with up at `body_up` (3,).
+
+        h = R^T (o, 0), C = R^T blockdiag(C, 1) R with R = level_R_body. It holds for footfalls at that tilt, not for
+        the swing. The vertical is left as it is: hard iron along it has a sigma of `UNKNOWN_UT`, which stands for soft
+        iron too; what that makes of the vertical field over the ground is in o.
+
+        Raises
+        ------
+        CalibrationError
+            If the ellipse has no covariance.
+        """
+        if not np.isfinite(self.covariance).all():
+            raise CalibrationError(f"the ellipse {self.method} has no covariance: use fitted_ellipse.")
+        R = level_R_body(body_up)
+        C = np.eye(3)
+        C[:2, :2] = self.correction
+        lift = self._lift(R)
+        return MagnetometerCalibration(
+            method=f"ellipse of the standing foot, {self.method}",
+            hard_iron_uT=R[:2].T @ self.offset_uT,
+            correction=R.T @ C @ R,
+            covariance=lift @ self.covariance @ lift.T + _unknown(R[2]),
+            strength_uT=self.radius_uT,
+            residual_uT=self.residual_uT,
+            samples=self.samples,
+            notes=(
+                *self.notes,
+                f"holds for a foot that stands as in this walk, its x axis {rise_deg(body_up):.0f} deg above level, "
+                "and not on stairs or in the swing",
+                "strength and residual are those of the horizontal field; along the vertical iron is not known and the "
+                "field is left as it is",
+            ),
+        )
+
+    def _lift(self, R: Floats) -> Floats:
+        """Derivatives (9, 4) of h and C in the body by o, eta, tau."""
+        u, across = R[:2].T @ along(self.eta_rad), R[:2].T @ along(self.eta_rad + np.pi / 2)
+        by_eta = -(1.0 - self.tau) * (np.outer(u, across) + np.outer(across, u))
+        lift = np.zeros((9, 4))
+        lift[:3, :2] = R[:2].T
+        lift[3:, 2], lift[3:, 3] = by_eta[UPPER], np.outer(u, u)[UPPER]
+        return lift
 
 
-def fitted_ellipse(level_xy: Floats, parameters: EllipseParameters = EllipseParameters()) -> Ellipse:
-    """Fit an ellipse to levelled readings by robust least squares of their distances from it.
+def along(angle: float) -> Floats:
+    """Unit vector (2,)."""
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def half_turn(angle: float) -> float:
+    """Direction without an arrow, in (-pi/2, pi/2]."""
+    return float(np.pi / 2 - (np.pi / 2 - angle) % np.pi)
+
+
+def _unknown(up: Floats) -> Floats:
+    """Covariance (9, 9) of a hard iron along `up` (3,) in the body of which nothing is known."""
+    unknown = np.zeros((9, 9))
+    unknown[:3, :3] = UNKNOWN_UT**2 * np.outer(up, up)
+    return unknown
+
+
+def rise_deg(body_up: Floats) -> float:
+    """How far the body's x axis points above level."""
+    return float(np.degrees(np.arctan2(body_up[0], np.linalg.norm(body_up[1:]))))
+
+
+def footfalls_present(level_xy: Floats, fewest: int) -> Floats:
+    """Readings (F, 2) without NaN rows; `CalibrationError` for too few."""
+    readings = level_xy[np.isfinite(level_xy).all(axis=1)]
+    if len(readings) < fewest:
+        raise CalibrationError(
+            f"{counted(len(readings), 'footfall')} with a field cannot make an ellipse: walk {fewest} in circles."
+        )
+    return np.asarray(readings)
+
+
+def ellipse_by_extremes(level_xy: Floats) -> Ellipse:
+    """Find the ellipse from extremes: Ma Eq. 6-8 with eta = atan2(m_y1, m_x1) modulo pi. No covariance.
 
     Parameters
     ----------
-    level_xy : (F, 2) uT, levelled axes, one a footfall; NaN rows are left out.
-    parameters : when to refuse.
-
-    Raises
-    ------
-    CalibrationError
-        Where the headings do not go round, telling which arc is missing, or the readings leave a parameter open.
+    level_xy : (F, 2) uT, levelled axes; NaN rows are left out.
     """
-    ellipse = _round_ellipse(level_xy, parameters)
-    _check(ellipse, parameters.largest_sigma)
-    return replace(ellipse, notes=(*ellipse.notes, *_note_on_eta(ellipse)))
+    centred, offset = _about_extremes(level_xy)
+    x1, y1 = centred[np.argmax(np.linalg.norm(centred, axis=1))]
+    return _of_extremes("by extremes", centred, offset, half_turn(float(np.arctan2(y1, x1))))
 
 
-def ellipse_of_walk(
-    field: FootfallField, parameters: EllipseParameters = EllipseParameters()
-) -> tuple[Ellipse, MagnetometerCalibration]:
-    """Fit the ellipse of a walk's footfalls, and lift it into the body at their mean tilt.
+def ellipse_as_printed(level_xy: Floats) -> Ellipse:
+    """Find the ellipse as the paper prints it: Ma Eq. 6-8 with eta = asin(m_y1 / max r), mirrored where m_x1 < 0.
 
-    The covariance has in it by how much circles to the left and to the right disagree, and that of the offset a steady
-    error of levelling, which the footfalls do not show.
-
-    Raises
-    ------
-    CalibrationError
-        As `fitted_ellipse`, and for an x axis that stands upright.
+    Parameters
+    ----------
+    level_xy : (F, 2) uT, levelled axes; NaN rows are left out.
     """
-    body_up = mean_up(field.nav_R_body)
-    _check_x_axis(body_up)
-    ellipse = _round_ellipse(field.level_field[:, :2], parameters)
-    growth, note = _by_sides(field, ellipse, parameters)
-    ellipse = replace(ellipse, covariance=growth * ellipse.covariance)
-    _check(ellipse, parameters.largest_sigma)
-    brought_in_uT = parameters.levelling_sigma_rad * float(np.nanmedian(field.level_field[:, 2]))
-    levelling = np.diag([brought_in_uT**2, brought_in_uT**2, 0.0, 0.0])
-    notes = (*ellipse.notes, note, *_note_on_eta(ellipse))
-    ellipse = replace(ellipse, covariance=ellipse.covariance + levelling, notes=notes)
-    return ellipse, ellipse.in_body(body_up)
+    centred, offset = _about_extremes(level_xy)
+    r = np.linalg.norm(centred, axis=1)
+    return _of_extremes("as printed", centred, offset, float(np.arcsin(centred[np.argmax(r), 1] / r.max())))
 
 
-def _round_ellipse(level_xy: Floats, parameters: EllipseParameters) -> Ellipse:
-    """Fit; refuse only where there is no ellipse or the headings do not go round."""
-    readings = footfalls_present(level_xy, parameters.fewest)
-    ellipse, kept = likeliest_ellipse(readings)
-    _check_round(ellipse.corrected(readings[kept]), parameters.largest_gap_rad)
-    left_out = int((~kept).sum())
-    notes = (f"{left_out} of {len(readings)} footfalls left out as outliers",) if left_out else ()
-    return replace(ellipse, notes=notes)
+def _about_extremes(level_xy: Floats) -> tuple[Floats, Floats]:
+    """Readings about (max + min) / 2 of each axis, and that: Ma Eq. 6."""
+    readings = footfalls_present(level_xy, 3)
+    offset = (readings.max(axis=0) + readings.min(axis=0)) / 2
+    return readings - offset, offset
 
 
-def _by_sides(field: FootfallField, ellipse: Ellipse, parameters: EllipseParameters) -> tuple[float, str]:
-    """Factor on the covariance by which circles to the left and to the right disagree, and a note on them."""
-    turn = uniform_filter1d(np.gradient(np.unwrap(field.gyro_heading)), SIDE_FOOTFALLS)
-    try:
-        left, right = (_round_ellipse(field.level_field[side, :2], parameters) for side in (turn < 0.0, turn > 0.0))
-    except CalibrationError:
-        return 1.0, "no full circles both ways: iron in the floor cannot be told from the shoe's, and is in no sigma"
-    apart = (left.numbers - right.numbers) / 2
-    apart[2] = half_turn(2 * apart[2]) / 2
-    covariance = ellipse.covariance + LEAST_UT**2 * np.eye(4)
-    growth = max(1.0, float(apart @ np.linalg.solve(covariance, apart)) / 4)
-    disagree = f"{np.sqrt(growth):.1f} times what the scatter alone explains"
-    return growth, f"sigmas are {disagree}, for circles to the left and to the right disagree by so much"
-
-
-def _check_round(corrected: Floats, largest_gap: float) -> None:
-    """Refuse where no reading points over a wide arc, and name it by the headings that the foot did not have."""
-    heading = np.sort(heading_of_field(corrected))
-    gaps = np.diff(heading, append=heading[0] + 2 * np.pi)
-    k = int(np.argmax(gaps))
-    if gaps[k] > largest_gap:
-        first, last = np.degrees([heading[k], heading[k] + gaps[k]]) % 360.0
-        raise CalibrationError(
-            f"the footfalls do not go round: none has a magnetic heading from {first:.0f} to {last:.0f} deg clockwise "
-            f"({np.degrees(gaps[k]):.0f} deg wide, at most {np.degrees(largest_gap):.0f} are allowed); "
-            "walk a full circle, better one each way."
-        )
-
-
-def _check(ellipse: Ellipse, largest: float) -> None:
-    """Refuse a radius that no field has, and numbers that are not known well enough."""
-    check_strength(ellipse.radius_uT, LEVEL_FIELD_UT)
-    x, y, _, tau = ellipse.sigma
-    offset = max(x, y) / ellipse.radius_uT
-    if max(offset, tau / 2) > largest:
-        raise CalibrationError(
-            f"the footfalls scatter by {ellipse.residual_uT:.1f} uT about the ellipse and leave its offset open by "
-            f"{offset:.2f} of its radius and tau by {tau:.2f} (at most {largest:g} and {2 * largest:g} are allowed): "
-            "walk more circles, away from iron in the floor."
-        )
-
-
-def _note_on_eta(ellipse: Ellipse) -> tuple[str, ...]:
-    sigma = ellipse.sigma[2]
-    if sigma < KNOWN_ETA_RAD:
-        return ()
-    return (
-        f"tau {ellipse.tau:.3f} is a circle within its sigma of {ellipse.sigma[3]:.3f}: "
-        "the direction eta of the long axis is not known, and matters as little",
+def _of_extremes(method: str, centred: Floats, offset: Floats, eta: float) -> Ellipse:
+    r = np.linalg.norm(centred, axis=1)
+    found = Ellipse(
+        method, offset, eta, float(r.min() / r.max()), float(r.min()), np.full((4, 4), np.nan), np.nan, len(centred)
     )
-
-
-def _check_x_axis(body_up: Floats) -> None:
-    if abs(rise_deg(body_up)) > 90.0 - UPRIGHT_DEG:
-        raise CalibrationError(
-            f"the sensor's x axis stands upright at the footfalls, within {UPRIGHT_DEG:g} deg, and has no direction "
-            "over the ground: turn the sensor over by hand instead, or name its axes otherwise."
-        )
+    spread = np.linalg.norm(found.corrected(centred + offset), axis=1) - found.radius_uT
+    return replace(found, residual_uT=float(np.sqrt((spread**2).mean())))

@@ -2,16 +2,27 @@
 
     |C (m - h)| = F,    C symmetric (3, 3), h hard iron, m the readings with white noise of equal strength on each axis
 
-Start: least squares constrained to an ellipsoid (`fg_nav.calibration.quadric`, as Fang et al. 2011 and Ma et al. 2018
-use it: CLSEF). Then the likeliest parameters: the residual is the distance of the reading from the ellipsoid, in uT,
+`fitted_ellipsoid`. Start: least squares constrained to an ellipsoid (`fg_nav.calibration.quadric`, as Fang et al. 2011
+and Ma et al. 2018 use it: CLSEF). Then the likeliest parameters, a few wild readings left out: the residual is the
+distance of the reading from the ellipsoid, uT, to first order in the noise,
 
-    r = (|v| - F) / |C v / |v||,    v = C (m - h),
+    r = (|v| - F) / |C v / |v||,    v = C (m - h).
 
-to first order in the noise, and a few wild readings are left out (`fg_nav.calibration.robust`).
+Readings alone do not show F: C and F can be scaled together. With the strength unknown det C = 1, which leaves volumes
+as they are, and F is estimated; the covariance of C then has rank 5. With the strength given, F counts as exact.
 
-Readings alone say nothing about F: C and F can be scaled together. With the strength unknown C is taken with
-determinant 1, which leaves volumes as they are, and F is estimated; the covariance of C then has rank 5. With the
-strength given, C has the scale it needs, and F counts as exact.
+`unit_sphere` (Munoz Diaz et al. 2017, section 3.2, whose algebra the paper does not print): plain least squares about
+the readings' mean and in units of their spread,
+
+    a . (squares and products of x) + b . x = 1        N equations, nine numbers.
+
+The corrected readings have length 1, as in the paper, or the strength of the field at the place, if given. It minimises
+no distance, the squared noise shifts it, one wild reading spoils it, and a hyperboloid is refused. Its covariance is
+that of the equations as they scatter (White 1980), without that shift.
+
+Coverage: the sphere of directions is cut into `CELLS` patches of equal size about the points of a Fibonacci lattice; a
+patch is covered if a reading points into it. What matters more is the weakest direction, along which the mean square of
+the unit vectors is least: 1/3 when all directions are seen alike and 0 when the readings lie in a plane.
 """
 
 from __future__ import annotations
@@ -22,10 +33,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.coverage import Coverage, coverage_of
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration, check_strength, matrix_of
-from fg_nav.calibration.quadric import NO_ELLIPSOID, distance, trimmed_quadric
-from fg_nav.calibration.robust import Fit, robust_fit
+from fg_nav.calibration.quadric import (
+    NO_ELLIPSOID,
+    Fit,
+    about_centre,
+    design,
+    distance,
+    robust_fit,
+    scaled,
+    trimmed_quadric,
+    unscaled,
+)
 from fg_nav.errors import CalibrationError
 from fg_nav.wording import counted
 
@@ -195,3 +214,126 @@ def _with_notes(found: MagnetometerCalibration, coverage: Coverage, readings: in
     left_out = readings - found.samples
     notes = (coverage.words, f"{left_out} of {readings} readings left out as outliers")
     return replace(found, notes=notes if left_out else notes[:1])
+
+
+def unit_sphere(
+    readings: Floats, strength_uT: float = 1.0, parameters: EllipsoidParameters = EllipsoidParameters()
+) -> MagnetometerCalibration:
+    """Calibrate from readings of a sensor turned about in a homogeneous field.
+
+    Parameters
+    ----------
+    readings : (N, 3) uT in the body frame; NaN rows are left out.
+    strength_uT : that the corrected readings shall have: 1 as the paper has it, or that of the field, for uT.
+    parameters : when to refuse.
+
+    Raises
+    ------
+    CalibrationError
+        Where the readings are too few or lie on no ellipsoid, and as `fitted_ellipsoid`.
+    """
+    check_given(strength_uT)
+    present = readings_present(readings, parameters.fewest)
+    x, middle, scale = scaled(present)
+    p, covariance = _plain_least_squares(_columns(x))
+    to_strength = np.repeat([1.0, strength_uT], [3, 6])
+    J = to_strength[:, None] * np.stack([_slope(p, k, middle, scale) for k in range(9)], axis=1)
+    parts = to_strength * _parameters(p, middle, scale)
+    found = _sphere_calibration(parts, J @ covariance @ J.T, strength_uT, present)
+    coverage = coverage_of(present - found.hard_iron_uT)
+    check_fit(found, float(np.sqrt((_sphere_distances(found, present) ** 2).mean())), coverage, parameters)
+    return replace(found, notes=(coverage.words, f"corrected readings have length {strength_uT:g}"))
+
+
+def _sphere_calibration(
+    parts: Floats, covariance: Floats, strength_uT: float, readings: Floats
+) -> MagnetometerCalibration:
+    """From h and the six of C, (9,) and (9, 9); without notes."""
+    h, C = parts[:3], matrix_of(parts[3:])
+    error = np.linalg.norm((readings - h) @ C, axis=1) - strength_uT
+    return MagnetometerCalibration(
+        method="unit sphere",
+        hard_iron_uT=h,
+        correction=C,
+        covariance=covariance,
+        strength_uT=strength_uT,
+        residual_uT=float(np.sqrt((error**2).mean())),
+        samples=len(readings),
+    )
+
+
+def _sphere_distances(found: MagnetometerCalibration, readings: Floats) -> Floats:
+    """Of readings (N, 3) uT from the ellipsoid."""
+    return distance(found.hard_iron_uT, found.correction / found.strength_uT, readings)
+
+
+def _columns(x: Floats) -> Floats:
+    quadratic, rest = design(x)
+    return np.hstack([quadratic, rest[:, :3]])
+
+
+def _plain_least_squares(columns: Floats) -> tuple[Floats, Floats]:
+    """Nine numbers, and their covariance by the scatter of the equations."""
+    p, _, rank, _ = np.linalg.lstsq(columns, np.ones(len(columns)), rcond=1e-10)
+    if rank < columns.shape[1]:
+        raise CalibrationError(NO_ELLIPSOID)
+    influence = np.linalg.pinv(columns) * (1.0 - columns @ p)
+    return np.asarray(p), np.asarray(influence @ influence.T)
+
+
+def _parameters(p: Floats, middle: Floats, scale: float) -> Floats:
+    """Centre and the upper half of C (9,) of |C (m - h)| = 1."""
+    h, C = unscaled(*about_centre(p[:6], np.append(p[6:], -1.0)), middle, scale)
+    return np.concatenate([h, C[UPPER]])
+
+
+def _slope(p: Floats, k: int, middle: Floats, scale: float) -> Floats:
+    """Derivatives (9,) of h and C by the k-th of the nine numbers: central differences."""
+    step = np.zeros(9)
+    step[k] = 1e-6
+    return (_parameters(p + step, middle, scale) - _parameters(p - step, middle, scale)) / 2e-6
+
+
+CELLS = 100
+"""Patches of 413 square degrees, about 20 degrees wide: a hand that tumbles a box leaves no finer holes."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Directions that were covered.
+
+    Attributes
+    ----------
+    share : of the sphere's patches that hold a reading.
+    weakest : (3,) unit axis along which the readings point least.
+    weakest_share : three times the mean square of their component along it: 1 for an even tumbling, 0 in a plane.
+    """
+
+    share: float
+    weakest: Floats
+    weakest_share: float
+
+    @property
+    def words(self) -> str:
+        """The verdict in a sentence's part."""
+        x, y, z = self.weakest
+        return (
+            f"{100 * self.share:.0f} % of all directions covered, weakest along ({x:+.2f}, {y:+.2f}, {z:+.2f}) of the "
+            f"sensor's axes ({100 * self.weakest_share:.0f} % of an even tumbling)"
+        )
+
+
+def coverage_of(body_field: Floats) -> Coverage:
+    """Coverage by readings (N, 3) less hard iron: soft iron is mild enough to be left in."""
+    direction = body_field / np.linalg.norm(body_field, axis=1, keepdims=True)
+    cell = np.argmax(direction @ _lattice().T, axis=1)
+    size, axes = np.linalg.eigh(direction.T @ direction / len(direction))
+    return Coverage(len(np.unique(cell)) / CELLS, axes[:, 0], float(3.0 * size[0]))
+
+
+def _lattice() -> Floats:
+    """Points (CELLS, 3) evenly over the unit sphere."""
+    k = np.arange(CELLS) + 0.5
+    z, angle = 1.0 - 2.0 * k / CELLS, np.pi * (1.0 + np.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - z**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)

@@ -3,20 +3,21 @@
     reading = S B + h   (S soft iron, h hard iron; `fg_nav.lab.simulation.sensors.iron`)
     B = C (reading - h),   C = S^-1
 
-Readings alone say how long B is and never how it is turned: C is known up to a rotation, and the symmetric one stands
-for all of them, the least that can be said. Its parameters, in the order of the covariance, are
+Readings alone show how long B is and never how it is turned: C is known up to a rotation, and the symmetric one stands
+for all of them. Its parameters, in the order of the covariance, are
 
     h_x h_y h_z   C_xx C_xy C_xz C_yy C_yz C_zz.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import CalibrationError
+from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.recording import Recording
 
 UPPER = np.triu_indices(3)
@@ -113,3 +114,25 @@ class MagnetometerCalibration:
         if recording.mag is None:
             raise CalibrationError("the recording has no magnetometer that a calibration could correct.")
         return replace(recording, mag=self.corrected(recording.mag))
+
+
+def some_of(field: FootfallField, chosen: Bools) -> FootfallField:
+    """Those footfalls for which `chosen` (F,) holds."""
+    return FootfallField(*(getattr(field, f.name)[chosen] for f in fields(field)))
+
+
+def corrected_field(field: FootfallField, calibration: MagnetometerCalibration) -> FootfallField:
+    """Return the field at the footfalls as a corrected magnetometer would have it; its scatter and slope stay."""
+    return replace(field, body_field=calibration.corrected(field.body_field))
+
+
+def circular_sd_deg(angle: Floats) -> float:
+    """Circular standard deviation, deg, of angles (N,) rad; NaN ones are left out."""
+    resultant = min(float(np.abs(np.nanmean(np.exp(1j * angle)))), 1.0)
+    return float(np.degrees(np.sqrt(-2 * np.log(max(resultant, 1e-12)))))
+
+
+def mean_up(nav_R_body: Floats) -> Floats:
+    """Mean direction (3,) of up in the body, of attitudes (F, 3, 3)."""
+    up = nav_R_body[:, 2].sum(axis=0)
+    return np.asarray(up / np.linalg.norm(up))

@@ -4,9 +4,9 @@
 method     what it needs                     module
 ========== ================================= ======================================================================
 walk       an ordinary walk that turns       `fg_nav.calibration.walk`
-levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipse` (Ma 2018, robust)
+levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipse_fit` (Ma 2018, robust)
 ellipsoid  the sensor turned over, no walk   `fg_nav.calibration.ellipsoid`
-sphere     the same                          `fg_nav.calibration.unit_sphere` (Munoz Diaz 2017)
+sphere     the same                          `fg_nav.calibration.ellipsoid` (Munoz Diaz 2017)
 ========== ================================= ======================================================================
 
 Not told which, `ellipsoid` is taken where up goes round all of the sensor's axes, else `walk`: only its user knows that
@@ -21,13 +21,11 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.at_rest import accelerometer_at_rest, gyroscope_at_rest
-from fg_nav.calibration.ellipse import ellipse_of_walk
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid
+from fg_nav.calibration.ellipse_fit import ellipse_of_walk
+from fg_nav.calibration.ellipsoid import fitted_ellipsoid, unit_sphere
 from fg_nav.calibration.file import Calibration
-from fg_nav.calibration.footfalls import circular_sd_deg, corrected_field
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.robust import near
-from fg_nav.calibration.unit_sphere import unit_sphere
+from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, corrected_field
+from fg_nav.calibration.quadric import near
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError

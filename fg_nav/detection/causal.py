@@ -24,8 +24,7 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.footfalls import FreePass, choose_footfalls, too_close
 from fg_nav.detection.sliding import Sliding
-from fg_nav.detection.stance import StanceParameters
-from fg_nav.detection.statistics import shoe
+from fg_nav.detection.stance import StanceParameters, shoe
 from fg_nav.errors import DetectionError
 from fg_nav.recording import MAX_GAP_S
 from fg_nav.stances import Stances

@@ -1,12 +1,10 @@
 """How good a solution is: alignment with truth, figures of merit, whether claimed sigmas are true, ROC of detectors."""
 
 from fg_nav.evaluation.alignment import MODES, Alignment, align, similarity_scale
-from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.evaluation.comparison import Comparison, FootprintMatch, compare, match_footprints
 from fg_nav.evaluation.consistency import Consistency, stance_nees
-from fg_nav.evaluation.field_truth import FieldChange, compass_deviation, course_change, field_change
-from fg_nav.evaluation.footprints import FootprintMatch, match_footprints
 from fg_nav.evaluation.metrics import Metrics, evaluate
-from fg_nav.evaluation.roc import Band, Roc, roc_of
+from fg_nav.evaluation.roc import Band, FieldChange, Roc, compass_deviation, course_change, field_change, roc_of
 
 __all__ = [
     "MODES",

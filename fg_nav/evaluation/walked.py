@@ -1,6 +1,6 @@
-"""Errors of a walk as the papers name them, at the footfalls.
+"""Errors of a walk as the papers name them, at the footfalls and at the landmarks that it passes.
 
-With p_k the estimated and q_k the true place of the sensor at footfall k, from the first, 0, to the last, K:
+With p_k the estimated and q_k the true position of the sensor at footfall k, from the first, 0, to the last, K:
 
 ====================== ======= ======================================================================================
 end_m                  m       final position error, over the ground: |R (p_K - p_0) - (q_K - q_0)|, the start laid on
@@ -13,7 +13,7 @@ heading_deg            deg     final heading error: that of the heading's change
 heading_laid_deg       deg     heading error at the last footfall, clockwise, as laid on the truth
 heading_rmse_deg       deg     root mean square of the heading error, as laid, over all footfalls
 mean_m, max_m, rmse_m  m       over the ground, of all footfalls (Ma 2018, Figure 12: "maximum trajectory error")
-length_percent         %       by how much the way from footfall to footfall is too long: what each stride is worth,
+length_percent         %       by how much the path from footfall to footfall is too long: what each stride is worth,
                                whatever the heading does
 scale_percent          %       by how much the path is too large: the best similarity over the ground. On an open path
                                this is the error of scale; a closed loop hides it from the end error
@@ -22,28 +22,34 @@ scale_percent          %       by how much the path is too large: the best simil
 R is the alignment (`fg_nav.evaluation.alignment`), and two are of use. Ma and Zhang do not say which one is theirs.
 
 ====== ==============================================================================================================
-origin as started. The filter was given its place and heading at the start, as in use, and is left with its errors.
-       Only fair where all filters were given the same heading: a compass finds its own later on, a gyroscope cannot
-yaw    best yaw and shift over all footfalls: what shape the walk has, whatever heading it began with. It favours who
-       has no compass, for the heading at the start is then fitted to the truth
+origin as started. The filter was given its position and heading at the start, as in use, and keeps its errors. Only
+       fair where all filters were given the same heading: a compass finds its own later on, a gyroscope cannot
+yaw    best yaw and shift over all footfalls: what shape the walk has, whatever heading it began with. It favours
+       methods without a compass, for the heading at the start is then fitted to the truth
 ====== ==============================================================================================================
 
 The end error has the start on the start in both, and turned by R. On a closed walk it does not depend on R at all.
 Headings as laid are those of the attitude turned by R: laid as started, they have the error at the start in them.
-
 Of surveyed footprints only those count that were found; the distance is then the estimate's. Without a truth a walk
 has a closure, which is an error if it ended where it began.
+
+Landmarks: Ma et al. (2018, Figures 15 and 16) passed 14 of them three times each, and count the error at each of the 42
+crossings. With landmark l passed at t_l in q_l, and R and s the alignment of the footfalls, not one of the landmarks,
+
+    e_l = | R p(t_l) + s - q_l |                                    over the ground
+    reduction = 100 (1 - mean e / mean e of the reference)          percent.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import similarity_scale
+from fg_nav.evaluation.alignment import Alignment, similarity_scale
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.frames import wrap
 from fg_nav.recording import Truth
@@ -163,3 +169,69 @@ def _closure(position: Floats) -> WalkErrors:
         raise EvaluationError("the solution has no stance, so it has no end: check the stance detection.")
     east, north, up = position[-1] - position[0]
     return WalkErrors(CLOSURE, way_m(position), float(np.hypot(east, north)), float(up))
+
+
+@dataclass(frozen=True)
+class LandmarkErrors:
+    """Error (L,) m over the ground at each crossing, in the order of the walk, and the landmark crossed."""
+
+    landmark: tuple[str, ...]
+    error_m: Floats
+
+    def __len__(self) -> int:
+        return len(self.landmark)
+
+    @property
+    def mean_m(self) -> float:
+        """Of all crossings."""
+        return float(self.error_m.mean())
+
+    @property
+    def max_m(self) -> float:
+        """Of all crossings."""
+        return float(self.error_m.max())
+
+    @property
+    def mean_of_landmark_m(self) -> dict[str, float]:
+        """Mean over the crossings of each landmark, in the order in which they are first crossed."""
+        names = np.array(self.landmark)
+        return {name: float(self.error_m[names == name].mean()) for name in dict.fromkeys(self.landmark)}
+
+
+def landmark_errors(
+    solution: Solution, landmark: Sequence[str], time_s: Floats, position: Floats, alignment: Alignment
+) -> LandmarkErrors:
+    """Measure a solution where it crosses landmarks.
+
+    Parameters
+    ----------
+    solution : Solution
+    landmark : names of the L landmarks, one a crossing.
+    time_s : (L,) when they are crossed, on the solution's clock.
+    position : (L, 3) m, or (L, 2), where the sensor then truly is.
+    alignment : that lays the solution on the truth.
+
+    Raises
+    ------
+    EvaluationError
+        Without a crossing, or where one is not within the time of the solution.
+    """
+    if len(landmark) == 0:
+        raise EvaluationError("the walk crosses no landmark: there is no error to count at one.")
+    outside = np.flatnonzero((time_s < solution.t[0]) | (time_s > solution.t[-1]))
+    if len(outside):
+        first = outside[0]
+        raise EvaluationError(
+            f"landmark {landmark[first]} is crossed at {time_s[first]:.3f} s, and the solution goes from "
+            f"{solution.t[0]:.3f} to {solution.t[-1]:.3f} s: check that their clocks have the same zero."
+        )
+    crossing = np.column_stack([np.interp(time_s, solution.t, axis) for axis in solution.position.T])
+    error = alignment.apply(crossing)[:, :2] - position[:, :2]
+    return LandmarkErrors(tuple(landmark), np.asarray(np.linalg.norm(error, axis=1)))
+
+
+def error_reduction_percent(error_m: float, reference_m: float) -> float:
+    """Positioning error reduction, percent of the reference's error; negative where the error is larger."""
+    if not reference_m > 0.0:
+        raise EvaluationError(f"a reference with an error of {reference_m} m cannot be improved on: take another.")
+    return 100.0 * (1.0 - error_m / reference_m)

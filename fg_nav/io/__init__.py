@@ -4,11 +4,10 @@
 inspection of broken files.
 """
 
-from fg_nav.io.fixes import read_fixes
-from fg_nav.io.formats import FORMATS, Format, read, read_raw
+from fg_nav.io.canonical import write_canonical
+from fg_nav.io.formats import FORMATS, Format, read, read_raw, read_truth
 from fg_nav.io.pyshoe import read_pyshoe_labels
-from fg_nav.io.truth import read_truth
-from fg_nav.io.writers import write_canonical, write_tum
+from fg_nav.io.truth import read_fixes, write_tum
 
 __all__ = [
     "FORMATS",

@@ -19,10 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io import mat
-from fg_nav.io.content import Content
-from fg_nav.io.magnetometer import without_held
-from fg_nav.io.paths import true_path
+from fg_nav.io.content import Content, load_mat, mat_array
+from fg_nav.io.tables import without_held
+from fg_nav.io.truth import true_path
 from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
 
 
@@ -40,11 +39,11 @@ def read(content: Content) -> RawRecording:
         If a variable is missing, damaged, or does not fit the others.
     """
     path = content.path
-    variables = mat.load(path)
-    rate = mat.array(variables, "sampling_rate", path)
+    variables = load_mat(path)
+    rate = mat_array(variables, "sampling_rate", path)
     if rate.size != 1 or not 1.0 <= rate[0] <= 1e5:
         raise FormatError(f"{path.name}: 'sampling_rate' is no usable rate in Hz: export it again.")
-    acc = mat.array(variables, "imu_acc", path, columns=3)
+    acc = mat_array(variables, "imu_acc", path, columns=3)
     gyr = _fitting(variables, "imu_gyr", len(acc), path)
     mag = _fitting(variables, "imu_mag", len(acc), path) if "imu_mag" in variables else None
     t = np.arange(len(acc)) / rate[0]
@@ -60,7 +59,7 @@ def read(content: Content) -> RawRecording:
 
 
 def _fitting(variables: Mapping[str, Any], name: str, length: int, path: Path, columns: int = 3) -> Floats:
-    values = mat.array(variables, name, path, columns=columns)
+    values = mat_array(variables, name, path, columns=columns)
     if len(values) != length:
         raise FormatError(f"{path.name}: '{name}' has {len(values)} rows, 'imu_acc' {length}: export it again.")
     return values

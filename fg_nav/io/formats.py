@@ -13,7 +13,8 @@ from types import MappingProxyType
 from fg_nav.errors import FormatError
 from fg_nav.io import broad, canonical, openshoe, pyshoe, sensorconnect, xio
 from fg_nav.io.content import Content, look
-from fg_nav.recording import RawRecording, Recording
+from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
+from fg_nav.recording import RawRecording, Recording, Truth
 
 
 @dataclass(frozen=True)
@@ -97,3 +98,31 @@ def recognised(content: Content) -> Format:
         f"{content.path.name} is in none of the formats read here ({', '.join(FORMATS)}): "
         f"name its format, or write it as canonical CSV."
     )
+
+
+def read_truth(path: Path | str) -> Truth:
+    """Read a true path or surveyed footprints; which it is, the content says.
+
+    Raises
+    ------
+    FormatError
+        If the file holds neither, or is damaged.
+    """
+    content = look(Path(path))
+    if "GCP_meters" in content.variables:
+        return read_footprint_mat(content.path)
+    if content.variables:
+        return _beside_a_recording(content)
+    if not set(CSV_COLUMNS).isdisjoint(content.fields()):
+        return read_footprint_csv(content)
+    return read_tum(content)
+
+
+def _beside_a_recording(content: Content) -> Truth:
+    """Truth of a MATLAB recording that carries its own."""
+    for known in FORMATS.values():
+        if known.is_mat and known.recognises(content):
+            truth = known.read(content).truth
+            if truth is not None:
+                return truth
+    raise FormatError(f"{content.path.name} holds neither footprints nor a true path: give another file.")

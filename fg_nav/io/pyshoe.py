@@ -19,9 +19,8 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io import mat
-from fg_nav.io.content import Content
-from fg_nav.io.paths import true_path
+from fg_nav.io.content import Content, load_mat, mat_array
+from fg_nav.io.truth import true_path
 from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
 
 _RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
@@ -41,8 +40,8 @@ def read(content: Content) -> RawRecording:
         If `imu` or `ts` is missing, damaged, or does not fit the other.
     """
     path = content.path
-    variables = mat.load(path)
-    imu, t = mat.array(variables, "imu", path, columns=6), mat.array(variables, "ts", path)
+    variables = load_mat(path)
+    imu, t = mat_array(variables, "imu", path, columns=6), mat_array(variables, "ts", path)
     if len(t) != len(imu):
         raise FormatError(f"{path.name} has {len(imu)} samples but {len(t)} time stamps: export it again.")
     return RawRecording(
@@ -71,7 +70,7 @@ def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
         If the file is no MATLAB file or does not hold these labels.
     """
     path = Path(path)
-    labels = mat.array(mat.load(path), f"zv_{detector}_opt", path)
+    labels = mat_array(load_mat(path), f"zv_{detector}_opt", path)
     return labels > 0.5
 
 
@@ -79,7 +78,7 @@ def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTru
     gt = variables.get("gt")
     if not isinstance(gt, np.ndarray) or gt.ndim != 2 or gt.shape[1] != 3:  # the stair trials give one height a landing
         return None
-    position = mat.array(variables, "gt", path, columns=3) * _RIGHT_HANDED
+    position = mat_array(variables, "gt", path, columns=3) * _RIGHT_HANDED
     sample = np.arange(len(t)) if "gt_idx" not in variables else _indices(variables, len(t), path)
     if len(sample) != len(position):
         raise FormatError(f"{path.name} has {len(position)} true positions for {len(sample)} samples: export it again.")
@@ -87,7 +86,7 @@ def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTru
 
 
 def _indices(variables: Mapping[str, Any], n_samples: int, path: Path) -> Ints:
-    index = mat.array(variables, "gt_idx", path)
+    index = mat_array(variables, "gt_idx", path)
     if not ((index >= 0) & (index < n_samples)).all():
         raise FormatError(f"{path.name}: 'gt_idx' points outside of the recording: export it again.")
     return index.astype(np.int64)

@@ -27,9 +27,8 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields
-from fg_nav.io.footprints import read_footprint_mat
-from fg_nav.io.magnetometer import without_held
-from fg_nav.io.tables import position_of, read_table, scaled
+from fg_nav.io.tables import position_of, read_table, scaled, without_held
+from fg_nav.io.truth import read_footprint_mat
 from fg_nav.recording import FootprintTruth, Provenance, RawRecording
 
 GAUSS_UT = 100.0

@@ -1,6 +1,8 @@
 """Text tables as float columns, read at C speed; what does not parse is named by line and column.
 
-Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out.
+Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. Many loggers repeat the
+last magnetometer sample until there is a new one; an estimator would count each repeat as a measurement
+(`without_held`).
 """
 
 from __future__ import annotations
@@ -122,3 +124,23 @@ def _first_bad_cell(
     return FormatError(
         f"{path.name}, line {row + first_line}, column '{name}': {cell!r} is not a number; correct or delete that line."
     )
+
+
+_MOVING_RAD_S = 0.5
+"""Turning this fast, no real magnetometer gives the same three numbers twice by chance."""
+
+_HELD_SHARE = 0.1
+"""More repeats than this in motion are the logger's doing, not the quantisation's."""
+
+
+def without_held(mag: Floats, gyr: Floats) -> Floats:
+    """Set rows of `mag` (N, 3) that repeat the row before exactly to NaN, if the logger holds samples at all.
+
+    `gyr` (N, 3) rad/s tells the motion: repeats at rest alone are quantisation, and stay.
+    """
+    repeated = np.concatenate(([False], (mag[1:] == mag[:-1]).all(axis=1)))
+    moving = (np.abs(gyr) > _MOVING_RAD_S).any(axis=1)
+    judged = repeated[moving] if np.count_nonzero(moving) >= 100 else repeated
+    if judged.mean() < _HELD_SHARE:
+        return mag
+    return np.where(repeated[:, None], np.nan, mag)

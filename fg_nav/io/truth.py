@@ -1,7 +1,14 @@
-"""Truth from a file of its own: TUM lines, a table of footprints, or a MATLAB file.
+"""Positions from files of their own: true paths, surveyed footprints, and fixes.
 
 A TUM line is `t x y z qx qy qz qw`: s, m, and the quaternion of nav_R_body; z is up. Lines that begin with
 `#` at the head of the file are comments.
+
+Footprints are MATLAB files with `GCP_meters`, or CSV files `stride,x_m,y_m`. The MATLAB files give stride numbers as
+uint8, which wraps in sums and differences; here they are int64.
+
+Fixes of the position, surveyed points or a receiver's, are CSV files `time_s,x_m,y_m,z_m,sigma_m`. Time is that of the
+recording as read; x is east, y north, z up from where the walk starts; an empty z is not known. The sigma is that of
+each axis that is given.
 """
 
 from __future__ import annotations
@@ -11,32 +18,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io import footprints
-from fg_nav.io.content import Content, look
-from fg_nav.io.formats import FORMATS
-from fg_nav.io.tables import read_table
-from fg_nav.recording import TrajectoryTruth, Truth
+from fg_nav.fixes import Fix
+from fg_nav.frames import quaternion_xyzw
+from fg_nav.io.canonical import format_rows, write_text
+from fg_nav.io.content import Content, load_mat, look, mat_array
+from fg_nav.io.tables import position_of, read_table
+from fg_nav.recording import FootprintTruth, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
-
-
-def read_truth(path: Path | str) -> Truth:
-    """Read a true path or surveyed footprints; which it is, the content says.
-
-    Raises
-    ------
-    FormatError
-        If the file holds neither, or is damaged.
-    """
-    content = look(Path(path))
-    if "GCP_meters" in content.variables:
-        return footprints.read_footprint_mat(content.path)
-    if content.variables:
-        return _beside_a_recording(content)
-    if not set(footprints.CSV_COLUMNS).isdisjoint(content.fields()):
-        return footprints.read_footprint_csv(content)
-    return read_tum(content)
 
 
 def read_tum(content: Content) -> TrajectoryTruth:
@@ -69,11 +60,114 @@ def read_tum(content: Content) -> TrajectoryTruth:
     return TrajectoryTruth(table[:, 0], table[:, 1:4], Rotation.from_quat(table[:, 4:]).as_matrix())
 
 
-def _beside_a_recording(content: Content) -> Truth:
-    """Truth of a MATLAB recording that carries its own."""
-    for known in FORMATS.values():
-        if known.is_mat and known.recognises(content):
-            truth = known.read(content).truth
-            if truth is not None:
-                return truth
-    raise FormatError(f"{content.path.name} holds neither footprints nor a true path: give another file.")
+def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats) -> None:
+    """Write a trajectory as TUM lines `t x y z qx qy qz qw`, to the nanosecond and nanometre.
+
+    Parameters
+    ----------
+    path
+        The file.
+    t, position, nav_R_body
+        (N,) s, (N, 3) m, (N, 3, 3).
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    table = np.concatenate([t[:, None], position, quaternion_xyzw(nav_R_body)], axis=1)
+    write_text(Path(path), "", format_rows(table, "%.9f", " "))
+
+
+CSV_COLUMNS = ("stride", "x_m", "y_m")
+
+
+def read_footprint_mat(path: Path) -> FootprintTruth:
+    """Footprints from `GCP_meters` (M, 2), `GCP_stride_numbers` (M,) and, where there, `numberOfStrides`.
+
+    Raises
+    ------
+    FormatError
+        If a variable is missing, damaged, or does not fit the other.
+    """
+    variables = load_mat(path)
+    xy = mat_array(variables, "GCP_meters", path, columns=2)
+    stride = mat_array(variables, "GCP_stride_numbers", path)
+    if len(stride) != len(xy):
+        raise FormatError(f"{path.name} has {len(xy)} footprints but {len(stride)} stride numbers: export it again.")
+    count = mat_array(variables, "numberOfStrides", path) if "numberOfStrides" in variables else np.empty(0)
+    return footprints(stride, xy, int(count[0]) if count.size and np.isfinite(count[0]) else None, path)
+
+
+def read_footprint_csv(content: Content) -> FootprintTruth:
+    """Footprints from a CSV with the columns `stride,x_m,y_m`.
+
+    Raises
+    ------
+    FormatError
+        If a column is missing or a field is no number.
+    """
+    path, header = content.path, content.fields()
+    table, _ = read_table(path, header, [position_of(n, header, path) for n in CSV_COLUMNS], first_line=2)
+    return footprints(table[:, 0], table[:, 1:], None, path)
+
+
+def footprints(stride: Floats, xy: Floats, stride_count: int | None, path: Path) -> FootprintTruth:
+    """Check and pack footprints.
+
+    Raises
+    ------
+    FormatError
+        If a number is not finite, or the strides are not whole, rising numbers.
+    """
+    if not (np.isfinite(stride).all() and np.isfinite(xy).all()):
+        raise FormatError(f"{path.name} has a footprint that is not finite: correct or delete it.")
+    whole = (stride >= 0).all() and (stride == np.round(stride)).all() and (stride < 2**31).all()
+    if not whole or (np.diff(stride) <= 0).any():
+        raise FormatError(f"{path.name}: stride numbers must be whole and rising, 0 at the start: correct them.")
+    return FootprintTruth(stride=stride.astype(np.int64), xy=xy, stride_count=stride_count)
+
+
+def true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None) -> TrajectoryTruth | None:
+    """Pack a true path, or None if not two rows of it are usable.
+
+    Parameters
+    ----------
+    t, position, nav_R_body
+        (M,) s, (M, 3) m, (M, 3, 3); NaN where the reference saw nothing.
+    """
+    seen = np.isfinite(t) & np.isfinite(position).all(axis=1)
+    if nav_R_body is not None:
+        seen &= np.isfinite(nav_R_body).all(axis=(1, 2))
+    before = np.concatenate(([-np.inf], np.maximum.accumulate(np.where(seen, t, -np.inf))[:-1]))
+    seen &= t > before
+    if np.count_nonzero(seen) < 2:
+        return None
+    return TrajectoryTruth(t[seen], position[seen], None if nav_R_body is None else nav_R_body[seen])
+
+
+FIX_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "sigma_m")
+
+
+def read_fixes(path: Path | str) -> tuple[Fix, ...]:
+    """Read the fixes of a file.
+
+    Raises
+    ------
+    FormatError
+        If a column is missing, a field is no number, or anything but z is empty; or if a sigma is not above zero.
+    """
+    content = look(Path(path))
+    path, header = content.path, content.fields()
+    table, line = read_table(path, header, [position_of(name, header, path) for name in FIX_COLUMNS], first_line=2)
+    needed = np.isfinite(np.delete(table, 3, axis=1)).all(axis=1) & ~np.isinf(table[:, 3])
+    for good, what in (
+        (needed, "lacks a number (only z_m may be empty)"),
+        (table[:, 4] > 0, "has no sigma above zero"),
+    ):
+        if not good.all():
+            raise FormatError(f"{path.name}, line {line[np.argmin(good)]} {what}: correct or delete that line.")
+    return tuple(
+        Fix(float(t), np.array([x, y, np.nan_to_num(z)]), float(sigma), float("inf") if np.isnan(z) else float(sigma))
+        for t, x, y, z, sigma in table
+    )

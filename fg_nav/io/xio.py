@@ -16,8 +16,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content
-from fg_nav.io.magnetometer import without_held
-from fg_nav.io.tables import read_table, scaled
+from fg_nav.io.tables import read_table, scaled, without_held
 from fg_nav.recording import Provenance, RawRecording
 
 _DEGREE = np.pi / 180.0

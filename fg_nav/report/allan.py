@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.calibration.allan import FLOOR, AllanCurve, NoiseFit, NoisePart
-from fg_nav.calibration.sensor_noise import RecordingNoise, SensorNoise
+from fg_nav.calibration.at_rest import RecordingNoise, SensorNoise
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.report import style
 from fg_nav.report.results import write_json

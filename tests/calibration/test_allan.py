@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve
 
-from fg_nav.calibration.allan import FLOOR, allan_curve, averaging_factors, fit_noise
-from fg_nav.calibration.allan_confidence import covariance_products
-from fg_nav.calibration.sensor_noise import longest_stillness, recording_noise
+from fg_nav.calibration.allan import FLOOR, allan_curve, averaging_factors, covariance_products, fit_noise
+from fg_nav.calibration.at_rest import longest_stillness, recording_noise
 from fg_nav.errors import CalibrationError
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.lab.simulation.plan import Stand

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration.ellipse import (
+from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, ellipse_as_printed, ellipse_by_extremes
+from fg_nav.calibration.ellipse_fit import (
     EllipseParameters,
     ellipse_of_walk,
     fitted_ellipse,
 )
-from fg_nav.calibration.ellipse_extremes import ellipse_as_printed, ellipse_by_extremes
-from fg_nav.calibration.ellipse_shape import UNKNOWN_UT, Ellipse
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration.coverage import coverage_of
-from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid, symmetric, upper_triangular
+from fg_nav.calibration.ellipsoid import EllipsoidParameters, coverage_of, fitted_ellipsoid, symmetric, upper_triangular
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.calibration.quadric import constrained_quadric
 from fg_nav.errors import CalibrationError

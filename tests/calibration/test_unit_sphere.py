@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid
+from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid, unit_sphere
 from fg_nav.calibration.magnetometer import UPPER
-from fg_nav.calibration.unit_sphere import unit_sphere
 from fg_nav.errors import CalibrationError
 from tests.calibration.test_ellipsoid import STRENGTH, sensor
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.statistics import STATISTICS, StillnessNoise
+from fg_nav.detection.stance import STATISTICS, StillnessNoise
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.footsteps import Style

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from fg_nav.detection.statistics import STATISTICS, StillnessNoise, threshold_at_rest
+from fg_nav.detection.stance import STATISTICS, StillnessNoise, threshold_at_rest
 from fg_nav.frames import GRAVITY_M_S2
 
 NOISE = StillnessNoise()

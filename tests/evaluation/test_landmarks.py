@@ -5,7 +5,7 @@ import pytest
 
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.alignment import align
-from fg_nav.evaluation.landmarks import error_reduction_percent, landmark_errors
+from fg_nav.evaluation.walked import error_reduction_percent, landmark_errors
 from fg_nav.frames import yaw_rotation
 from tests.evaluation.walks import solution, winding_path
 

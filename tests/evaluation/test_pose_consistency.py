@@ -8,7 +8,7 @@ import pytest
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.alignment import Alignment
 from fg_nav.evaluation.comparison import Comparison
-from fg_nav.evaluation.pose_consistency import PARTS, band, freedom_of_mean, inside, whitened_errors
+from fg_nav.evaluation.consistency import PARTS, band, freedom_of_mean, inside, whitened_errors
 from tests.evaluation.walks import solution
 
 K = 81

@@ -71,7 +71,7 @@ class Result:
     errors : by alignment (`fg_nav.evaluation.walked`).
     landmark : names, one a crossing.
     landmark_m : error at each crossing, by alignment.
-    whitened : errors of place and heading over their claim, by part (`fg_nav.evaluation.pose_consistency`).
+    whitened : errors of place and heading over their claim, by part (`fg_nav.evaluation.consistency`).
     estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment.
     every : whether the truth is that of every footfall.
     used : (K,) whether the method believed the field.

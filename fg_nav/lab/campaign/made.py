@@ -15,9 +15,17 @@ from typing import Any
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
-from fg_nav.evaluation.landmarks import landmark_errors
-from fg_nav.evaluation.pose_consistency import whitened_errors
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, at_footfalls, errors_of, walk_errors, way_m
+from fg_nav.evaluation.consistency import whitened_errors
+from fg_nav.evaluation.walked import (
+    AS_STARTED,
+    BEST_YAW,
+    CLOSURE,
+    at_footfalls,
+    errors_of,
+    landmark_errors,
+    walk_errors,
+    way_m,
+)
 from fg_nav.lab.campaign import kept
 from fg_nav.lab.campaign.kept import Key, Result
 from fg_nav.lab.campaign.methods import method_of

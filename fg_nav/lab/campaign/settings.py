@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from fg_nav.calibration.ellipse import EllipseParameters
+from fg_nav.calibration.ellipse_fit import EllipseParameters
 from fg_nav.calibration.walk_model import WalkCalibrationParameters
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError

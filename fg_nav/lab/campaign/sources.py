@@ -4,7 +4,7 @@
 magnetometer what was known of the iron
 ============ ===================================================================================================
 loop         what the scenario `calibration-loop` told, walked before with the same shoe and sensor (the ellipse,
-             `fg_nav.calibration.ellipse`), as Ma et al. did it; of a recorded walk what a file tells, if one is given
+             `fg_nav.calibration.ellipse_fit`), as Ma et al. did it; of a recorded walk what a given file holds
 perfect      all of it: there is none; simulated walks only
 walk         what the walk itself told (`fg_nav.calibration.walk`); where that refuses, nothing
 raw          nothing
@@ -25,7 +25,7 @@ from typing import TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse import ellipse_of_walk
+from fg_nav.calibration.ellipse_fit import ellipse_of_walk
 from fg_nav.calibration.file import Calibration
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances

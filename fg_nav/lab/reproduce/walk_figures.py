@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from fg_nav.evaluation.landmarks import error_reduction_percent
-from fg_nav.evaluation.walked import AS_STARTED
+from fg_nav.evaluation.walked import AS_STARTED, error_reduction_percent
 from fg_nav.lab.campaign import kept
 from fg_nav.lab.campaign.kept import Result
 from fg_nav.lab.reproduce.results import Spread, spread_of

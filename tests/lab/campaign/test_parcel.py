@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from fg_nav.io.writers import write_canonical
+from fg_nav.io.canonical import write_canonical
 from fg_nav.lab.campaign import made, parcel, sources
 from fg_nav.lab.campaign.kept import Key
 from fg_nav.lab.campaign.made import jobs_of

@@ -40,7 +40,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration import Ellipse, ellipse_of_walk
-from fg_nav.calibration.ellipse_extremes import ellipse_as_printed, ellipse_by_extremes
+from fg_nav.calibration.ellipse import ellipse_as_printed, ellipse_by_extremes
 from fg_nav.calibration.ellipsoid import fitted_ellipsoid, upper_triangular
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances

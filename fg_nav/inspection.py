@@ -1,0 +1,367 @@
+"""What a recording is like, in numbers and in words: the answer of `fg-nav inspect`.
+
+Broken files are its purpose: what cannot be measured is NaN. Whether a recording can be navigated with is asked of
+`Recording.from_raw`. In words: first whether the recording can be used, then the problems, then what is good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection import detect_stances, find_rests
+from fg_nav.detection.mount import measure_turning
+from fg_nav.errors import DetectionError, RecordingError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, usable_samples
+from fg_nav.samples import plausibility
+from fg_nav.samples.plausibility import GravityTransport
+from fg_nav.samples.saturation import saturated
+from fg_nav.samples.timing import fit_clock
+from fg_nav.wording import counted
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Time stamps.
+
+    `rate_hz` is that of the sensor's clock, `jitter_s` the standard deviation of the stamps about it.
+    `gaps` counts the places where samples were dropped; without one `longest_gap_s` is NaN and
+    `longest_gap_row`, the row after the gap, None. `repeated`, `backward` and `missing` count samples.
+    """
+
+    rate_hz: float
+    jitter_s: float
+    gaps: int
+    longest_gap_s: float
+    longest_gap_row: int | None
+    repeated: int
+    backward: int
+    missing: int
+
+
+@dataclass(frozen=True)
+class Range:
+    """Saturation by axis: `share` (3,) of the samples and `level` (3,), NaN where there is none."""
+
+    share: Floats
+    level: Floats
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The sensor at rest.
+
+    `duration_s` of rests (`fg_nav.detection.rest`) in all, the size of the mean acc, and the mean gyr (3,) in
+    deg/s: its bias. Without rest `acc_m_s2` is that of the stillest moments, and the bias NaN.
+    """
+
+    duration_s: float
+    acc_m_s2: float
+    gyro_bias_deg_s: Floats
+
+
+@dataclass(frozen=True)
+class MagneticField:
+    """Field strength: median and standard deviation in uT, and the samples a second."""
+
+    strength_uT: float
+    spread_uT: float
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class StanceShare:
+    """Stances found: their `count` and their `share` of the time; NaN and the `reason` if there are none."""
+
+    count: int
+    share: float
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """A recording in numbers.
+
+    `refusal` is why it cannot be navigated with, None if it can; `unit_problems` name wrong units and axes;
+    `field` is None without a magnetometer; `wearing` is "foot" or "pocket" where the turning is clearly that of one
+    (`fg_nav.detection.mount`), else None; `notes` are the remarks of reader and admission.
+    """
+
+    name: str
+    format: str
+    samples: int
+    duration_s: float
+    stamps: Stamps
+    acc_range: Range
+    gyr_range: Range
+    rest: Rest
+    gravity: GravityTransport
+    field: MagneticField | None
+    stance: StanceShare
+    wearing: str | None
+    truth: str
+    refusal: str | None
+    unit_problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether estimators accept the recording."""
+        return self.refusal is None
+
+
+@dataclass(frozen=True)
+class Inspection(Facts):
+    """A recording in numbers, and the `verdict` in words: one sentence a finding, problems first."""
+
+    verdict: tuple[str, ...]
+
+
+def inspect(raw: RawRecording) -> Inspection:
+    """Look at a recording, and say what is good about it and what is not. Never fails on content."""
+    facts = _facts(raw)
+    return Inspection(**vars(facts), verdict=verdict(facts))
+
+
+def _facts(raw: RawRecording) -> Facts:
+    recording, refusal = _judged(raw)
+    usable = usable_samples(raw)
+    t, acc, gyr = raw.t[usable], raw.acc[usable], raw.gyr[usable]
+    duration = float(np.ptp(t)) if len(t) else 0.0
+    rising = _rising(raw, usable)
+    stamps = _stamps(raw, usable, rising)
+    return Facts(
+        name=raw.provenance.path.name if raw.provenance.path else "recording",
+        format=raw.provenance.format,
+        samples=len(raw.t),
+        duration_s=duration,
+        stamps=stamps,
+        acc_range=_range(acc),
+        gyr_range=_range(gyr),
+        rest=_rest(raw, rising),
+        gravity=plausibility.gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
+        field=None if raw.mag is None else _field(raw.mag, duration),
+        stance=_stance_share(recording),
+        wearing=None if recording is None else measure_turning(recording).wearing,
+        truth=_described(raw.truth),
+        refusal=refusal,
+        unit_problems=plausibility.unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
+        notes=(recording or raw).provenance.notes,
+    )
+
+
+def _judged(raw: RawRecording) -> tuple[Recording | None, str | None]:
+    try:
+        return Recording.from_raw(raw), None
+    except RecordingError as error:
+        return None, str(error)
+
+
+def _rising(raw: RawRecording, usable: Bools) -> Ints:
+    """Find the usable samples that are later than all before them."""
+    kept = np.flatnonzero(usable)
+    latest = np.maximum.accumulate(raw.t[kept])
+    return kept[np.diff(latest, prepend=-np.inf) > 0]
+
+
+def _stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
+    step = np.diff(raw.t[usable])
+    counts = {
+        "repeated": int(np.count_nonzero(step == 0)),
+        "backward": int(np.count_nonzero(step < 0)),
+        "missing": int(np.count_nonzero(~usable)),
+    }
+    if len(rising) < 2:
+        return Stamps(np.nan, np.nan, 0, np.nan, None, **counts)
+    t = raw.t[rising]
+    clock = fit_clock(t)
+    skipped = np.flatnonzero(np.diff(clock.tick) > 1)
+    worst = skipped[np.argmax(np.diff(t)[skipped])] if skipped.size else None
+    return Stamps(
+        rate_hz=1.0 / clock.period,
+        jitter_s=float(np.std(t - clock.even)),
+        gaps=len(skipped),
+        longest_gap_s=np.nan if worst is None else float(t[worst + 1] - t[worst]),
+        longest_gap_row=None if worst is None else int(raw.row[rising[worst + 1]]),
+        **counts,
+    )
+
+
+def _range(samples: Floats) -> Range:
+    flags = saturated(samples)
+    level = np.full(3, np.nan)
+    for axis in np.flatnonzero(flags.any(axis=0)):
+        level[axis] = np.abs(samples[flags[:, axis], axis]).min()
+    return Range(share=flags.sum(axis=0) / max(1, len(flags)), level=level)
+
+
+def _rest(raw: RawRecording, rising: Ints) -> Rest:
+    """Measure the rests among samples in order of time, even if the recording is refused."""
+    t, acc, gyr = raw.t[rising], raw.acc[rising], raw.gyr[rising]
+    period = plausibility.median_period_s(t)
+    orderly = len(t) >= MIN_SAMPLES and plausibility.stamp_problem(period) is None
+    rests = find_rests(Recording(t, acc, gyr)) if orderly else ()
+    if not rests:
+        return Rest(0.0, plausibility.rest_acc(acc, period), np.full(3, np.nan))
+    weight = np.array([t[rest.stop - 1] - t[rest.start] for rest in rests])
+    acc_at_rest = [float(np.linalg.norm(rest.force)) for rest in rests]
+    rate_at_rest = np.average([rest.rate for rest in rests], axis=0, weights=weight)
+    return Rest(float(weight.sum()), float(np.average(acc_at_rest, weights=weight)), np.rad2deg(rate_at_rest))
+
+
+def _field(mag: Floats, duration: float) -> MagneticField:
+    strength = plausibility.field_strength(mag)
+    strength = strength[np.isfinite(strength)]
+    if not strength.size:
+        return MagneticField(np.nan, np.nan, 0.0)
+    rate = len(strength) / duration if duration > 0 else np.nan
+    return MagneticField(float(np.median(strength)), float(np.std(strength)), rate)
+
+
+def _stance_share(recording: Recording | None) -> StanceShare:
+    if recording is None:
+        return StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with")
+    try:
+        stances = detect_stances(recording)
+    except DetectionError as error:
+        return StanceShare(0, np.nan, str(error))
+    return StanceShare(len(stances), float(np.mean(stances.mask)))
+
+
+def _described(truth: Truth | None) -> str:
+    if truth is None:
+        return "none"
+    if isinstance(truth, FootprintTruth):
+        return f"{len(truth.stride)} footprints"
+    attitude = " with attitude" if truth.nav_R_body is not None else ""
+    return f"path of {len(truth.t)} positions{attitude}"
+
+
+_JITTER_SHARE = 0.02
+"""Jitter above this share of the period is worth a word."""
+
+_GRAVITY_TOLERANCE_M_S2 = 0.15
+"""Above the variation of gravity over the Earth (0.03) and the error of a calibrated accelerometer."""
+
+_BIAS_DEG_S = 1.0
+"""A bias above this is that of an uncalibrated sensor."""
+
+_LONG_REST_S = 3.0
+"""Rest of this length shows the bias to better than a hundredth of a degree a second."""
+
+_SPREAD_SHARE = 0.15
+"""A field strength that varies more, in its standard deviation, is disturbed."""
+
+_STANCE_SHARES = (0.15, 0.8)
+"""A running foot stands for a fifth of the time or more; one that stands for longer hardly walks."""
+
+
+def verdict(facts: Facts) -> tuple[str, ...]:
+    """Sentences on a recording, the most important first."""
+    refused = facts.refusal is not None
+    first = f"It cannot be navigated with: {facts.refusal}" if refused else "It can be navigated with."
+    further = [f"{p[0].upper()}{p[1:]}." for p in facts.unit_problems if p not in (facts.refusal or "")]
+    problems = [*_stamp_problems(facts), *_saturation(facts), *_rest_problems(facts), *_field_problems(facts)]
+    return (first, *further, *problems, *_stance_problems(facts), *_good(facts))
+
+
+def _stamp_problems(facts: Facts) -> list[str]:
+    stamps = facts.stamps
+    said = []
+    if stamps.missing:
+        said.append(f"Missing, or out of any range: {counted(stamps.missing, 'sample')}.")
+    if stamps.repeated:
+        said.append(f"Repeated: {counted(stamps.repeated, 'stamp')}.")
+    if stamps.backward:
+        said.append(f"Running backward: {counted(stamps.backward, 'stamp')}.")
+    if stamps.gaps:
+        longest = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
+        said.append(f"Samples were dropped in {counted(stamps.gaps, 'place')}; the longest gap is {longest}.")
+    if stamps.jitter_s * stamps.rate_hz > _JITTER_SHARE:
+        said.append(f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock.")
+    return said
+
+
+def _saturation(facts: Facts) -> list[str]:
+    return [
+        f"{name} saturates on {axis}: {100 * share:.2g} % of the samples are beyond {level:.4g} {unit}."
+        for name, unit, limits in (("gyr", "rad/s", facts.gyr_range), ("acc", "m/s^2", facts.acc_range))
+        for axis, share, level in _saturated_axes(limits)
+    ]
+
+
+def _saturated_axes(limits: Range) -> list[tuple[str, float, float]]:
+    rows = zip("xyz", limits.share.tolist(), limits.level.tolist(), strict=True)
+    return [row for row in rows if row[1] > 0]
+
+
+def _rest_problems(facts: Facts) -> list[str]:
+    if facts.unit_problems:
+        return []
+    rest, said = facts.rest, []
+    if abs(rest.acc_m_s2 - GRAVITY_M_S2) > _GRAVITY_TOLERANCE_M_S2:
+        said.append(
+            f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2, gravity {GRAVITY_M_S2:.2f}: "
+            f"the accelerometer has an offset or a scale error."
+        )
+    if rest.duration_s == 0:
+        said.append("There is no rest to see the gyroscope's bias in: stand still at the start.")
+    elif rest.duration_s < _LONG_REST_S:
+        said.append(f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start.")
+    if np.abs(rest.gyro_bias_deg_s).max() > _BIAS_DEG_S:
+        said.append(f"The gyroscope's bias is large: {_triple(rest.gyro_bias_deg_s)} deg/s.")
+    return said
+
+
+def _field_problems(facts: Facts) -> list[str]:
+    field = facts.field
+    if field is None:
+        return ["There is no magnetometer: the heading is that of the gyroscope alone."]
+    if np.isnan(field.strength_uT):
+        return ["The magnetometer has no sample."]
+    if field.spread_uT > _SPREAD_SHARE * field.strength_uT:
+        spread = f"{field.strength_uT:.0f} uT with a standard deviation of {field.spread_uT:.0f} uT"
+        return [f"The field is disturbed: {spread}."]
+    return []
+
+
+def _stance_problems(facts: Facts) -> list[str]:
+    stance = facts.stance
+    if facts.refusal is not None:
+        return []
+    if facts.wearing == "pocket":
+        return ["It turns like a thigh that walks, not like a foot: run it with --mount pocket."]
+    if np.isnan(stance.share):
+        return [f"No stance was found: {stance.reason}"]
+    low, high = _STANCE_SHARES
+    if stance.share < low:
+        return [f"The foot stands for only {100 * stance.share:.0f} % of the time: is this sensor on a foot?"]
+    if stance.share > high:
+        return [f"The foot stands for {100 * stance.share:.0f} % of the time: there is little walk in it."]
+    return []
+
+
+def _good(facts: Facts) -> list[str]:
+    stamps, rest, field = facts.stamps, facts.rest, facts.field
+    said = []
+    if stamps.jitter_s * stamps.rate_hz <= _JITTER_SHARE and not (stamps.gaps or stamps.backward):
+        said.append(f"The stamps are even, at {stamps.rate_hz:.1f} Hz.")
+    if not facts.unit_problems and abs(rest.acc_m_s2 - GRAVITY_M_S2) <= _GRAVITY_TOLERANCE_M_S2:
+        said.append(f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2: gravity.")
+    if facts.gravity.is_telling and 0.3 < facts.gravity.gain < 3.0:
+        said.append("Gravity turns as the gyroscope says: units and axes agree.")
+    if rest.duration_s >= _LONG_REST_S and not facts.unit_problems:
+        said.append(f"{rest.duration_s:.0f} s of rest show the bias: {_triple(rest.gyro_bias_deg_s)} deg/s.")
+    if field is not None and field.spread_uT <= _SPREAD_SHARE * field.strength_uT and not facts.unit_problems:
+        said.append(f"The field is steady: {field.strength_uT:.0f} uT, {field.spread_uT:.0f} uT about it.")
+    low, high = _STANCE_SHARES
+    if low <= facts.stance.share <= high and facts.wearing != "pocket":
+        said.append(f"{facts.stance.count} stances make {100 * facts.stance.share:.0f} % of the time.")
+    return said
+
+
+def _triple(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)
