@@ -11,8 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-import numpy as np
-
 from fg_nav.changes import Changes, changed
 from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
@@ -91,16 +89,16 @@ BLOCK = 64
 def _online(given: Given, progress: Progress | None) -> Solution:
     """Push a recording through as if it were being walked; then solve it as a whole, with the stances it was given."""
     from fg_nav.online import OnlineNavigator
+    from fg_nav.online.buffer import rows_of
     from fg_nav.online.smoother import OnlineOptions
     from fg_nav.smoother import SmootherParameters
 
     recording, field = given.recording, given.field
     parameters = changed(SmootherParameters(), given.changes)
     navigator = OnlineNavigator(OnlineOptions(given.heading, field is not None, parameters=parameters))
-    mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
-    rows = np.column_stack([recording.t, recording.acc, recording.gyr, mag])
+    rows = rows_of(recording)
     for start in range(0, len(recording), BLOCK):
-        navigator.take(rows[start : start + BLOCK])  # they were judged as a recording
+        navigator.add_rows(rows[start : start + BLOCK])  # they were judged as a recording
         if progress is not None:
             progress(start / len(recording))
     return navigator.finish(progress, given.stances, field)

@@ -21,7 +21,7 @@ import walks
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
-from fg_nav.detection.causal import CausalStances, stances_of
+from fg_nav.detection.causal import CausalStances, join_footfalls
 from fg_nav.errors import FormatError
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
@@ -67,7 +67,7 @@ def compared(recording: Recording, offline: Stances) -> Found:
             delay.append(recording.t[part][-1] - recording.t[footfall.stop[-1] - 1])
     footfalls += stream.finish()
     busy = perf_counter() - began
-    online = stances_of(footfalls, len(recording))
+    online = join_footfalls(footfalls, len(recording))
     missed, extra = (int((~_overlapped(*pair)).sum()) for pair in ((offline, online), (online, offline)))
     differ = float(np.mean(online.mask != offline.mask))
     return Found(offline.n_footfalls, missed, extra, differ, np.array(delay), 1e3 * busy / recording.duration_s)

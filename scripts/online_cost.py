@@ -26,8 +26,10 @@ from long_walk import long_walk
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
+from fg_nav.detection.causal import Footfall
 from fg_nav.errors import SimulationError
-from fg_nav.online.smoother import Footfall, OnlineOptions, OnlineSmoother, Samples
+from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
@@ -68,26 +70,25 @@ def named(lag_s: float | None) -> str:
 
 def measured(recording: Recording, stances: Stances, options: OnlineOptions) -> tuple[Floats, Floats]:
     """Time (F,) of each footfall, ms, and memory (F,) after it, MB."""
-    online, milliseconds, megabytes = OnlineSmoother(options), [], []
-    for samples, footfall in footfalls(recording, stances):
+    buffer = SampleBuffer()
+    online, milliseconds, megabytes = OnlineSmoother(options, buffer), [], []
+    rows = rows_of(recording)
+    for footfall, until in footfalls(recording, stances):
         began = perf_counter()
-        online.add_footfall(samples, footfall)
+        buffer.append(rows[buffer.stop : until])
+        online.add_footfall(footfall, until)
         milliseconds.append(1e3 * (perf_counter() - began))
         megabytes.append(memory_mb())
     return np.array(milliseconds), np.array(megabytes)
 
 
-def footfalls(recording: Recording, stances: Stances) -> Iterator[tuple[Samples, Footfall]]:
-    """Yield what the online smoother is given of a walk, footfall by footfall."""
-    stillest, at = stances.stillest(recording.gyr), 0
+def footfalls(recording: Recording, stances: Stances) -> Iterator[tuple[Footfall, int]]:
+    """Yield the footfalls of a walk, each with the sample before which samples come with it."""
+    stillest = stances.stillest(recording.gyr)
     for k in range(stances.n_footfalls):
         of = stances.footfall == k
         stop = min(int(stances.stop[of][-1]) + BEYOND, len(recording))
-        part = np.s_[at:stop]
-        mag = None if recording.mag is None else recording.mag[part]
-        samples = Samples(recording.t[part], recording.acc[part], recording.gyr[part], mag)
-        yield samples, Footfall(stances.start[of], stances.stop[of], int(stillest[k]))
-        at = stop
+        yield Footfall(stances.start[of], stances.stop[of], np.ones(int(of.sum())), int(stillest[k]), False), stop
 
 
 def memory_mb() -> float:

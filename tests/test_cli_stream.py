@@ -21,13 +21,14 @@ from fg_nav.calibration.file import Calibration
 from fg_nav.errors import EstimationError, FormatError, StreamError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.follow import StreamOptions, follow
 from fg_nav.online.lines import lines_of
 from fg_nav.online.rows import RowReader
 from fg_nav.online.server import LineServer
 from fg_nav.online.sources import opened
 from tests.command_line import names
-from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
+from tests.online.walks import TOLD, push, short_walk, worst_difference
 
 HEADER = b"time_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s\n"
 
@@ -166,7 +167,7 @@ def test_a_source_that_has_sent_its_header_goes_on_without_it(csv, whole, tmp_pa
     path = tmp_path / "walk.npz"
     with suppress(KeyboardInterrupt):
         followed(Breaking(path, b"".join(rows[:700])), checkpoint=path, checkpoint_s=1e-9)
-    assert load(path, TOLD).store.stop == 699
+    assert load(path, TOLD).buffer.stop == 699
     for again in (rows[700:], rows, [rows[0], *rows[700:]]):
         kept = path.read_bytes()
         navigator, _, _ = followed(Pieces(*cut(b"".join(again), 20)), checkpoint=path, checkpoint_s=1e9)
@@ -373,7 +374,7 @@ def test_killed_it_resumes_from_its_last_checkpoint(csv, whole, tmp_path):
     process.kill()
     process.wait()
     navigator = load(path, TOLD)
-    saved = navigator.store.stop
+    saved = navigator.buffer.stop
     assert saved > 0
     push(navigator, rows_of(short_walk()), range(50, len(rows) - 1, 50))
     navigator.close()

@@ -243,8 +243,8 @@ class _Search:
         return Footfall(start, stop, 10.0**threshold, stillest, continues)
 
 
-def stances_of(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
-    """Put footfalls together to the stances of `n_samples`: pieces of one become one.
+def join_footfalls(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
+    """Return the stances of `n_samples` that some footfalls are: pieces of one footfall become one.
 
     Raises
     ------

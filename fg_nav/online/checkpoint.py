@@ -26,14 +26,17 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.smoother import OnlineOptions
-from fg_nav.online.store import CHUNK, COLUMNS
 from fg_nav.plain import plain
 
 VERSION = 3
 """Of the arrays in a checkpoint."""
+
+BLOCK = 1 << 14
+"""Rows that are replayed at once; the answer does not depend on it."""
 
 
 def save(navigator: OnlineNavigator, path: Path | str) -> None:
@@ -62,7 +65,7 @@ def content_of(navigator: OnlineNavigator) -> dict[str, Any]:
     }
     return {
         "version": np.array(VERSION),
-        "samples": navigator.store.between(0, navigator.store.stop),
+        "samples": navigator.buffer.between(0, navigator.buffer.stop),
         "footfall_stop": _stops(navigator),
         "facts": np.array(json.dumps(facts)),
     }
@@ -118,10 +121,10 @@ def load(
             raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
     navigator = OnlineNavigator(options, remark, detection, SampleJudge.resumed(facts["judge"], samples, remark))
     navigator.source.update(facts["source"])
-    for start in range(0, len(samples), CHUNK):
-        navigator.take(samples[start : start + CHUNK])
+    for start in range(0, len(samples), BLOCK):
+        navigator.add_rows(samples[start : start + BLOCK])
         if progress is not None:
-            progress(min(start + CHUNK, len(samples)) / len(samples))
+            progress(min(start + BLOCK, len(samples)) / len(samples))
     if facts["has_ended"]:
         navigator.close()
     if not np.array_equal(_stops(navigator), stops):

@@ -1,4 +1,9 @@
-"""What is told of a footfall of a walk in progress, and how it is kept: a row of numbers, for a walk has thousands."""
+"""What a walk in progress reports: an estimate at each footfall, and the path between footfalls.
+
+StanceEstimate        a footfall, as known when it was complete; kept as a row of numbers, for a walk has thousands
+propagate_strapdown   from the last footfall to now: strapdown, standing still where the foot is seen to stand
+interpolate_stances   a walk that cannot be solved as a whole: straight from footfall to footfall
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation, Slerp
 
-from fg_nav.arrays import Floats
-from fg_nav.solution import StanceTable
+from fg_nav.arrays import Bools, Floats
+from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.recording import Recording
+from fg_nav.solution import Solution, StanceTable
+
+UNSOLVED_NOTE = (
+    "the walk could not be solved as a whole; these are the estimates of the walk in progress, straight between the "
+    "footfalls"
+)
 
 
 @dataclass(frozen=True)
@@ -45,8 +59,14 @@ class StanceEstimate:
     field: str
     field_reason: str
 
+    def as_row(self) -> EstimateRow:
+        """Return it as a row of numbers and its words."""
+        matrices = (self.position, self.nav_R_body, self.gyro_bias, self.pose_cov, self.gyro_bias_sigma)
+        numbers = np.concatenate([[self.sample, self.t], *(matrix.ravel() for matrix in matrices)])
+        return EstimateRow(numbers, self.field, self.field_reason)
 
-class Packed(NamedTuple):
+
+class EstimateRow(NamedTuple):
     """An estimate as one row of numbers (37,) and its words."""
 
     numbers: Floats
@@ -54,15 +74,8 @@ class Packed(NamedTuple):
     field_reason: str
 
 
-def packed(one: StanceEstimate) -> Packed:
-    """Pack an estimate."""
-    matrices = (one.position, one.nav_R_body, one.gyro_bias, one.pose_cov, one.gyro_bias_sigma)
-    numbers = np.concatenate([[one.sample, one.t], *(matrix.ravel() for matrix in matrices)])
-    return Packed(numbers, one.field, one.field_reason)
-
-
-def table_of(rows: Sequence[Packed]) -> StanceTable:
-    """Return the table of some packed estimates."""
+def build_table(rows: Sequence[EstimateRow]) -> StanceTable:
+    """Return the stance table of some estimates."""
     numbers = np.array([row.numbers for row in rows]).reshape(len(rows), -1)
     sample, t, position, attitude, bias, pose_cov, bias_sigma = np.split(numbers, (1, 2, 5, 14, 17, 33), axis=1)
     pose_cov = pose_cov.reshape(-1, 4, 4)
@@ -79,3 +92,60 @@ def table_of(rows: Sequence[Packed]) -> StanceTable:
         field_reason=tuple(row.field_reason for row in rows),
         pose_cov=pose_cov,
     )
+
+
+class Track(NamedTuple):
+    """A path at the rate of the samples: `t` (n,), position (n, 3), velocity (n, 3), attitude (n, 3, 3)."""
+
+    t: Floats
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+
+
+def propagate_strapdown(recording: Recording, first: int, state: NavState, stands: Bools, gravity: float) -> Track:
+    """Propagate a state from sample `first` to the last; at samples of `stands` (N,) the foot does not move."""
+    h = np.append(np.diff(recording.t), recording.period_s)
+    path = _propagate(h, *recording.integrable, stands, first, state, gravity)
+    return Track(recording.t[first:], *path)
+
+
+@njit(cache=True)
+def _propagate(
+    h: Floats, acc: Floats, gyr: Floats, stands: Bools, first: int, state: NavState, gravity: float
+) -> tuple[Floats, Floats, Floats]:
+    """Position (n, 3), velocity (n, 3) and attitude (n, 3, 3) from sample `first` on."""
+    n = len(h) - first
+    p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+    turn, push, at = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for i in range(n):
+        p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
+        at[:] = state.position
+        strapdown(state, acc[first + i], gyr[first + i], h[first + i], gravity, turn, push)
+        if stands[first + i]:
+            state.position[:] = at
+            state.velocity[:] = 0.0
+    return p, v, R
+
+
+def interpolate_stances(recording: Recording, table: StanceTable, why: str) -> Solution:
+    """Return a solution through the rows of a table: positions on a line, attitudes on the shortest arc.
+
+    Parameters
+    ----------
+    recording
+        Of the walk.
+    table
+        Of its footfalls, one or more, with samples of the recording.
+    why
+        The walk could not be solved, for the note.
+    """
+    t = recording.t
+    inside = np.clip(t, table.t[0], table.t[-1])
+    position = np.stack([np.interp(t, table.t, axis) for axis in table.position.T], axis=1)
+    if len(table) > 1:
+        attitude = Slerp(table.t, Rotation.from_matrix(table.nav_R_body))(inside).as_matrix()
+    else:
+        attitude = np.repeat(table.nav_R_body, len(t), axis=0)
+    velocity = np.gradient(position, t, axis=0)
+    return Solution("online", t, position, velocity, attitude, table, 0.0, notes=(f"{UNSOLVED_NOTE} ({why})",))

@@ -141,7 +141,7 @@ def _begun(options: StreamOptions, remark: Tell) -> OnlineNavigator:
     navigator = load(path, options.online, remark)
     if navigator.source.get("calibration") != plain(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
-    remark(f"taken up from {path.name}: {len(navigator.footfalls)} stances, {navigator.store.stop} samples.")
+    remark(f"taken up from {path.name}: {len(navigator.footfalls)} stances, {navigator.buffer.stop} samples.")
     return navigator
 
 

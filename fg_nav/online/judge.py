@@ -32,8 +32,8 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import HEAD, TAIL, TICK_S, Overlap, prints_of
-from fg_nav.online.store import COLUMNS
 from fg_nav.recording import MAX_GAP_S, RawRecording, usable_samples
 from fg_nav.samples.plausibility import acc_problem, field_strength, mag_problem, median_period_s, stamp_problem
 from fg_nav.wording import counted

@@ -1,19 +1,19 @@
 """A walk in progress: samples in blocks of any size, one estimate for each footfall.
 
-    samples -> judge -> store -> causal stances -> footfall -> online smoother -> estimate
+    samples -> judge -> buffer -> causal stances -> footfall -> online smoother -> estimate
 
-The smoother is handed the samples up to one behind the footfall, so that nothing depends on how the samples came in
-blocks. Estimates are those of the moment: what was known when the footfall was complete, told once. `smoothed` tells
-what is known of all of them now. At the end the whole walk is solved once more with hindsight: stances and field are
-found in all that was recorded, as for a recording, so a walk ends where the batch solution ends.
+The smoother uses the samples up to one behind the footfall, so that nothing depends on how the samples came in blocks.
+An estimate is that of the moment when the footfall was complete, and is reported once; `smoothed` returns the present
+estimates of all of them. At the end the whole walk is solved once more: stances and field are detected in all samples,
+as for a recording, so a walk ends where the batch solution ends.
 
-With a lag the samples are forgotten when the smoother has them, and there is no hindsight.
+With a lag the samples are discarded once no stride needs them, and the walk ends with the estimates as they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from itertools import compress
 from time import perf_counter
 from typing import Any
@@ -22,18 +22,14 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
-from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, stances_of
+from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
-from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.estimates import StanceEstimate, Track, interpolate_stances
 from fg_nav.online.judge import SampleJudge
-from fg_nav.online.propagate import Track
 from fg_nav.online.resolve import field_seen
 from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
-from fg_nav.online.store import SampleStore
-from fg_nav.online.unsolved import straight_between
-from fg_nav.online.walk import Footfall as WalkFootfall
-from fg_nav.online.walk import Samples
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution, StanceTable
@@ -52,9 +48,9 @@ class OnlineNavigator:
     ----------
     options : of the smoother.
     detection : how footfalls are found.
-    footfalls : those told so far, in the order of their estimates.
-    store, judge : the samples so far, and what was left out of them.
-    source : what a checkpoint keeps of the source for who reads it, as JSON knows it.
+    footfalls : those with an estimate so far, in its order.
+    buffer, judge : the samples so far, and what was left out of them.
+    source : what a checkpoint keeps of the source for its reader, as JSON values.
     """
 
     def __init__(
@@ -64,22 +60,22 @@ class OnlineNavigator:
         detection: CausalParameters = CausalParameters(),
         judge: SampleJudge | None = None,
     ) -> None:
-        """`remark` is told, in a sentence, what is odd about the samples; once for each kind of oddity."""
+        """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
         self.options = options
         self.footfalls: list[Footfall] = []
-        self.store = SampleStore()
+        self.buffer = SampleBuffer()
         self.judge = SampleJudge(remark) if judge is None else judge
         self.source: dict[str, Any] = {}
         self.detection = detection
         self._stances = CausalStances(detection)
-        self._smoother = OnlineSmoother(options)
+        self._smoother = OnlineSmoother(options, self.buffer)
         self._remark, self._waits = remark, False
         self._handed = 0
         self._closed = False
         self._busy_s = 0.0
 
     def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate]:
-        """Take in samples and return the estimates of the footfalls that they complete.
+        """Add samples and return the estimates of the footfalls that they complete.
 
         Parameters
         ----------
@@ -99,28 +95,25 @@ class OnlineNavigator:
         began = perf_counter()
         rows = self.judge.admit(t, acc, gyr, mag)
         self._busy_s += perf_counter() - began
-        return self.take(rows)
+        return self.add_rows(rows)
 
-    def take(self, rows: Floats) -> list[StanceEstimate]:
-        """Take in rows (n, 10) that were judged, here or as a recording: t, acc, gyr, mag."""
+    def add_rows(self, rows: Floats) -> list[StanceEstimate]:
+        """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
         began = perf_counter()
-        found = self._take(rows)
+        found = self._add_rows(rows)
         self._busy_s += perf_counter() - began
         return found
-
-    def _take(self, rows: Floats) -> list[StanceEstimate]:
-        self.store.append(rows)
-        return self._estimates(self._stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 
     def close(self) -> list[StanceEstimate]:
         """End the walk and return the estimates of the footfalls that were still open."""
         if self._closed:
             return []
         self._closed = True
-        found = self._take(self.judge.rest())
-        if self.store.stop < MIN_SAMPLES:
+        found = self._add_rows(self.judge.rest())
+        if self.buffer.stop < MIN_SAMPLES:
             return found
-        return found + self._estimates(f for f in self._stances.finish() if self._first_of(f) < self.store.stop)
+        # A stance of the very last sample alone is none.
+        return found + self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
 
     def finish(
         self,
@@ -128,12 +121,12 @@ class OnlineNavigator:
         stances: Stances | None = None,
         field: FootfallField | None = None,
     ) -> Solution:
-        """End the walk and solve it as a whole; with a lag, return what left it.
+        """End the walk and solve it as a whole; with a lag, return the estimates of the walk in progress.
 
         Parameters
         ----------
         progress
-            Told from time to time which fraction is done.
+            Given from time to time the fraction that is done.
         stances, field
             Of `recording()`, where they are known; with `stances` no field is looked for.
 
@@ -149,41 +142,41 @@ class OnlineNavigator:
             if stances is None:
                 stances = detect_stances(recording, self.detection.stance)
                 field, _ = field_seen(recording, stances, self.options.heading_rad, self.options.use_field)
-            found = self._solved(recording, stances, field, progress)
+            found = self._solve_whole(recording, stances, field, progress)
         else:
             self.stances()  # or there was no walk
-            found = self._footfalls_of(self._smoother.finish(progress))
+            found = self._lagged_solution()
         busy = self._busy_s + perf_counter() - began
         notes = (*found.notes, *self.judge.notes)
         return replace(found, method=METHOD, runtime_s=busy, notes=notes, moment=self._moment())
 
     def recording(self) -> Recording:
-        """Return all samples that were taken; raises `EstimationError` with a lag, and `RecordingError` if too few."""
+        """Return all samples; raises `EstimationError` with a lag, and `RecordingError` if there are too few."""
         if self.options.lag_s is not None:
             raise EstimationError("with a lag the samples of a walk are not kept: leave the lag out.")
-        rows = self.store.between(0, self.store.stop)
+        rows = self.buffer.between(0, self.buffer.stop)
         mag = rows[:, 7:] if np.isfinite(rows[:, 7:]).all(axis=1).any() else None
         return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag)
 
     def stances(self) -> Stances:
-        """Return the stances that were told so far; raises `DetectionError` if there is none."""
-        return stances_of(self.footfalls, self.store.stop)
+        """Return the stances so far; raises `DetectionError` if there is none."""
+        return join_footfalls(self.footfalls, self.buffer.stop)
 
     def pose(self) -> Track | None:
-        """Where the foot is at the last sample: a path of one row; None before the first footfall.
+        """Return the pose at the last sample, as a path of one row; None before the first footfall.
 
-        Strapdown from the last footfall on. Nothing bounds the error of that: after `LONGEST_FREE_S` the place is held.
+        Strapdown from the last footfall on. Its error is not bounded: after `LONGEST_FREE_S` the position is held.
         """
         if not self.footfalls:
             return None
-        rows = self.store.between(self._handed, self.store.stop)
-        since = self.store.between(self._handed - 1, self._handed)[0, 0]
-        known = int(np.searchsorted(rows[:, 0], since + LONGEST_FREE_S))
-        track = self._smoother.propagate(self._as_samples(rows[:known]))
+        last_stamp = self.buffer.stamp(self.buffer.stop - 1)
+        longest = self.buffer.stamp(self._handed - 1) + LONGEST_FREE_S
+        until = self.buffer.find_since(longest, self.buffer.stop)
+        track = self._smoother.propagate(until)
         last = Track(*(part[-1:] for part in track))
-        if known == len(rows):
+        if until == self.buffer.stop:
             return last
-        return last._replace(t=rows[-1:, 0], velocity=np.zeros((1, 3)))
+        return last._replace(t=np.array([last_stamp]), velocity=np.zeros((1, 3)))
 
     @property
     def has_ended(self) -> bool:
@@ -191,12 +184,16 @@ class OnlineNavigator:
         return self._closed
 
     def causal(self) -> StanceTable:
-        """Return one row an estimate, as it was told."""
+        """Return one row an estimate, as it was reported."""
         return self._smoother.causal()
 
     def smoothed(self) -> StanceTable:
-        """Return one row an estimate, as it is known now."""
+        """Return one row an estimate, as it is now."""
         return self._smoother.smoothed()
+
+    def _add_rows(self, rows: Floats) -> list[StanceEstimate]:
+        self.buffer.append(rows)
+        return self._estimates(self._stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 
     def _estimates(self, footfalls: Iterable[Footfall]) -> list[StanceEstimate]:
         """Return the estimates of footfalls; a walk begins at the first of them that it can begin at."""
@@ -210,64 +207,50 @@ class OnlineNavigator:
                 if not self._waits:
                     self._remark(f"the walk does not begin yet: {error}")
                 self._waits = True
-                self._smoother = OnlineSmoother(self.options)
+                self._smoother = OnlineSmoother(self.options, self.buffer)
         return found
 
     def _add(self, footfall: Footfall) -> StanceEstimate:
-        """Hand a footfall and the samples up to the one behind it to the smoother."""
+        """Give a footfall and the samples up to the one behind it to the smoother."""
         footfall = replace(footfall, continues=footfall.continues and bool(self.footfalls))
-        until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.store.stop)
-        stop = np.minimum(footfall.stop, until - 1)
-        inside = footfall.start < stop
-        found = WalkFootfall(
-            footfall.start[inside], stop[inside], min(footfall.stillest, until - 2), footfall.continues
-        )
-        estimate = self._smoother.add_footfall(self._samples(self._handed, until), found)
+        until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
+        estimate = self._smoother.add_footfall(_end_before(footfall, until), until)
         self._handed = until
         self.footfalls.append(footfall)
-        if self.options.lag_s is not None:
-            self.store.forget(until - 1)
         return estimate
 
     def _moment(self) -> StanceTable | None:
-        """One row a footfall, as it was told first: without the further pieces of a long standing."""
-        return _rows(self.causal(), self._new()) if self.footfalls else None
+        """One row a footfall, as it was reported first: without the further pieces of a long standing."""
+        return _select_rows(self.causal(), self._is_new()) if self.footfalls else None
 
-    def _new(self) -> Bools:
+    def _is_new(self) -> Bools:
         """(K,) True for the first piece of each footfall."""
         return np.array([not footfall.continues for footfall in self.footfalls], dtype=bool)
 
-    def _first_of(self, footfall: Footfall) -> int:
-        """Return the first sample of a footfall, and one more: a stance of the very last sample alone is none."""
-        return int(footfall.start[0]) + 1
-
-    def _samples(self, start: int, stop: int) -> Samples:
-        return self._as_samples(self.store.between(start, stop))
-
-    def _as_samples(self, rows: Floats) -> Samples:
-        mag = np.ascontiguousarray(rows[:, 7:]) if self.options.use_field else None
-        return Samples(rows[:, 0].copy(), rows[:, 1:4].copy(), rows[:, 4:7].copy(), mag)
-
-    def _footfalls_of(self, found: Solution) -> Solution:
-        """Return a solution that is told at footfalls only, without the further pieces of a long standing."""
-        table = _rows(found.stances, self._new())
-        return replace(
-            found,
+    def _lagged_solution(self) -> Solution:
+        """Return the present estimates as a solution, without the further pieces of a long standing."""
+        table = _select_rows(self.smoothed(), self._is_new())
+        lag = f"the past was corrected for {self.options.lag_s:g} s, and is known at footfalls only"
+        return Solution(
+            method=METHOD,
             t=table.t,
             position=table.position,
-            velocity=found.velocity[self._new()],
+            velocity=np.zeros_like(table.position),
             nav_R_body=table.nav_R_body,
             stances=table,
+            runtime_s=0.0,
+            parameters=asdict(self.options.parameters),
+            notes=(*self._smoother.notes, lag),
         )
 
-    def _solved(
+    def _solve_whole(
         self,
         recording: Recording,
         stances: Stances,
         field: FootfallField | None,
         progress: Callable[[float], None] | None,
     ) -> Solution:
-        """Solve the walk as a whole; without its field, or not at all, where that does not work: a walk must end."""
+        """Solve the walk as a whole; without its field, or not at all, where that fails: a walk must end."""
         heading, p = self.options.heading_rad, self.options.parameters
         why = ""
         for with_field in (field, None) if field is not None else (None,):
@@ -280,10 +263,23 @@ class OnlineNavigator:
             return replace(found, notes=(*found.notes, *left_out))
         if not self.footfalls:
             raise EstimationError(why)
-        return straight_between(recording, _rows(self.smoothed(), self._new()), why)
+        return interpolate_stances(recording, _select_rows(self.smoothed(), self._is_new()), why)
 
 
-def _rows(table: StanceTable, keep: Bools) -> StanceTable:
+def _end_before(footfall: Footfall, until: int) -> Footfall:
+    """Cut a footfall that ends with the last of `until` samples one before it."""
+    stop = np.minimum(footfall.stop, until - 1)
+    inside = footfall.start < stop
+    return replace(
+        footfall,
+        start=footfall.start[inside],
+        stop=stop[inside],
+        threshold=footfall.threshold[inside],
+        stillest=min(footfall.stillest, until - 2),
+    )
+
+
+def _select_rows(table: StanceTable, keep: Bools) -> StanceTable:
     """Return the rows of a table that are kept, (K,) flags."""
     kept: dict[str, Any] = {}
     for item in fields(table):

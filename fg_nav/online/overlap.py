@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.online.store import COLUMNS
+from fg_nav.online.buffer import COLUMNS
 
 HEAD = 16
 """Rows that show how a source goes on; so many wait until the last of them is there."""

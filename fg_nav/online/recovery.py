@@ -1,25 +1,23 @@
 """Where the graph of a walk has no solution, the walk goes on from its last footfall.
 
-That footfall was told, with its sigmas: they become a prior on its last node, and the newest stride is put behind it
-with its own factors. What came before stays as it was told. If the stride has no solution either, the newest footfall
-begins alone where dead reckoning has it, or else where the last one was, with sigmas for all that a person may have
-walked and turned in the meantime. The state of the field is begun anew from where it was, with nothing known of it.
+The estimate of that footfall, with its sigmas, becomes a prior on its last node, and the newest stride is added to it
+with its own factors. Estimates of what came before stay as they are. If the stride has no solution either, the newest
+footfall begins alone where dead reckoning has it, or else where the last one was, with sigmas for all that a person may
+have walked and turned in the meantime. The state of the field begins again from its last value, with weak priors.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Protocol
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
+from fg_nav.online.backend import Backend, join_factors, list_factors, marginalize, weak_priors
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.isam2 import weak_priors
-from fg_nav.online.marginalise import without
-from fg_nav.online.strides import Place, StrideWindow, first_values
+from fg_nav.online.strides import Place, StrideWindow, initialize_stride
 from fg_nav.online.ties import GraphTies
 from fg_nav.smoother.field_state import E_H, SIZE
 from fg_nav.smoother.parameters import SmootherParameters
@@ -33,7 +31,7 @@ NODE_SPEED_M_S = 0.1
 """Sigma of the velocity of a foot at the end of its stance."""
 
 WALKING_M_S = 1.5
-"""Sigma of the mean velocity of a person of whom nothing is known ..."""
+"""Sigma of the mean velocity of a person who was not observed ..."""
 
 TURNED_RAD = 1.0
 """... of the heading after a stride that makes no sense ..."""
@@ -42,42 +40,24 @@ SWINGING_M_S = 3.0
 """... and of the velocity of the foot."""
 
 NORTH_UT = (0.0, 20.0)
-"""East and north part of a field that nothing is known of."""
+"""East and north part of a field that was not observed."""
 
 
-class Graph(Protocol):
-    """What `online_graph` and `online_lag` have in common here."""
-
-    def pose(self, key: int) -> gtsam.Pose3:
-        """Return a pose as now known."""
-
-    def vector(self, key: int) -> Floats:
-        """Return a vector as now known."""
-
-    def bias(self, key: int) -> gtsam.imuBias.ConstantBias:
-        """Return a bias as now known."""
-
-    def covariance(self, key: int) -> Floats:
-        """Return the covariance of a pose or a bias."""
-
-    def begun_at(self) -> gtsam.Values:
-        """Return where the variables are linearised."""
-
-    def restart(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
-        """Begin again from a graph of these footfalls."""
-
-
-def check(graph: Graph, place: Place) -> None:
-    """Raise `RuntimeError` if what is known of a footfall is not finite, or not uncertain."""
-    known = [graph.pose(X(place.result)).matrix(), graph.vector(V(place.result)), graph.bias(B(place.bias)).vector()]
-    covariances = [graph.covariance(X(place.result)), graph.covariance(B(place.bias))]
+def check_solution(backend: Backend, place: Place) -> None:
+    """Raise `RuntimeError` if the estimate of a footfall is not finite, or its variances are not positive."""
+    known = [
+        backend.pose(X(place.result)).matrix(),
+        backend.vector(V(place.result)),
+        backend.bias(B(place.bias)).vector(),
+    ]
+    covariances = [backend.covariance(X(place.result)), backend.covariance(B(place.bias))]
     finite = all(np.isfinite(part).all() for part in (*known, *covariances))
     if not finite or not all((np.diagonal(one) > 0.0).all() for one in covariances):
         raise RuntimeError("the graph has a solution that is not finite")
 
 
-def go_on(
-    graph: Graph,
+def recover(
+    backend: Backend,
     last: StanceEstimate,
     graph_cov: Floats,
     window: StrideWindow,
@@ -85,41 +65,42 @@ def go_on(
     p: SmootherParameters,
     with_field: bool,
 ) -> None:
-    """Let a graph begin anew from its last footfall.
+    """Let a backend begin again from its last footfall.
 
     Parameters
     ----------
-    last : footfall, as it was told.
-    graph_cov : (4, 4) covariance of its place and yaw in the graph.
+    last : estimate of that footfall, as it was reported.
+    graph_cov : (4, 4) covariance of its position and yaw in the graph: without the uncertainty about north, which is of
+        the walk as a whole and added to all that is reported.
     window, stride : the newest.
     with_field : whether the footfall needs a state of the field.
     """
-    held = _held(graph, last, window.before)
-    field, values = gtsam.Values(), _reckoned(window, stride, held, p)
+    held = _last_values(backend, last, window.before)
+    field, values = gtsam.Values(), _predict_stride(window, stride, held, p)
     if with_field:
-        field.insert(M(window.place.number), _state(graph, window.before))
+        field.insert(M(window.place.number), _initial_field_state(backend, window.before))
     try:
-        prior = _prior(last, graph_cov, held, window.before, p)
-        factors, solved = _behind(window, stride, held, values, prior, p)
-        _begin(graph, factors, solved, field, window.place)
+        prior = _build_prior(last, graph_cov, held, window.before, p)
+        factors, solved = _add_stride(window, stride, held, values, prior, p)
+        _reset(backend, factors, solved, field, window.place)
     except UNSOLVED:
-        factors = _alone(last, graph_cov, values, window.place, p)
-        _begin(graph, factors, values, field, window.place)
+        factors = _build_wide_priors(last, graph_cov, values, window.place, p)
+        _reset(backend, factors, values, field, window.place)
 
 
-def _begin(
-    graph: Graph, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, field: gtsam.Values, place: Place
+def _reset(
+    backend: Backend, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, field: gtsam.Values, place: Place
 ) -> None:
     """Begin with a footfall and its state of the field, if it has one."""
     factors.push_back(weak_priors(field))
     values.insert(field)
-    graph.restart(factors, values, [place])
-    check(graph, place)
+    backend.reset(factors, values, [place])
+    check_solution(backend, place)
 
 
-def _state(graph: Graph, before: Place) -> Floats:
-    """State of the field at the last footfall: as known, or as linearised, or a field that points north."""
-    for known in (graph.vector, graph.begun_at().atVector):
+def _initial_field_state(backend: Backend, before: Place) -> Floats:
+    """State of the field at the last footfall: its estimate, or linearization point, or a field that points north."""
+    for known in (backend.vector, backend.linearization_point().atVector):
         with suppress(*UNSOLVED):
             state = np.asarray(known(M(before.number)))
             if np.isfinite(state).all():
@@ -129,12 +110,12 @@ def _state(graph: Graph, before: Place) -> Floats:
     return state
 
 
-def _held(graph: Graph, last: StanceEstimate, before: Place) -> gtsam.Values:
-    """Variables at the end of the last footfall, as known where the graph can tell, else as told."""
-    told = gtsam.Pose3(gtsam.Rot3(last.nav_R_body), last.position)
-    pose, velocity, bias = told, np.zeros(3), gtsam.imuBias.ConstantBias(np.zeros(3), last.gyro_bias)
+def _last_values(backend: Backend, last: StanceEstimate, before: Place) -> gtsam.Values:
+    """Variables at the end of the last footfall: estimates of the graph where it has any, else those reported."""
+    reported = gtsam.Pose3(gtsam.Rot3(last.nav_R_body), last.position)
+    pose, velocity, bias = reported, np.zeros(3), gtsam.imuBias.ConstantBias(np.zeros(3), last.gyro_bias)
     try:
-        known = graph.pose(X(before.stop - 1)), graph.vector(V(before.stop - 1)), graph.bias(B(before.bias))
+        known = backend.pose(X(before.stop - 1)), backend.vector(V(before.stop - 1)), backend.bias(B(before.bias))
         near = np.linalg.norm(known[0].translation() - last.position) < 1.0
         if near and np.isfinite(np.concatenate([known[0].matrix().ravel(), known[1], known[2].vector()])).all():
             pose, velocity, bias = known
@@ -148,21 +129,21 @@ def _held(graph: Graph, last: StanceEstimate, before: Place) -> gtsam.Values:
     return held
 
 
-def _prior(
+def _build_prior(
     last: StanceEstimate, graph_cov: Floats, held: gtsam.Values, before: Place, p: SmootherParameters
 ) -> gtsam.NonlinearFactorGraph:
-    """What is known of the last footfall, as a prior on its last node."""
+    """Prior on the last node of the last footfall, from its estimate."""
     graph = gtsam.NonlinearFactorGraph()
     key, velocity_key = X(before.stop - 1), V(before.stop - 1)
     pose = held.atPose3(key)
     graph.addPriorPose3(key, pose, _pose_noise(pose, graph_cov, np.radians(p.tilt_sigma_deg)))
     slow = gtsam.noiseModel.Isotropic.Sigma(3, NODE_SPEED_M_S)
     graph.addPriorVector(velocity_key, held.atVector(velocity_key), slow)
-    _add_sensor(graph, last, held.atConstantBias(B(before.bias)), before.bias, p)
+    _add_sensor_priors(graph, last, held.atConstantBias(B(before.bias)), before.bias, p)
     return graph
 
 
-def _behind(
+def _add_stride(
     window: StrideWindow,
     stride: Stride,
     held: gtsam.Values,
@@ -170,7 +151,7 @@ def _behind(
     prior: gtsam.NonlinearFactorGraph,
     p: SmootherParameters,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Factors and values of the newest footfall, behind what is known of the last."""
+    """Factors and values of the newest footfall: its stride and the prior, the last footfall marginalized."""
     graph = gtsam.NonlinearFactorGraph(prior)
     add_stride(graph, GraphTies(graph), stride, p)
     whole = gtsam.Values(held)
@@ -178,21 +159,19 @@ def _behind(
     before, place = window.before, window.place
     leaving = [X(before.stop - 1), V(before.stop - 1)]
     leaving += [B(before.bias), S(before.bias)] if place.bias != before.bias else []
-    factors = gtsam.NonlinearFactorGraph()
-    for factor in without((graph.at(i) for i in range(graph.size())), whole, leaving):
-        factors.push_back(factor)
+    factors = join_factors(marginalize(list_factors(graph), whole, leaving))
     for key in leaving:
         whole.erase(key)
     return factors, whole
 
 
-def _reckoned(window: StrideWindow, stride: Stride, held: gtsam.Values, p: SmootherParameters) -> gtsam.Values:
-    """Where the newest footfall is by its stride alone; where the last one was, if that is not finite."""
+def _predict_stride(window: StrideWindow, stride: Stride, held: gtsam.Values, p: SmootherParameters) -> gtsam.Values:
+    """Values of the newest footfall by its stride alone; those of the last one, if they are not finite."""
     bias = held.atConstantBias(B(window.before.bias))
     try:
         graph = gtsam.NonlinearFactorGraph()
         add_stride(graph, GraphTies(graph), stride, p)
-        values = first_values(window, graph, held, bias, p)
+        values = initialize_stride(window, graph, held, bias, p)
         if _is_finite(values, window.place):
             return values
     except UNSOLVED:
@@ -213,10 +192,10 @@ def _is_finite(values: gtsam.Values, place: Place) -> bool:
     return bool(np.isfinite(np.concatenate(parts)).all())
 
 
-def _alone(
+def _build_wide_priors(
     last: StanceEstimate, graph_cov: Floats, values: gtsam.Values, place: Place, p: SmootherParameters
 ) -> gtsam.NonlinearFactorGraph:
-    """Priors on the newest footfall, for all that may have happened since the last one; `values` gets what it lacks."""
+    """Priors on the newest footfall, as wide as a person may have moved since the last; missing `values` are added."""
     elapsed = max(place.t - last.t, 0.0)
     wide = graph_cov + np.diag([(WALKING_M_S * elapsed) ** 2] * 3 + [TURNED_RAD**2])
     graph = gtsam.NonlinearFactorGraph()
@@ -228,25 +207,25 @@ def _alone(
     if not values.exists(B(place.bias)):
         values.insert(B(place.bias), bias)
         values.insert(S(place.bias), np.zeros(1))
-    _add_sensor(graph, last, bias, place.bias, p)
+    _add_sensor_priors(graph, last, bias, place.bias, p)
     return graph
 
 
-def _add_sensor(
+def _add_sensor_priors(
     graph: gtsam.NonlinearFactorGraph,
     last: StanceEstimate,
     bias: gtsam.imuBias.ConstantBias,
     number: int,
     p: SmootherParameters,
 ) -> None:
-    """Priors on bias and settling, by what is known of the sensor."""
+    """Priors on bias and settling."""
     sigma = np.concatenate([np.repeat(p.acc_bias_sigma, 3), last.gyro_bias_sigma])
     graph.addPriorConstantBias(B(number), bias, gtsam.noiseModel.Diagonal.Sigmas(sigma))
     graph.addPriorVector(S(number), np.zeros(1), gtsam.noiseModel.Isotropic.Sigma(1, p.settling_sigma_m))
 
 
 def _pose_noise(pose: gtsam.Pose3, nav_cov: Floats, tilt_rad: float) -> gtsam.noiseModel.Gaussian:
-    """Noise of a pose in its tangent space, from place and yaw (4, 4) and tilt in navigation axes."""
+    """Noise of a pose in its tangent space, from position and yaw (4, 4) and tilt in navigation axes."""
     covariance = np.diag([tilt_rad**2, tilt_rad**2, 0.0, 0.0, 0.0, 0.0])
     covariance[np.ix_([3, 4, 5, 2], [3, 4, 5, 2])] = nav_cov
     turn, body_R_nav = np.zeros((6, 6)), pose.rotation().matrix().T

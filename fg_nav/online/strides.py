@@ -3,22 +3,22 @@
 These take a recording and its stances. Here they are given a window: the samples of the footfall before and of the new
 one, with some before for context. Nodes of the window are numbered from 0, those of the walk from its first;
 `StrideWindow` has both. What a stride measures depends on its own samples alone, but for two things that a recording
-tells as a whole: its sample period, and the range of its sensors (`fg_nav.samples.saturation`).
+shows as a whole: its sample period, and the range of its sensors (`fg_nav.samples.saturation`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, repeat
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, S, V, X
+from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Floats
-from fg_nav.detection import Rest
-from fg_nav.online.walk import WalkSoFar
+from fg_nav.detection import Rest, RestParameters, find_rests
+from fg_nav.online.buffer import WalkSoFar
 from fg_nav.recording import Recording
 from fg_nav.smoother.initial import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
@@ -29,6 +29,9 @@ from fg_nav.stances import Stances
 
 CONTEXT_S = 10.0
 """Before a window, in which sensors at the end of their range show themselves."""
+
+GAUSS_NEWTON_STEPS = 2
+"""Of a stride alone: from half a degree of dead reckoning the second step moves nothing."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +59,6 @@ class Place:
     last_sample: int
 
 
-class Frozen(NamedTuple):
-    """A footfall as it left: pose, velocity, bias, and the covariances of pose and bias."""
-
-    place: Place
-    pose: gtsam.Pose3
-    velocity: Floats
-    bias: gtsam.imuBias.ConstantBias
-    pose_cov: Floats
-    bias_cov: Floats
-
-
 @dataclass(frozen=True)
 class StrideWindow:
     """The samples from the footfall before to the new one, with nodes numbered within them; and what comes next.
@@ -88,7 +80,7 @@ class StrideWindow:
         return int(self.nodes.first[1]) - 1
 
 
-def places_of(nodes: Nodes, t: Floats) -> list[Place]:
+def list_places(nodes: Nodes, t: Floats) -> list[Place]:
     """Places of the footfalls of a whole walk with samples at `t` (N,) s."""
     at = t[nodes.sample[nodes.result]]
     begun = at[np.searchsorted(nodes.bias, nodes.bias)]
@@ -108,30 +100,12 @@ def places_of(nodes: Nodes, t: Floats) -> list[Place]:
     ]
 
 
-def order_of(places: list[Place], values: gtsam.Values) -> gtsam.Ordering:
-    """Order in which the variables of some footfalls in a row are eliminated, as `solver.time_order`.
-
-    With the states of the field where there are any among the values.
-    """
-    ordering = gtsam.Ordering()
-    for k, place in enumerate(places):
-        for j in range(place.first, place.stop):
-            ordering.push_back(X(j))
-            ordering.push_back(V(j))
-            if j == place.result and values.exists(M(place.number)):
-                ordering.push_back(M(place.number))
-        if k + 1 == len(places) or places[k + 1].bias != place.bias:
-            ordering.push_back(B(place.bias))
-            ordering.push_back(S(place.bias))
-    return ordering
-
-
-def window_of(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParameters) -> StrideWindow:
+def cut_window(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParameters) -> StrideWindow:
     """Cut out the window of the newest stride of a walk: `before` the footfall before, the first was at `t_first`."""
     begins = int(walk.footfall(before.number).start[0])
-    context = int(np.searchsorted(walk.t, walk.t[begins - walk.first] - CONTEXT_S)) + walk.first
-    recording = walk.recording(context)
-    stances = walk.stances(before.number, context)
+    context = walk.buffer.find_since(walk.buffer.stamp(begins) - CONTEXT_S, walk.stop)
+    recording = walk.cut_recording(context)
+    stances = walk.cut_stances(before.number, context)
     nodes = place_nodes(recording, stances, p)
     result = int(nodes.result[1])
     t = float(recording.t[nodes.sample[result]])
@@ -152,7 +126,7 @@ def window_of(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParamet
     return StrideWindow(recording, stances, nodes, context, before, place)
 
 
-def stride_of(
+def measure_stride(
     window: StrideWindow, gyro_bias: Floats, lever: Floats, rests: tuple[Rest, ...], p: SmootherParameters
 ) -> Stride:
     """Return the newest stride of a walk, in the walk's numbers.
@@ -179,38 +153,39 @@ def stride_of(
     )
 
 
-def first_values(
+def initialize_stride(
     window: StrideWindow,
     graph: gtsam.NonlinearFactorGraph,
-    begun: gtsam.Values,
+    linearized: gtsam.Values,
     bias: gtsam.imuBias.ConstantBias,
     p: SmootherParameters,
 ) -> gtsam.Values:
-    """Where the new variables begin: the solution of the stride alone, with what came before held.
+    """Return initial values of the new variables: the solution of the stride alone, what came before held fixed.
 
-    It is held where it is linearised (`begun`), not where it is now known. So a walk that has turned by a little turns
-    as one piece, and what the square of that turn is wrong by comes once, not with every stride. Dead reckoning alone
-    would leave a tilt whose square is a turn, the same with every stride.
+    It is fixed where it is linearized, not at its estimate. So a walk that has turned by a little turns as one piece,
+    and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would leave a tilt
+    whose square is a turn, the same with every stride.
 
     Parameters
     ----------
     graph : of the stride.
-    begun : values of all variables before.
-    bias : to begin the dead reckoning with.
+    linearized : linearization point of all variables before.
+    bias : at which the dead reckoning starts.
     """
-    held = gtsam.Values()
-    last = window.before.stop - 1
-    held.insert(X(last), begun.atPose3(X(last)))
-    held.insert(V(last), begun.atVector(V(last)))
-    held.insert(B(window.before.bias), begun.atConstantBias(B(window.before.bias)))
-    held.insert(S(window.before.bias), begun.atVector(S(window.before.bias)))
-    values = _reckoned(window, held, bias, p)
+    pose_key, velocity_key = X(window.before.stop - 1), V(window.before.stop - 1)
+    bias_key, sole_key = B(window.before.bias), S(window.before.bias)
+    fixed = gtsam.Values()
+    fixed.insert(pose_key, linearized.atPose3(pose_key))
+    fixed.insert(velocity_key, linearized.atVector(velocity_key))
+    fixed.insert(bias_key, linearized.atConstantBias(bias_key))
+    fixed.insert(sole_key, linearized.atVector(sole_key))
+    values = _dead_reckon(window, fixed, bias, p)
     alone = gtsam.NonlinearFactorGraph(graph)
-    alone.addPriorPose3(X(last), held.atPose3(X(last)), _held(6))
-    alone.addPriorVector(V(last), held.atVector(V(last)), _held(3))
-    alone.addPriorConstantBias(B(window.before.bias), held.atConstantBias(B(window.before.bias)), _held(6))
-    alone.addPriorVector(S(window.before.bias), held.atVector(S(window.before.bias)), _held(1))
-    solved = gtsam.Values(held)
+    alone.addPriorPose3(pose_key, fixed.atPose3(pose_key), _tight(6))
+    alone.addPriorVector(velocity_key, fixed.atVector(velocity_key), _tight(3))
+    alone.addPriorConstantBias(bias_key, fixed.atConstantBias(bias_key), _tight(6))
+    alone.addPriorVector(sole_key, fixed.atVector(sole_key), _tight(1))
+    solved = gtsam.Values(fixed)
     solved.insert(values)
     order = gtsam.Ordering.ColamdNonlinearFactorGraph(alone)
     try:
@@ -218,36 +193,77 @@ def first_values(
             solved = solved.retract(alone.linearize(solved).eliminateMultifrontal(order, gtsam.EliminateQR).optimize())
     except RuntimeError:
         return values
-    for key in list(held.keys()):
+    for key in list(fixed.keys()):
         solved.erase(key)
     return solved
 
 
-GAUSS_NEWTON_STEPS = 2
-"""Of a stride alone: from half a degree of dead reckoning the second step moves nothing."""
-
-
-def _held(size: int) -> gtsam.noiseModel.Isotropic:
+def _tight(size: int) -> gtsam.noiseModel.Isotropic:
     return gtsam.noiseModel.Isotropic.Sigma(size, 1e-6)
 
 
-def _reckoned(
-    window: StrideWindow, held: gtsam.Values, bias: gtsam.imuBias.ConstantBias, p: SmootherParameters
+def _dead_reckon(
+    window: StrideWindow, fixed: gtsam.Values, bias: gtsam.imuBias.ConstantBias, p: SmootherParameters
 ) -> gtsam.Values:
     """Dead reckoning from the last node before; zero velocity, a new bias like that before."""
-    pose = held.atPose3(X(window.before.stop - 1))
+    pose = fixed.atPose3(X(window.before.stop - 1))
     sample = window.nodes.sample[window.known :]
     of_one = np.zeros(len(sample), dtype=np.int64)
     ends = np.array([0, len(sample)])
     alone = Nodes(sample, of_one, of_one, ends, of_one[:1], of_one[:1])
     attitude = pose.rotation().matrix()
-    reckoned = initial_values(window.recording, window.stances, alone, attitude, bias.gyroscope(), p.gravity)
+    path = initial_values(window.recording, window.stances, alone, attitude, bias.gyroscope(), p.gravity)
     from_there = gtsam.Pose3(gtsam.Rot3(), pose.translation())
     values = gtsam.Values()
     for i, j in enumerate(range(window.place.first, window.place.stop), start=1):
-        values.insert(X(j), from_there.compose(reckoned.atPose3(X(i))))
+        values.insert(X(j), from_there.compose(path.atPose3(X(i))))
         values.insert(V(j), np.zeros(3))
     if window.place.bias != window.before.bias:
-        values.insert(B(window.place.bias), held.atConstantBias(B(window.before.bias)))
-        values.insert(S(window.place.bias), held.atVector(S(window.before.bias)))
+        values.insert(B(window.place.bias), fixed.atConstantBias(B(window.before.bias)))
+        values.insert(S(window.place.bias), fixed.atVector(S(window.before.bias)))
     return values
+
+
+@dataclass(frozen=True)
+class RestLedger:
+    """Which rests of a walk in progress its graph has: each shows the gyroscope's bias once.
+
+    `longest` is the longest rest of the walk, with which others must agree; `counted` the last that is in the graph, in
+    samples of the walk.
+    """
+
+    longest: Rest | None = None
+    counted: Rest | None = None
+
+    @classmethod
+    def from_rests(cls, rests: Sequence[Rest]) -> RestLedger:
+        """Return the ledger of a walk with these rests, all of them in its graph."""
+        longest = max(rests, key=lambda rest: rest.stop - rest.start, default=None)
+        return cls(longest, rests[-1] if rests else None)
+
+    def collect(self, window: StrideWindow, p: RestParameters) -> tuple[tuple[Rest, ...], RestLedger]:
+        """Return what the rests of a window show that was not counted yet, and the ledger once that is in the graph."""
+        ledger, begins = self, window.nodes.sample[window.known + 1]
+        new: list[Rest] = []
+        for rest in find_rests(window.recording, p):
+            # A rest that only the end of the window made one may be the beginning of a swing.
+            if rest.stop <= begins or not rest.lasts(window.recording.period_s, p.shortest_s):
+                continue
+            if ledger.longest is None or rest.stop - rest.start > ledger.longest.stop - ledger.longest.start:
+                ledger = replace(ledger, longest=rest)
+            assert ledger.longest is not None
+            if rest.agrees_with(ledger.longest, p):
+                further, ledger = ledger._count(rest, window.first_sample)
+                new += [] if further is None else [further]
+        return tuple(new), ledger
+
+    def _count(self, rest: Rest, first_sample: int) -> tuple[Rest | None, RestLedger]:
+        """What a rest shows beyond what was counted of it: a long one is seen again and again as it goes on."""
+        start, stop = rest.start + first_sample, rest.stop + first_sample
+        in_walk = replace(self, counted=replace(rest, start=start, stop=stop))
+        if self.counted is None or start >= self.counted.stop:
+            return rest, in_walk
+        further = rest.beyond(self.counted)
+        if further is None:
+            return None, replace(self, counted=replace(self.counted, stop=stop))
+        return further, in_walk

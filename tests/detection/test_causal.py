@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, stances_of
+from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
 from fg_nav.detection.sliding import Sliding
 from fg_nav.errors import DetectionError
 from fg_nav.lab.simulation.footsteps import Style
@@ -44,7 +44,7 @@ def test_they_are_those_of_the_recording(person, mount):
     recording = corridor(person, mount).recording
     offline = detect_stances(recording)
     found, delay = pushed(recording)
-    stances = stances_of(found, len(recording))
+    stances = join_footfalls(found, len(recording))
     assert stances.n_footfalls == offline.n_footfalls
     assert np.mean(stances.mask != offline.mask) < 0.002
     assert np.median(delay) < 0.45
@@ -58,7 +58,7 @@ def test_they_are_those_of_the_feet(style):
     flat, t = walk.motion.flat, walk.recording.t
     began, ended = (t[[pick(f) for f in found]] for pick in (lambda f: f.start[0], lambda f: f.stop[-1] - 1))
     assert ((began[:, None] < flat[:, 1]) & (ended[:, None] > flat[:, 0])).any(axis=1).all()
-    assert stances_of(found, len(walk.recording)).n_footfalls == len(flat)
+    assert join_footfalls(found, len(walk.recording)).n_footfalls == len(flat)
 
 
 def test_blocks_do_not_matter():
@@ -104,7 +104,7 @@ def test_who_stands_for_long_is_told_of_in_pieces():
     assert len(pieces) >= 6
     ends = recording.t[[f.stop[-1] - 1 for f in found]]
     assert np.diff(ends).max() < p.piece_s + p.stance.footfalls.longest_swing_s
-    assert stances_of(found, len(recording)).n_footfalls == detect_stances(recording).n_footfalls
+    assert join_footfalls(found, len(recording)).n_footfalls == detect_stances(recording).n_footfalls
 
 
 @settings(max_examples=15, deadline=None)
@@ -113,7 +113,7 @@ def test_a_walk_may_begin_anywhere(start_s):
     walk = straight_walk(PERSON, strides=15)
     recording = walk.recording.slice(int(start_s * 200), len(walk.recording))
     offline = detect_stances(recording)
-    stances = stances_of(pushed(recording)[0], len(recording))
+    stances = join_footfalls(pushed(recording)[0], len(recording))
     assert abs(stances.n_footfalls - offline.n_footfalls) <= 1
     late = recording.t > recording.t[0] + 3.0
     assert np.mean((stances.mask != offline.mask)[late]) < 0.01
@@ -126,7 +126,7 @@ def test_a_gap_is_survived(lost_s):
     t = recording.t[keep] + np.where(recording.t[keep] > 9.0, lost_s - min(lost_s, 2.0), 0.0)
     broken = Recording(t, recording.acc[keep], recording.gyr[keep])
     offline = detect_stances(recording).mask[keep]
-    stances = stances_of(pushed(broken)[0], len(broken))
+    stances = join_footfalls(pushed(broken)[0], len(broken))
     away = np.abs(recording.t[keep] - 9.0) > 2.0 + lost_s % 30.0
     assert np.mean((stances.mask != offline)[away]) < 0.01
 
@@ -148,7 +148,7 @@ def test_nothing_and_too_little_are_no_walk():
     assert stream.push(np.empty(0), nothing, nothing) == []
     assert stream.finish() == []
     with pytest.raises(DetectionError):
-        stances_of([], 10)
+        join_footfalls([], 10)
     recording = straight_walk(PERSON, strides=5).recording
     short = CausalStances()
     assert short.push(recording.t[:40], recording.acc[:40], recording.gyr[:40]) == []

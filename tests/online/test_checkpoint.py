@@ -10,9 +10,10 @@ import pytest
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load, save
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
 from fg_nav.online.smoother import OnlineOptions
-from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
+from tests.online.walks import TOLD, push, short_walk, worst_difference
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +191,7 @@ def test_a_stream_that_ended_behind_its_last_stamps_can_be_closed_and_asked(tmp_
     save(navigator, tmp_path / "walk.npz")
     again = load(tmp_path / "walk.npz")
     again.close()
-    assert again.store.stop == 700
+    assert again.buffer.stop == 700
     save(again, tmp_path / "walk.npz")
     assert load(tmp_path / "walk.npz").has_ended
 

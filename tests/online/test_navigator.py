@@ -10,9 +10,10 @@ from fg_nav.errors import DetectionError, EstimationError, FgNavError, Recording
 from fg_nav.estimators import ESTIMATORS, Given
 from fg_nav.magnetic import footfall_field
 from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
 from fg_nav.smoother import smooth
-from tests.online.walks import TOLD, push, rows_of, short_walk, worst_difference
+from tests.online.walks import TOLD, push, short_walk, worst_difference
 
 
 @pytest.fixture(scope="module")
@@ -136,8 +137,8 @@ def test_blocks_do_not_matter_to_the_judge(kind):
         navigator = OnlineNavigator(TOLD)
         for start, stop in zip([0, *cuts], [*cuts, len(rows)], strict=True):
             block = rows[start:stop]
-            navigator.store.append(navigator.judge.admit(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:]))
-        stores.append(navigator.store.between(0, navigator.store.stop))
+            navigator.buffer.append(navigator.judge.admit(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:]))
+        stores.append(navigator.buffer.between(0, navigator.buffer.stop))
     assert np.array_equal(stores[0], stores[1], equal_nan=True)
     assert np.array_equal(stores[0], stores[2], equal_nan=True)
     assert (np.diff(stores[0][:, 0]) > 0).all()
@@ -180,7 +181,7 @@ def test_a_last_sample_far_ahead_is_counted(alone_s):
     assert navigator.judge.counts["ahead"] == 0
     navigator.close()
     assert navigator.judge.counts["ahead"] == 1
-    assert navigator.store.stop == 299
+    assert navigator.buffer.stop == 299
 
 
 @pytest.mark.parametrize(("first", "step_s"), [(700, 15.0), (-1, 2.0)])

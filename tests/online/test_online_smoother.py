@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
+from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation.alignment import align
+from fg_nav.magnetic import footfall_field
 from fg_nav.online import smoother as online_smoother
-from fg_nav.online.fixed_lag import LaggedGraph
+from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.resolve import WARM_UPS
-from fg_nav.online.smoother import Footfall, OnlineOptions, OnlineSmoother, Samples
+from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.field_parameters import FieldParameters
 from tests.simulated import corridor
@@ -40,25 +43,40 @@ def in_field() -> Walk:
 
 def fed(walk: Walk, options: OnlineOptions = OnlineOptions(), footfalls: int = FOOTFALLS, beyond: int = 5):
     """Feed the footfalls of a walk, each with some samples beyond it."""
-    online, at = OnlineSmoother(options), 0
+    online = smoother_of(walk, options)
     for k in range(footfalls):
-        stop = add(online, walk, k, at, beyond)
-        at = stop
+        add(online, walk, k, beyond)
     return online
 
 
-def add(online: OnlineSmoother, walk: Walk, k: int, at: int, beyond: int = 5) -> int:
-    recording, stances = walk.recording, walk.stances
+def smoother_of(walk: Walk, options: OnlineOptions = OnlineOptions()) -> OnlineSmoother:
+    """A smoother with all samples of a walk in its buffer."""
+    buffer = SampleBuffer()
+    buffer.append(rows_of(walk.recording))
+    return OnlineSmoother(options, buffer)
+
+
+def add(online: OnlineSmoother, walk: Walk, k: int, beyond: int = 5) -> int:
+    """Add a footfall of a walk; the sample up to which it is known."""
+    stances = walk.stances
     of = stances.footfall == k
     stop = int(stances.stop[of][-1]) + beyond
-    still = int(stances.stillest(recording.gyr)[k])
-    online.add_footfall(samples(recording, at, stop), Footfall(stances.start[of], stances.stop[of], still))
+    still = int(stances.stillest(walk.recording.gyr)[k])
+    online.add_footfall(footfall_at(stances.start[of], stances.stop[of], still), stop)
     return stop
 
 
-def samples(recording, first: int, stop: int) -> Samples:
-    mag = None if recording.mag is None else recording.mag[first:stop]
-    return Samples(recording.t[first:stop], recording.acc[first:stop], recording.gyr[first:stop], mag)
+def footfall_at(start: np.ndarray, stop: np.ndarray, stillest: int, continues: bool = False) -> Footfall:
+    """A footfall of these intervals, of whatever threshold."""
+    return Footfall(start, stop, np.ones(len(start)), stillest, continues)
+
+
+def polished(walk: Walk, options: OnlineOptions = OnlineOptions()):
+    """The batch on the same footfalls."""
+    cut = part(walk, FOOTFALLS)
+    recording, stances = cut.recording, cut.stances
+    field = None if recording.mag is None else footfall_field(recording, stances)
+    return smooth(recording, stances, options.parameters, options.heading_rad, None, field)
 
 
 def farthest(table, other) -> float:
@@ -75,19 +93,16 @@ def whole_in_field() -> OnlineSmoother:
     return fed(in_field(), OnlineOptions(parameters=WITH_WAY))
 
 
-@pytest.mark.parametrize("online", [whole, whole_in_field])
-def test_it_ends_where_the_batch_ends(online):
+@pytest.mark.parametrize(
+    ("online", "given"),
+    [(whole, (demo, OnlineOptions())), (whole_in_field, (in_field, OnlineOptions(parameters=WITH_WAY)))],
+)
+def test_it_ends_where_the_batch_ends(online, given):
     table = online().smoothed()
-    batch = online().finish().stances
+    batch = polished(given[0](), given[1]).stances
     assert farthest(table, batch) < 0.10
     np.testing.assert_allclose(table.heading_sigma[-1], batch.heading_sigma[-1], rtol=0.1)
     np.testing.assert_allclose(table.position_sigma[-1], batch.position_sigma[-1], rtol=0.1)
-
-
-def test_finish_is_the_batch_on_the_same_footfalls():
-    walk = part(demo(), FOOTFALLS)
-    solved = whole().finish().stances
-    assert farthest(solved, smooth(walk.recording, walk.stances).stances) < 1e-3
 
 
 @pytest.mark.parametrize("online", [whole, whole_in_field])
@@ -126,8 +141,8 @@ def test_a_lag_longer_than_the_walk_is_none():
 def test_a_lag_keeps_what_left_it_and_little_else():
     options = OnlineOptions(parameters=WITH_WAY, lag_s=8.0)
     lagged = fed(in_field(), options)
-    graph = lagged._graph
-    assert isinstance(graph, LaggedGraph)
+    graph = lagged._backend
+    assert isinstance(graph, FixedLagBackend)
     assert len(lagged.smoothed()) == FOOTFALLS
     assert len(lagged._places) < 14
     end = lagged.smoothed().position[-1] - whole_in_field().smoothed().position[-1]
@@ -135,14 +150,13 @@ def test_a_lag_keeps_what_left_it_and_little_else():
     np.testing.assert_allclose(
         lagged.smoothed().heading_sigma[-1], whole_in_field().smoothed().heading_sigma[-1], rtol=0.1
     )
-    assert len(lagged.finish().stances) == FOOTFALLS
 
 
 def test_samples_are_forgotten_after_the_last_warm_up(monkeypatch):
     monkeypatch.setattr("fg_nav.online.smoother.WARM_UPS", (1, 4, 8))
     lagged = fed(demo(), OnlineOptions(lag_s=8.0))
-    kept = lagged._walk
-    assert kept.stop - kept.first < 30.0 * 200.0
+    kept = lagged._walk.buffer
+    assert lagged._walk.stop - kept.first < 30.0 * 200.0
     assert kept.first > 0
     assert farthest(lagged.smoothed(), whole().smoothed()) < 0.3
 
@@ -165,11 +179,11 @@ def test_the_pose_is_carried_on_to_the_next_footfall():
     walk, online = demo(), fed(demo(), footfalls=20)
     reached = int(walk.stances.stop[walk.stances.footfall == 19][-1]) + 5
     arrives = int(walk.stances.start[walk.stances.footfall == 20][0]) + 3
-    track = online.propagate(samples(walk.recording, reached, arrives + 200), stands_from(arrives - reached, 200))
+    track = online.propagate(arrives + 200, stands_from(arrives - reached, 200))
     assert track.t[0] == pytest.approx(walk.recording.t[online._places[-1].last_sample])
     there = track.position[np.searchsorted(track.t, walk.recording.t[arrives])]
     np.testing.assert_array_equal(track.position[-1], track.position[-50])
-    add(online, walk, 20, reached)
+    add(online, walk, 20)
     assert np.linalg.norm(online.latest.position - there) < 0.15
 
 
@@ -185,28 +199,24 @@ def test_an_indeterminate_graph_is_repaired():
     values.insert(X(10_000), gtsam.Pose3())
     noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
     loose.push_back(gtsam.GPSFactor(X(10_000), np.array([1.0, 2.0, 3.0]), noise))
-    before = online._graph.pose(X(online._places[-1].result)).translation()
-    online._graph.add(loose, values, online._places)
-    after = online._graph.pose(X(online._places[-1].result)).translation()
+    before = online._backend.pose(X(online._places[-1].result)).translation()
+    online._backend.add(loose, values, online._places)
+    after = online._backend.pose(X(online._places[-1].result)).translation()
     np.testing.assert_allclose(after, before, atol=0.01)
-    np.testing.assert_allclose(online._graph.pose(X(10_000)).translation(), [1.0, 2.0, 3.0], atol=1e-3)
-    last = int(demo().stances.stop[demo().stances.footfall == 9][-1]) + 5
-    add(online, demo(), 10, last)
+    np.testing.assert_allclose(online._backend.pose(X(10_000)).translation(), [1.0, 2.0, 3.0], atol=1e-3)
+    add(online, demo(), 10)
     assert np.isfinite(online.latest.position).all()
 
 
 def test_a_long_standing_told_in_pieces_is_one_rest():
     walk = demo()
-    online, at = OnlineSmoother(), 0
     last = walk.stances.n_footfalls - 1
-    for k in range(last):
-        at = add(online, walk, k, at)
+    online = fed(walk, footfalls=last)
     ends = np.linspace(walk.stances.start[-1], walk.stances.stop[-1], 5).astype(int)
     for start, stop in pairwise(ends):
         continues = start > ends[0]
-        piece = Footfall(np.array([start]), np.array([stop]), int(start + stop) // 2, continues)
-        online.add_footfall(samples(walk.recording, at, stop), piece)
-        at = stop
+        piece = footfall_at(np.array([start]), np.array([stop]), int(start + stop) // 2, continues)
+        online.add_footfall(piece, stop)
     in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances).stances
     np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.1)
     np.testing.assert_allclose(in_pieces.position[last - 1], whole_walk.position[last - 1], atol=0.1)
@@ -217,12 +227,12 @@ def test_a_warm_up_that_fails_late_leaves_no_trace(monkeypatch, options):
     """Nothing of it is left in the graph, whether it has no solution or one that is not finite."""
     monkeypatch.setattr(online_smoother, "WARM_UPS", (1, 4, 8))
     tables = []
-    for broken in ("solve_so_far", "check"):
+    for broken in ("solve_so_far", "check_solution"):
         whole_of_it, calls = getattr(online_smoother, broken), []
 
         def failing(*given, whole_of_it=whole_of_it, calls=calls, broken=broken):
             calls.append(0)
-            if len(calls) == {"solve_so_far": 3, "check": 8}[broken]:
+            if len(calls) == {"solve_so_far": 3, "check_solution": 8}[broken]:
                 raise RuntimeError("Indeterminate linear system detected")
             return whole_of_it(*given)
 
@@ -235,17 +245,19 @@ def test_a_warm_up_that_fails_late_leaves_no_trace(monkeypatch, options):
 
 def test_what_is_no_walk_is_refused():
     recording, stances = demo().recording, demo().stances
-    online = OnlineSmoother()
-    with pytest.raises(EstimationError, match="no footfall yet"):
-        online.propagate(samples(recording, 0, 50))
     stop = int(stances.stop[0])
+    first = footfall_at(stances.start[:1], stances.stop[:1], stop - 9)
+    online = smoother_of(demo())
+    with pytest.raises(EstimationError, match="no footfall yet"):
+        online.propagate(50)
     with pytest.raises(EstimationError, match="footfall 0 is not one"):
-        online.add_footfall(samples(recording, 0, stop - 2), Footfall(stances.start[:1], stances.stop[:1], stop - 9))
-    broken = samples(recording, 0, stop)
-    acc = broken.acc.copy()
-    acc[3] = np.nan
+        online.add_footfall(first, stop - 2)
+    broken, buffer = rows_of(recording), SampleBuffer()
+    broken[3, 1] = np.nan
+    buffer.append(broken)
+    online = OnlineSmoother(OnlineOptions(), buffer)
     with pytest.raises(EstimationError, match="not finite"):
-        online.add_footfall(broken._replace(acc=acc), Footfall(stances.start[:1], stances.stop[:1], stop - 9))
+        online.add_footfall(first, stop)
     assert online.n_footfalls == 0
     assert online.latest is None
 

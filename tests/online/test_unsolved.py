@@ -9,10 +9,11 @@ import pytest
 
 from fg_nav.errors import EstimationError
 from fg_nav.online import OnlineNavigator, fixed_lag, isam2, recovery, smoother
-from fg_nav.online.fixed_lag import LaggedGraph
-from fg_nav.online.isam2 import WholeGraph
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.fixed_lag import FixedLagBackend
+from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.smoother import OnlineSmoother
-from tests.online.walks import TOLD, push, rows_of, short_walk
+from tests.online.walks import TOLD, push, short_walk
 
 LAGS = [None, 6.0]
 BEGINS = 7
@@ -97,7 +98,7 @@ def goes_on(navigator: OnlineNavigator, expected, least_growth: float) -> None:
 @pytest.mark.parametrize("error", [RuntimeError, ValueError, np.linalg.LinAlgError])
 def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, lag, error):
     fault = Failing(monkeypatch, calls=1, error=error)
-    fault.breaks(WholeGraph if lag is None else LaggedGraph, "add")
+    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
     navigator = walked(lag)
     assert fault.failed == 1
     goes_on(navigator, undisturbed[lag], 1.0)
@@ -109,9 +110,9 @@ def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, 
 def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, lag, footfalls):
     """Nor the stride alone: then it begins again with sigmas for all that may have happened."""
     fault = Failing(monkeypatch, footfalls)
-    fault.breaks(WholeGraph if lag is None else LaggedGraph, "add")
-    fault.breaks(recovery, "without")
-    fault.breaks(recovery, "first_values")
+    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
+    fault.breaks(recovery, "marginalize")
+    fault.breaks(recovery, "initialize_stride")
     navigator = walked(lag)
     assert fault.failed == 3 * footfalls
     goes_on(navigator, undisturbed[lag], 5.0)
@@ -129,7 +130,7 @@ def test_an_update_and_its_repair_have_no_solution(monkeypatch, undisturbed, cal
 @pytest.mark.parametrize("calls", [1, 2])
 def test_a_window_has_no_solution_with_weak_priors_either(monkeypatch, undisturbed, calls):
     fault = Failing(monkeypatch, calls=calls)
-    fault.breaks(LaggedGraph, "_solve")
+    fault.breaks(FixedLagBackend, "_solve")
     goes_on(walked(6.0), undisturbed[6.0], 1.0 if calls == 2 else 0.9)
     assert fault.failed == calls
 
@@ -138,7 +139,7 @@ def test_a_window_has_no_solution_with_weak_priors_either(monkeypatch, undisturb
 def test_nothing_can_leave(monkeypatch, undisturbed, lag):
     monkeypatch.setattr(isam2, "MOST_FOOTFALLS", BEGINS + 1)
     fault = Failing(monkeypatch, calls=1)
-    fault.breaks(isam2 if lag is None else fixed_lag, "without")
+    fault.breaks(isam2 if lag is None else fixed_lag, "marginalize")
     goes_on(walked(lag), undisturbed[lag], 0.9)
     assert fault.failed == 1
 

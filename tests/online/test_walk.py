@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from fg_nav.detection.causal import Footfall
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online.walk import Footfall, Samples, WalkSoFar
+from fg_nav.online.buffer import SampleBuffer, WalkSoFar
 from fg_nav.samples.saturation import clipping_levels
 
 RATE_HZ = 100.0
@@ -28,43 +29,46 @@ def standing_with_taps(seconds: float) -> np.ndarray:
 
 def walk_of(*parts: np.ndarray) -> WalkSoFar:
     """A walk of one footfall for each part, cut out as a whole behind the first."""
-    walk, at = WalkSoFar(), 0
+    walk, at = WalkSoFar(SampleBuffer()), 0
     for k, acc in enumerate(parts):
-        t = (at + np.arange(len(acc))) / RATE_HZ
-        walk.add(
-            Samples(t, acc, 0.01 * np.ones_like(acc)),
-            Footfall(np.array([at + 5]), np.array([at + len(acc)]), at + 6),
-        )
+        append(walk, acc)
+        walk.add(Footfall(np.array([at + 5]), np.array([at + len(acc)]), np.ones(1), at + 6, False), at + len(acc))
         at += len(acc)
         if k == 0:
-            walk.whole()
+            walk.cut_whole()
     return walk
+
+
+def append(walk: WalkSoFar, acc: np.ndarray) -> None:
+    """Append samples behind those that are there."""
+    t = (walk.buffer.stop + np.arange(len(acc))) / RATE_HZ
+    walk.buffer.append(np.column_stack([t, acc, np.full((len(acc), 3), 0.01), np.full((len(acc), 3), np.nan)]))
 
 
 def test_who_stands_does_not_clip() -> None:
     standing = standing_with_taps(12.0)
     assert np.isfinite(clipping_levels(standing)).any()  # by themselves they look like it
     walk = walk_of(moving(10.0), standing)
-    acc, _ = walk.recording(1000).clipping
+    acc, _ = walk.cut_recording(1000).clipping
     assert np.isinf(acc).all()
 
 
 def test_a_part_clips_where_the_walk_did() -> None:
     walk = walk_of(np.clip(moving(60.0), -25.0, 25.0), moving(1.0, 1))
-    acc, _ = walk.recording(6000).clipping
+    acc, _ = walk.cut_recording(6000).clipping
     np.testing.assert_allclose(acc, 25.0, rtol=0.03)
 
 
 def test_a_sensor_that_begins_to_clip_is_seen_to() -> None:
     walk = walk_of(0.5 * moving(5.0), np.clip(moving(60.0, 1), -25.0, 25.0))
-    acc, _ = walk.recording(500).clipping
+    acc, _ = walk.cut_recording(500).clipping
     np.testing.assert_allclose(acc, 25.0, rtol=0.03)
 
 
 def test_to_look_at_a_part_changes_nothing() -> None:
     parts = 0.5 * moving(5.0), np.clip(moving(60.0, 1), -25.0, 25.0), moving(10.0, 2)
     looked, other = walk_of(*parts), walk_of(*parts)
-    looked.recording(500)
-    looked.with_more(Samples(*(part[:0] for part in (np.zeros(0), parts[0], parts[0]))), 600)
-    for one, same in zip(looked.recording(6500).clipping, other.recording(6500).clipping, strict=True):
+    looked.cut_recording(500)
+    looked.cut_onward(600, looked.stop)
+    for one, same in zip(looked.cut_recording(6500).clipping, other.cut_recording(6500).clipping, strict=True):
         np.testing.assert_array_equal(one, same)

@@ -31,12 +31,6 @@ def short_walk(strides: int = 12) -> Recording:
     return replace(recording, mag=np.einsum("nji,nj->ni", attitude, field), truth=None)
 
 
-def rows_of(recording: Recording) -> Floats:
-    """(N, 10) t, acc, gyr, mag."""
-    mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
-    return np.column_stack([recording.t, recording.acc, recording.gyr, mag])
-
-
 def push(navigator: OnlineNavigator, rows: Floats, cuts: Iterable[int] = ()) -> list[StanceEstimate]:
     """Push rows (n, 10) in blocks between `cuts`."""
     found = []

@@ -1,0 +1,213 @@
+"""The samples and footfalls of a walk in progress, cut out again as recordings with their stances.
+
+`SampleBuffer` holds every sample once, for the navigator, the smoother and the checkpoint. `WalkSoFar` is what the
+smoother uses of it: the footfalls, and the samples up to one behind the newest. Samples, footfalls and stance intervals
+are counted from the first of the walk; what is discarded leaves the count as it is.
+
+A part of the walk does not show everything about its sensor. The sample period and the levels at which the sensor clips
+are those of the walk when it was last cut out as a whole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.detection.causal import Footfall
+from fg_nav.errors import EstimationError
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
+
+COLUMNS = 10
+"""t (s), acc (m/s^2), gyr (rad/s), mag (uT; NaN without a sample)."""
+
+CHUNK = 1 << 12
+"""Rows; 0.3 MB."""
+
+AT_END = 0.97
+"""Share of the largest reading, from which on a level may be that of a range: calibration smears it."""
+
+_BEFORE = 40
+"""Samples before a node that are cut out with those after it: enough for a recording."""
+
+
+class SampleBuffer:
+    """Rows (10,) in order of time, `first <= i < stop`.
+
+    They are kept in chunks: a long walk is never copied as a whole while it grows, and its beginning can be discarded.
+    """
+
+    def __init__(self) -> None:
+        self._chunks: list[Floats] = []
+        self.first = self.stop = 0
+
+    def append(self, rows: Floats) -> None:
+        """Append rows (n, 10): finite but for the field, with rising stamps."""
+        while len(rows):
+            used = self.stop % CHUNK
+            if used == 0:
+                self._chunks.append(np.empty((CHUNK, COLUMNS)))
+            taken = min(CHUNK - used, len(rows))
+            self._chunks[-1][used : used + taken] = rows[:taken]
+            self.stop += taken
+            rows = rows[taken:]
+
+    def between(self, start: int, stop: int) -> Floats:
+        """Return a copy (stop - start, 10) of the rows `start <= i < stop`, none of which was discarded."""
+        pieces = [np.empty((0, COLUMNS))]
+        for number in range(start // CHUNK, -(-stop // CHUNK)):
+            offset = number * CHUNK
+            pieces.append(self._chunk(number)[max(start - offset, 0) : min(stop - offset, CHUNK)])
+        return np.concatenate(pieces)
+
+    def stamp(self, sample: int) -> float:
+        """Return the stamp of a sample, s."""
+        return float(self._chunk(sample // CHUNK)[sample % CHUNK, 0])
+
+    def find_since(self, t: float, stop: int) -> int:
+        """Return the first of the samples before `stop` that is at t or later, not before `first`; or `stop`."""
+        number = (stop - 1) // CHUNK
+        while number * CHUNK > self.first and self._chunk(number)[0, 0] >= t:
+            number -= 1
+        stamps = self._chunk(number)[: stop - number * CHUNK, 0]
+        at = number * CHUNK + int(np.searchsorted(stamps, t))
+        return max(at, self.first)
+
+    def discard(self, before: int) -> None:
+        """Discard rows `i < before`, and give back their memory."""
+        first = max(self.first, min(before, self.stop))
+        self._chunks = self._chunks[first // CHUNK - self.first // CHUNK :]
+        self.first = first
+
+    def _chunk(self, number: int) -> Floats:
+        return self._chunks[number - self.first // CHUNK]
+
+
+class WalkSoFar:
+    """Footfalls that were not yet discarded, and the samples `buffer.first <= i < stop` up to the newest.
+
+    Parameters
+    ----------
+    buffer : filled by its owner.
+    with_mag : whether recordings are cut out with the magnetometer.
+    """
+
+    def __init__(self, buffer: SampleBuffer, with_mag: bool = True) -> None:
+        self._buffer, self._with_mag = buffer, with_mag
+        self.stop = 0
+        self.n_steps = 0
+        self._footfalls: list[Footfall] = []
+        self._discarded = 0
+        self._sensor: tuple[float, tuple[Floats, Floats]] | None = None
+        self._extreme = np.zeros((2, 2, 3))  # specific force and rate, upper and lower end
+
+    @property
+    def buffer(self) -> SampleBuffer:
+        """All samples that came, those behind `stop` too."""
+        return self._buffer
+
+    @property
+    def n_footfalls(self) -> int:
+        """Number of footfalls of the walk, with the discarded; `n_steps` without further pieces of a standing."""
+        return self._discarded + len(self._footfalls)
+
+    def footfall(self, number: int) -> Footfall:
+        """Return a footfall that was not discarded."""
+        return self._footfalls[number - self._discarded]
+
+    def add(self, footfall: Footfall, until: int) -> None:
+        """Append a footfall, and the samples of the buffer up to one before `until`.
+
+        Raises
+        ------
+        EstimationError
+            With samples that are not finite or out of order, or a footfall that is not among them.
+        """
+        rows = self._buffer.between(max(self.stop - 1, self._buffer.first), until)
+        self._check(rows, footfall, until)
+        for sensor, columns in enumerate((rows[:, 1:4], rows[:, 4:7])):
+            ends = columns.max(axis=0, initial=0.0), -columns.min(axis=0, initial=0.0)
+            self._extreme[sensor] = np.maximum(self._extreme[sensor], ends)
+        self.stop = until
+        self._footfalls.append(footfall)
+        self.n_steps += not footfall.continues
+
+    def discard(self, footfalls: int, samples: int) -> None:
+        """Discard all footfalls before one, and all samples before one."""
+        self._footfalls = self._footfalls[max(footfalls - self._discarded, 0) :]
+        self._discarded = max(self._discarded, footfalls)
+        self._buffer.discard(samples)
+
+    def cut_whole(self) -> Recording:
+        """Cut out all samples."""
+        recording = self._cut(self._buffer.first, self.stop)
+        self._sensor = recording.period_s, recording.clipping
+        return recording
+
+    def cut_recording(self, first: int) -> Recording:
+        """Cut out the samples from one on."""
+        return self._of_sensor(self._cut(first, self.stop))
+
+    def cut_stances(self, first_footfall: int, first: int) -> Stances:
+        """Cut out the footfalls from one on, for the recording from sample `first` on; earlier intervals are cut.
+
+        Each piece of a long standing is a footfall of its own. The statistic is 0 at the stillest samples, else 1.
+        """
+        footfalls = self._footfalls[first_footfall - self._discarded :]
+        number = np.repeat(np.arange(len(footfalls)), [len(one.start) for one in footfalls])
+        start = np.concatenate([one.start for one in footfalls]) - first
+        end = np.concatenate([one.stop for one in footfalls]) - first
+        statistic = np.ones(self.stop - first)
+        statistic[np.array([one.stillest for one in footfalls]) - first] = 0.0
+        return Stances(start, end, number, n_samples=self.stop - first, statistic=statistic)
+
+    def cut_onward(self, sample: int, until: int) -> tuple[Recording, int]:
+        """Cut out some samples before one and all up to `until`; and where in them that sample is."""
+        first = max(sample - _BEFORE, self._buffer.first)
+        return self._of_sensor(self._cut(first, until)), sample - first
+
+    def _cut(self, first: int, stop: int) -> Recording:
+        rows = self._buffer.between(first, stop)
+        mag = rows[:, 7:] if self._with_mag else None
+        return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
+
+    def _of_sensor(self, part: Recording) -> Recording:
+        """A part of the walk, clipped at the levels of the whole.
+
+        Where the whole had not clipped yet: at its own levels, if they are at the end of all readings so far. What is
+        flat in a part may be a person who stands.
+        """
+        if self._sensor is None:
+            return part
+        period_s, known = self._sensor
+        of_part = zip(part.clipping, self._extreme, strict=True)
+        at_end = (np.where(level >= AT_END * extreme, level, np.inf) for level, extreme in of_part)
+        acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(known, at_end, strict=True))
+        return part.known_by(period_s, (acc, gyr))
+
+    def _check(self, rows: Floats, footfall: Footfall, until: int) -> None:
+        """Refuse what is no walk; `rows` begin with the last one known."""
+        begins = self._footfalls[-1].stop[-1] if self._footfalls else 0
+        if not (is_in_order(footfall, int(begins)) and footfall.stop[-1] <= until):
+            raise EstimationError(
+                f"footfall {self.n_footfalls} is not one: its stances must follow those before, within the "
+                "samples, and the stillest sample must be in one of them."
+            )
+        if not np.isfinite(rows[:, :7]).all() or not (np.diff(rows[:, 0]) > 0).all():
+            raise EstimationError(
+                f"samples of footfall {self.n_footfalls} are not finite, or their stamps do not rise: leave them out."
+            )
+
+
+def is_in_order(footfall: Footfall, begins: int) -> bool:
+    """Return whether the stances of a footfall follow each other from sample `begins` on, the stillest within them."""
+    ends = np.stack([footfall.start, footfall.stop], axis=1).ravel()
+    in_order = len(ends) > 0 and ends[0] >= begins and (np.diff(ends)[::2] > 0).all() and (np.diff(ends) >= 0).all()
+    within = ((footfall.start <= footfall.stillest) & (footfall.stillest < footfall.stop)).any()
+    return bool(in_order and within)
+
+
+def rows_of(recording: Recording) -> Floats:
+    """Return the samples of a recording as rows (N, 10)."""
+    mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
+    return np.column_stack([recording.t, recording.acc, recording.gyr, mag])
