@@ -172,6 +172,6 @@ def parameters_of(method: str, preset: str = "tuned") -> object:
         from fg_nav.smoother import SmootherParameters
 
         return SmootherParameters()
-    from fg_nav.ekf.presets import parameters_of as of_filter
+    from fg_nav.ekf.presets import find_parameters as of_filter
 
     return of_filter(method, preset)

@@ -43,7 +43,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.matched import MatchedParameters, run_matched
-from fg_nav.ekf.presets import parameters_of
+from fg_nav.ekf.presets import find_parameters
 from fg_nav.frames import heading_of
 from fg_nav.lab.simulation import SCENARIOS, Scenario, SimulatedWalk, simulate
 from fg_nav.lab.simulation.sensors import IronPrior
@@ -68,7 +68,7 @@ Estimate: TypeAlias = Callable[[Recording, Stances, FootfallField, float], Solut
 
 
 def _filtered(method: str, recording: Recording, stances: Stances, field: FootfallField, heading: float) -> Solution:
-    parameters = parameters_of(method)
+    parameters = find_parameters(method)
     assert isinstance(parameters, GatedCompassParameters)
     core = replace(parameters.inertial, rest=NO_RESTS, gyro_bias_sigma_deg_s=WRONG_DEG_S)
     parameters = replace(parameters, inertial=core)

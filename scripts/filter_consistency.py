@@ -39,15 +39,13 @@ from scipy.stats import chi2
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.ekf.aiez import AiezParameters
-from fg_nav.ekf.attitude_updates import COMPASS, TILT
-from fg_nav.ekf.core import GAUGE_SIGMA, filter_walk, initial_belief, noises
-from fg_nav.ekf.covariance import ATTITUDE
-from fg_nav.ekf.evidence import Evidence, no_evidence
+from fg_nav.ekf.attitude_updates import COMPASS, TILT, PseudoMeasurements, make_pseudo_measurements
+from fg_nav.ekf.core import GAUGE_SIGMA, filter_walk, make_initial_state, make_noise_models
+from fg_nav.ekf.covariance import ATTITUDE, compute_densities
 from fg_nav.ekf.matched import MatchedParameters
-from fg_nav.ekf.noise import densities_in_motion
-from fg_nav.ekf.parameters import IezParameters
-from fg_nav.ekf.presets import Parameters, parameters_of
-from fg_nav.ekf.track import Track
+from fg_nav.ekf.parameters import ACC_BIAS_SIGMA, VELOCITY_SIGMA, IezParameters
+from fg_nav.ekf.presets import Parameters, find_parameters
+from fg_nav.ekf.rts import Track
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.mechanisation import NavState, strapdown
@@ -83,7 +81,7 @@ class Drawn:
 
     recording: Recording
     start: Start
-    evidence: Evidence
+    evidence: PseudoMeasurements
     truth: list[NavState]
 
 
@@ -106,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     motion = motion_of(chosen.scenario)
     figures: list[fig.Figure] = []
     for method in chosen.methods.split(","):
-        parameters = drawable(parameters_of(method, chosen.preset))
+        parameters = drawable(find_parameters(method, chosen.preset))
         seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
         scores = [scores_of(motion, parameters, np.random.default_rng([seed, 5])) for seed in seeds]
         figures += list(figures_of(method, scores))
@@ -212,12 +210,12 @@ def _tilt(track: Track) -> Floats:
 def drawn(motion: Motion, core: IezParameters, parameters: Parameters, rng: np.random.Generator) -> Drawn:
     """Draw a walk about a motion from the beliefs of a filter."""
     h = np.append(np.diff(motion.t), np.median(np.diff(motion.t)))
-    noise, _ = noises(core)
+    noise, _ = make_noise_models(core)
     rate = rates_of(motion.nav_R_body, h)
     velocity = velocities(motion, core, rate, h, rng)
     bias = np.radians(core.gyro_bias_sigma_deg_s) * rng.standard_normal(3)
     start, state = begun(motion, core, bias, velocity[0], rng)
-    state.acc_bias[:] = core.acc_bias_sigma * rng.standard_normal(3)
+    state.acc_bias[:] = ACC_BIAS_SIGMA * rng.standard_normal(3)
     acc, gyr, truth = np.empty((len(h), 3)), np.empty((len(h), 3)), []
     xi = rng.standard_normal((len(h), 12))
     turn, push, footfalls = np.empty((3, 3)), np.empty(3), set(motion.rows.tolist())
@@ -229,7 +227,7 @@ def drawn(motion: Motion, core: IezParameters, parameters: Parameters, rng: np.r
         strapdown(unbiased, still, rate[i], h[i], core.gravity, turn, push)
         gained = velocity[min(i + 1, len(h) - 1)] - state.velocity + np.array([0.0, 0.0, core.gravity * h[i]])
         force = np.linalg.solve(turn, gained)
-        q = densities_in_motion(noise, rate[i], gained, h[i], core.gravity)
+        q = compute_densities(noise, rate[i], gained, h[i], core.gravity)
         acc[i] = force + state.acc_bias + np.sqrt(q.acc / h[i]) * xi[i, :3]
         gyr[i] = rate[i] + state.gyro_bias + np.sqrt(q.gyr / h[i]) * xi[i, 3:6]
         strapdown(state, force + state.acc_bias, rate[i] + state.gyro_bias, h[i], core.gravity, turn, push)
@@ -247,13 +245,13 @@ def rates_of(nav_R_body: Floats, h: Floats) -> Floats:
 
 def velocities(motion: Motion, core: IezParameters, rate: Floats, h: Floats, rng: np.random.Generator) -> Floats:
     """Velocity (N, 3): in stance of a rolling foot, with the filter's noise; bent to that between the stances."""
-    _, stance = noises(core)
+    _, stance = make_noise_models(core)
     nav_rate = np.einsum("nij,nj->ni", motion.nav_R_body, rate)
     rolling = np.cross(nav_rate, [0.0, 0.0, stance.height])
     rolling += np.einsum("nij,nj->ni", motion.nav_R_body, np.cross(rate, stance.lever))
     variance = (stance.floor + stance.rolling * (rate**2).sum(axis=1)) / h
     wanted = rolling + np.sqrt(variance)[:, None] * rng.standard_normal(rolling.shape)
-    wanted[0] = core.velocity_sigma * rng.standard_normal(3)
+    wanted[0] = VELOCITY_SIGMA * rng.standard_normal(3)
     known = np.flatnonzero(motion.stands | (np.arange(len(h)) == 0))
     off = (wanted - motion.velocity)[known]
     return np.asarray(
@@ -269,22 +267,22 @@ def begun(
     rest = Rest(0, 1, bias + sigma * rng.standard_normal(3), sigma, np.zeros(3))
     attitude = motion.nav_R_body[0]
     start = Start(0, attitude, True, rest, (rest,))
-    _, P = initial_belief(start, core, GAUGE_SIGMA)
+    _, P = make_initial_state(start, core, GAUGE_SIGMA)
     error = np.sqrt(np.diag(P)) * rng.standard_normal(len(P))
     turned = Rotation.from_rotvec(error[ATTITUDE : ATTITUDE + 3]).as_matrix() @ attitude
     truth = NavState(-error[:3], velocity.copy(), attitude.copy(), bias.copy(), np.zeros(3))
     return replace(start, nav_R_body=turned), truth
 
 
-def told_at_footfalls(nav_R_body: Floats, parameters: Parameters, rng: np.random.Generator) -> Evidence:
+def told_at_footfalls(nav_R_body: Floats, parameters: Parameters, rng: np.random.Generator) -> PseudoMeasurements:
     """Compass and up at K footfalls, wrong by their sigmas, a coin deciding which compass is believed."""
     k = len(nav_R_body)
     if isinstance(parameters, IezParameters):
-        return no_evidence(k)
+        return make_pseudo_measurements(k)
     sigma = np.radians(parameters.compass_sigma_deg)
     wrong = sigma * rng.standard_normal(k)
     field = np.array([R.T @ (yaw_rotation(float(a)) @ NAV_FIELD_UT) for R, a in zip(nav_R_body, wrong, strict=True)])
-    told = no_evidence(k)._replace(
+    told = make_pseudo_measurements(k)._replace(
         body_field=field, compass_variance=np.where(rng.uniform(size=k) < 0.5, sigma**2, np.nan)
     )
     if parameters.levelled_by_force:

@@ -1,4 +1,4 @@
-"""Tune the filters on simulated walks: the preset `tuned` of `fg_nav.ekf.tuned`.
+"""Tune the filters on simulated walks: the preset `tuned` of `fg_nav.ekf.presets`.
 
     python scripts/tune_filters.py --cache DIR [--seeds N] [--methods NAME ...] [--jobs N]
     python scripts/tune_filters.py --cache DIR --core          what all share: sensor and foot
@@ -45,8 +45,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.aiez import AiezParameters, run_aiez
 from fg_nav.ekf.gated_compass import run_gated_compass
-from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, parameters_of
-from fg_nav.ekf.tuned import allowing
+from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters, scale_detector
 from fg_nav.errors import OutputError
 from fg_nav.frames import heading_of
 from fg_nav.lab.simulation import Choices, simulate
@@ -82,8 +81,8 @@ GRIDS: Mapping[str, Grid] = {
         "allowance": (0.5, *ALLOWANCES),
     },
 }
-"""Beside the physical preset's values. `allowance` and `window` are the detector's (`fg_nav.ekf.tuned.allowing`), the
-others are named as in the parameters."""
+"""Beside the physical preset's values. `allowance` and `window` are the detector's (`scale_detector` in
+`fg_nav.ekf.presets`), the others are named as in the parameters."""
 
 CORE_GRID: Grid = {
     "zero_velocity_density": (3e-4, 1e-3, 3e-3),
@@ -278,7 +277,7 @@ def errors_m(trial: Trial, walk: Walked, field: str) -> tuple[float, float]:
 
 def solved(trial: Trial, walk: Walked, field: str) -> Solution:
     """Run the filter."""
-    parameters = moved(parameters_of(trial.method, trial.preset), dict(trial.point))
+    parameters = moved(find_parameters(trial.method, trial.preset), dict(trial.point))
     seen, heading = (walk.recording, walk.stances), walk.heading if trial.told else None
     if isinstance(parameters, IezParameters):
         return run_iez(*seen, parameters, walk.heading)
@@ -293,7 +292,7 @@ def moved(parameters: Parameters, point: Point) -> Parameters:
     if isinstance(parameters, IezParameters):
         return replace(parameters, **inertial)
     window = point.get("window")
-    detector = allowing(parameters.detector, point.get("allowance", 1.0), None if window is None else int(window))
+    detector = scale_detector(parameters.detector, point.get("allowance", 1.0), None if window is None else int(window))
     own: dict[str, Any] = {name: value for name, value in point.items() if name not in INERTIAL | DETECTORS_OWN}
     core = replace(parameters.inertial, **inertial)
     return replace(parameters, detector=detector, inertial=core, **own)
@@ -388,7 +387,7 @@ def with_physical(method: str, grid: Grid) -> Grid:
 
 def physical(method: str, grid: Grid) -> Point:
     """Where the grid's parameters are in the physical preset."""
-    parameters = parameters_of(method, PHYSICAL)
+    parameters = find_parameters(method, PHYSICAL)
     return {name: value_of(parameters, name) for name in grid}
 
 

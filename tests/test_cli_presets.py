@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.ekf import tuned
 from fg_nav.ekf.aiez import AiezParameters
 from fg_nav.ekf.gated_compass import GatedCompassParameters
-from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, parameters_of
+from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, TUNED_PARAMETERS, find_parameters
 from fg_nav.errors import EstimationError
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
@@ -54,7 +53,7 @@ def test_each_filter_runs_in_each_preset(session: Session, method: str) -> None:
 def test_compare_takes_filters_beside_the_smoother_which_has_no_presets(fg_nav: FgNav, walk: Path) -> None:
     ran = fg_nav("compare", walk, "--methods", "smoother,aiez", "--preset", "as-printed", "--out", "out")
     assert ran.code == 0, ran.err
-    assert used(Path("out/aiez"))["curve_is_zero"] is True
+    assert used(Path("out/aiez"))["hdr_as_printed"] is True
 
 
 def test_run_takes_a_preset_and_says_what_of_it_is_not_run(fg_nav: FgNav, walk: Path) -> None:
@@ -75,40 +74,39 @@ def test_a_filter_without_a_magnetometer_is_refused(fg_nav: FgNav, walk: Path) -
 
 def test_tuned_is_the_default_and_physical_where_nothing_is_tuned() -> None:
     for method in FILTERS:
-        assert parameters_of(method) == parameters_of(method, TUNED)
-        assert (parameters_of(method, TUNED) == parameters_of(method, PHYSICAL)) == (method not in tuned.TUNED)
+        assert find_parameters(method) == find_parameters(method, TUNED)
+        assert (find_parameters(method, TUNED) == find_parameters(method, PHYSICAL)) == (method not in TUNED_PARAMETERS)
 
 
 def test_unknown_filters_and_presets_are_refused() -> None:
     with pytest.raises(EstimationError, match=r"no preset 'physical' of 'smoother': .*aiez, matched"):
-        parameters_of("smoother", PHYSICAL)
+        find_parameters("smoother", PHYSICAL)
     with pytest.raises(EstimationError, match=r"no preset 'as-printed' of 'matched-rts': .*aiez\."):
-        parameters_of("matched-rts", AS_PRINTED)
+        find_parameters("matched-rts", AS_PRINTED)
     with pytest.raises(EstimationError, match="no preset 'best'"):
-        parameters_of("iez", "best")
+        find_parameters("iez", "best")
 
 
 def test_as_printed_has_the_figures_of_the_papers() -> None:
-    ma, zhang = parameters_of("ma2018", AS_PRINTED), parameters_of("aiez", AS_PRINTED)
+    ma, zhang = find_parameters("ma2018", AS_PRINTED), find_parameters("aiez", AS_PRINTED)
     assert isinstance(ma, GatedCompassParameters)
     assert ma.detector.threshold == 170.0
     assert ma.detector.window == 3
     assert ma.compass_sigma_deg == pytest.approx(3.84, abs=0.01)  # 0.067 rad
     assert isinstance(zhang, AiezParameters)
-    assert zhang.curve_is_zero
-    assert not zhang.course_by_path
+    assert zhang.hdr_as_printed
     assert not zhang.detector.laying.in_test
 
 
 def test_physical_believes_what_its_detector_of_the_same_name_passes() -> None:
     for method in GATED:
-        parameters = parameters_of(method, PHYSICAL)
+        parameters = find_parameters(method, PHYSICAL)
         assert isinstance(parameters, GatedCompassParameters)
         assert parameters.detector == DETECTORS[method]
 
 
 def test_aiez_tests_the_compass_with_the_sigma_it_takes_it_in_with() -> None:
-    parameters = parameters_of("aiez", PHYSICAL)
+    parameters = find_parameters("aiez", PHYSICAL)
     assert isinstance(parameters, AiezParameters)
     offset, strength_rate = parameters.detector.channels
     assert np.degrees(offset.sigma) == pytest.approx(parameters.compass_sigma_deg)

@@ -12,7 +12,8 @@ from scipy.stats import chi2
 
 from fg_nav.ekf import IezParameters
 from fg_nav.ekf.matched import MATCHED
-from fg_nav.ekf.presets import parameters_of
+from fg_nav.ekf.parameters import STANCE_CORRELATION_S
+from fg_nav.ekf.presets import find_parameters
 from tests.ekf.motion import Walk
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
@@ -46,7 +47,7 @@ def scores(motion, parameters, told=None, seed=7):
 
 @pytest.mark.parametrize("method", ["iez", "ma2018", "aiez", "matched"])
 def test_filter_and_smoother_are_as_sure_as_they_may_be(motion, method):
-    found = scores(motion, consistency.drawable(parameters_of(method, "physical")))
+    found = scores(motion, consistency.drawable(find_parameters(method, "physical")))
     for name in found[0].nis:
         number = sum(score.nis[name][1] for score in found)
         low, high = bounds(number)
@@ -73,7 +74,7 @@ def test_the_drawn_foot_stands_as_the_filter_believes(motion):
     turned = Rotation.from_matrix(motion.nav_R_body[i].T @ motion.nav_R_body[i + 1]).as_rotvec()
     rate = turned / h
     rolling = motion.nav_R_body[i] @ np.cross(rate, [0.0, 0.0, 0.08])
-    variance = (core.zero_velocity_density**2 + core.roll_sigma_m**2 * 2 * core.roll_correlation_s * rate @ rate) / h
+    variance = (core.zero_velocity_density**2 + core.roll_sigma_m**2 * 2 * STANCE_CORRELATION_S * rate @ rate) / h
     assert np.abs(walk.truth[k].velocity - rolling).max() < 4 * np.sqrt(variance)
     np.testing.assert_allclose(walk.truth[k].nav_R_body, motion.nav_R_body[i], atol=1e-9)
 

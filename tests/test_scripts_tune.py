@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.ekf.presets import PHYSICAL, TUNED, parameters_of
-from fg_nav.ekf.tuned import allowing
+from fg_nav.ekf.presets import PHYSICAL, TUNED, find_parameters, scale_detector
 from fg_nav.errors import OutputError
 from fg_nav.magnetic import DETECTORS
 from fg_nav.recording import Recording, TrajectoryTruth
@@ -81,17 +80,17 @@ def test_the_search_begins_at_the_physical_preset_and_can_all_but_turn_the_compa
         start = tune.physical(method, grid)
         assert all(start[name] in values for name, values in tune.with_physical(method, grid).items())
         assert max(grid["compass_sigma_deg"]) >= 90.0
-        assert tune.moved(parameters_of(method, PHYSICAL), start) == parameters_of(method, PHYSICAL)
+        assert tune.moved(find_parameters(method, PHYSICAL), start) == find_parameters(method, PHYSICAL)
 
 
 def test_an_allowance_lets_pass_what_is_that_many_times_larger():
     detector = DETECTORS["ma2018"]
     window = np.random.default_rng(1).normal(size=(50, 3, detector.rows)) * 3.0
-    wider = allowing(detector, 2.0)
+    wider = scale_detector(detector, 2.0)
     sigma, wide = (np.array([c.sigma for c in d.channels])[:, None] for d in (detector, wider))
     passes = detector.statistic(window / sigma) < detector.threshold
     assert np.array_equal(passes, wider.statistic(2.0 * window / wide) < wider.threshold)
-    assert allowing(detector, 1.0, 5).window == 5
+    assert scale_detector(detector, 1.0, 5).window == 5
 
 
 def test_averaging_keeps_what_is_integrated_and_measured():

@@ -1,28 +1,29 @@
-"""AIEZ (Zhang et al. 2017): the IEZ, upright by the accelerometer, its heading by the compass or by a straight course.
+"""AIEZ (Zhang et al. 2017): the IEZ with tilt by the accelerometer, and heading by the compass or a straight course.
 
     each footfall
-        take in the direction of up that the mean specific force tells                          (Eq. 19-22)
-        QMD = T < threshold: the compass agrees with the heading, and |B| stands still           (Eq. 8-18)
-        if QMD: take in the heading of the levelled field                                        (Eq. 23-26)
-        else if |change| <= xi: take in that the heading did not change (HDR)                    (Eq. 27-28)
+        update by the direction of up of the mean specific force                    AIEZ (19)-(22)
+        QMD = T < threshold: the compass agrees with the heading, |B| is constant   AIEZ (8)-(18)
+        if QMD: update by the heading of the levelled field                          AIEZ (23)-(26)
+        else if |change| <= xi: update by an unchanged course (HDR)                  AIEZ (27), (28)
         else nothing: it was a curve
-    else as the IEZ                                                                              (Eq. 1-7, 29-32)
+    else as the IEZ                                                                  AIEZ (1)-(7), (29)-(32)
 
-T is that of the detector, with the heading of this filter and S = var + sigma^2 in place of the sigma^2 of Eq. 17, or
-else the drift locks the compass out for good. The detector `aiez` of `fg_nav.magnetic`, which all methods share, has
-only the drifting heading of the gyroscope and follows wrong compasses further, for it knows less of its own doubt.
+T is that of the detector, with the heading of this filter and S = var + sigma^2 in place of the sigma^2 of AIEZ (17):
+with that alone the drift locks the compass out for good. The detector `aiez` of `fg_nav.magnetic`, which all methods
+share, has only the drifting heading of the gyroscope, knows less of its uncertainty, and follows wrong compasses
+further.
 
-The course is that of the stride, held against the mean of the n last ones; the heading of the standing foot, as
-printed, scatters more (1.8 against 1.3 deg, half of them within), for it is not put down the same way twice. What bends
-by less than xi is a straight line to HDR: of 36 deg in 60 strides it takes off 6, of 60 deg nothing; with xi of 5 deg
-and a sigma of 1 deg, 16 and 26. The first strides of a turn suffer the same. So xi is small and the sigma is not.
+The course is that of the stride, its change taken from the mean of the n last ones; the heading of the standing foot,
+as printed, scatters more (1.8 against 1.3 deg, half of them within), for it is not put down the same way twice. HDR
+takes a bend of less than xi for a straight line: of 36 deg in 60 strides it removes 6, of 60 deg nothing; with xi of
+5 deg and a sigma of 1 deg, 16 and 26. The first strides of a turn suffer the same. So xi is small and the sigma is not.
 
-HDR has the row of the compass but tells no heading, only that the filter's own goes on: held to it, the filter grows
-surer of a heading than anything has told it, and slower to believe the next compass.
+HDR has the row of the compass but measures no heading, only that the filter's own stays constant: its variance falls
+below that of any measured heading, and the next compass weighs less.
 
-Read otherwise than printed (`fg_nav.ekf.printed` has the printed forms): errors of roll and pitch are rotations about
-axes of nav (Eq. 22, 29); angles are wrapped (Eq. 26, 27); a curve is no measurement, where Eq. 28 takes zero with the
-sigma of a straight line (`curve_is_zero` does so); the compass has the sign of `fg_nav.magnetic.compass` (Eq. 25).
+Read otherwise than printed: errors of roll and pitch are rotations about axes of nav, AIEZ (22), (29); angles are
+wrapped, AIEZ (26), (27); a curve is no measurement, where AIEZ (28), (32) take zero with the sigma of a straight line
+(`hdr_as_printed` does so); the compass has the sign of `fg_nav.magnetic.compass`, AIEZ (25).
 
 Reference: Zhang, Guo, Liu (2017), "Pedestrian Dead Reckoning system using quasi-static magnetic field detection".
 """
@@ -35,11 +36,16 @@ from time import perf_counter
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.attitude_updates import AGREEMENT, COURSE
-from fg_nav.ekf.core import compiled
-from fg_nav.ekf.evidence import Evidence
-from fg_nav.ekf.gated_compass import GatedCompassParameters, compass_evidence, needed, passed, solved
-from fg_nav.ekf.track import Track
+from fg_nav.ekf.attitude_updates import AGREEMENT, COURSE, PseudoMeasurements
+from fg_nav.ekf.core import compile_filter
+from fg_nav.ekf.gated_compass import (
+    GatedCompassParameters,
+    filter_with_compass,
+    make_compass_solution,
+    measure_compass,
+    require_field,
+)
+from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import Detector, FieldVerdicts, FootfallField
 from fg_nav.magnetic.channels import OFFSET, Channel
@@ -55,33 +61,31 @@ AGREEING = replace(
         *(channel for channel in DETECTORS["aiez"].channels if channel.name != OFFSET),
     ),
 )
-"""The detector `aiez` as the filter's own test, with the sigma with which the compass is then taken in.
+"""The detector `aiez` as the filter's own test, with the sigma of the compass's update.
 
-S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass: who believes only what agrees
-with him is never told that he is wrong. The price are magnets that turn the compass by less than 25 deg.
+S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass, and a filter whose heading is
+wrong by more rejects every right compass. The price are magnets that turn the compass by less than 25 deg.
 """
 
+COURSE_STRIDES = 5
+"""n of AIEZ (27): strides before, whose mean is the reference of the course."""
 
-TOLD_THE_START = "here the compass tells the heading at the start"
+START_COMPASS = "here the compass gives the heading at the start"
 """Reason not to test it."""
 
 
 @dataclass(frozen=True)
 class AiezParameters(GatedCompassParameters):
-    """What the filter believes; Zhang gives no value, so ranges are those of the literature."""
+    """Noises and limits; Zhang gives no value, so ranges are those of the literature."""
 
     tilt_sigma_deg: float = 1.5
-    """Of the direction of up that a stance's force tells: 0.25 m/s^2 of motion is taken for gravity."""
+    """Of the direction of up by a stance's force: 0.25 m/s^2 of motion is taken for gravity."""
     course_sigma_deg: float = 4.0
-    """Of the course going on as it was: strides scatter by 1.5 to 2 deg, and n changes in a row share their strides."""
+    """Of an unchanged course: strides scatter by 1.5 to 2 deg, and n changes in a row share their strides."""
     course_limit_deg: float = 2.5
     """xi: a change beyond this is a curve; twice the scatter of strides on a straight line."""
-    course_strides: int = 5
-    """n: strides before, whose mean the course is held against."""
-    course_by_path: bool = True
-    """The course is that of the stride; False for the heading of the standing foot."""
-    curve_is_zero: bool = False
-    """Take a change of zero for measured in a curve, as printed."""
+    hdr_as_printed: bool = False
+    """AIEZ (27), (28) as printed: the course is the heading of the standing foot, and a curve measures zero change."""
 
 
 def run_aiez(
@@ -99,7 +103,7 @@ def run_aiez(
     recording, stances : of one walk.
     field : at its footfalls.
     parameters : AiezParameters
-    heading : rad clockwise from north, of the body's x axis at the start; None to ask the compass.
+    heading : rad clockwise from north, of the body's x axis at the start; None to take it from the compass.
     method : its name in the solution.
 
     Raises
@@ -107,18 +111,18 @@ def run_aiez(
     EstimationError
         Without a field, without a stance, with stances of another recording, or where the filter diverges.
     """
-    known = needed(field, method)
-    compiled()
+    measured = require_field(field, method)
+    compile_filter()
     began = perf_counter()
-    steady = steadiness(known, parameters.detector)
-    evidence = aiez_evidence(known, steady, parameters)
-    track, start = passed(recording, stances, known, parameters, heading, evidence)
-    verdicts = verdicts_of(track, steady, parameters.detector)
-    return solved(recording, stances, track, start, verdicts, parameters, method, began)
+    steady = compute_steadiness(measured, parameters.detector)
+    pseudo = make_aiez_measurements(measured, steady, parameters)
+    track, start = filter_with_compass(recording, stances, measured, parameters, heading, pseudo)
+    verdicts = make_verdicts(track, steady, parameters.detector)
+    return make_compass_solution(recording, stances, track, start, verdicts, parameters, method, began)
 
 
-def steadiness(field: FootfallField, detector: Detector) -> Floats:
-    """(F,) the part of T (Eq. 17) that is not the heading's; NaN where too little of the field was measured.
+def compute_steadiness(field: FootfallField, detector: Detector) -> Floats:
+    """(F,) the part of T, AIEZ (17), that is not the heading's; NaN where too little of the field was measured.
 
     Raises
     ------
@@ -135,37 +139,39 @@ def steadiness(field: FootfallField, detector: Detector) -> Floats:
     return np.asarray(sum(((c.values(field) / c.sigmas(field)) ** 2 for c in others), start=total))
 
 
-def aiez_evidence(field: FootfallField, steady: Floats, parameters: AiezParameters) -> Evidence:
-    """Up at every footfall, the compass to be tested where there was a field, and the course for the rest."""
+def make_aiez_measurements(field: FootfallField, steady: Floats, parameters: AiezParameters) -> PseudoMeasurements:
+    """AIEZ (31), (32): up at every footfall, the compass where there is a field, to be tested, and else the course."""
     n, detector = len(field), parameters.detector
     channel = next(c for c in detector.channels if c.name == OFFSET)
-    return compass_evidence(field, np.isfinite(steady), parameters)._replace(
+    return measure_compass(field, np.isfinite(steady), parameters)._replace(
         compass_limit=detector.threshold - steady,
         agreement=channel.sigma**2,
-        own_doubt=detector.laying.in_test,
+        use_own_variance=detector.laying.in_test,
         tilt_variance=np.full(n, np.radians(parameters.tilt_sigma_deg) ** 2),
         course_variance=np.full(n, np.radians(parameters.course_sigma_deg) ** 2),
         course_limit=float(np.radians(parameters.course_limit_deg)),
-        course_strides=parameters.course_strides,
-        course_by_path=parameters.course_by_path,
-        curve_is_zero=parameters.curve_is_zero,
+        course_strides=COURSE_STRIDES,
+        course_by_path=not parameters.hdr_as_printed,
+        curve_is_zero=parameters.hdr_as_printed,
     )
 
 
-def verdicts_of(track: Track, steady: Floats, detector: Detector) -> FieldVerdicts:
-    """What the filter found of the field on its way; `steady` (F,) as from `steadiness`."""
+def make_verdicts(track: Track, steady: Floats, detector: Detector) -> FieldVerdicts:
+    """Verdicts on the field by the filter's own test, AIEZ (18); `steady` (F,) as from `compute_steadiness`."""
     heading = track.innovation[:, AGREEMENT] ** 2
     statistic = (heading + steady) / detector.threshold
-    reasons = tuple(_reason(*row) for row in zip(heading, steady, statistic, track.innovation[:, COURSE], strict=True))
+    reasons = tuple(
+        _describe(*row) for row in zip(heading, steady, statistic, track.innovation[:, COURSE], strict=True)
+    )
     return FieldVerdicts(detector.name, statistic, detector.threshold, reasons)
 
 
-def _reason(heading: float, steady: float, statistic: float, course: float) -> str:
+def _describe(heading: float, steady: float, statistic: float, course: float) -> str:
     held = "" if np.isnan(course) else "; held to the course"
     if np.isnan(steady):
         return f"{TOO_LITTLE}{held}"
     if np.isnan(statistic):
-        return f"{TOLD_THE_START}{held}"
+        return f"{START_COMPASS}{held}"
     parts = (
         f"compass {np.sqrt(heading):.2g} sigma from the filter's heading, strength {np.sqrt(steady):.2g} from steady"
     )

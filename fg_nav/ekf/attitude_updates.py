@@ -1,137 +1,185 @@
-"""Corrections of the attitude at a footfall: the compass, the direction of up, and a course that goes on.
+"""Updates of the attitude at a footfall: the compass, the direction of up, and a course that stays straight.
 
 The error dphi is a rotation in nav, R_estimate = Exp(dphi) R_true (`fg_nav.ekf.covariance`), so that a vector v of nav
 is seen by the estimate as v + dphi x v.
 
-=========== ================================== ==================================================================
-measured    residual z                          row of H on dphi
-=========== ================================== ==================================================================
-field b     atan2(-b_e, b_n) + declination      (-b_e b_u, -b_n b_u, H^2) / H^2,  H^2 = b_e^2 + b_n^2
-heading     the compass's, less the estimate's  (0, 0, 1)
-force f     (-f_n, f_e) / |f|                   (1, 0, 0) and (0, 1, 0)
-course      the mean course before, less this   (0, 0, 1)
-=========== ================================== ==================================================================
+=========== ================================== =========================================== ============================
+measured    residual z                          row of H on dphi                            source
+=========== ================================== =========================================== ============================
+field b     atan2(-b_e, b_n) + declination      (-b_e b_u, -b_n b_u, H^2) / H^2             Ma (34)-(36), AIEZ (25)
+heading     the compass's less the estimate's   (0, 0, 1)                                   the same
+force f     (-f_n, f_e) / |f|                   (1, 0, 0) and (0, 1, 0)                     AIEZ (19)-(22)
+course      mean course before less this one    (0, 0, 1)                                   AIEZ (27), (28)
+=========== ================================== =========================================== ============================
 
-The heading is clockwise and dphi_u counter-clockwise: an estimate turned too far to the left sees north to its right.
-The first two entries of the field's row are what a wrong tilt makes of the inclined field. The papers level the field
-by the accelerometer instead and compare headings, which leaves a stance's errors of tilt in the compass (Ma 2018, Eq.
-36; Zhang, Eq. 29, which besides takes errors of Euler angles for dphi).
+with H^2 = b_e^2 + b_n^2. The heading is clockwise and dphi_u counter-clockwise: an estimate turned too far to the left
+sees north to its right. The first two entries of the field's row are the effect of a wrong tilt on the inclined field.
+The papers level the field by the accelerometer instead and compare headings, which leaves a stance's tilt errors in the
+compass; Ma (36) prints the heading's row on the gyro bias, AIEZ (29) takes errors of Euler angles for dphi. Angles are
+wrapped, which AIEZ (26), (27) do not say. In a curve nothing is measured, where AIEZ (28), (32) have a zero with the
+sigma of a straight line (`curve_is_zero`).
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.ekf.covariance import ATTITUDE, SIZE
-from fg_nav.ekf.evidence import Evidence
-from fg_nav.ekf.update import correct_component_traced, correct_traced
+from fg_nav.ekf.update import update_component_traced, update_row_traced
 
 COMPASS, TILT, COURSE, AGREEMENT = 0, 1, 2, 3
-"""Columns of the standardised innovations; that of the tilt is the root of half its NIS. By the last the compass is
-tested: it stands where the compass was refused, too."""
+"""Columns of the standardized innovations; TILT is the root of half its NIS. AGREEMENT is the innovation by which the
+compass is tested; it is written where the compass is rejected, too."""
 
 SHORTEST_STRIDE_M = 0.3
-"""Of anything shorter the direction is that of a foot shifted about."""
+"""A shorter displacement has no course: the foot was only shifted."""
+
+
+class PseudoMeasurements(NamedTuple):
+    """Measurements of the attitude at K footfalls, one row each, in the body frame of the stillest sample of each.
+
+    A variance of NaN leaves a row out.
+
+    ================= ====== =========================================================================================
+    body_field        (K, 3) uT, mean over the stance
+    body_force        (K, 3) m/s^2, mean specific force over the stance
+    compass_heading   (K,)   rad clockwise from magnetic north, levelled by the force; NaN to level by the attitude
+    compass_variance  (K,)   rad^2, of the heading of the field
+    compass_limit     (K,)   the compass is used where z^2 < limit (var dphi_u + agreement); inf to use it always
+    tilt_variance     (K,)   rad^2, of the direction of up by the force
+    course_variance   (K,)   rad^2, of the course staying straight (HDR), used where the compass is not
+    course_limit      rad    a change of course beyond this is a curve
+    course_strides    -      footfalls before, whose mean course is the reference
+    curve_is_zero     -      measure a change of zero in a curve, AIEZ (28) as printed; False for no measurement
+    course_by_path    -      a course is that of the stride; False for the heading of the standing foot
+    agreement         rad^2, variance of a right compass against the true heading
+    use_own_variance  -      count var dphi_u in that test; False for the agreement alone, as printed
+    declination       rad    of magnetic north, clockwise from the north of nav
+    ================= ====== =========================================================================================
+    """
+
+    body_field: Floats
+    body_force: Floats
+    compass_heading: Floats
+    compass_variance: Floats
+    compass_limit: Floats
+    tilt_variance: Floats
+    course_variance: Floats
+    course_limit: float = 0.0
+    course_strides: int = 0
+    curve_is_zero: bool = False
+    course_by_path: bool = False
+    agreement: float = 1.0
+    use_own_variance: bool = True
+    declination: float = 0.0
+
+
+def make_pseudo_measurements(footfalls: int) -> PseudoMeasurements:
+    """Pseudo-measurements of which none is used."""
+    vectors, nothing = np.full((footfalls, 3), np.nan), np.full(footfalls, np.nan)
+    return PseudoMeasurements(vectors, vectors, nothing, nothing, np.full(footfalls, np.inf), nothing, nothing)
 
 
 @njit(cache=True)
-def correct_at_footfall(
+def update_at_footfall(
     nav_R_body: Floats,
     P: Floats,
     x: Floats,
     k: int,
     direction: float,
     before: Floats,
-    evidence: Evidence,
-    aside: Floats,
+    pseudo: PseudoMeasurements,
+    considered: Floats,
     innovation: Floats,
     traces: Floats,
 ) -> None:
-    """Take what footfall `k` says into the error `x` (15,) and `P`.
+    """Update the error `x` (15,) and `P` by the pseudo-measurements of footfall `k`.
 
     `direction` is the course, rad, and `before` (k,) those at the footfalls before, NaN where there is none
-    (`direction_at`). `aside` (15,) is a doubt of one sigma that P does not have yet: the first compass that is believed
-    puts it in, and sets it to zero. `innovation` (4,) is written where something was said, and `traces` (3, 32) have
-    the corrections in their order, tilt about east and north before the heading.
+    (`compute_direction`). `considered` (15,) is the error of one sigma of a considered (Schmidt) state that P does not
+    contain yet: the first compass that is used adds it to P and sets it to zero. `innovation` (4,) is written where a
+    row was used, and `traces` (3, 32) have the updates in their order, tilt about east and north before the heading.
     """
-    if np.isfinite(evidence.tilt_variance[k]):
-        innovation[TILT] = _correct_tilt(nav_R_body, P, x, evidence.body_force[k], evidence.tilt_variance[k], traces)
-    if np.isfinite(evidence.compass_variance[k]):
-        _correct_compass(nav_R_body, P, x, k, evidence, aside, innovation, traces[2])
-    believed = np.isfinite(innovation[COMPASS])
-    if not believed and np.isfinite(evidence.course_variance[k]) and k >= evidence.course_strides:
-        turned = turn_since(direction, before[k - evidence.course_strides : k])
-        straight = abs(turned) <= evidence.course_limit
-        if straight or evidence.curve_is_zero:
-            z, variance = -turned if straight else 0.0, evidence.course_variance[k]
-            innovation[COURSE] = correct_component_traced(P, x, ATTITUDE + 2, z, variance, traces[2])
+    if np.isfinite(pseudo.tilt_variance[k]):
+        innovation[TILT] = _update_by_tilt(nav_R_body, P, x, pseudo.body_force[k], pseudo.tilt_variance[k], traces)
+    if np.isfinite(pseudo.compass_variance[k]):
+        _update_by_compass(nav_R_body, P, x, k, pseudo, considered, innovation, traces[2])
+    compass_used = np.isfinite(innovation[COMPASS])
+    if not compass_used and np.isfinite(pseudo.course_variance[k]) and k >= pseudo.course_strides:
+        change = compute_turn(direction, before[k - pseudo.course_strides : k])
+        straight = abs(change) <= pseudo.course_limit
+        if straight or pseudo.curve_is_zero:
+            z, variance = -change if straight else 0.0, pseudo.course_variance[k]
+            innovation[COURSE] = update_component_traced(P, x, ATTITUDE + 2, z, variance, traces[2])
 
 
 @njit(cache=True)
-def _correct_compass(
+def _update_by_compass(
     nav_R_body: Floats,
     P: Floats,
     x: Floats,
     k: int,
-    evidence: Evidence,
-    aside: Floats,
+    pseudo: PseudoMeasurements,
+    considered: Floats,
     innovation: Floats,
     trace: Floats,
 ) -> None:
     h = np.zeros(SIZE)
     h[ATTITUDE + 2] = 1.0
-    if np.isfinite(evidence.compass_heading[k]):
-        told = evidence.compass_heading[k] - heading_at(nav_R_body)
+    if np.isfinite(pseudo.compass_heading[k]):
+        difference = pseudo.compass_heading[k] - compute_heading(nav_R_body)
     else:
-        east, north, up = nav_R_body @ evidence.body_field[k]
-        told = np.arctan2(-east, north)
+        east, north, up = nav_R_body @ pseudo.body_field[k]
+        difference = np.arctan2(-east, north)
         level = east * east + north * north
         h[ATTITUDE], h[ATTITUDE + 1] = -east * up / level, -north * up / level
-    z = wrapped(told + evidence.declination)
-    own = P[ATTITUDE + 2, ATTITUDE + 2] + aside[ATTITUDE + 2] ** 2 if evidence.own_doubt else 0.0
-    innovation[AGREEMENT] = z / np.sqrt(own + evidence.agreement)
-    if innovation[AGREEMENT] ** 2 < evidence.compass_limit[k]:
-        P += np.outer(aside, aside)
-        aside[:] = 0.0
-        innovation[COMPASS] = correct_traced(P, x, h, z, evidence.compass_variance[k], trace)
+    z = wrap_angle(difference + pseudo.declination)
+    own = P[ATTITUDE + 2, ATTITUDE + 2] + considered[ATTITUDE + 2] ** 2 if pseudo.use_own_variance else 0.0
+    innovation[AGREEMENT] = z / np.sqrt(own + pseudo.agreement)
+    if innovation[AGREEMENT] ** 2 < pseudo.compass_limit[k]:
+        P += np.outer(considered, considered)
+        considered[:] = 0.0
+        innovation[COMPASS] = update_row_traced(P, x, h, z, pseudo.compass_variance[k], trace)
 
 
 @njit(cache=True)
-def _correct_tilt(nav_R_body: Floats, P: Floats, x: Floats, force: Floats, variance: float, traces: Floats) -> float:
+def _update_by_tilt(nav_R_body: Floats, P: Floats, x: Floats, force: Floats, variance: float, traces: Floats) -> float:
     east, north, up = nav_R_body @ force
     strength = np.sqrt(east * east + north * north + up * up)
-    first = correct_component_traced(P, x, ATTITUDE, -north / strength, variance, traces[0])
-    second = correct_component_traced(P, x, ATTITUDE + 1, east / strength, variance, traces[1])
+    first = update_component_traced(P, x, ATTITUDE, -north / strength, variance, traces[0])
+    second = update_component_traced(P, x, ATTITUDE + 1, east / strength, variance, traces[1])
     return float(np.sqrt((first * first + second * second) / 2))
 
 
 @njit(cache=True)
-def turn_since(direction: float, before: Floats) -> float:
-    """How far a direction is clockwise of the mean of those `before` (n,), rad; all are clockwise from north."""
+def compute_turn(direction: float, before: Floats) -> float:
+    """How far a direction is clockwise of the mean of those `before` (n,), rad: the left side of AIEZ (27), wrapped."""
     total = 0.0
     for earlier in before:
-        total += wrapped(direction - earlier)
+        total += wrap_angle(direction - earlier)
     return total / len(before)
 
 
 @njit(cache=True)
-def direction_at(nav_R_body: Floats, step: Floats, by_path: bool) -> float:
+def compute_direction(nav_R_body: Floats, step: Floats, by_path: bool) -> float:
     """Heading (rad) of the standing foot, or of the stride `step` (3,) m to it: NaN for less than a stride."""
     if not by_path:
-        return heading_at(nav_R_body)
+        return compute_heading(nav_R_body)
     length = np.sqrt(step[0] ** 2 + step[1] ** 2)
     return float(np.arctan2(step[0], step[1])) if length > SHORTEST_STRIDE_M else np.nan
 
 
 @njit(cache=True)
-def heading_at(nav_R_body: Floats) -> float:
+def compute_heading(nav_R_body: Floats) -> float:
     """Heading of the body's x axis, rad clockwise from north."""
     return float(np.arctan2(nav_R_body[0, 0], nav_R_body[1, 0]))
 
 
 @njit(cache=True)
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     """An angle in rad from -pi to below pi; `fg_nav.frames.wrap` in compiled code."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

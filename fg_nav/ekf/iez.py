@@ -1,4 +1,4 @@
-"""IEZ: strapdown navigation, corrected while the foot stands (INS + EKF + ZUPT): the core and nothing else.
+"""IEZ: strapdown navigation, updated while the foot stands (INS + EKF + ZUPT): the core and nothing else.
 
 References: Foxlin (2005), "Pedestrian tracking with shoe-mounted inertial sensors"; Jimenez et al. (2010),
 "Indoor pedestrian navigation using an INS/EKF framework for yaw drift reduction and a foot-mounted IMU".
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from time import perf_counter
 
-from fg_nav.ekf.core import compiled, filter_walk, solution_of, start_note
+from fg_nav.ekf.core import compile_filter, describe_start, filter_walk, make_solution
 from fg_nav.ekf.parameters import IezParameters
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
@@ -43,10 +43,10 @@ def run_iez(
         Without a stance, with stances of another recording, without gravity in the specific force, or where
         the filter diverges to infinity.
     """
-    compiled()
+    compile_filter()
     began = perf_counter()
     start = starting_point(recording, stances, heading, parameters.rest)
     rows = stances.stillest(recording.gyr)
     track = filter_walk(recording, stances.mask, rows, start, parameters)
-    note, unused = start_note(recording, start, parameters), (("none",) * len(rows), (UNUSED,) * len(rows))
-    return solution_of(recording, stances, track, unused, asdict(parameters), "iez", began, note)
+    note, unused = describe_start(recording, start, parameters), (("none",) * len(rows), (UNUSED,) * len(rows))
+    return make_solution(recording, stances, track, unused, asdict(parameters), "iez", began, note)

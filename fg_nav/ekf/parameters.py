@@ -1,7 +1,7 @@
-"""What every filter believes about sensor and foot; what it makes of the field is its own affair.
+"""Sensor and foot as every filter models them; what it makes of the field is its own parameter.
 
 All noises are densities: a white error of s a sample at rate f has the density s / sqrt(f), and the result
-does not hang on the sampling rate.
+does not depend on the sampling rate.
 """
 
 from __future__ import annotations
@@ -11,10 +11,23 @@ from dataclasses import dataclass, field
 from fg_nav.detection import RestParameters
 from fg_nav.frames import GRAVITY_M_S2
 
+STANCE_CORRELATION_S = 0.04
+"""Time over which the rolling lever, and a velocity from a force that is not gravity, stay the same: part of a stance.
+It equals half the spacing of the smoother's velocity factors (`fg_nav.ekf.matched`)."""
+
+ACC_BIAS_SIGMA = 0.02
+"""Accelerometer bias, m/s^2 (2 mg)."""
+
+ACC_BIAS_WALK = 1e-4
+"""Its random walk, m/s^2/sqrt(s)."""
+
+VELOCITY_SIGMA = 0.01
+"""Velocity at the start, in stance, m/s."""
+
 
 @dataclass(frozen=True)
 class IezParameters:
-    """What the filter believes about sensor and foot; `OPENSHOE` has the values of the literature."""
+    """Noises of sensor and foot; `OPENSHOE` has the values of the literature."""
 
     acc_density: float = 0.02
     """White error of the specific force, m/s^2/sqrt(Hz). Sheets say 0.001; impacts ring on."""
@@ -34,22 +47,12 @@ class IezParameters:
     """From the point about which the foot rolls to the sensor, body frame, m; None for the height straight up."""
     roll_sigma_m: float = 0.05
     """Uncertainty of that lever, in any direction, m."""
-    roll_correlation_s: float = 0.04
-    """Time over which it stays the same, s: a part of a stance."""
     unsteady_s: float = 0.0
     """Time for which a specific force that is not gravity may already have lasted in stance, s; 0 to leave it out."""
-    unsteady_correlation_s: float = 0.04
-    """Time over which the velocity that it made stays the same, s."""
     gyro_bias_sigma_deg_s: float = 0.2
     """Gyro bias of a calibrated sensor, deg/s, before a rest has measured it."""
     gyro_bias_walk_deg_s: float = 1e-4
     """Its random walk, deg/s/sqrt(s): 0.004 deg/s in half an hour."""
-    acc_bias_sigma: float = 0.02
-    """Accelerometer bias, m/s^2 (2 mg)."""
-    acc_bias_walk: float = 1e-4
-    """Its random walk, m/s^2/sqrt(s)."""
-    velocity_sigma: float = 0.01
-    """Velocity at the start, in stance, m/s."""
     tilt_sigma_rest_deg: float = 0.3
     """Tilt after levelling at rest, deg: the accelerometer bias, with a margin."""
     tilt_sigma_deg: float = 2.0
@@ -59,7 +62,7 @@ class IezParameters:
     rest: RestParameters = field(default_factory=RestParameters)
     """When the first stance is a rest."""
     smoothed: bool = False
-    """Walk back over the pass, so that every state is given the whole walk (`fg_nav.ekf.rts`)."""
+    """Smooth backward over the pass, so that every state uses the whole walk (`fg_nav.ekf.rts`)."""
 
 
 OPENSHOE = IezParameters(
@@ -74,5 +77,5 @@ OPENSHOE = IezParameters(
     gyro_bias_sigma_deg_s=0.05,
 )
 """Constant noise and a foot that does not roll: 0.5 m/s^2, 0.5 deg/s and 0.01 m/s a sample at 200 Hz (Nilsson
-et al. 2012, "Foot-mounted INS for everybody"; PyShoe has the same). Biases are estimated; theirs are not.
+et al. 2012, "Foot-mounted INS for everybody"; PyShoe has the same). Here the biases are estimated; there they are not.
 """

@@ -1,27 +1,35 @@
-"""The way back over a filter's pass: every state given the whole walk (fixed-interval smoother, Rauch, Tung, Striebel).
+"""The backward pass of a filter (Rauch, Tung, Striebel): every state given the whole walk (fixed-interval smoother).
 
-Written for the error e = estimate - truth of the filter at each sample, of which the filter has already taken off what
-it knew. What later innovations nu tell of it is gathered backward in lambda (15,) and its information Lambda (15, 15)
-(modified Bryson-Frazier), with c = P h^T, s = h c + r, K = c / s from the traces of the corrections:
+Written for the error e = estimate - truth of the filter at each sample, after its own injections. The information of
+later innovations nu on it is accumulated backward in the adjoint lambda (15,) and its information Lambda (15, 15)
+(modified Bryson-Frazier), with c = P h^T, s = h c + r, K = c / s from the traces of the updates:
 
     end of the walk     lambda = 0,  Lambda = 0,  e = 0
     over a step         lambda <- F^T lambda                 Lambda <- F^T Lambda F
-    over a correction   lambda <- lambda + h^T (nu / s - K^T lambda)
+    over an update      lambda <- lambda + h^T (nu / s - K^T lambda)
                         Lambda <- (I - K h)^T Lambda (I - K h) + h^T h / s
 
     at a footfall       e = P lambda,   covariance of the smoothed state  P - P Lambda P
 
-P is kept at footfalls only. In between the same e follows from the noise w of the step, whose smoothed value is
-Q lambda (Koopman 1993), and from what was taken off at each correction:
+P is recorded at footfalls only. In between the same e follows from the noise w of the step, whose smoothed value is
+Q lambda (Koopman 1993), and from the error injected at each update:
 
-    over a step         e <- F^-1 (e - Q lambda),  lambda before it is carried back
-    over a correction   e <- e + K nu
+    over a step         e <- F^-1 (e - Q lambda),  lambda before it is propagated
+    over an update      e <- e + K nu
 
-Both agree but for rounding (tested), and the path has no steps. The smoothed state is the filter's with e taken off. No
-matrix is inverted: F is a unit triangle, and its inverse is the same map with other signs.
+Both agree but for rounding (tested), and the path has no steps. The smoothed state is the filter's minus e. No matrix
+is inverted: F is a unit triangle, and its inverse is the same map with other signs. With the symbols of
+`fg_nav.ekf.covariance`,
 
-Linear where the filter is: F belongs to the path of the filter, each innovation to the state before it was taken off.
-A heading that is only known late in a walk turns its beginning by the linear part of the rotation.
+    dphi' = dphi - T dbg,   k = (dphi + dphi') / 2 x u - T dba,   dv' = dv + k,   dp' = dp + h (dv + k / 2)
+
+the transpose takes (p, v, a, g, b)', the parts of lambda on position, velocity, attitude and the two biases, to
+
+    kappa = v' + h p' / 2,   mu = u x kappa,
+    p = p',   v = v' + h p',   a = a' + mu,   g = g' - T^T (a' + mu / 2),   b = b' - T^T kappa
+
+Linear where the filter is: F belongs to the path of the filter, each innovation to the state before its injection.
+A heading that is only observed late in a walk turns its beginning by the linear part of the rotation.
 
 References: Bierman (1977), Factorization Methods for Discrete Sequential Estimation, X.; Koopman (1993), "Disturbance
 smoother for state space models"; Bar-Shalom, Li, Kirubarajan (2001), 8.6.
@@ -35,33 +43,187 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.ekf.adjoint import (
-    carry_adjoint,
-    carry_information,
-    take_noise_off,
-    undo_component,
-    undo_correction,
-    undo_step,
-)
-from fg_nav.ekf.covariance import SIZE, VELOCITY
-from fg_nav.ekf.noise import MotionNoise, densities_in_motion
-from fg_nav.ekf.track import Tape, Track
-from fg_nav.ekf.update import ROW, VARIANCE, take_off
+from fg_nav.ekf.covariance import ATTITUDE, SIZE, VELOCITY, Densities, MotionNoise, compute_densities
+from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE, inject_error
 from fg_nav.mechanisation import NavState, strapdown
 
 
 class Samples(NamedTuple):
-    """`h` (N,) s; `acc`, `gyr` (N, 3) and by how much single ones are doubted (`fg_nav.sample_noise`)."""
+    """`h` (N,) s; `acc`, `gyr` (N, 3) and the extra standard deviations of single ones (`fg_nav.sample_noise`)."""
 
     h: Floats
     acc: Floats
     gyr: Floats
-    acc_doubt: Floats
-    gyr_doubt: Floats
+    acc_sigma: Floats
+    gyr_sigma: Floats
+
+
+class Track(NamedTuple):
+    """Path and footfalls of a pass.
+
+    Path `position`, `velocity` (N, 3), `nav_R_body` (N, 3, 3) and `nis` (N,) of the velocity, NaN without an update;
+    at one sample a footfall `gyro_bias` (K, 3), `covariance` (K, 15, 15), and the standardized `innovation` (K, 4) of
+    compass, tilt and course, NaN where not used, and of the test of the compass (`fg_nav.ekf.attitude_updates`).
+    """
+
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+    nis: Floats
+    gyro_bias: Floats
+    covariance: Floats
+    innovation: Floats
+
+
+class Tape(NamedTuple):
+    """Further input of the backward pass: 50 MB a million samples, and 400 MB a million of them in stance.
+
+    `bias` (N, 6) of gyroscope (rad/s) and accelerometer (m/s^2) at each sample; the traces (`fg_nav.ekf.update`) of
+    all updates in their order: of the velocity `stance` (S, 3, 17) at the samples in stance from the start on, and of
+    the attitude `footfall` (K, 3, 32) with s = 0 without an update.
+    """
+
+    bias: Floats
+    stance: Floats
+    footfall: Floats
+
+
+def allocate_track(samples: int, footfalls: int) -> Track:
+    """Track to be written by a pass."""
+    return Track(
+        np.empty((samples, 3)),
+        np.empty((samples, 3)),
+        np.empty((samples, 3, 3)),
+        np.full(samples, np.nan),
+        np.empty((footfalls, 3)),
+        np.empty((footfalls, SIZE, SIZE)),
+        np.full((footfalls, 4), np.nan),
+    )
+
+
+def allocate_tape(samples: int, in_stance: int, footfalls: int, taping: bool) -> Tape:
+    """Tape to be written by a pass; without `taping` one row, which is overwritten."""
+    n, stood = (samples, in_stance) if taping else (1, 1)
+    return Tape(np.zeros((n, 6)), np.empty((stood, 3, ROW)), np.zeros((footfalls, 3, ROW + SIZE)))
 
 
 @njit(cache=True)
-def smooth_back(
+def propagate_information(information: Floats, turn: Floats, delta_v: Floats, h: float) -> None:
+    """Replace Lambda (15, 15) by F^T Lambda F in place; it stays exactly symmetric."""
+    propagate_adjoint(information, 0, SIZE, turn, delta_v, h)
+    propagate_adjoint(information.T, VELOCITY, SIZE, turn, delta_v, h)
+    for i in range(SIZE):
+        for j in range(i + 1, SIZE):
+            information[i, j] = information[j, i]
+
+
+@njit(cache=True)
+def propagate_adjoint(X: Floats, first: int, stop: int, turn: Floats, delta_v: Floats, h: float) -> None:
+    """Replace the columns `first` <= j < `stop` of `X` (15, .) by F^T times them, in place."""
+    t00, t01, t02 = turn[0, 0], turn[0, 1], turn[0, 2]
+    t10, t11, t12 = turn[1, 0], turn[1, 1], turn[1, 2]
+    t20, t21, t22 = turn[2, 0], turn[2, 1], turn[2, 2]
+    ux, uy, uz = delta_v[0], delta_v[1], delta_v[2]
+    for j in range(first, stop):
+        kx, ky, kz = X[3, j] + 0.5 * h * X[0, j], X[4, j] + 0.5 * h * X[1, j], X[5, j] + 0.5 * h * X[2, j]
+        mx, my, mz = uy * kz - uz * ky, uz * kx - ux * kz, ux * ky - uy * kx
+        ox, oy, oz = X[6, j] + 0.5 * mx, X[7, j] + 0.5 * my, X[8, j] + 0.5 * mz
+        X[3, j] += h * X[0, j]
+        X[4, j] += h * X[1, j]
+        X[5, j] += h * X[2, j]
+        X[6, j] += mx
+        X[7, j] += my
+        X[8, j] += mz
+        X[9, j] -= t00 * ox + t10 * oy + t20 * oz
+        X[10, j] -= t01 * ox + t11 * oy + t21 * oz
+        X[11, j] -= t02 * ox + t12 * oy + t22 * oz
+        X[12, j] -= t00 * kx + t10 * ky + t20 * kz
+        X[13, j] -= t01 * kx + t11 * ky + t21 * kz
+        X[14, j] -= t02 * kx + t12 * ky + t22 * kz
+
+
+@njit(cache=True)
+def undo_step(e: Floats, turn: Floats, delta_v: Floats, h: float) -> None:
+    """Replace the error `e` (15,) by F^-1 e in place."""
+    tg, ta = np.empty(3), np.empty(3)
+    for i in range(3):
+        tg[i] = turn[i, 0] * e[9] + turn[i, 1] * e[10] + turn[i, 2] * e[11]
+        ta[i] = turn[i, 0] * e[12] + turn[i, 1] * e[13] + turn[i, 2] * e[14]
+    mx, my, mz = e[6] + 0.5 * tg[0], e[7] + 0.5 * tg[1], e[8] + 0.5 * tg[2]
+    gained = (
+        my * delta_v[2] - mz * delta_v[1] - ta[0],
+        mz * delta_v[0] - mx * delta_v[2] - ta[1],
+        mx * delta_v[1] - my * delta_v[0] - ta[2],
+    )
+    for i in range(3):
+        e[6 + i] += tg[i]
+        e[3 + i] -= gained[i]
+        e[i] -= h * (e[3 + i] + 0.5 * gained[i])
+
+
+@njit(cache=True)
+def remove_noise(
+    e: Floats, adjoint: Floats, turn: Floats, h: float, density: Densities, acc_sigma: Floats, gyr_sigma: Floats
+) -> None:
+    """Subtract from the error `e` (15,) the smoothed noise of the step: Q lambda, lambda after the step."""
+    for i in range(3):
+        e[3 + i] -= density.acc * h * adjoint[3 + i]
+        e[6 + i] -= density.gyr * h * adjoint[6 + i]
+        e[9 + i] -= density.gyro_bias * h * adjoint[9 + i]
+        e[12 + i] -= density.acc_bias * h * adjoint[12 + i]
+    _remove_body_noise(e, adjoint, ATTITUDE, turn, gyr_sigma)
+    _remove_body_noise(e, adjoint, VELOCITY, turn, acc_sigma)
+
+
+@njit(cache=True)
+def _remove_body_noise(e: Floats, adjoint: Floats, first: int, turn: Floats, sigma: Floats) -> None:
+    for axis in range(3):
+        if sigma[axis] > 0.0:
+            along = 0.0
+            for i in range(3):
+                along += turn[i, axis] * adjoint[first + i]
+            for i in range(3):
+                e[first + i] -= sigma[axis] ** 2 * turn[i, axis] * along
+
+
+@njit(cache=True)
+def undo_update(e: Floats, adjoint: Floats, information: Floats, trace: Floats, h: Floats) -> None:
+    """Step backward over the update by the row `h` (15,) that left this trace."""
+    gain, weighted = _restore_error(e, information, trace)
+    gained = trace[INNOVATION] / trace[VARIANCE] - np.dot(gain, adjoint)
+    square = np.dot(gain, weighted) + 1.0 / trace[VARIANCE]
+    for i in range(SIZE):
+        adjoint[i] += h[i] * gained
+        for j in range(SIZE):
+            information[i, j] += h[i] * h[j] * square - (h[i] * weighted[j] + weighted[i] * h[j])
+
+
+@njit(cache=True)
+def undo_component(e: Floats, adjoint: Floats, information: Floats, trace: Floats, index: int) -> None:
+    """`undo_update` for a unit row, cheaper."""
+    gain, weighted = _restore_error(e, information, trace)
+    adjoint[index] += trace[INNOVATION] / trace[VARIANCE] - np.dot(gain, adjoint)
+    square = np.dot(gain, weighted) + 1.0 / trace[VARIANCE]
+    for j in range(SIZE):
+        information[index, j] -= weighted[j]
+        information[j, index] -= weighted[j]
+    information[index, index] += square
+
+
+@njit(cache=True)
+def _restore_error(e: Floats, information: Floats, trace: Floats) -> tuple[Floats, Floats]:
+    """Add K nu to `e` again; returns K (15,) and Lambda K (15,)."""
+    gain, weighted = trace[:SIZE] / trace[VARIANCE], np.empty(SIZE)
+    for i in range(SIZE):
+        e[i] += gain[i] * trace[INNOVATION]
+        weighted[i] = 0.0
+        for j in range(SIZE):
+            weighted[i] += information[i, j] * gain[j]
+    return gain, weighted
+
+
+@njit(cache=True)
+def smooth_backward(
     first: int,
     samples: Samples,
     stands: Bools,
@@ -76,16 +238,20 @@ def smooth_back(
     e, adjoint, information = np.zeros(SIZE), np.zeros(SIZE), np.zeros((SIZE, SIZE))
     stood, k = len(tape.stance), len(rows)
     for i in range(last, first - 1, -1):
+        # back over the period of the sample
         if i < last:
             _undo_step(i, samples, noise, gravity, track, tape, e, adjoint, information)
+        # at a footfall: error and covariance from P
         at_footfall = k > 0 and rows[k - 1] == i
         if at_footfall:
             k -= 1
             _smooth_footfall(track.covariance[k], e, adjoint, information)
-        smoothed = state_at(i, track, tape)
-        take_off(smoothed, e.copy())
+        # inject the error into the recorded state
+        smoothed = view_state(i, track, tape)
+        inject_error(smoothed, e.copy())
         if at_footfall:
             track.gyro_bias[k] = smoothed.gyro_bias
+            # back over the updates of the footfall, then of the stance
             _undo_footfall(tape.footfall[k], e, adjoint, information)
         if stands[i]:
             stood -= 1
@@ -105,16 +271,16 @@ def _undo_step(
     adjoint: Floats,
     information: Floats,
 ) -> None:
-    """Go back over the step that began at sample `i`, along the path of the filter."""
-    turn, push, h = np.empty((3, 3)), np.empty(3), samples.h[i]
-    before = state_at(i, track, tape)
+    """Step backward over the period of sample `i`, along the path of the filter."""
+    turn, delta_v, h = np.empty((3, 3)), np.empty(3), samples.h[i]
+    before = view_state(i, track, tape)
     moved = NavState(np.zeros(3), np.zeros(3), before.nav_R_body.copy(), before.gyro_bias, before.acc_bias)
-    strapdown(moved, samples.acc[i], samples.gyr[i], h, gravity, turn, push)
-    density = densities_in_motion(noise, samples.gyr[i], push, h, gravity)
-    take_noise_off(e, adjoint, turn, h, density, samples.acc_doubt[i], samples.gyr_doubt[i])
-    undo_step(e, turn, push, h)
-    carry_adjoint(adjoint.reshape(SIZE, 1), 0, 1, turn, push, h)
-    carry_information(information, turn, push, h)
+    strapdown(moved, samples.acc[i], samples.gyr[i], h, gravity, turn, delta_v)
+    density = compute_densities(noise, samples.gyr[i], delta_v, h, gravity)
+    remove_noise(e, adjoint, turn, h, density, samples.acc_sigma[i], samples.gyr_sigma[i])
+    undo_step(e, turn, delta_v, h)
+    propagate_adjoint(adjoint.reshape(SIZE, 1), 0, 1, turn, delta_v, h)
+    propagate_information(information, turn, delta_v, h)
 
 
 @njit(cache=True)
@@ -129,10 +295,10 @@ def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats)
 def _undo_footfall(traces: Floats, e: Floats, adjoint: Floats, information: Floats) -> None:
     for row in range(2, -1, -1):
         if traces[row, VARIANCE] > 0.0:
-            undo_correction(e, adjoint, information, traces[row], traces[row, ROW:])
+            undo_update(e, adjoint, information, traces[row], traces[row, ROW:])
 
 
 @njit(cache=True)
-def state_at(i: int, track: Track, tape: Tape) -> NavState:
+def view_state(i: int, track: Track, tape: Tape) -> NavState:
     """The state at sample `i`, as views."""
     return NavState(track.position[i], track.velocity[i], track.nav_R_body[i], tape.bias[i, :3], tape.bias[i, 3:])

@@ -1,25 +1,24 @@
-"""Correction of state and covariance by measurements, one scalar after the other.
+"""Update of state and covariance by measurements, one scalar row after the other.
 
-A measurement says z = H x + n of the error x (estimate minus truth) with independent noises of variance r.
-Taken in turn, each row h of H gives
+A measurement gives z = h x + n of the error x (estimate minus truth) with independent noises of variance r; Ma (33).
+Taken in turn, each row h of H gives Ma (37),
 
     c = P h^T,  s = h c + r,  K = c / s,  nu = z - h x,   x <- x + K nu,
     P <- (I - K h) P (I - K h)^T + K r K^T                                                  (Joseph)
 
 The Joseph form is evaluated as (P - K c^T) - d K^T with d = (I - K h) P h^T - r K, which is zero but for
-rounding: it costs one more product than the short form and keeps P positive. nu / sqrt(s) is the standardised
+rounding: it costs one more product than the short form and keeps P positive. nu / sqrt(s) is the standardized
 innovation: for a consistent filter white with unit variance, and the sum of squares over the rows of one H is
 its NIS.
 
-Estimated errors are taken off the state ("closed loop", x is zero again afterwards),
+Estimated errors are injected into the state ("closed loop", x is zero again afterwards), AIEZ (6), (7):
 
     p <- p - dp,  v <- v - dv,  b <- b - db,  R <- Exp(-dphi) R  = (I - [dphi]) R + ...
 
-With errors as estimate minus truth this is the one sign that shrinks them (Zhang et al., eq. 7; in Ma et al.
-(2018), eq. 39 the sign is the other one, and wrong).
+With errors as estimate minus truth this is the one sign that shrinks them; Ma (39) prints the other one, and Ma (38) a
+sample period that an angle does not have. Exp stands for the Cayley form of Ma (38) and AIEZ (6).
 
-What a correction leaves behind, to walk back over it (`fg_nav.ekf.rts`), is its `trace`: c, s, nu and, where it is no
-unit row that everybody knows, h.
+An update leaves its `trace` for the backward pass (`fg_nav.ekf.rts`): c, s, nu and, where it is no unit row, h.
 
 References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001),
 5.2.3; Bierman, Factorization Methods for Discrete Sequential Estimation (1977).
@@ -39,17 +38,14 @@ VARIANCE, INNOVATION, ROW = SIZE, SIZE + 1, SIZE + 2
 
 
 @njit(cache=True)
-def correct(P: Floats, x: Floats, h: Floats, z: float, r: float) -> float:
-    """Take the measurement `z` = `h` x + noise of variance `r` into `x` (n,) and `P` (n, n).
-
-    Returns the standardised innovation.
-    """
-    return correct_traced(P, x, h, z, r, np.empty(2 * len(x) + 2))
+def update_row(P: Floats, x: Floats, h: Floats, z: float, r: float) -> float:
+    """Update `x` (n,) and `P` (n, n) by `z` = `h` x + noise of variance `r`; returns the standardized innovation."""
+    return update_row_traced(P, x, h, z, r, np.empty(2 * len(x) + 2))
 
 
 @njit(cache=True)
-def correct_traced(P: Floats, x: Floats, h: Floats, z: float, r: float, trace: Floats) -> float:
-    """`correct`, leaving the trace (2 n + 2,)."""
+def update_row_traced(P: Floats, x: Floats, h: Floats, z: float, r: float, trace: Floats) -> float:
+    """`update_row`, leaving the trace (2 n + 2,)."""
     n = len(x)
     c = trace[:n]
     for i in range(n):
@@ -57,29 +53,29 @@ def correct_traced(P: Floats, x: Floats, h: Floats, z: float, r: float, trace: F
         for j in range(n):
             c[i] += P[i, j] * h[j]
     trace[n + 2 :] = h
-    return _absorb(P, x, np.dot(h, c), z - np.dot(h, x), r, trace)
+    return _update(P, x, np.dot(h, c), z - np.dot(h, x), r, trace)
 
 
 @njit(cache=True)
-def correct_component(P: Floats, x: Floats, index: int, z: float, r: float) -> float:
-    """Take `z` = x[`index`] + noise of variance `r`: `correct` for a unit row, cheaper."""
-    return correct_component_traced(P, x, index, z, r, np.empty(len(x) + 2))
+def update_component(P: Floats, x: Floats, index: int, z: float, r: float) -> float:
+    """Update by `z` = x[`index`] + noise of variance `r`: `update_row` for a unit row, cheaper."""
+    return update_component_traced(P, x, index, z, r, np.empty(len(x) + 2))
 
 
 @njit(cache=True)
-def correct_component_traced(P: Floats, x: Floats, index: int, z: float, r: float, trace: Floats) -> float:
-    """`correct_component`, leaving the trace (n + 2,), or with room for the row (2 n + 2,)."""
+def update_component_traced(P: Floats, x: Floats, index: int, z: float, r: float, trace: Floats) -> float:
+    """`update_component`, leaving the trace (n + 2,), or with room for the row (2 n + 2,)."""
     n = len(x)
     trace[:n] = P[index]
     if len(trace) > n + 2:
         trace[n + 2 :] = 0.0
         trace[n + 2 + index] = 1.0
-    return _absorb(P, x, P[index, index], z - x[index], r, trace)
+    return _update(P, x, P[index, index], z - x[index], r, trace)
 
 
 @njit(cache=True)
-def _absorb(P: Floats, x: Floats, hc: float, nu: float, r: float, trace: Floats) -> float:
-    """Correct by an innovation `nu` with c = P h^T in the trace and hc = h c."""
+def _update(P: Floats, x: Floats, hc: float, nu: float, r: float, trace: Floats) -> float:
+    """Update by an innovation `nu` with c = P h^T in the trace and hc = h c."""
     c, s = trace[: len(x)], hc + r
     trace[len(x)], trace[len(x) + 1] = s, nu
     for i in range(len(x)):
@@ -94,20 +90,20 @@ def _absorb(P: Floats, x: Floats, hc: float, nu: float, r: float, trace: Floats)
 
 
 @njit(cache=True)
-def take_off(state: NavState, x: Floats) -> None:
-    """Take the estimated error `x` (15,) off `state` in place, and set it to zero."""
+def inject_error(state: NavState, x: Floats) -> None:
+    """Subtract the estimated error `x` (15,) from `state` in place, and set it to zero."""
     position, velocity, R, gyro_bias, acc_bias = state
     for i in range(3):
         position[i] -= x[POSITION + i]
         velocity[i] -= x[VELOCITY + i]
         gyro_bias[i] -= x[GYRO_BIAS + i]
         acc_bias[i] -= x[ACC_BIAS + i]
-    turn_in_nav(R, -x[ATTITUDE], -x[ATTITUDE + 1], -x[ATTITUDE + 2])
+    rotate_in_nav(R, -x[ATTITUDE], -x[ATTITUDE + 1], -x[ATTITUDE + 2])
     x[:] = 0.0
 
 
 @njit(cache=True)
-def turn_in_nav(R: Floats, x: float, y: float, z: float) -> None:
+def rotate_in_nav(R: Floats, x: float, y: float, z: float) -> None:
     """R <- Exp(theta) R in place, with theta = (x, y, z) rad in nav."""
     angle = x * x + y * y + z * z
     a, b, _ = rotation_series(angle)

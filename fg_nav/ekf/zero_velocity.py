@@ -1,4 +1,4 @@
-"""What a standing foot says about the velocity of the sensor on it.
+"""Velocity of the sensor on a standing foot: the velocity rows of Ma (35), (36) and AIEZ (29), (30), with a lever.
 
 The sole is still, the sensor is not: the foot rolls from heel to toe, and the sensor rides at some height
 above the point about which it rolls. With the lever l from that point to the sensor and the angular rate w,
@@ -6,16 +6,16 @@ both in nav,
 
     v = w x l + noise,    l = (0, 0, height) + unknown part.
 
-Taking v = 0 makes strides too short, in the median by 2 % on motion-captured walks. The height stands for the
+Setting v = 0 makes strides too short, in the median by 2 % on motion-captured walks. The height stands for the
 mean lever: sensors sit 5 to 10 cm above the sole, and where the foot rolls is not a point. The unknown part
 of the lever, in any direction, is noise that grows with the rate; being the same for a while, it has the
 density sigma |w| sqrt(2 tau). At rest all of this vanishes and a small floor is left.
 
 The lever may also be given in the body frame, where a recording shows it (`fg_nav.calibration.rolling_lever`). And a
 foot whose specific force f is not gravity has begun to move: with the time for which that may have lasted, the velocity
-is doubted by unsteady | |f| - g |, again with a density.
+gets the further standard deviation unsteady | |f| - g |, again as a density.
 
-How much attitude and gyro bias enter through w x l is left out of H: the lever times a hundredth of a radian.
+H leaves out how attitude and gyro bias enter through w x l: the lever times a hundredth of a radian.
 
 References: Foxlin (2005), "Pedestrian tracking with shoe-mounted inertial sensors". That the velocity is not
 zero and the error not white: Nilsson, Skog, Handel (2012), "A note on the limitations of ZUPTs and the
@@ -31,7 +31,7 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.ekf.covariance import VELOCITY
-from fg_nav.ekf.update import correct_component_traced
+from fg_nav.ekf.update import update_component_traced
 from fg_nav.mechanisation import NavState
 
 
@@ -51,27 +51,27 @@ class StanceNoise(NamedTuple):
 
 
 @njit(cache=True)
-def correct_in_stance(
+def update_in_stance(
     state: NavState, P: Floats, x: Floats, acc: Floats, gyr: Floats, h: float, stance: StanceNoise, traces: Floats
 ) -> float:
-    """Take the known velocity over a sample of `h` s into the error `x` (15,) and `P`; returns its NIS.
+    """Update the error `x` (15,) and `P` by the known velocity over a sample of `h` s; returns its NIS.
 
     Leaves the `traces` (3, 17) of east, north and up.
     """
     rate = gyr - state.gyro_bias
-    expected = _rolling_velocity(state.nav_R_body, rate, stance)
+    expected = _compute_rolling_velocity(state.nav_R_body, rate, stance)
     variance = (stance.floor + stance.rolling * np.dot(rate, rate)) / h
     if stance.unsteady > 0.0:
         variance += stance.unsteady * (np.sqrt(np.dot(acc, acc)) - stance.gravity) ** 2 / h
     nis = 0.0
     for axis in range(3):
         z = state.velocity[axis] - expected[axis]
-        nis += correct_component_traced(P, x, VELOCITY + axis, z, variance, traces[axis]) ** 2
+        nis += update_component_traced(P, x, VELOCITY + axis, z, variance, traces[axis]) ** 2
     return nis
 
 
 @njit(cache=True)
-def _rolling_velocity(R: Floats, w: Floats, stance: StanceNoise) -> tuple[float, float, float]:
+def _compute_rolling_velocity(R: Floats, w: Floats, stance: StanceNoise) -> tuple[float, float, float]:
     """Velocity (3,) m/s, nav, of the sensor on a foot that rolls with the rate `w` (3,)."""
     x, y, z = stance.lever[0], stance.lever[1], stance.lever[2]
     vx, vy, vz = w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x

@@ -17,7 +17,7 @@ With H the horizontal strength and psi the heading, north lies psi to the left o
     level_field = (H cos psi, H sin psi, -H tan I),    psi = atan2(y, x),    I = atan2(-z, H).
 
 This is what Ma et al. (2018, Eq. 1-5) and Zhang et al. (AIEZ, Eq. 19-25) mean, each in axes of its own;
-`fg_nav.magnetic.printed` has their equations, as printed and as they must be.
+`tests.magnetic.printed` has their equations, as printed and as they must be.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.update import correct, correct_component
+from fg_nav.ekf.update import update_component, update_row
 from fg_nav.mechanisation import cross_matrix, rotation_about, rotation_vector
 
 TURN, BIAS, SCALE, FIELD, REGION, VELOCITY, PLACE, BODY, SIZE = 0, 3, 6, 15, 18, 21, 23, 25, 27
@@ -215,7 +215,7 @@ def _take_in(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, out: Solv
     x, P, H, y = out.x[k], out.P[k], np.zeros((3, SIZE)), nodes.y[k]
     nis = 0.0
     for i in range(2):
-        nis += correct_component(P, x, PLACE + i, -y[PLACE - 3 + i], factors.swing[k]) ** 2
+        nis += update_component(P, x, PLACE + i, -y[PLACE - 3 + i], factors.swing[k]) ** 2
     out.swing_nis[k] = nis
     if np.isfinite(factors.rest[k]):
         _take_in_rest(k, nodes, factors, beliefs, out)
@@ -225,12 +225,12 @@ def _take_in(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, out: Solv
         walked = factors.walk[min(k, len(factors.walk) - 1)] / 3.0
         variance = beliefs.mag / factors.samples[k] + beliefs.mag_left + walked
         for row in range(3):
-            nis += correct(P, x, H[row], z[row], variance) ** 2
+            nis += update_row(P, x, H[row], z[row], variance) ** 2
         out.field_nis[k] = nis
         for row in range(3):
             H[row] = 0.0
             H[row, FIELD + row], H[row, REGION + row] = 1.0, -1.0
-            correct(P, x, H[row], y[REGION - 3 + row] - y[FIELD - 3 + row], factors.deviation[k])
+            update_row(P, x, H[row], y[REGION - 3 + row] - y[FIELD - 3 + row], factors.deviation[k])
 
 
 @njit(cache=True)
@@ -238,10 +238,10 @@ def _take_in_rest(k: int, nodes: Nodes, factors: Factors, beliefs: Beliefs, out:
     """Take in that the sensor rests, which shows its bias and has no velocity."""
     seen = factors.rate[k] - nodes.R[k].T @ beliefs.earth_rate
     for i in range(3):
-        correct_component(out.P[k], out.x[k], BIAS + i, seen[i] - nodes.y[k, i], factors.rest[k])
+        update_component(out.P[k], out.x[k], BIAS + i, seen[i] - nodes.y[k, i], factors.rest[k])
     for i in range(2):
         v = nodes.y[k, VELOCITY - 3 + i]
-        correct_component(out.P[k], out.x[k], VELOCITY + i, -v, beliefs.rest_velocity)
+        update_component(out.P[k], out.x[k], VELOCITY + i, -v, beliefs.rest_velocity)
 
 
 @njit(cache=True)

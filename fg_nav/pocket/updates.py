@@ -24,8 +24,8 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.attitude_updates import wrapped
-from fg_nav.ekf.update import correct, correct_component, turn_in_nav
+from fg_nav.ekf.attitude_updates import wrap_angle
+from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
 from fg_nav.pocket.belief import ATTITUDE, GYRO_BIAS, SIZE, Belief, Chain, PocketState
 from fg_nav.pocket.difference import rebias
 from fg_nav.pocket.euler import angles_of, levelling_angles, rotation_of
@@ -54,8 +54,8 @@ def _by_up(state: PocketState, x: Floats, body_up: Floats, variance: float, age:
     h[0, ATTITUDE + 1], h[1, ATTITUDE] = 1.0, -1.0
     for row in range(2):  # R (db x up), row by row: r . (db x up) = db . (up x r)
         h[row, GYRO_BIAS:] = age * np.cross(body_up, R[row])
-    first = correct(state.P, x, h[0], up[0], variance)
-    return first, correct(state.P, x, h[1], up[1], variance)
+    first = update_row(state.P, x, h[0], up[0], variance)
+    return first, update_row(state.P, x, h[1], up[1], variance)
 
 
 @njit(cache=True)
@@ -65,8 +65,8 @@ def _by_angles(state: PocketState, x: Floats, force: Floats, square: float, beli
         roll = printed_roll(force)
     angles = angles_of(state.nav_R_body)
     beside = max(force[1] ** 2 + force[2] ** 2, 1e-12 * square)
-    first = correct_component(state.P, x, ATTITUDE, wrapped(angles[0] - roll), belief.acc_variance / beside)
-    second = correct_component(state.P, x, ATTITUDE + 1, angles[1] - pitch, belief.acc_variance / square)
+    first = update_component(state.P, x, ATTITUDE, wrap_angle(angles[0] - roll), belief.acc_variance / beside)
+    second = update_component(state.P, x, ATTITUDE + 1, angles[1] - pitch, belief.acc_variance / square)
     return first, second
 
 
@@ -87,9 +87,9 @@ def differential_field(state: PocketState, chain: Chain, field: Floats, belief: 
     variance = 2.0 * belief.mag_variance + belief.gyr_density * chain.age[0] * strength**2
     x, h = np.zeros(SIZE), np.zeros(SIZE)
     h[GYRO_BIAS:] = -strength * (v @ per_bias)
-    first = correct(state.P, x, h, -(u * field).sum(), variance)
+    first = update_row(state.P, x, h, -(u * field).sum(), variance)
     h[GYRO_BIAS:] = strength * (u @ per_bias)
-    second = correct(state.P, x, h, -(v * field).sum(), variance)
+    second = update_row(state.P, x, h, -(v * field).sum(), variance)
     take_off(state, chain, x, belief.euler)
     return first**2 + second**2
 
@@ -110,7 +110,7 @@ def take_off(state: PocketState, chain: Chain, x: Floats, euler: bool) -> None:
     if euler:
         state.nav_R_body[:] = rotation_of(angles_of(state.nav_R_body) - x[:GYRO_BIAS])
     else:
-        turn_in_nav(state.nav_R_body, -x[0], -x[1], -x[2])
+        rotate_in_nav(state.nav_R_body, -x[0], -x[1], -x[2])
     change = -x[GYRO_BIAS:]
     state.gyro_bias[:] += change
     rebias(chain, change)

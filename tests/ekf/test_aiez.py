@@ -7,13 +7,13 @@ import pytest
 
 from fg_nav.ekf.aiez import run_aiez
 from fg_nav.ekf.iez import run_iez
-from fg_nav.ekf.presets import AS_PRINTED, PHYSICAL, parameters_of
+from fg_nav.ekf.presets import AS_PRINTED, PHYSICAL, find_parameters
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.quasi_static import DETECTORS
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
 DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}
-OWN = parameters_of("aiez", PHYSICAL)
+OWN = find_parameters("aiez", PHYSICAL)
 PARAMETERS = replace(OWN, compass_sigma_deg=5.0, course_sigma_deg=2.0)
 """Sure enough of both to show in a minute."""
 
@@ -78,9 +78,7 @@ def test_of_a_slow_bend_a_part_is_bent_back_and_of_a_curve_nothing():
     assert 60 * 0.6 * 0.2 < bent_back_deg(0.6) < 60 * 0.6 * 0.4
     assert abs(bent_back_deg(1.0)) < 0.1
     assert abs(bent_back_deg(5.0)) < 0.1
-    as_printed = replace(
-        PARAMETERS, course_limit_deg=5.0, course_sigma_deg=1.0, course_by_path=False, curve_is_zero=False
-    )
+    as_printed = replace(PARAMETERS, course_limit_deg=5.0, course_sigma_deg=1.0, hdr_as_printed=True)
     assert bent_back_deg(0.6, as_printed) > 60 * 0.6 * 0.4
 
 
@@ -107,8 +105,8 @@ def test_as_printed_the_compass_stays_locked_out_once_the_gyro_has_drifted():
     drifting = replace(PARAMETERS.inertial, gyr_density_deg=4.0)
     found = {}
     for preset in (PHYSICAL, AS_PRINTED):
-        own = parameters_of("aiez", preset)
-        parameters = replace(own, inertial=drifting, course_limit_deg=-1.0, curve_is_zero=False)
+        own = find_parameters("aiez", preset)
+        parameters = replace(own, inertial=drifting, course_limit_deg=-1.0, hdr_as_printed=False)
         words = np.array(solved(recording, stances, field, headings, parameters).stances.field)
         found[preset] = (words[-15:] == "quasi-static").mean()
     assert found[PHYSICAL] == 1.0

@@ -5,9 +5,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from fg_nav.ekf.attitude_updates import AGREEMENT, COMPASS, COURSE, TILT, correct_at_footfall, direction_at, heading_at
-from fg_nav.ekf.evidence import no_evidence
-from fg_nav.ekf.update import INNOVATION, ROW, take_off
+from fg_nav.ekf.attitude_updates import (
+    AGREEMENT,
+    COMPASS,
+    COURSE,
+    TILT,
+    compute_direction,
+    compute_heading,
+    make_pseudo_measurements,
+    update_at_footfall,
+)
+from fg_nav.ekf.update import INNOVATION, ROW, inject_error
 from tests.ekf.errors import error_of, random_covariance, random_state, with_error
 
 NAV_FIELD = np.array([2.0, 21.0, -43.0])
@@ -26,21 +34,21 @@ def upright(rng):
     return state
 
 
-def seen_by(truth, **believed):
-    """Evidence of one footfall, as a perfect sensor in this state has it."""
+def measure_at(truth, **believed):
+    """PseudoMeasurements of one footfall, as a perfect sensor in this state has it."""
     R = truth.nav_R_body
-    return no_evidence(1)._replace(
+    return make_pseudo_measurements(1)._replace(
         body_field=(R.T @ NAV_FIELD)[None], body_force=(R.T @ FORCE)[None], declination=DECLINATION, **believed
     )
 
 
-def taken_in(state, evidence, P, before=(), k=0, direction=None, aside=None):
+def update_at(state, pseudo, P, before=(), k=0, direction=None, considered=None):
     """Returns x, P, innovation and traces after the footfall."""
     x, P, innovation, traces = np.zeros(15), P.copy(), np.full(4, np.nan), np.zeros((3, 32))
-    direction = heading_at(state.nav_R_body) if direction is None else direction
-    aside = np.zeros(15) if aside is None else aside
-    correct_at_footfall(
-        state.nav_R_body, P, x, k, direction, np.array(before, dtype=float), evidence, aside, innovation, traces
+    direction = compute_heading(state.nav_R_body) if direction is None else direction
+    considered = np.zeros(15) if considered is None else considered
+    update_at_footfall(
+        state.nav_R_body, P, x, k, direction, np.array(before, dtype=float), pseudo, considered, innovation, traces
     )
     return x, P, innovation, traces
 
@@ -49,14 +57,14 @@ def taken_in(state, evidence, P, before=(), k=0, direction=None, aside=None):
 @pytest.mark.parametrize("seed", range(4))
 def test_the_row_of_the_compass_is_the_derivative_of_its_residual(told, seed):
     truth = upright(np.random.default_rng(seed))
-    evidence = seen_by(truth, compass_variance=np.array([0.01]))
+    pseudo = measure_at(truth, compass_variance=np.array([0.01]))
     if told == "by the force":
-        evidence = evidence._replace(compass_heading=np.array([heading_at(truth.nav_R_body) - DECLINATION]))
+        pseudo = pseudo._replace(compass_heading=np.array([compute_heading(truth.nav_R_body) - DECLINATION]))
     for component in range(15):
         traces = []
         for sign in (1, -1):
             estimate = with_error(truth, sign * STEP * np.eye(15)[component])
-            traces.append(taken_in(estimate, evidence, np.eye(15))[3][2])
+            traces.append(update_at(estimate, pseudo, np.eye(15))[3][2])
         slope = (traces[0][INNOVATION] - traces[1][INNOVATION]) / (2 * STEP)
         if told == "by the force" and component in (6, 7):
             # a heading is not independent of tilt: the row leaves that out, and the tilt is small in a stance
@@ -67,11 +75,10 @@ def test_the_row_of_the_compass_is_the_derivative_of_its_residual(told, seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_the_rows_of_the_tilt_are_the_derivatives_of_their_residuals(seed):
     truth = upright(np.random.default_rng(seed))
-    evidence = seen_by(truth, tilt_variance=np.array([0.01]))
+    pseudo = measure_at(truth, tilt_variance=np.array([0.01]))
     for component in range(15):
         traces = [
-            taken_in(with_error(truth, sign * STEP * np.eye(15)[component]), evidence, np.eye(15))[3]
-            for sign in (1, -1)
+            update_at(with_error(truth, sign * STEP * np.eye(15)[component]), pseudo, np.eye(15))[3] for sign in (1, -1)
         ]
         for axis in (0, 1):
             slope = (traces[0][axis][INNOVATION] - traces[1][axis][INNOVATION]) / (2 * STEP)
@@ -81,11 +88,11 @@ def test_the_rows_of_the_tilt_are_the_derivatives_of_their_residuals(seed):
 def test_the_course_sees_the_error_of_the_heading():
     truth = upright(np.random.default_rng(5))
     truth.nav_R_body[:] = Rotation.from_euler("z", 1.0).as_matrix()
-    before = [heading_at(truth.nav_R_body)] * 3
-    evidence = no_evidence(4)._replace(course_variance=np.full(4, 0.01), course_limit=0.1, course_strides=3)
+    before = [compute_heading(truth.nav_R_body)] * 3
+    pseudo = make_pseudo_measurements(4)._replace(course_variance=np.full(4, 0.01), course_limit=0.1, course_strides=3)
     for component in (6, 7, 8):
         estimate = with_error(truth, STEP * np.eye(15)[component])
-        _, _, innovation, traces = taken_in(estimate, evidence, np.eye(15), before, k=3)
+        _, _, innovation, traces = update_at(estimate, pseudo, np.eye(15), before, k=3)
         assert np.isfinite(innovation[COURSE])
         assert traces[2][INNOVATION] == pytest.approx(STEP * (component == 8), abs=1e-10)
 
@@ -97,21 +104,21 @@ def test_compass_and_course_take_off_an_error_across_south(heading_deg, error_de
     truth.nav_R_body[:] = Rotation.from_euler("z", np.radians(90.0 - heading_deg)).as_matrix()
     error = np.zeros(15)
     error[8] = np.radians(error_deg)
-    compass = seen_by(truth, compass_variance=np.array([1e-8]))
-    course = no_evidence(3)._replace(course_variance=np.full(3, 1e-8), course_limit=0.1, course_strides=2)
+    compass = measure_at(truth, compass_variance=np.array([1e-8]))
+    course = make_pseudo_measurements(3)._replace(course_variance=np.full(3, 1e-8), course_limit=0.1, course_strides=2)
     both = np.radians([heading_deg - 1.0, heading_deg + 1.0])
-    for evidence, before, k in ((compass, (), 0), (course, (both + np.pi) % (2 * np.pi) - np.pi, 2)):
+    for pseudo, before, k in ((compass, (), 0), (course, (both + np.pi) % (2 * np.pi) - np.pi, 2)):
         estimate = with_error(truth, error)
         upright_for_sure = np.diag(np.append(np.full(8, 1e-12), np.ones(7)))
-        x, *_ = taken_in(estimate, evidence, upright_for_sure, before, k)
-        take_off(estimate, x)
+        x, *_ = update_at(estimate, pseudo, upright_for_sure, before, k)
+        inject_error(estimate, x)
         assert np.abs(error_of(estimate, truth)[8]) < np.radians(0.01)
 
 
 def test_nothing_is_taken_in_where_nothing_is_believed():
     rng = np.random.default_rng(2)
     state, P = upright(rng), random_covariance(rng)
-    x, after, innovation, traces = taken_in(state, seen_by(state), P)
+    x, after, innovation, traces = update_at(state, measure_at(state), P)
     assert not x.any()
     np.testing.assert_array_equal(after, P)
     assert np.isnan(innovation).all()
@@ -123,10 +130,10 @@ def test_a_curve_says_nothing(change_deg, used):
     rng = np.random.default_rng(3)
     state, P = upright(rng), random_covariance(rng)
     before = [0.5 - np.radians(change_deg)] * 2
-    evidence = no_evidence(3)._replace(
+    pseudo = make_pseudo_measurements(3)._replace(
         course_variance=np.full(3, 0.01), course_limit=float(np.radians(4.0)), course_strides=2
     )
-    x, after, innovation, _ = taken_in(state, evidence, P, before, k=2, direction=0.5)
+    x, after, innovation, _ = update_at(state, pseudo, P, before, k=2, direction=0.5)
     assert np.isfinite(innovation[COURSE]) == used
     if not used:
         assert not x.any()
@@ -135,29 +142,29 @@ def test_a_curve_says_nothing(change_deg, used):
 
 @pytest.mark.parametrize("missing", ["direction", "before"])
 def test_a_foot_that_is_shifted_about_has_no_course(missing):
-    assert np.isnan(direction_at(np.eye(3), np.array([0.1, 0.2, 1.0]), True))
-    assert direction_at(np.eye(3), np.array([1.0, 0.0, 0.0]), True) == pytest.approx(np.pi / 2)
-    assert direction_at(np.eye(3), np.array([0.0, 1.0, 0.0]), False) == pytest.approx(np.pi / 2)
-    evidence = no_evidence(3)._replace(course_variance=np.full(3, 0.01), course_limit=1.0, course_strides=2)
+    assert np.isnan(compute_direction(np.eye(3), np.array([0.1, 0.2, 1.0]), True))
+    assert compute_direction(np.eye(3), np.array([1.0, 0.0, 0.0]), True) == pytest.approx(np.pi / 2)
+    assert compute_direction(np.eye(3), np.array([0.0, 1.0, 0.0]), False) == pytest.approx(np.pi / 2)
+    pseudo = make_pseudo_measurements(3)._replace(course_variance=np.full(3, 0.01), course_limit=1.0, course_strides=2)
     before, direction = ([np.nan, 0.5], 0.5) if missing == "before" else ([0.5, 0.5], np.nan)
-    _, _, innovation, _ = taken_in(random_state(np.random.default_rng(4)), evidence, np.eye(15), before, 2, direction)
+    _, _, innovation, _ = update_at(random_state(np.random.default_rng(4)), pseudo, np.eye(15), before, 2, direction)
     assert np.isnan(innovation[COURSE])
 
 
 @pytest.mark.parametrize(("limit", "believed"), [(6.0, True), (3.0, False)])
 def test_a_doubt_set_aside_counts_in_the_test_and_enters_with_the_compass(limit, believed):
-    """40 deg off with a sigma of 20 deg set aside and 10 deg of the compass: z^2 / S = 1600 / 500."""
+    """40 deg off with a sigma of 20 deg set considered and 10 deg of the compass: z^2 / S = 1600 / 500."""
     rng = np.random.default_rng(4)
     truth = upright(rng)
     sigma = np.radians(10.0)
     told = {"compass_variance": np.array([sigma**2]), "compass_limit": np.array([limit]), "agreement": sigma**2}
     estimate = with_error(truth, np.radians(40.0) * np.eye(15)[8])
-    P, aside = 1e-6 * np.eye(15), np.zeros(15)
-    aside[[0, 8]] = 5.0, np.radians(20.0)
-    x, after, innovation, _ = taken_in(estimate, seen_by(truth, **told), P, aside=aside)
+    P, considered = 1e-6 * np.eye(15), np.zeros(15)
+    considered[[0, 8]] = 5.0, np.radians(20.0)
+    x, after, innovation, _ = update_at(estimate, measure_at(truth, **told), P, considered=considered)
     assert innovation[AGREEMENT] == pytest.approx(np.sqrt(3.2), rel=1e-2)
     assert np.isfinite(innovation[COMPASS]) == believed
-    assert np.any(aside) != believed
+    assert np.any(considered) != believed
     if believed:
         assert x[8] == pytest.approx(np.radians(40.0) * 400 / 500, rel=1e-2)
         assert x[0] == pytest.approx(5.0 * x[8] / np.radians(20.0), rel=1e-2)
@@ -166,24 +173,24 @@ def test_a_doubt_set_aside_counts_in_the_test_and_enters_with_the_compass(limit,
 
 
 @pytest.mark.parametrize(
-    ("off_deg", "own_deg", "own_doubt", "believed"),
+    ("off_deg", "own_deg", "use_own_variance", "believed"),
     [(4.0, 0.1, True, True), (6.0, 0.1, True, False), (6.0, 5.0, True, True), (6.0, 5.0, False, False)],
 )
-def test_the_compass_is_tested_against_the_heading_and_its_doubt(off_deg, own_deg, own_doubt, believed):
+def test_the_compass_is_tested_against_the_heading_and_its_doubt(off_deg, own_deg, use_own_variance, believed):
     """Agreement to 2.5 deg and a limit of 4: two sigma, 5 deg where the heading is sure."""
     truth = upright(np.random.default_rng(6))
-    evidence = seen_by(
+    pseudo = measure_at(
         truth,
         compass_variance=np.array([0.01]),
         compass_limit=np.array([4.0]),
         agreement=float(np.radians(2.5)) ** 2,
-        own_doubt=own_doubt,
+        use_own_variance=use_own_variance,
     )
     error = np.zeros(15)
     error[8] = np.radians(off_deg)
     P = np.eye(15) * 1e-4
     P[8, 8] = np.radians(own_deg) ** 2
-    _, after, innovation, _ = taken_in(with_error(truth, error), evidence, P)
+    _, after, innovation, _ = update_at(with_error(truth, error), pseudo, P)
     assert np.isfinite(innovation[COMPASS]) == believed
     assert (innovation[AGREEMENT] ** 2 < 4.0) == believed
     assert believed == (after[8, 8] < P[8, 8])
@@ -207,7 +214,7 @@ def drawn_from_the_priors(claimed=1.0, seed=8):
             turned = rng.standard_normal(3) * np.radians([0.1, 0.1, 0.5])
             truth.nav_R_body[:] = Rotation.from_rotvec(turned).as_matrix() @ truth.nav_R_body  # what the gyro missed
             P[6:9, 6:9] += np.diag(np.radians([0.1, 0.1, 0.5]) ** 2)
-            evidence = seen_by(
+            pseudo = measure_at(
                 truth,
                 compass_variance=np.array([(claimed * COMPASS_SIGMA) ** 2]),
                 tilt_variance=np.array([(claimed * TILT_SIGMA) ** 2]),
@@ -215,9 +222,9 @@ def drawn_from_the_priors(claimed=1.0, seed=8):
             noise = np.array([*(TILT_SIGMA * rng.standard_normal(2)), 0.0])
             tilted = truth.nav_R_body.T @ Rotation.from_rotvec(noise).as_matrix() @ FORCE
             north = Rotation.from_rotvec([0.0, 0.0, COMPASS_SIGMA * rng.standard_normal()]).as_matrix()
-            evidence.body_force[0], evidence.body_field[0] = tilted, truth.nav_R_body.T @ north @ NAV_FIELD
-            x, P, innovation, _ = taken_in(estimate, evidence, P)
-            take_off(estimate, x)
+            pseudo.body_force[0], pseudo.body_field[0] = tilted, truth.nav_R_body.T @ north @ NAV_FIELD
+            x, P, innovation, _ = update_at(estimate, pseudo, P)
+            inject_error(estimate, x)
             squares.append(innovation**2)
         e = error_of(estimate, truth)[6:9]
         nees.append(e @ np.linalg.solve(P[6:9, 6:9], e))
@@ -240,16 +247,18 @@ def test_attitude_errors_and_innovations_are_as_large_as_claimed():
 def test_a_course_known_from_elsewhere_is_taken_in_as_well_as_claimed():
     """The update itself; a filter holds its heading against its own earlier ones, which HDR takes for known."""
     rng, sigma, scores, squares = np.random.default_rng(9), np.radians(2.0), [], []
-    evidence = no_evidence(2)._replace(course_variance=np.full(2, sigma**2), course_limit=np.pi, course_strides=1)
+    pseudo = make_pseudo_measurements(2)._replace(
+        course_variance=np.full(2, sigma**2), course_limit=np.pi, course_strides=1
+    )
     for _ in range(RUNS):
         truth, P = upright(rng), np.eye(15) * 1e-12
         truth.nav_R_body[:] = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
         P[8, 8] = SIGMA[2] ** 2
         estimate = with_error(truth, np.sqrt(np.diag(P)) * rng.standard_normal(15))
         for _ in range(FOOTFALLS):
-            told = heading_at(truth.nav_R_body) + sigma * rng.standard_normal()
-            x, P, innovation, _ = taken_in(estimate, evidence, P, [told], 1)
-            take_off(estimate, x)
+            told = compute_heading(truth.nav_R_body) + sigma * rng.standard_normal()
+            x, P, innovation, _ = update_at(estimate, pseudo, P, [told], 1)
+            inject_error(estimate, x)
             squares.append(innovation[COURSE] ** 2)
         scores.append(error_of(estimate, truth)[8] ** 2 / P[8, 8])
     for values in (scores, squares):

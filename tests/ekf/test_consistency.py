@@ -10,8 +10,8 @@ import pytest
 from numba import njit
 from scipy.stats import chi2
 
-from fg_nav.ekf.covariance import VELOCITY, Densities, propagate
-from fg_nav.ekf.update import correct_component, take_off
+from fg_nav.ekf.covariance import VELOCITY, Densities, propagate_covariance
+from fg_nav.ekf.update import inject_error, update_component
 from fg_nav.mechanisation import NavState, strapdown
 from tests.ekf.errors import error_of, with_error
 from tests.ekf.motion import Walk
@@ -35,14 +35,14 @@ def navigate(truth, estimate, P, acc, gyr, stands, h, noise, density, variance):
             nis[i] = 0.0
             for k in range(3):
                 measured = truth.velocity[k] + np.sqrt(variance) * noise[i, k]
-                nis[i] += correct_component(P, x, VELOCITY + k, estimate.velocity[k] - measured, variance) ** 2
-            take_off(estimate, x)
+                nis[i] += update_component(P, x, VELOCITY + k, estimate.velocity[k] - measured, variance) ** 2
+            inject_error(estimate, x)
         # the sensor reads what moves the truth, its biases, and white noise
         force = acc[i] + truth.acc_bias + np.sqrt(density.acc / h) * noise[i, 3:6]
         rate = gyr[i] + truth.gyro_bias + np.sqrt(density.gyr / h) * noise[i, 6:9]
         strapdown(truth, acc[i] + truth.acc_bias, gyr[i] + truth.gyro_bias, h, 9.80665, turn, push)
         strapdown(estimate, force, rate, h, 9.80665, turn, push)
-        propagate(P, turn, push, h, density)
+        propagate_covariance(P, turn, push, h, density)
         truth.gyro_bias[:] += np.sqrt(density.gyro_bias * h) * noise[i, 9:12]
         truth.acc_bias[:] += np.sqrt(density.acc_bias * h) * noise[i, 12:15]
     return nis

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.ekf.covariance import Densities, add_body_noise, carry, propagate
+from fg_nav.ekf.covariance import Densities, add_body_noise, propagate_columns, propagate_covariance
 from fg_nav.mechanisation import NavState, strapdown
 from tests.ekf.errors import error_of, random_covariance, random_state, with_error
 
@@ -23,7 +23,7 @@ def copy(state):
 
 def transition(turn, push, h=H):
     F = np.eye(15)
-    carry(F, 15, turn, push, h)
+    propagate_columns(F, 15, turn, push, h)
     return F
 
 
@@ -80,7 +80,7 @@ def test_propagation_is_the_dense_product():
     F = transition(turn, push)
     Q = np.diag(np.repeat([0.0, 1.0, 2.0, 3.0, 4.0], 3)) * H
     expected = F @ P @ F.T + Q
-    propagate(P, turn, push, H, density)
+    propagate_covariance(P, turn, push, H, density)
     np.testing.assert_allclose(P, expected, rtol=1e-12, atol=1e-12)
     assert np.array_equal(P, P.T)
 
@@ -91,7 +91,7 @@ def test_white_noise_grows_with_time_whatever_the_rate():
         state.acc_bias[:] = 0.0
         for _ in range(2 * rate):
             turn, push = step(state, np.zeros(3), np.array([1.0, 2.0, 3.0]), 1 / rate)
-            propagate(P, turn, push, 1 / rate, Densities(0.04, 0.01, 0.0, 0.0))
+            propagate_covariance(P, turn, push, 1 / rate, Densities(0.04, 0.01, 0.0, 0.0))
         np.testing.assert_allclose(np.diag(P)[3:9], np.repeat([0.08, 0.02], 3), rtol=1e-9)
         np.testing.assert_allclose(np.diag(P)[:3], 0.04 * 2**3 / 3, rtol=3 / rate)  # integral of a random walk
 
@@ -100,7 +100,7 @@ def test_covariance_stays_positive_over_a_long_run():
     rng = np.random.default_rng(7)
     P, state = np.diag(np.full(15, 1e-8)), random_state(rng)
     for f, w in zip(*motion(rng, 20000), strict=True):
-        propagate(P, *step(state, f, w), H, QUIET)
+        propagate_covariance(P, *step(state, f, w), H, QUIET)
     scale = 1 / np.sqrt(np.diag(P))
     assert np.linalg.eigvalsh(P * np.outer(scale, scale)).min() > -1e-9
 

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.ekf.attitude_updates import COURSE, correct_at_footfall
-from fg_nav.ekf.covariance import ATTITUDE, GYRO_BIAS, Densities, propagate
-from fg_nav.ekf.evidence import no_evidence
-from fg_nav.ekf.printed import (
+from fg_nav.ekf.attitude_updates import COURSE, make_pseudo_measurements, update_at_footfall
+from fg_nav.ekf.covariance import ATTITUDE, GYRO_BIAS, Densities, propagate_covariance
+from fg_nav.ekf.update import inject_error, update_row
+from fg_nav.frames import heading_of, wrap
+from fg_nav.mechanisation import strapdown
+from tests.ekf.errors import error_of, random_state, with_error
+from tests.ekf.printed import (
     TO_OURS,
     axes_of_euler_errors,
     cayley,
@@ -18,10 +21,6 @@ from fg_nav.ekf.printed import (
     zhang_corrected,
     zhang_rows,
 )
-from fg_nav.ekf.update import correct, take_off
-from fg_nav.frames import heading_of, wrap
-from fg_nav.mechanisation import strapdown
-from tests.ekf.errors import error_of, random_state, with_error
 
 QUIET = Densities(0.0, 0.0, 0.0, 0.0)
 GRAVITY = 9.81
@@ -100,7 +99,7 @@ def test_our_transition_is_the_printed_one_for_short_periods_and_better_for_long
         strapdown(estimate, acc, gyr, h, GRAVITY, turn, push)
         strapdown(truth, acc, gyr, h, GRAVITY, turn, push)
         P = np.outer(error, error)
-        propagate(P, turn, push, h, QUIET)
+        propagate_covariance(P, turn, push, h, QUIET)
         after = error_of(estimate, truth)
         ours = P[:, 0] / after[0]
         wrong[h] = np.abs(ours - after).max(), np.abs(printed - after).max()
@@ -145,8 +144,8 @@ def test_the_printed_row_leaves_the_heading_wrong_and_spoils_the_gyro_bias():
         row = np.zeros(15)
         row[TO_OURS] = paper_row
         estimate, P, x = with_error(truth, error), np.diag(np.repeat([1e-6, 1e-6, 0.1, 1e-3, 1e-6], 3)), np.zeros(15)
-        correct(P, x, row, error[8], np.radians(1.0) ** 2)
-        take_off(estimate, x)
+        update_row(P, x, row, error[8], np.radians(1.0) ** 2)
+        inject_error(estimate, x)
         left[name] = error_of(estimate, truth)
     assert abs(left["ours"][8]) < np.radians(0.1)
     assert abs(left["ours"][GYRO_BIAS + 2]) < 1e-6
@@ -166,7 +165,7 @@ def test_the_sign_of_zhang_takes_the_error_off_and_that_of_ma_doubles_it(yaw_deg
     error[6:9] = dphi
     estimate = with_error(truth, error)
     ours = with_error(estimate, none)
-    take_off(ours, error.copy())
+    inject_error(ours, error.copy())
     assert angle(ours.nav_R_body @ truth.nav_R_body.T) < 1e-9
     assert angle(zhang_corrected(estimate.nav_R_body, dphi) @ truth.nav_R_body.T) < 1e-8
     without_period = ma_corrected(estimate.nav_R_body, dphi, 1.0)
@@ -205,8 +204,8 @@ def levelled_again_and_again(yaw_deg, printed, rounds=20):
         for axis in (0, 1):
             row = np.zeros(15)
             row[TO_OURS] = zhang_rows()[axis]
-            correct(P, x, row, z[axis], np.radians(1.0) ** 2)
-        take_off(estimate, x)
+            update_row(P, x, row, z[axis], np.radians(1.0) ** 2)
+        inject_error(estimate, x)
     return float(np.linalg.norm(error_of(estimate, truth)[6:8]))
 
 
@@ -230,24 +229,24 @@ def test_ours_levels_by_the_force_at_every_yaw():
         error[6:8] = np.radians([3.0, -2.0])
         estimate = with_error(truth, error)
         force = (truth.nav_R_body.T @ np.array([0.0, 0.0, GRAVITY]))[None]
-        evidence = no_evidence(1)._replace(body_force=force, tilt_variance=np.array([np.radians(1.0) ** 2]))
+        pseudo = make_pseudo_measurements(1)._replace(body_force=force, tilt_variance=np.array([np.radians(1.0) ** 2]))
         for _ in range(20):
             x, P = np.zeros(15), np.diag(np.repeat([1e-6, 1e-6, np.radians(1.0) ** 2, 1e-12, 1e-12], 3))
-            told(estimate, P, x, evidence)
-            take_off(estimate, x)
+            told(estimate, P, x, pseudo)
+            inject_error(estimate, x)
         assert np.linalg.norm(error_of(estimate, truth)[6:8]) < np.radians(0.01)
 
 
-def told(estimate, P, x, evidence, before=(), k=0, direction=0.0):
+def told(estimate, P, x, pseudo, before=(), k=0, direction=0.0):
     innovation = np.full(4, np.nan)
-    correct_at_footfall(
+    update_at_footfall(
         estimate.nav_R_body,
         P,
         x,
         k,
         direction,
         np.array(before, dtype=float),
-        evidence,
+        pseudo,
         np.zeros(15),
         innovation,
         np.zeros((3, 32)),
@@ -262,7 +261,7 @@ def test_zero_in_a_curve_makes_the_filter_sure_of_what_nobody_measured():
     turns = np.radians(20.0) * np.arange(31)  # a curve all the way
     sigma = {}
     for as_printed in (False, True):
-        evidence = no_evidence(31)._replace(
+        pseudo = make_pseudo_measurements(31)._replace(
             course_variance=np.full(31, np.radians(2.0) ** 2),
             course_limit=float(np.radians(4.0)),
             course_strides=1,
@@ -270,7 +269,7 @@ def test_zero_in_a_curve_makes_the_filter_sure_of_what_nobody_measured():
         )
         estimate, P, x = random_state(np.random.default_rng(9)), np.eye(15), np.zeros(15)
         for k in range(1, 31):
-            innovation = told(estimate, P, x, evidence, turns[:k], k, turns[k])
+            innovation = told(estimate, P, x, pseudo, turns[:k], k, turns[k])
             assert np.isfinite(innovation[COURSE]) == as_printed
             assert not x.any()
         sigma[as_printed] = np.sqrt(P[ATTITUDE + 2, ATTITUDE + 2])
@@ -278,16 +277,16 @@ def test_zero_in_a_curve_makes_the_filter_sure_of_what_nobody_measured():
     assert sigma[True] < np.radians(0.4)
 
 
-# Zhang Eq. 26, 27: angles are wrapped
+# Zhang Eq. 26, 27: angles are wrap_angle
 
 
 def test_unwrapped_a_straight_walk_southward_is_a_curve():
     before, now = np.radians([179.0, -179.0, 178.5]), np.radians(-179.5)
     assert abs(now - before.mean()) > np.radians(4.0)
-    evidence = no_evidence(4)._replace(
+    pseudo = make_pseudo_measurements(4)._replace(
         course_variance=np.full(4, np.radians(2.0) ** 2), course_limit=float(np.radians(4.0)), course_strides=3
     )
     x = np.zeros(15)
-    told(random_state(np.random.default_rng(10)), np.eye(15), x, evidence, before, 3, now)
+    told(random_state(np.random.default_rng(10)), np.eye(15), x, pseudo, before, 3, now)
     # 1 deg clockwise of their mean, 179.5
     assert x[8] == pytest.approx(-np.radians(1.0), rel=0.01)

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.ekf.gated_compass import first_heading, run_gated_compass
+from fg_nav.ekf.gated_compass import find_first_heading, run_gated_compass
 from fg_nav.ekf.iez import run_iez
-from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, parameters_of, run_filter
-from fg_nav.ekf.tuned import allowing
+from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter, scale_detector
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import footfall_field
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
@@ -18,7 +17,7 @@ DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}
 
 
 def solved(method, recording, stances, field, heading):
-    return run_gated_compass(recording, stances, field, parameters_of(method, PHYSICAL), heading, method)
+    return run_gated_compass(recording, stances, field, find_parameters(method, PHYSICAL), heading, method)
 
 
 @pytest.mark.parametrize("method", GATED)
@@ -38,7 +37,7 @@ def test_without_a_heading_it_asks_the_compass():
 
 
 NOTHING_PASSES = replace(
-    parameters_of("ma2018", PHYSICAL), detector=allowing(parameters_of("ma2018", PHYSICAL).detector, 1e-9)
+    find_parameters("ma2018", PHYSICAL), detector=scale_detector(find_parameters("ma2018", PHYSICAL).detector, 1e-9)
 )
 
 
@@ -50,14 +49,14 @@ def test_without_a_heading_and_a_footfall_to_believe_it_is_the_iez_turned_and_sa
     recording = replace(recording, acc=recording.acc + 0.5 * rng.standard_normal(recording.acc.shape))
     field = footfall_field(recording, stances)
     solution = run_gated_compass(recording, stances, field, NOTHING_PASSES)
-    plain = run_iez(recording, stances, heading=first_heading(field))
+    plain = run_iez(recording, stances, heading=find_first_heading(field))
     assert "quasi-static" not in solution.stances.field
     np.testing.assert_allclose(solution.position, plain.position, atol=1e-9)
     sigma = np.hypot(plain.stances.heading_sigma, np.radians(NOTHING_PASSES.start_sigma_deg))
     np.testing.assert_allclose(solution.stances.heading_sigma, sigma, rtol=1e-3)
-    aside = np.sqrt(np.trace(solution.stances.position_cov[-1, :2, :2]))
+    considered = np.sqrt(np.trace(solution.stances.position_cov[-1, :2, :2]))
     at_start = np.linalg.norm(plain.stances.position[-1, :2]) * np.radians(NOTHING_PASSES.start_sigma_deg)
-    assert aside == pytest.approx(at_start, rel=0.05)
+    assert considered == pytest.approx(at_start, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["qsf-stance", "aiez"])
@@ -74,7 +73,7 @@ def test_the_compass_that_told_the_start_is_not_taken_in_a_second_time(name, bac
         solution = run_filter(name + back, PHYSICAL, seen, stances, field, None)
         assert solution.stances.field[0] == ("none" if name == "aiez" else "quasi-static")
         sigmas.append(np.degrees(solution.stances.heading_sigma[-1]))
-    parameters = parameters_of(name, PHYSICAL)
+    parameters = find_parameters(name, PHYSICAL)
     start = parameters.start_sigma_deg
     assert sigmas[0] == pytest.approx(start, abs=0.2)
     assert sigmas[1] == pytest.approx(1 / np.hypot(1 / start, 1 / parameters.compass_sigma_deg), abs=0.3)
@@ -84,7 +83,7 @@ def test_a_compass_believed_late_turns_the_walk_about_its_start():
     """The first footfalls' field is 15 deg off and moves too much to be believed."""
     wild = lambda t: np.where(t < 2.3, 15.0, 15.0 + 40.0 * (np.floor(t - 0.3) % 2))  # noqa: E731
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.where(t < 20.3, wild(t), 0.0))
-    parameters = replace(parameters_of("ma2018", PHYSICAL), compass_sigma_deg=3.0)
+    parameters = replace(find_parameters("ma2018", PHYSICAL), compass_sigma_deg=3.0)
     solution = run_gated_compass(recording, stances, field, parameters)
     words, at = np.array(solution.stances.field), solution.stances.t
     assert "quasi-static" not in words[at < 20.0]
@@ -96,7 +95,7 @@ def test_a_compass_believed_late_turns_the_walk_about_its_start():
 
 def test_declination_turns_what_the_compass_says():
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.full(len(t), 7.0))
-    parameters = replace(parameters_of("ma2018", PHYSICAL), declination_deg=7.0)
+    parameters = replace(find_parameters("ma2018", PHYSICAL), declination_deg=7.0)
     for heading in (None, float(headings[0])):
         solution = run_gated_compass(recording, stances, field, parameters, heading)
         assert abs(off_deg(solution, headings)[-1]) < 0.3
@@ -125,7 +124,7 @@ def test_levelled_by_the_force_or_the_attitude_a_clean_walk_is_the_same():
                 recording,
                 stances,
                 field,
-                replace(parameters_of("ma2018", PHYSICAL), levelled_by_force=by_force),
+                replace(find_parameters("ma2018", PHYSICAL), levelled_by_force=by_force),
                 float(headings[0]),
             ),
             headings,

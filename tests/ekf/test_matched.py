@@ -7,10 +7,11 @@ import pytest
 
 from fg_nav.calibration import rolling_lever
 from fg_nav.ekf import IezParameters, run_iez
-from fg_nav.ekf.core import noises
-from fg_nav.ekf.matched import FORCE_SHARE, MATCHED, TIE_SPACING_S, MatchedParameters, run_matched
-from fg_nav.ekf.presets import parameters_of
-from fg_nav.ekf.zero_velocity import correct_in_stance
+from fg_nav.ekf.core import make_noise_models
+from fg_nav.ekf.matched import FACTOR_SPACING_S, FORCE_SHARE, MATCHED, MatchedParameters, run_matched
+from fg_nav.ekf.parameters import ACC_BIAS_SIGMA, ACC_BIAS_WALK
+from fg_nav.ekf.presets import find_parameters
+from fg_nav.ekf.zero_velocity import update_in_stance
 from fg_nav.errors import EstimationError
 from fg_nav.mechanisation import NavState
 from fg_nav.smoother.nodes import place_nodes
@@ -29,8 +30,6 @@ def test_it_believes_what_the_graph_believes():
         "unsteady_s",
         "gyro_bias_sigma_deg_s",
         "gyro_bias_walk_deg_s",
-        "acc_bias_sigma",
-        "acc_bias_walk",
         "tilt_sigma_deg",
         "gravity",
         "rest",
@@ -39,7 +38,7 @@ def test_it_believes_what_the_graph_believes():
     assert MATCHED.gyr_density_deg == THERE.gyr_density_deg_s
     assert MATCHED.acc_relative_density == FORCE_SHARE * THERE.acc_relative_density
     assert MATCHED.tilt_sigma_rest_deg == THERE.tilt_sigma_deg
-    assert parameters_of("matched").lever == THERE.lever
+    assert (THERE.acc_bias_sigma, THERE.acc_bias_walk) == (ACC_BIAS_SIGMA, ACC_BIAS_WALK)
 
 
 def test_a_stance_tells_it_as_much_as_the_ties_tell_the_graph():
@@ -48,12 +47,12 @@ def test_a_stance_tells_it_as_much_as_the_ties_tell_the_graph():
     ties = place_nodes(recording, stances, THERE)
     walking = ties.interval > 0
     told_there = np.count_nonzero(walking) / THERE.velocity_sigma**2
-    _, noise = noises(MATCHED)
+    _, noise = make_noise_models(MATCHED)
     samples = np.count_nonzero(stances.mask[stances.start[1] :])
     assert samples * recording.period_s / noise.floor == pytest.approx(told_there, rel=0.1)
     assert noise.rolling / noise.floor == pytest.approx((THERE.roll_sigma_m / THERE.velocity_sigma) ** 2)
     assert noise.unsteady / noise.floor == pytest.approx((THERE.unsteady_s / THERE.velocity_sigma) ** 2)
-    assert TIE_SPACING_S == 0.08
+    assert FACTOR_SPACING_S == 0.08
 
 
 def test_a_body_lever_that_points_up_is_the_height_on_a_level_foot():
@@ -74,9 +73,9 @@ def test_the_lever_gives_the_velocity_that_the_foot_has():
     acc = np.array([0.0, 0.0, 9.80665])
 
     def nis(sign):
-        _, noise = noises(replace(MATCHED, rolling_lever_m=tuple((sign * lever).tolist()), roll_sigma_m=0.0))
+        _, noise = make_noise_models(replace(MATCHED, rolling_lever_m=tuple((sign * lever).tolist()), roll_sigma_m=0.0))
         P = 1e-8 * np.eye(15)
-        return correct_in_stance(state, P, np.zeros(15), acc, w, 0.005, noise, np.empty((3, 17)))
+        return update_in_stance(state, P, np.zeros(15), acc, w, 0.005, noise, np.empty((3, 17)))
 
     assert nis(1) == pytest.approx(0.0, abs=1e-20)
     assert nis(-1) > 10.0
@@ -84,11 +83,11 @@ def test_the_lever_gives_the_velocity_that_the_foot_has():
 
 def test_a_foot_that_is_pushed_is_doubted_more():
     state = NavState(np.zeros(3), np.array([0.02, 0.0, 0.0]), np.eye(3), np.zeros(3), np.zeros(3))
-    _, noise = noises(replace(MATCHED, rolling_lever_m=(0.0, 0.0, 0.0)))
+    _, noise = make_noise_models(replace(MATCHED, rolling_lever_m=(0.0, 0.0, 0.0)))
 
     def nis(force):
         P = 1e-8 * np.eye(15)
-        return correct_in_stance(
+        return update_in_stance(
             state, P, np.zeros(15), np.array([0, 0, force]), np.zeros(3), 0.005, noise, np.empty((3, 17))
         )
 
@@ -99,5 +98,5 @@ def test_a_foot_that_is_pushed_is_doubted_more():
 def test_it_needs_a_field_and_takes_the_lever_of_the_recording():
     recording, stances = Walk(strides=12, roll=0.4, height=0.09).recording()
     with pytest.raises(EstimationError, match="matched needs a magnetometer"):
-        run_matched(recording, stances, None, MatchedParameters(parameters_of("ma2018").detector))
+        run_matched(recording, stances, None, MatchedParameters(find_parameters("ma2018").detector))
     assert rolling_lever(recording, stances).lever[2] == pytest.approx(0.09, abs=0.02)

@@ -7,13 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.ekf import core
-from fg_nav.ekf.adjoint import carry_adjoint, carry_information, undo_step
-from fg_nav.ekf.core import filter_walk, initial_belief
-from fg_nav.ekf.covariance import SIZE, VELOCITY, carry
-from fg_nav.ekf.evidence import no_evidence
-from fg_nav.ekf.noise import densities_in_motion
+from fg_nav.ekf.attitude_updates import make_pseudo_measurements
+from fg_nav.ekf.core import filter_walk, make_initial_state
+from fg_nav.ekf.covariance import SIZE, VELOCITY, compute_densities, propagate_columns
 from fg_nav.ekf.parameters import IezParameters
-from fg_nav.ekf.presets import RTS, parameters_of
+from fg_nav.ekf.presets import RTS, find_parameters
+from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
 from fg_nav.estimators import ESTIMATORS, FILTERS, Given
 from fg_nav.frames import heading_of, wrap
@@ -45,7 +44,7 @@ def evidence_of(recording, rows, walk, rng):
     vectors = [np.einsum("kji,j->ki", attitude, v) for v in (nav_field, np.array([0.0, 0.0, 9.8]))]
     field, force = (v + 0.02 * np.linalg.norm(v[0]) * rng.standard_normal(v.shape) for v in vectors)
     compass = np.where(np.arange(k) % 2 == 0, np.radians(3.0) ** 2, np.nan)
-    return no_evidence(k)._replace(
+    return make_pseudo_measurements(k)._replace(
         body_field=field,
         body_force=force,
         compass_variance=compass,
@@ -56,12 +55,12 @@ def evidence_of(recording, rows, walk, rng):
     )
 
 
-def both(recording, stances, evidence=None, parameters=IezParameters(), wrong_heading=0.0, walk=WALK):
+def both(recording, stances, pseudo=None, parameters=IezParameters(), wrong_heading=0.0, walk=WALK):
     """Track of the filter and of the smoother over it, and the footfalls' samples."""
     rows = stances.stillest(recording.gyr)
     start = starting_point(recording, stances, float(heading_of(walk.attitude(np.zeros(1))[0])) + wrong_heading)
     runs = [
-        filter_walk(recording, stances.mask, rows, start, replace(parameters, smoothed=s), evidence, START_SIGMA)
+        filter_walk(recording, stances.mask, rows, start, replace(parameters, smoothed=s), pseudo, START_SIGMA)
         for s in (False, True)
     ]
     return (*runs, rows, start)
@@ -69,7 +68,7 @@ def both(recording, stances, evidence=None, parameters=IezParameters(), wrong_he
 
 def dense_step(turn, push, h):
     F = np.eye(SIZE)
-    carry(F, SIZE, turn, push, h)
+    propagate_columns(F, SIZE, turn, push, h)
     return F
 
 
@@ -80,11 +79,11 @@ def test_the_adjoint_of_a_step_is_its_transpose_and_its_inverse_undoes_it():
         F = dense_step(turn, push, h)
         X = rng.standard_normal((SIZE, 4))
         carried = X.copy()
-        carry_adjoint(carried, 0, 4, turn, push, h)
+        propagate_adjoint(carried, 0, 4, turn, push, h)
         np.testing.assert_allclose(carried, F.T @ X, atol=1e-14)
         information = random_covariance(rng)
         moved = information.copy()
-        carry_information(moved, turn, push, h)
+        propagate_information(moved, turn, push, h)
         np.testing.assert_allclose(moved, F.T @ information @ F, atol=1e-12)
         assert np.array_equal(moved, moved.T)
         e = F @ X[:, 0]
@@ -95,7 +94,7 @@ def test_the_adjoint_of_a_step_is_its_transpose_and_its_inverse_undoes_it():
 def tape_of(monkeypatch, *arguments):
     """What the way back is given of a pass: its arguments, path and tape as the filter left them."""
     seen = []
-    monkeypatch.setattr(core, "smooth_back", lambda *given: seen.append(given))
+    monkeypatch.setattr(core, "smooth_backward", lambda *given: seen.append(given))
     both(*arguments)
     monkeypatch.undo()
     return seen[0]
@@ -131,7 +130,7 @@ def dense_smoother(P, first, samples, stands, rows, noise, gravity, track, tape)
         strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
         F = dense_step(turn, push, h[i])
         steps.append((before, taken, P, F))
-        P = F @ P @ F.T + np.diag(np.repeat([0.0, *densities_in_motion(noise, gyr[i], push, h[i], gravity)], 3) * h[i])
+        P = F @ P @ F.T + np.diag(np.repeat([0.0, *compute_densities(noise, gyr[i], push, h[i], gravity)], 3) * h[i])
         P[3:6, 3:6] += turn @ np.diag(acc_doubt[i] ** 2) @ turn.T
         P[6:9, 6:9] += turn @ np.diag(gyr_doubt[i] ** 2) @ turn.T
     error, covariance = np.zeros((len(h), SIZE)), np.zeros((len(h), SIZE, SIZE))
@@ -159,7 +158,7 @@ def test_a_dense_smoother_that_inverts_agrees(monkeypatch, gap):
     told = evidence_of(recording, stances.stillest(recording.gyr), WALK, rng)
     given = (recording, stances, told, p, np.radians(6.0))
     filtered, smoothed, rows, start = both(*given)
-    _, P = initial_belief(start, p, START_SIGMA)
+    _, P = make_initial_state(start, p, START_SIGMA)
     error, covariance = dense_smoother(P, *tape_of(monkeypatch, *given))
     assert np.abs(error[:, :9]).max() > 0.02
     np.testing.assert_allclose(difference(filtered, smoothed), error[:, :9], atol=1e-9)
@@ -231,13 +230,13 @@ def test_a_heading_known_late_turns_the_beginning():
     assert (after < 3 * np.degrees(np.sqrt(smoothed.covariance[:, 8, 8]))).all()
     assert after[:6].max() < 0.6 * before[:6].min()
     there = [np.arctan2(*p[:2]) for p in (t.position[rows[5]] for t in (filtered, smoothed))]
-    aside = np.abs(there - np.arctan2(*walk.position(recording.t[rows[5]])[:2]))
-    assert aside[1] < 0.6 * aside[0]
+    considered = np.abs(there - np.arctan2(*walk.position(recording.t[rows[5]])[:2]))
+    assert considered[1] < 0.6 * considered[0]
 
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_any_filter_goes_back_by_its_name_and_is_otherwise_the_same(name):
-    plain, back = parameters_of(name), parameters_of(name + RTS)
+    plain, back = find_parameters(name), find_parameters(name + RTS)
     assert name + RTS in ESTIMATORS
     core = back if isinstance(back, IezParameters) else back.inertial
     assert core.smoothed

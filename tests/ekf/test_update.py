@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.ekf.update import correct, correct_component, take_off, turn_in_nav
+from fg_nav.ekf.update import inject_error, rotate_in_nav, update_component, update_row
 from fg_nav.mechanisation import NavState
 from tests.ekf.errors import error_of, random_covariance, random_state, with_error
 
@@ -23,7 +23,7 @@ def test_rows_in_turn_are_the_textbook_update():
     P, x = random_covariance(rng), rng.standard_normal(15)
     H, z, r = rng.standard_normal((4, 15)), rng.standard_normal(4), rng.uniform(0.1, 2.0, 4)
     P_book, x_book, nis_book = textbook(P, x, H, z, np.diag(r))
-    nis = sum(correct(P, x, H[k], z[k], r[k]) ** 2 for k in range(4))
+    nis = sum(update_row(P, x, H[k], z[k], r[k]) ** 2 for k in range(4))
     np.testing.assert_allclose(P, P_book, atol=1e-10)
     np.testing.assert_allclose(x, x_book, atol=1e-10)
     assert nis == pytest.approx(nis_book)
@@ -34,8 +34,8 @@ def test_a_component_is_a_unit_row():
     rng = np.random.default_rng(2)
     P, x = random_covariance(rng), rng.standard_normal(15)
     P2, x2 = P.copy(), x.copy()
-    nu = correct(P, x, np.eye(15)[4], 0.7, 0.3)
-    assert correct_component(P2, x2, 4, 0.7, 0.3) == pytest.approx(nu)
+    nu = update_row(P, x, np.eye(15)[4], 0.7, 0.3)
+    assert update_component(P2, x2, 4, 0.7, 0.3) == pytest.approx(nu)
     np.testing.assert_allclose(P2, P, atol=1e-12)
     np.testing.assert_allclose(x2, x, atol=1e-12)
 
@@ -45,8 +45,8 @@ def test_a_sharp_measurement_of_a_vague_state_leaves_a_positive_covariance():
     P, x = 1e8 * random_covariance(rng), np.zeros(15)
     for _ in range(50):
         for k in range(3):
-            correct_component(P, x, 3 + k, rng.standard_normal(), 1e-8)
-            correct(P, x, rng.standard_normal(15), rng.standard_normal(), 1e-8)
+            update_component(P, x, 3 + k, rng.standard_normal(), 1e-8)
+            update_row(P, x, rng.standard_normal(15), rng.standard_normal(), 1e-8)
     assert np.all(np.diag(P) > 0)
     assert np.linalg.eigvalsh(P).min() > -1e-9 * np.linalg.eigvalsh(P).max()
 
@@ -60,7 +60,7 @@ def test_the_standardised_innovation_is_white_with_unit_variance():
     for _ in range(2000):
         P, x, truth = P0.copy(), np.zeros(15), root @ rng.standard_normal(15)
         z = H @ truth + np.sqrt(r) * rng.standard_normal(3)
-        scores.append([correct(P, x, H[k], z[k], r[k]) for k in range(3)])
+        scores.append([update_row(P, x, H[k], z[k], r[k]) for k in range(3)])
     np.testing.assert_allclose(np.cov(np.array(scores).T), np.eye(3), atol=0.12)
     np.testing.assert_allclose(np.mean(scores, axis=0), 0.0, atol=0.1)
 
@@ -70,7 +70,7 @@ def test_taking_off_the_error_gives_the_truth():
     truth = random_state(rng)
     error = 0.3 * rng.standard_normal(15)
     estimate, x = with_error(truth, error), error.copy()
-    take_off(estimate, x)
+    inject_error(estimate, x)
     for ours, theirs in zip(estimate, truth, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-14)
     assert not x.any()
@@ -84,8 +84,8 @@ def test_the_other_sign_of_the_attitude_doubles_the_error():
     size = np.linalg.norm(error)
     estimate = with_error(truth, error)
     printed = with_error(truth, error)
-    take_off(estimate, error.copy())
-    take_off(printed, -error)
+    inject_error(estimate, error.copy())
+    inject_error(printed, -error)
     assert np.linalg.norm(error_of(estimate, truth)) < 1e-12
     assert np.linalg.norm(error_of(printed, truth)) == pytest.approx(2 * size)
 
@@ -95,14 +95,14 @@ def test_turning_is_the_exact_rotation(angle):
     R = random_state(np.random.default_rng(7)).nav_R_body
     axis = np.array([0.6, -0.64, 0.48])
     expected = Rotation.from_rotvec(angle * axis).as_matrix() @ R
-    turn_in_nav(R, *(angle * axis))
+    rotate_in_nav(R, *(angle * axis))
     np.testing.assert_allclose(R, expected, atol=1e-14)
 
 
 def test_small_states_work_too():
     """The update knows nothing of the fifteen components: other filters have their own."""
     P, x = np.diag([4.0, 9.0]), np.zeros(2)
-    nu = correct(P, x, np.array([1.0, 1.0]), 14.0, 1.0)
+    nu = update_row(P, x, np.array([1.0, 1.0]), 14.0, 1.0)
     assert nu == pytest.approx(14 / np.sqrt(14))
     np.testing.assert_allclose(x, [4.0, 9.0])
     np.testing.assert_allclose(P, np.diag([4.0, 9.0]) - np.outer([4, 9], [4, 9]) / 14)

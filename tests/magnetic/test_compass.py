@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, wrap
 from fg_nav.lab.simulation.fields import earth_field
-from fg_nav.magnetic import compass, printed
+from fg_nav.magnetic import compass
+from tests.magnetic import printed
 
 G = np.array([0.0, 0.0, GRAVITY_M_S2])
 INCLINATION, DECLINATION = np.radians([64.23, 2.57])

@@ -13,7 +13,7 @@ Zhang 22, 29   errors of roll, pitch and yaw are dphi      dphi = Rz(yaw) Ry(pit
 Zhang 28, 32   in a curve z = 0 with sigma_HDR             no row: zero is a measurement, and shrinks P
 ============== ========================================== ==========================================================
 
-The compass's own misprints are in `fg_nav.magnetic.printed`. Nothing here is run by a filter but Zhang's Eq. 28, in the
+The compass's own misprints are in `tests.magnetic.printed`. Nothing here is run by a filter but Zhang's Eq. 28, in the
 preset as-printed. Angles about z are counter-clockwise, z up, unless said otherwise.
 """
 
