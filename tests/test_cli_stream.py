@@ -23,10 +23,8 @@ from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.follow import StreamOptions, follow
-from fg_nav.online.lines import lines_of
-from fg_nav.online.rows import RowReader
-from fg_nav.online.server import LineServer
-from fg_nav.online.sources import opened
+from fg_nav.online.lines import LineServer, lines_of
+from fg_nav.online.sources import RowReader, open_source
 from tests.command_line import names
 from tests.online.walks import TOLD, push, short_walk, worst_difference
 
@@ -220,7 +218,7 @@ def test_a_growing_file_is_followed(csv, whole, tmp_path):
 
     writer = threading.Thread(target=grow)
     writer.start()
-    with closing(opened(str(path))) as source:
+    with closing(open_source(str(path))) as source:
         navigator, _, _ = followed(source, until_silent_s=0.5)
     writer.join()
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
@@ -236,7 +234,7 @@ def test_sockets_are_followed(csv, whole):
         connection.close()
 
     threading.Thread(target=serve, daemon=True).start()
-    with closing(opened(f"tcp://127.0.0.1:{door.getsockname()[1]}")) as source:
+    with closing(open_source(f"tcp://127.0.0.1:{door.getsockname()[1]}")) as source:
         navigator, _, _ = followed(source)
     door.close()
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
@@ -244,7 +242,10 @@ def test_sockets_are_followed(csv, whole):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    with closing(opened(f"udp://127.0.0.1:{port}")) as source, closing(socket.socket(type=socket.SOCK_DGRAM)) as out:
+    with (
+        closing(open_source(f"udp://127.0.0.1:{port}")) as source,
+        closing(socket.socket(type=socket.SOCK_DGRAM)) as out,
+    ):
         reader = RowReader("udp")
         for line in data.splitlines()[:50]:
             out.sendto(line, ("127.0.0.1", port))
@@ -256,7 +257,7 @@ def test_a_serial_device_is_followed(csv):
     pytest.importorskip("serial")
     controller, device = os.openpty()
     data = csv.read_bytes()[:20_000]
-    with closing(opened(os.ttyname(device), baud=115200)) as source:
+    with closing(open_source(os.ttyname(device), baud=115200)) as source:
         threading.Thread(target=os.write, args=(controller, data), daemon=True).start()
         reader, rows = RowReader(source.name), []
         for _ in range(100):
@@ -275,10 +276,10 @@ def test_lines_are_served_to_all_who_connect():
             if len(server._listeners) == 2:
                 break
             time.sleep(0.01)
-        server.tell("one")
+        server.send("one")
         listeners[0].close()
-        server.tell("two")
-        server.tell("three")
+        server.send("two")
+        server.send("three")
         with listeners[1].makefile() as file:
             assert [file.readline() for _ in range(3)] == ["one\n", "two\n", "three\n"]
         listeners[1].close()

@@ -1,14 +1,14 @@
-"""Stances as the walk goes on: a footfall is told when the swing after it has begun, and never taken back.
+"""Stances as the walk goes on: a footfall is reported when the swing after it has begun, and never changed again.
 
 The same statistic, thresholds and choice among candidates as for a whole recording (`fg_nav.detection.footfalls`), over
 a window of the last `window_s` that slides on by `step_s`:
 
 1. SHOE is known up to half its own window before the last sample. The free strapdown pass runs forward only.
 2. The search for footfalls is repeated on the window after each step.
-3. A footfall is told once the foot has turned as in a swing after it, and `settle_s` have gone by since its end.
-4. Who stands, has not swung: of a footfall that lasts longer than `piece_s` the part until now is told, and the rest as
-   footfalls that continue it.
-5. What was told stands. Later footfalls lie behind it, and those too close to it for a swing are left out.
+3. A footfall is reported once the foot has turned as in a swing after it, and `settle_s` have gone by since its end.
+4. Of a footfall that lasts longer than `piece_s` (a standing) the part until now is reported, and the rest as footfalls
+   that continue it.
+5. Later footfalls lie after those reported, and those too close to one for a swing are left out.
 
 Steps are counted in samples from the first one, so it does not matter how the samples come in blocks. The work and the
 memory for each sample are the same however long the walk is.
@@ -30,7 +30,7 @@ from fg_nav.recording import MAX_GAP_S
 from fg_nav.stances import Stances
 
 FIRST_SAMPLES = 64
-"""Tell the period of the samples, by its median; before them there is nothing to say."""
+"""Their median period is that of the samples; nothing is searched before."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class CausalParameters:
     settle_s: float = 0.3
     """A footfall ended so long ago: longer than the shortest swing, so that the still middle of a runner's is over."""
     piece_s: float = 2.0
-    """Standing is told in pieces so long ..."""
+    """Standing is reported in pieces so long ..."""
     edge_s: float = 0.1
     """... that end so long before the last sample: a swing may be about to begin."""
     warm_up_s: float = 1.5
-    """Nothing is looked for before: by then the foot has stood once, and shows what is up."""
+    """Nothing is searched before: by then the foot has stood once, and shows which way is up."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class CausalStances:
         self._search: _Search | None = None
 
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Take in samples and return the footfalls that they complete.
+        """Add samples and return the footfalls that they complete.
 
         Parameters
         ----------
@@ -102,16 +102,16 @@ class CausalStances:
         self._n_waiting += len(t)
         found: list[Footfall] = []
         while self._n_waiting >= (size := FIRST_SAMPLES if self._search is None else self._search.step):
-            found += self._searched().advance(*self._take(size))
+            found += self._started_search().advance(*self._take(size))
         return found
 
     def finish(self) -> list[Footfall]:
         """Return the footfalls left at the end of the stream; `push` no more after it."""
         if self._search is None and self._n_waiting < 2:
             return []
-        return self._searched().finish(*self._take(self._n_waiting))
+        return self._started_search().finish(*self._take(self._n_waiting))
 
-    def _searched(self) -> _Search:
+    def _started_search(self) -> _Search:
         if self._search is None:
             t = np.concatenate([block[0] for block in self._waiting])[:FIRST_SAMPLES]
             self._search = _Search(float(np.median(np.diff(t))), self._p)
@@ -144,29 +144,29 @@ class _Search:
         links = (p.stance.footfalls.walking, p.stance.footfalls.rough)
         self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in links]
         self._velocity = [Sliding(keep, (3,)) for _ in links]
-        self._told, self._stands = 0, False
+        self._reported, self._stands = 0, False
 
     def advance(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Take in samples, search, and tell what is settled."""
+        """Add samples, search, and return the footfalls that are settled."""
         self._append(t, acc, gyr)
         if self._t.stop * self.period_s < self._p.warm_up_s:
             return []
-        self._follow(self._t.stop - self._reach)
+        self._extend(self._t.stop - self._reach)
         return list(self._settled(at_end=False))
 
     def finish(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Take in the last samples, and tell all that there is."""
+        """Add the last samples, and return all footfalls that are left."""
         self._append(t, acc, gyr)
         last = self._t.between(self._t.stop - 1, self._t.stop) + self.period_s
-        self._follow(self._t.stop, last)
+        self._extend(self._t.stop, last)
         return list(self._settled(at_end=True))
 
     def _append(self, t: Floats, acc: Floats, gyr: Floats) -> None:
         for column, rows in ((self._t, t), (self._acc, acc), (self._gyr, gyr)):
             column.append(rows)
 
-    def _follow(self, stop: int, after_last: Floats | None = None) -> None:
-        """Carry statistic and free velocity on to the sample before `stop`."""
+    def _extend(self, stop: int, after_last: Floats | None = None) -> None:
+        """Extend statistic and free velocity to the sample before `stop`."""
         known = self._level.stop
         if stop <= known:
             return
@@ -181,46 +181,50 @@ class _Search:
             velocity.append(free.velocity(t, *new))
 
     def _settled(self, at_end: bool) -> Iterator[Footfall]:
-        """Tell the footfalls behind those told that will not change any more."""
+        """Report the footfalls that will not change any more."""
         stop = self._level.stop
         for start, end, threshold in self._footfalls(stop):
             if at_end or self._has_ended(int(end[-1]), stop):
-                yield self._tell(start, end, threshold, int(end[-1]), stands=False)
+                yield self._report(start, end, threshold, int(end[-1]), stands=False)
                 continue
             cut = stop - self._edge
             if (cut - start[0]) * self.period_s >= self._p.piece_s:
                 inside = start < cut
-                yield self._tell(start[inside], np.minimum(end[inside], cut), threshold[inside], cut, stands=True)
+                yield self._report(start[inside], np.minimum(end[inside], cut), threshold[inside], cut, stands=True)
             return
 
     def _footfalls(self, stop: int) -> list[tuple[Ints, Ints, Floats]]:
-        """Intervals of each footfall in the window that lies behind those told: start, stop, threshold."""
+        """Intervals of each footfall in the window after those reported: start, stop, threshold."""
         first = max(0, stop - self._window)
         t, acc, gyr, level = (x.between(first, stop) for x in (self._t, self._acc, self._gyr, self._level))
         velocity = [column.between(first, stop) for column in self._velocity]
         found = choose_footfalls(t, acc, gyr, level, velocity, self._p.stance.footfalls)
-        start, end, threshold = self._behind_told(found[0] + first, found[1] + first, found[2])
+        start, end, threshold = self._after_reported(found[0] + first, found[1] + first, found[2])
         if len(start) == 0:
             return []
         swings = [self._has_swung(a, b) for a, b in zip(end[:-1], start[1:], strict=True)]
         edges = np.flatnonzero(swings) + 1
         return list(zip(*(np.split(part, edges) for part in (start, end, threshold)), strict=True))
 
-    def _behind_told(self, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
-        """Cut off, or leave out, what was told already or is too close to it; leave out what is too short."""
-        p, told = self._p.stance, self._told
-        if told and not self._stands:
-            keep = start >= told
+    def _after_reported(self, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
+        """Cut off, or leave out, what was reported or is too close to that; leave out what is too short."""
+        p, reported = self._p.stance, self._reported
+        if reported and not self._stands:
+            keep = start >= reported
         else:
-            keep, start = stop > told, np.maximum(start, told)
+            keep, start = stop > reported, np.maximum(start, reported)
         keep &= (stop - 1 - start) * self.period_s >= p.shortest_s
         keep[keep] = [not self._crowds(a, b) for a, b in zip(start[keep], stop[keep], strict=True)]
         return start[keep], stop[keep], threshold[keep]
 
     def _crowds(self, start: int, stop: int) -> bool:
-        """Whether an interval is too close to what was told for a swing, and no rest."""
-        p, first = self._p.stance.footfalls, self._told - 1
-        if self._told == 0 or start <= first or self._level.between(start, stop).min(initial=np.inf) <= p.rest_level:
+        """Whether an interval is too close to the last footfall reported for a swing, and no rest."""
+        p, first = self._p.stance.footfalls, self._reported - 1
+        if (
+            self._reported == 0
+            or start <= first
+            or self._level.between(start, stop).min(initial=np.inf) <= p.rest_level
+        ):
             return False
         if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= p.shortest_swing_s:
             return False
@@ -234,12 +238,12 @@ class _Search:
     def _has_ended(self, end: int, stop: int) -> bool:
         return stop - end >= self._settle and self._has_swung(end, stop)
 
-    def _tell(self, start: Ints, stop: Ints, threshold: Floats, until: int, stands: bool) -> Footfall:
-        continues = self._stands and not self._has_swung(self._told, int(start[0]))
+    def _report(self, start: Ints, stop: Ints, threshold: Floats, until: int, stands: bool) -> Footfall:
+        continues = self._stands and not self._has_swung(self._reported, int(start[0]))
         relative = [self._level.between(a, b) - x for a, b, x in zip(start, stop, threshold, strict=True)]
         k = int(np.argmin([part.min() for part in relative]))
         stillest = int(start[k] + np.argmin(relative[k]))
-        self._told, self._stands = until, stands
+        self._reported, self._stands = until, stands
         return Footfall(start, stop, 10.0**threshold, stillest, continues)
 
 

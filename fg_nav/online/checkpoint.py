@@ -1,13 +1,13 @@
-"""Save a walk in progress and take it up again, to the same answer.
+"""Save a walk in progress and resume it, to the same answer.
 
-A checkpoint is one .npz of arrays with a version: the samples that were taken, the footfalls that were told, and as
-JSON the options, how footfalls are found, what the source was, and what was left out. To resume, the samples go through
-a new navigator: the same samples give the same answer to the last bit. That takes some hundredths of the time that was
-walked, and saving takes time in proportion to the walk.
+A checkpoint is one .npz of arrays with a version: the samples, the ends of the footfalls, and as JSON the options, the
+parameters of the detection, the source, and what was left out. To resume, the samples go through a new navigator: the
+same samples give the same answer to the last bit. That takes some hundredths of the time of the walk; saving takes time
+in proportion to the walk.
 
-The file appears whole or not at all: it is written beside its place, brought to the disk and then moved there.
+The write is atomic: a file next to it is written, synced to the disk and then renamed.
 
-With a lag the samples are forgotten, so there is no checkpoint.
+With a lag the samples are discarded, so there is no checkpoint.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ def save(navigator: OnlineNavigator, path: Path | str) -> None:
     OutputError
         If the file cannot be written.
     """
-    write(content_of(navigator), path)
+    write_content(collect_content(navigator), path)
 
 
-def content_of(navigator: OnlineNavigator) -> dict[str, Any]:
+def collect_content(navigator: OnlineNavigator) -> dict[str, Any]:
     """Return a copy of what a checkpoint holds, while the walk goes on; raises `EstimationError` with a lag."""
     if navigator.options.lag_s is not None:
-        raise EstimationError("a walk with a lag forgets its samples and has no checkpoint: leave one of the two out.")
+        raise EstimationError("a walk with a lag discards its samples and has no checkpoint: leave one of the two out.")
     facts = {
         "options": plain(navigator.options),
         "detection": plain(navigator.detection),
@@ -71,11 +71,11 @@ def content_of(navigator: OnlineNavigator) -> dict[str, Any]:
     }
 
 
-def write(content: Mapping[str, Any], path: Path | str) -> None:
+def write_content(content: Mapping[str, Any], path: Path | str) -> None:
     """Write the content of a checkpoint in place of an older one; raises `OutputError` if that cannot be."""
     path = Path(path)
     try:
-        _write_whole(path, content)
+        _write_atomically(path, content)
     except OSError as error:
         reason = (error.strerror or type(error).__name__).lower()
         raise OutputError(f"{path} cannot be written ({reason}): name another checkpoint, or make room.") from None
@@ -88,7 +88,7 @@ def load(
     progress: Callable[[float], None] | None = None,
     detection: CausalParameters = CausalParameters(),
 ) -> OnlineNavigator:
-    """Take up a walk where a checkpoint left it.
+    """Resume a walk where a checkpoint left it.
 
     Push what the source sends then, from its beginning or from a later moment on (`overlap`, `judge`). A walk that had
     ended when it was saved has ended now too: it takes no more samples, and can be asked for all else.
@@ -102,7 +102,7 @@ def load(
     remark
         As for `OnlineNavigator`.
     progress
-        Told from time to time which fraction is done.
+        Given from time to time the fraction that is done.
     detection
         How footfalls were found.
 
@@ -115,11 +115,11 @@ def load(
     """
     path = Path(path)
     samples, stops, facts = _read(path)
-    options = _options(facts["options"]) if options is None else options
+    options = _read_options(facts["options"]) if options is None else options
     for given, name, other in ((options, "options", "other options"), (detection, "detection", "another detection")):
         if plain(given) != facts[name]:
             raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
-    navigator = OnlineNavigator(options, remark, detection, SampleJudge.resumed(facts["judge"], samples, remark))
+    navigator = OnlineNavigator(options, remark, detection, SampleJudge.resume(facts["judge"], samples, remark))
     navigator.source.update(facts["source"])
     for start in range(0, len(samples), BLOCK):
         navigator.add_rows(samples[start : start + BLOCK])
@@ -128,7 +128,7 @@ def load(
     if facts["has_ended"]:
         navigator.close()
     if not np.array_equal(_stops(navigator), stops):
-        raise EstimationError(f"{path.name} is of a version that found other footfalls: begin the walk anew.")
+        raise EstimationError(f"{path.name} is of a version that found other footfalls: begin the walk again.")
     return navigator
 
 
@@ -136,11 +136,11 @@ def _stops(navigator: OnlineNavigator) -> Ints:
     return np.array([int(footfall.stop[-1]) for footfall in navigator.footfalls], dtype=np.int64)
 
 
-def _options(words: Mapping[str, Any]) -> OnlineOptions:
+def _read_options(words: Mapping[str, Any]) -> OnlineOptions:
     return OnlineOptions(words["heading_rad"], bool(words["use_field"]), words["lag_s"])
 
 
-def _write_whole(path: Path, content: Mapping[str, Any]) -> None:
+def _write_atomically(path: Path, content: Mapping[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     try:
@@ -167,7 +167,7 @@ def _read(path: Path) -> tuple[Floats, Ints, dict[str, Any]]:
             version = int(content["version"])
             if version != VERSION:
                 raise FormatError(
-                    f"{path.name} is a checkpoint of version {version} and this program reads {VERSION}: begin anew."
+                    f"{path.name} is a checkpoint of version {version} and this program reads {VERSION}: begin again."
                 )
             samples, stops = content["samples"], content["footfall_stop"]
             facts = json.loads(str(content["facts"]))

@@ -12,9 +12,9 @@ from fg_nav.calibration.file import Calibration, read_calibration
 from fg_nav.errors import EstimationError, StreamError
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.follow import StreamOptions, Tell, follow, on_signals
-from fg_nav.online.server import LineServer
+from fg_nav.online.lines import LineServer
 from fg_nav.online.smoother import OnlineOptions
-from fg_nav.online.sources import opened
+from fg_nav.online.sources import open_source
 
 SHORTEST_LAG_S = 10.0
 """A lag below holds fewer strides than the smoother needs to know sensor and foot."""
@@ -70,12 +70,12 @@ def streamed(wanted: Wanted, tell: Tell, remark: Tell) -> Followed:
         until_silent_s=_positive(wanted.silence_s, "--silence"),
         calibration=calibration,
     )
-    with on_signals() as stop, closing(opened(wanted.source, wanted.baud)) as source:
+    with on_signals() as stop, closing(open_source(wanted.source, wanted.baud)) as source:
         if wanted.serve is None:
             return Followed(follow(source, options, tell, remark, stop), source.name, calibration)
         with closing(LineServer(wanted.serve)) as server:
             remark(f"lines are served on 127.0.0.1:{server.port}.")
-            return Followed(follow(source, options, server.tell, remark, stop), source.name, calibration)
+            return Followed(follow(source, options, server.send, remark, stop), source.name, calibration)
 
 
 def _online(wanted: Wanted) -> OnlineOptions:

@@ -23,12 +23,11 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.file import Calibration
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load
-from fg_nav.online.checkpoint import content_of, write
+from fg_nav.online.checkpoint import collect_content, write_content
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.lines import line_of
-from fg_nav.online.rows import RowReader
+from fg_nav.online.lines import format_estimate
 from fg_nav.online.smoother import OnlineOptions
-from fg_nav.online.sources import Source
+from fg_nav.online.sources import RowReader, Source
 from fg_nav.plain import plain
 
 Tell = Callable[[str], None]
@@ -173,12 +172,12 @@ class _Walk:
     def _say(self, estimates: list[StanceEstimate]) -> None:
         for estimate in estimates:
             continues = self._navigator.footfalls[estimate.number].continues
-            self._tell(line_of(estimate, continues, self._navigator.judge.sensor_time))
+            self._tell(format_estimate(estimate, continues, self._navigator.judge.sensor_time))
 
     def _save(self, path: Path) -> None:
         """Save beside the walk: only the copy holds it up."""
         self._wait()
-        content = content_of(self._navigator)
+        content = collect_content(self._navigator)
         self._saving = threading.Thread(target=self._write, args=(content, path))
         self._due = np.inf
         self._saving.start()
@@ -186,7 +185,7 @@ class _Walk:
     def _write(self, content: dict[str, Any], path: Path) -> None:
         began = time.monotonic()
         try:
-            write(content, path)
+            write_content(content, path)
             self._unsaved = False
         except OutputError as error:  # the walk goes on, disk full or not
             if not self._unsaved:

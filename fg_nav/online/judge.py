@@ -3,22 +3,22 @@
 ================================= ==========================================================================
 missing (NaN, empty, no range)    left out
 stamp as the one before           left out
-stamp before the last one         left out; after `RESTART` of them in order the clock has begun anew, and
-                                  is carried on
+stamp before the last one         left out; after `RESTART` of them in order the clock has restarted, and its
+                                  stamps are shifted to go on from the last one
 stamp more than `JUMP_S` ahead    waits for the next: left out if that one is back in line, or never comes
-more than `LONGEST_GAP_S` ahead   carried on as `LONGEST_GAP_S`: stamps from there on are set back by the rest
-gap of more than `MAX_GAP_S`      told; the estimator doubts what nobody saw
+more than `LONGEST_GAP_S` ahead   taken for `LONGEST_GAP_S`: stamps from there on are set back by the rest
+gap of more than `MAX_GAP_S`      remarked; the estimator widens the sigmas across it
 wrong unit, gravity removed       refused, as in a file, once `CHECKED` samples are there
 ================================= ==========================================================================
 
-Each kind is counted, and told once. Nothing depends on the blocks in which the rows come. Where stamps were set on or
-back, `sensor_time` tells those that the sensor gave.
+Each kind is counted, and remarked once. Nothing depends on the blocks in which the rows come. Where stamps were set on
+or back, `sensor_time` returns those that the sensor gave.
 
 A judge is resumed from a checkpoint to the last bit. What comes then may be the same stream from its beginning, or
 what a sensor sends now (`overlap`). If the first stamps of that, `HEAD` of them, are before the last one, the sensor
-was switched off and on, and its clock began anew. For how long nobody saw the foot cannot be known; the walk is carried
-on after a gap of `LONGEST_GAP_S`, in which heading and place are lost: their sigmas say so. A clock that began anew and
-has already passed the last stamp looks like a gap, and is taken for one.
+was switched off and on, and its clock restarted. How long the foot was not observed cannot be known; the walk goes on
+after a gap of `LONGEST_GAP_S`, in which heading and position are lost, and their sigmas grow accordingly. A clock that
+restarted and has already passed the last stamp looks like a gap, and is taken for one.
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS
-from fg_nav.online.overlap import HEAD, TAIL, TICK_S, Overlap, prints_of
+from fg_nav.online.overlap import HEAD, TAIL, TICK_S, Overlap, fingerprint_rows
 from fg_nav.recording import MAX_GAP_S, RawRecording, usable_samples
 from fg_nav.samples.plausibility import acc_problem, field_strength, mag_problem, median_period_s, stamp_problem
 from fg_nav.wording import counted
 
 JUMP_S = 1.0
-"""A step ahead that is believed only if the next stamp goes on from there."""
+"""A step ahead that is accepted only if the next stamp goes on from there."""
 
 RESTART = 100
-"""Stamps before the last one that follow each other: no delay on the way, but a clock that was set anew."""
+"""Stamps before the last one that follow each other: not a delayed block, but a clock that restarted."""
 
 LONGEST_GAP_S = 10.0
-"""A longer gap, or one whose length nobody knows, is carried on as so long: it loses heading and place. The sigmas it
-leaves are 0.4 to 27 km, by where in the stride it begins; those of half a minute would be up to 1000 km, more than the
-solver bears, and nobody walks so far. It may be a clock that was set, too."""
+"""A longer gap, or one of unknown length, is taken for so long: heading and position are lost in it. The sigmas behind
+it are 0.4 to 27 km, by where in the stride it begins; those of half a minute would be up to 1000 km, more than the
+solver resolves, and farther than anyone walks. It may be a clock that was set, too."""
 
 MOST_LEFT = 4096
-"""Rows left out for their stamps that a checkpoint knows again."""
+"""Rows left out for their stamps that a checkpoint recognizes."""
 
 CHECKED = 1000
 """Samples, some seconds, that show in which unit they are."""
@@ -64,28 +64,28 @@ FIELD_UT = (5.0, 200.0)
 LEAST_SHARE = 0.05
 """... but not always."""
 
-WORDS = {
+REMARKS = {
     "missing": "samples are missing (empty, NaN or out of any range) and left out",
     "repeated": "stamps repeat the one before, and their samples are left out",
     "backward": "stamps are before the last one, and their samples are left out",
     "ahead": "stamps are far ahead of those around them, and their samples are left out",
-    "restart": "the clock of the sensor was set anew, and is carried on",
-    "rebooted": f"the clock of the sensor began anew while nobody listened: a gap of {LONGEST_GAP_S:g} s is assumed",
+    "restart": "the clock of the sensor restarted, and its stamps are shifted to go on",
+    "rebooted": f"the clock of the sensor restarted unseen: a gap of {LONGEST_GAP_S:g} s is assumed",
     "gap": f"there is a gap of more than {MAX_GAP_S:g} s: the track goes on with larger sigmas",
-    "unseen": f"nothing came for more than {LONGEST_GAP_S:g} s, which is carried on as {LONGEST_GAP_S:g} s",
+    "unseen": f"nothing came for more than {LONGEST_GAP_S:g} s, which is taken for {LONGEST_GAP_S:g} s",
     "known": "samples are in the checkpoint already and left out",
     "late": "samples that the checkpoint does not hold come before its last one, and are left out",
 }
-"""What is said of each kind, the first time."""
+"""For each kind, the first time."""
 
 
 class SampleJudge:
-    """Takes what can be navigated with; `counts` holds how much of each kind of `WORDS` there was.
+    """Takes what can be navigated with; `counts` holds how much of each kind of `REMARKS` there was.
 
     Parameters
     ----------
     remark
-        Told one sentence the first time that something of a kind happens.
+        Given one sentence the first time that something of a kind happens.
 
     Raises
     ------
@@ -120,22 +120,22 @@ class SampleJudge:
         """
         field = np.full((len(t), 3), np.nan) if mag is None else mag
         usable = usable_samples(RawRecording(t, acc, gyr, np.arange(len(t)), field))
-        new = self._unknown(np.column_stack([t, acc, gyr, field])[usable])
+        new = self._drop_known(np.column_stack([t, acc, gyr, field])[usable])
         self._count_missing(usable, len(new))
-        return self._taken_of(new)
+        return self._take(new)
 
-    def rest(self) -> Floats:
+    def flush(self) -> Floats:
         """Return the rows (m, 10) to take of those that wait, at the end of the stream, for more to be judged by."""
-        new = self._unknown(np.empty((0, COLUMNS)), at_end=True)
+        new = self._drop_known(np.empty((0, COLUMNS)), at_end=True)
         self._count_missing(np.empty(0, dtype=np.bool_), len(new))
-        return self._taken_of(new, at_end=True)
+        return self._take(new, at_end=True)
 
     def sensor_time(self, sample: int, t: float) -> float:
         """Return the stamp, s, that the sensor gave a sample which was taken with stamp t."""
         return t - next(offset for first, offset in reversed(self._clocks) if first <= sample)
 
     def state(self) -> dict[str, Any]:
-        """Return what `resumed` needs, as JSON knows it."""
+        """Return what `resume` needs, as JSON values."""
         held = self._waits[:0] if self._overlap is None else self._overlap.held
         return {
             "counts": dict(self.counts),
@@ -153,7 +153,7 @@ class SampleJudge:
         }
 
     @classmethod
-    def resumed(cls, state: Mapping[str, Any], samples: Floats, remark: Callable[[str], None]) -> SampleJudge:
+    def resume(cls, state: Mapping[str, Any], samples: Floats, remark: Callable[[str], None]) -> SampleJudge:
         """Return a judge that goes on behind a checkpoint with these samples (N, 10), as if it had never stopped."""
         judge = cls(remark)
         judge.counts.update(state["counts"])
@@ -166,31 +166,31 @@ class SampleJudge:
         judge._first = [samples[:CHECKED]] if judge._to_check > 0 else []
         judge._missing_last = judge._missing_again = int(state["missing_last"])
         judge._left.extend(state["left"])
-        left = [*judge._left, *prints_of(judge._waits).tolist()]
+        left = [*judge._left, *fingerprint_rows(judge._waits).tolist()]
         judge._overlap = Overlap(samples, judge._clocks, left, judge._tail, held)
         return judge
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What there was, in words."""
-        there_was = [f"{number} times: {WORDS[kind]}" for kind, number in self.counts.items()]
+        """What was left out or odd, in words."""
+        notes = [f"{number} times: {REMARKS[kind]}" for kind, number in self.counts.items()]
         if self._offset:
-            there_was.append(f"at the end stamps are {_set_by(self._offset)} from those of the sensor")
-        return tuple(there_was)
+            notes.append(f"at the end stamps are {_name_shift(self._offset)} from those of the sensor")
+        return tuple(notes)
 
     def _count(self, kind: str, number: int, where: str) -> None:
         if number == 0:
             return
         if not self.counts[kind]:
-            self._remark(f"{WORDS[kind]}, the first {where}.")
+            self._remark(f"{REMARKS[kind]}, the first {where}.")
         self.counts[kind] += number
 
     def _count_missing(self, usable: Bools, new: int) -> None:
         """Count what is not usable (n,) of a block, but for what came before the checkpoint.
 
-        `new` rows come now, of this block and of what was held until it was clear what the checkpoint knows.
+        `new` rows come now, of this block and of those held until it was clear which of them the checkpoint has.
         """
-        self._missing_last = _behind_last(usable) + (0 if usable.any() else self._missing_last)
+        self._missing_last = _count_after_last(usable) + (0 if usable.any() else self._missing_last)
         if self._overlap is not None and not self._overlap.is_over:
             self._missing_unsure = 0 if self._overlap.skips else self._missing_unsure + int((~usable).sum())
             return
@@ -201,41 +201,41 @@ class SampleJudge:
         self._count("missing", missing - again + self._missing_unsure, f"near t = {self._last:.3f} s")
         self._missing_unsure = 0
 
-    def _unknown(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Leave out what a checkpoint knows already, and what comes before that."""
+    def _drop_known(self, rows: Floats, at_end: bool = False) -> Floats:
+        """Leave out the rows of a checkpoint, and what comes before them."""
         overlap = self._overlap
         if overlap is None:
             return rows
         before = Counter(known=overlap.known, late=overlap.late)
-        rows = overlap.beyond(rows, at_end)
+        rows = overlap.select_new(rows, at_end)
         for kind, number in (Counter(known=overlap.known, late=overlap.late) - before).items():
             self._count(kind, number, f"before t = {self._tail[-1, 0]:.3f} s")
         if overlap.is_over:
             if not overlap.skips:
                 self._missing_again = 0
-                self._look_for_reboot(rows[:HEAD, 0])
+                self._detect_reboot(rows[:HEAD, 0])
             self._overlap = None
         return rows
 
-    def _look_for_reboot(self, t: Floats) -> None:
+    def _detect_reboot(self, t: Floats) -> None:
         """Set the clock on where a source goes on with stamps (n,) that are all before the last one."""
         if len(t) == 0 or (t + self._offset >= self._last).any():
             return
         if self._behind and t[0] + self._offset > self._behind[-1]:
             return  # they go on from stamps that are counted already
         shift = self._last + LONGEST_GAP_S - (float(t[0]) + self._offset)
-        self._count("rebooted", 1, f"at t = {t[0]:.3f} s, after {self._last:.3f} s; {_from_there(shift)}")
-        self._set_on(shift)
+        self._count("rebooted", 1, f"at t = {t[0]:.3f} s, after {self._last:.3f} s; {_describe_shift(shift)}")
+        self._shift_clock(shift)
 
-    def _taken_of(self, sent: Floats, at_end: bool = False) -> Floats:
+    def _take(self, sent: Floats, at_end: bool = False) -> Floats:
         """Return the rows to take, of these as they were sent and of what waited."""
         self._tail = np.concatenate([self._tail, sent[-TAIL:]])[-TAIL:]
-        rows = self._in_order(np.concatenate([self._waits, sent]), at_end)
-        self._tell_gaps(rows)
+        rows = self._put_in_order(np.concatenate([self._waits, sent]), at_end)
+        self._count_gaps(rows)
         self._check_units(rows)
         return rows
 
-    def _in_order(self, sent: Floats, at_end: bool) -> Floats:
+    def _put_in_order(self, sent: Floats, at_end: bool) -> Floats:
         """Leave out the rows whose stamps do not go on from the last one, and set the clock on where it must be."""
         self._waits = sent[:0]
         rows = sent.copy()
@@ -255,7 +255,7 @@ class SampleJudge:
                 rows[i, 0] = self._last = stamp + self._offset
                 self._taken += 1
         judged = len(sent) - len(self._waits)
-        self._left.extend(prints_of(sent[:judged][~keep[:judged]]).tolist())
+        self._left.extend(fingerprint_rows(sent[:judged][~keep[:judged]]).tolist())
         return rows[keep]
 
     def _all_go_on(self, t: Floats) -> bool:
@@ -268,12 +268,12 @@ class SampleJudge:
         return np.isfinite(self._last) and t - self._last > JUMP_S
 
     def _is_taken(self, t: float, is_followed: bool) -> bool:
-        """Judge a stamp; `is_followed` by a later one. Where it starts a clock anew, that is set on."""
+        """Whether a stamp is taken, which `is_followed` by a later one. Shifts the clock where it shows a restart."""
         if t == self._last:
             self._count("repeated", 1, f"at t = {t:.3f} s")
             return False
         if t < self._last:
-            return self._is_clock_set_anew(t)
+            return self._is_clock_restarted(t)
         if self._is_far_ahead(t):
             if not is_followed:
                 self._count("ahead", 1, f"at t = {t:.3f} s")
@@ -282,7 +282,7 @@ class SampleJudge:
         self._behind = []
         return True
 
-    def _is_clock_set_anew(self, t: float) -> bool:
+    def _is_clock_restarted(self, t: float) -> bool:
         """Count a stamp before the last one; after `RESTART` of them in order, set the clock on."""
         self._count("backward", 1, f"at t = {t:.3f} s, after {self._last:.3f} s")
         self._behind = [*self._behind, t] if not self._behind or t > self._behind[-1] else [t]
@@ -290,24 +290,24 @@ class SampleJudge:
             return False
         period = (t - self._behind[0]) / (RESTART - 1)
         shift = self._last + period - self._behind[0]
-        self._count("restart", 1, f"at t = {t:.3f} s, after {self._last:.3f} s; {_from_there(shift)}")
-        self._set_on(shift)
+        self._count("restart", 1, f"at t = {t:.3f} s, after {self._last:.3f} s; {_describe_shift(shift)}")
+        self._shift_clock(shift)
         return True
 
     def _shorten(self, t: float) -> None:
         """Set the clock back where a gap is too long."""
         shift = self._last + LONGEST_GAP_S - t
         if shift < -TICK_S:
-            self._count("unseen", 1, f"before t = {t:.3f} s, after {self._last:.3f} s; {_from_there(shift)}")
-            self._set_on(shift)
+            self._count("unseen", 1, f"before t = {t:.3f} s, after {self._last:.3f} s; {_describe_shift(shift)}")
+            self._shift_clock(shift)
 
-    def _set_on(self, shift: float) -> None:
+    def _shift_clock(self, shift: float) -> None:
         """Set the clock on from the next sample on."""
         self._offset += shift
         self._clocks.append((self._taken, self._offset))
         self._behind = []
 
-    def _tell_gaps(self, rows: Floats) -> None:
+    def _count_gaps(self, rows: Floats) -> None:
         if len(rows) == 0:
             return
         step = np.diff(rows[:, 0], prepend=rows[0, 0] if np.isnan(self._before) else self._before)
@@ -332,15 +332,15 @@ class SampleJudge:
                 raise RecordingError(f"{problem} (seen in the first {counted(CHECKED, 'sample')}).")
 
 
-def _set_by(shift: float) -> str:
+def _name_shift(shift: float) -> str:
     return f"set {'back' if shift < 0.0 else 'on'} by {abs(shift):.3f} s"
 
 
-def _from_there(shift: float) -> str:
-    return f"from there on stamps are {_set_by(shift)}"
+def _describe_shift(shift: float) -> str:
+    return f"from there on stamps are {_name_shift(shift)}"
 
 
-def _behind_last(usable: Bools) -> int:
+def _count_after_last(usable: Bools) -> int:
     """Return how many samples behind the last usable one are not."""
     return int((np.cumsum(usable[::-1]) == 0).sum())
 

@@ -1,4 +1,4 @@
-"""Estimates as JSON, one object a line.
+"""Estimates as JSON, one object a line; and a server of such lines.
 
 ========================= ======================================================================================
 kind                      "now": as known when the footfall was complete; "smoothed": as known at the end
@@ -21,11 +21,15 @@ Sigmas are one standard deviation. What is not finite is null.
 from __future__ import annotations
 
 import json
+import socket
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.errors import StreamError
 from fg_nav.frames import heading_of
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.plain import plain
@@ -37,14 +41,17 @@ SensorTime = Callable[[int, float], float]
 DIGITS = 6
 """After the point: a micrometre, a microdegree."""
 
+SLOW_S = 0.2
+"""A listener that does not take a line for so long is disconnected: the walk does not wait."""
 
-def _as_taken(sample: int, t: float) -> float:
+
+def _same_time(sample: int, t: float) -> float:
     return t
 
 
-def line_of(estimate: StanceEstimate, continues: bool, sensor_time: SensorTime = _as_taken) -> str:
+def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: SensorTime = _same_time) -> str:
     """Return the line of an estimate of the moment."""
-    return _line(
+    return _format_line(
         "now",
         estimate.number,
         {"continues": continues},
@@ -58,11 +65,11 @@ def line_of(estimate: StanceEstimate, continues: bool, sensor_time: SensorTime =
     )
 
 
-def lines_of(table: StanceTable, sensor_time: SensorTime = _as_taken) -> Iterator[str]:
+def lines_of(table: StanceTable, sensor_time: SensorTime = _same_time) -> Iterator[str]:
     """Yield the lines of the smoothed past."""
     heading = np.degrees(heading_of(table.nav_R_body))
     for k in range(len(table)):
-        yield _line(
+        yield _format_line(
             "smoothed",
             k,
             {},
@@ -76,7 +83,7 @@ def lines_of(table: StanceTable, sensor_time: SensorTime = _as_taken) -> Iterato
         )
 
 
-def _line(
+def _format_line(
     kind: str,
     number: int,
     more: dict[str, object],
@@ -105,3 +112,61 @@ def _line(
         "field_reason": field[1],
     }
     return json.dumps(plain(content), allow_nan=False)
+
+
+class LineServer:
+    """Serves lines on 127.0.0.1 at a port, to each listener from its connection on.
+
+    `port` is the one it has; 0 asks for a free one.
+
+    Raises
+    ------
+    StreamError
+        If the port is taken.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._lock = threading.Lock()
+        self._listeners: list[socket.socket] = []
+        try:
+            self._socket = socket.create_server(("127.0.0.1", port))
+        except (OSError, OverflowError) as error:
+            reason = (getattr(error, "strerror", None) or str(error)).lower()
+            raise StreamError(f"port {port} cannot be served ({reason}): choose another --serve.") from None
+        self.port = int(self._socket.getsockname()[1])
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def send(self, line: str) -> None:
+        """Send a line to all listeners."""
+        data = (line + "\n").encode()
+        with self._lock:
+            self._listeners = [listener for listener in self._listeners if _send(listener, data)]
+
+    def close(self) -> None:
+        """Disconnect all."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+        with self._lock:
+            for listener in self._listeners:
+                listener.close()
+            self._listeners = []
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                listener, _ = self._socket.accept()
+            except OSError:
+                return
+            listener.settimeout(SLOW_S)
+            with self._lock:
+                self._listeners.append(listener)
+
+
+def _send(listener: socket.socket, data: bytes) -> bool:
+    try:
+        listener.sendall(data)
+    except OSError:
+        listener.close()
+        return False
+    return True

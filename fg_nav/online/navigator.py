@@ -109,7 +109,7 @@ class OnlineNavigator:
         if self._closed:
             return []
         self._closed = True
-        found = self._add_rows(self.judge.rest())
+        found = self._add_rows(self.judge.flush())
         if self.buffer.stop < MIN_SAMPLES:
             return found
         # A stance of the very last sample alone is none.

@@ -1,16 +1,16 @@
 """What of a resumed stream its checkpoint holds already.
 
-A source may be taken up again in two ways, and its first `HEAD` rows tell which:
+A source resumes in one of two ways, and its first `HEAD` rows show which:
 
-* It begins again, or some way back: a file, a logger's buffer. `LEAST` of these rows are among those that the
-  checkpoint knows, with the stamp that the sensor gave them and all that it measured. Then all is left out up to the
+* It begins again, or somewhat earlier: a file, a logger's buffer. `LEAST` of these rows are among those of the
+  checkpoint, with the stamp that the sensor gave them and all that it measured. Then all is left out up to the
   last `TAIL` rows that were seen before the checkpoint, those that were not taken and restarts of the clock among them.
 * It goes on from a later moment: a socket, a device. Then nothing is left out.
 
-Rows are compared by value, so it does not matter how often the sensor's clock began anew. Rows from a gap of the
-checkpoint, which were lost on the way before and come now, are too late: they are left out too. If the last rows of the
-checkpoint never come, because they were lost this time, `LOST` rows that it does not hold, and that are not from the
-gap behind the last one that it holds, are believed to be new; at the end of the stream as many as there are.
+Rows are compared by value, so it does not matter how often the sensor's clock restarted. Rows from a gap of the
+checkpoint, which were lost before and come now, are too late: they are left out too. If the last rows of the checkpoint
+never come, because they were lost this time, `LOST` rows that it does not hold, and that are not from the gap behind
+the last one that it holds, are taken for new; at the end of the stream as many as there are.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Overlap:
     ----------
     samples : (N, 10) of the checkpoint.
     clocks : the sample at which each clock of the sensor began, and by how much its stamps were set on, s.
-    left : `prints_of` rows that came too, and were left out for their stamps.
+    left : `fingerprint_rows` rows that came too, and were left out for their stamps.
     tail : (m, 10) the last usable rows before the checkpoint, as the sensor sent them; m <= `TAIL`.
     held : (n, 10) rows that waited when the checkpoint was saved.
     """
@@ -62,17 +62,17 @@ class Overlap:
         self.known, self.late = 0, 0
         self.held = held
         self.skips, self.is_over = False, len(tail) == 0
-        sent = _as_sent(samples, clocks)
-        prints = np.append(prints_of(sent), np.array(list(left), dtype=np.uint64))
-        order = np.argsort(prints, kind="stable")
-        self._prints = prints[order]
+        sent = _restore_stamps(samples, clocks)
+        fingerprints = np.append(fingerprint_rows(sent), np.array(list(left), dtype=np.uint64))
+        order = np.argsort(fingerprints, kind="stable")
+        self._fingerprints = fingerprints[order]
         self._numbers = np.where(order < len(samples), order, LEFT_OUT)
         self._sent_t = np.append(sent[:, 0], np.nan)
-        self._tail = _plain(tail)
+        self._tail = _fill_missing(tail)
         self._before = np.empty((0, COLUMNS))
         self._last = -1
 
-    def beyond(self, rows: Floats, at_end: bool = False) -> Floats:
+    def select_new(self, rows: Floats, at_end: bool = False) -> Floats:
         """Return those of the held rows and of these (n, 10) that are new; at the end of the stream no row is held on.
 
         Held are the first `HEAD` rows, and of a stream that began again those of which it is not clear yet whether they
@@ -85,16 +85,16 @@ class Overlap:
             if len(rows) < HEAD and not at_end:
                 self.held = rows
                 return rows[:0]
-            self.skips = int((self._numbers_of(rows[:HEAD]) != UNKNOWN).sum()) >= LEAST
+            self.skips = int((self._find_numbers(rows[:HEAD]) != UNKNOWN).sum()) >= LEAST
             self.is_over = not self.skips
-        return rows if self.is_over else self._behind_tail(rows, at_end)
+        return rows if self.is_over else self._skip_to_tail_end(rows, at_end)
 
-    def _behind_tail(self, rows: Floats, at_end: bool) -> Floats:
+    def _skip_to_tail_end(self, rows: Floats, at_end: bool) -> Floats:
         """Leave out all up to the last rows of the checkpoint, or up to what is new where they did not come."""
-        numbers = self._numbers_of(rows)
+        numbers = self._find_numbers(rows)
         last = self._last_held(numbers)
-        stop, self.is_over = _first_run(self._are_new(rows[:, 0], numbers, last))
-        tail = self._end_of_tail(rows)
+        stop, self.is_over = _find_run(self._are_new(rows[:, 0], numbers, last))
+        tail = self._find_tail_end(rows)
         if tail is not None and not (self.is_over and stop + LOST <= tail):
             stop, self.is_over = tail, True
         self.is_over = self.is_over or at_end
@@ -114,16 +114,16 @@ class Overlap:
     def _are_new(self, t: Floats, numbers: Ints, last: Ints) -> Bools:
         """(n,) True for rows that are not held, and not from the gap between the last one held and the next.
 
-        A gap in which the clock of the sensor began anew ends before it begins.
+        A gap in which the clock of the sensor restarted ends before it begins.
         """
         begin, end = self._sent_t[last], self._sent_t[last + 1]
         within = (t > begin) & (t < end)
         within |= (end < begin) & ((t > begin) | (t < end))
         return np.asarray((numbers == UNKNOWN) & ~within)
 
-    def _end_of_tail(self, rows: Floats) -> int | None:
+    def _find_tail_end(self, rows: Floats) -> int | None:
         """Row after the first at which the last rows of the checkpoint have come, as far as they came at all."""
-        came = _plain(np.concatenate([self._before, rows]))
+        came = _fill_missing(np.concatenate([self._before, rows]))
         first = len(self._before)
         for last in np.flatnonzero((came[first:] == self._tail[-1]).all(axis=1)).tolist():
             seen = came[max(0, first + last + 1 - len(self._tail)) : first + last + 1]
@@ -131,16 +131,16 @@ class Overlap:
                 return int(last) + 1
         return None
 
-    def _numbers_of(self, rows: Floats) -> Ints:
+    def _find_numbers(self, rows: Floats) -> Ints:
         """(n,) The sample of the checkpoint that each row is; `LEFT_OUT` if it was, `UNKNOWN` if it is none."""
-        if not len(self._prints):
+        if not len(self._fingerprints):
             return np.full(len(rows), UNKNOWN)
-        wanted = prints_of(rows)
-        at = np.minimum(np.searchsorted(self._prints, wanted), len(self._prints) - 1)
-        return np.where(self._prints[at] == wanted, self._numbers[at], UNKNOWN)
+        wanted = fingerprint_rows(rows)
+        at = np.minimum(np.searchsorted(self._fingerprints, wanted), len(self._fingerprints) - 1)
+        return np.where(self._fingerprints[at] == wanted, self._numbers[at], UNKNOWN)
 
 
-def _first_run(flags: Bools) -> tuple[int, bool]:
+def _find_run(flags: Bools) -> tuple[int, bool]:
     """Return where the first run of `LOST` flags (n,) begins, and True; or where that at the end begins, and False."""
     edges = np.concatenate([[-1], np.flatnonzero(~flags), [len(flags)]])
     long = np.flatnonzero(np.diff(edges) > LOST)
@@ -148,7 +148,7 @@ def _first_run(flags: Bools) -> tuple[int, bool]:
     return int(begin) + 1, len(long) > 0
 
 
-def _as_sent(samples: Floats, clocks: Sequence[tuple[int, float]]) -> Floats:
+def _restore_stamps(samples: Floats, clocks: Sequence[tuple[int, float]]) -> Floats:
     """Samples with the stamps that the sensor gave them."""
     sent = samples.copy()
     for first, offset in reversed(clocks):
@@ -157,14 +157,14 @@ def _as_sent(samples: Floats, clocks: Sequence[tuple[int, float]]) -> Floats:
     return sent
 
 
-def _plain(rows: Floats) -> Floats:
+def _fill_missing(rows: Floats) -> Floats:
     """Rows that equal each other where NaN stands too: infinity in its place, which no sample is."""
     return np.where(np.isnan(rows), np.inf, rows)
 
 
-def prints_of(rows: Floats) -> NDArray[np.uint64]:
-    """Return a number (n,) for each row (n, 10) as it was sent; other rows have others, as far as 64 bits go."""
-    alike = np.ascontiguousarray(_plain(rows))
+def fingerprint_rows(rows: Floats) -> NDArray[np.uint64]:
+    """Return a fingerprint (n,) of each row (n, 10) as it was sent: 64 bits, another for other rows."""
+    alike = np.ascontiguousarray(_fill_missing(rows))
     alike[:, 0] = np.rint(alike[:, 0] / TICK_S)
     bits = (alike + 0.0).view(np.uint64)  # + 0: one zero of two
     return np.asarray(((bits ^ (bits >> np.uint64(29))) * _ODD).sum(axis=1, dtype=np.uint64))

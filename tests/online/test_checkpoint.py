@@ -64,8 +64,8 @@ def resumed(rows, saved, then, block=7):
     """Samples that a judge takes of the first `saved` rows, and after a resume of the rows `then`; and that judge."""
     judge = SampleJudge()
     before = np.concatenate(admitted(judge, rows[:saved], 13))
-    again = SampleJudge.resumed(json.loads(json.dumps(judge.state())), before, lambda words: None)
-    return np.concatenate([before, *admitted(again, then, block), again.rest()]), again
+    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), before, lambda words: None)
+    return np.concatenate([before, *admitted(again, then, block), again.flush()]), again
 
 
 def odd_rows():
@@ -85,7 +85,7 @@ def odd_rows():
 def test_a_replay_is_known_up_to_the_checkpoint_whatever_the_clock_did(saved, block):
     """The rows before a restart have the stamps of those after it; only their values tell them apart."""
     rows = odd_rows()
-    whole = np.concatenate([*admitted(uninterrupted := SampleJudge(), rows, 11), uninterrupted.rest()])
+    whole = np.concatenate([*admitted(uninterrupted := SampleJudge(), rows, 11), uninterrupted.flush()])
     taken, judge = resumed(rows, saved, rows, block)
     np.testing.assert_array_equal(taken, whole)
     known = judge.counts.pop("known")
@@ -124,7 +124,7 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     np.testing.assert_array_equal(taken[700:, 1:], rows[740:, 1:])
     assert taken[700, 0] - taken[699, 0] == pytest.approx(LONGEST_GAP_S)
     for begin in (0, 740):
-        again = SampleJudge.resumed(json.loads(json.dumps(judge.state())), taken, lambda words: None)
+        again = SampleJudge.resume(json.loads(json.dumps(judge.state())), taken, lambda words: None)
         assert sum(map(len, admitted(again, rows[begin:], 50))) == 0
         assert again.counts["late"] == (40 if begin == 0 else 0)  # that nobody listened to
         assert again.counts["known"] == len(rows) - begin - again.counts["late"]
@@ -147,7 +147,7 @@ def test_where_they_were_lost_shortly_before_the_end_what_is_behind_them_is_take
 
 
 @pytest.mark.parametrize("block", [1, 40, 5000])
-def test_a_clock_that_began_anew_behind_lost_rows_loses_nothing(block):
+def test_a_clock_that_restarted_behind_lost_rows_loses_nothing(block):
     """But the rows that show that it did."""
     rows = rows_of(short_walk()).copy()
     rows[710:, 0] -= rows[710, 0]
@@ -173,7 +173,7 @@ def test_what_was_lost_before_and_comes_now_is_too_late(block, until):
 
 
 @pytest.mark.parametrize("block", [1, 16, 17, 200])
-def test_blocks_do_not_matter_to_whether_a_clock_began_anew(block):
+def test_blocks_do_not_matter_to_whether_a_clock_restarted(block):
     """Another sensor, say, whose stamps pass the last one of the checkpoint after 40 rows."""
     rows = rows_of(short_walk())
     other = rows[660:1000].copy()
@@ -230,7 +230,7 @@ def test_sigmas_grow_where_a_sensor_was_switched_off(tmp_path):
     navigator.close()
     table = navigator.causal()
     assert len(told) == 2
-    assert "began anew" in told[0]
+    assert "restarted" in told[0]
     assert len(table) > len(before) + 3
     assert (table.position_sigma[len(before) :].max(axis=1) > 2.0).all()
     assert table.heading_sigma[len(before)] > 10 * before.heading_sigma[-1]

@@ -144,7 +144,7 @@ def test_nothing_can_leave(monkeypatch, undisturbed, lag):
     assert fault.failed == 1
 
 
-def test_a_covariance_that_isam_does_not_find_is_found_anew(monkeypatch, undisturbed):
+def test_a_covariance_that_isam_does_not_find_is_found_again(monkeypatch, undisturbed):
     fault = Failing(monkeypatch, footfalls=4)
     fault.breaks(gtsam.ISAM2, "marginalCovariance")
     navigator = walked(None)
