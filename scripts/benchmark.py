@@ -1,10 +1,12 @@
-"""How long the estimators take, as ratios within one run: absolute times differ from machine to machine.
+"""How long the estimators and the simulator take, as ratios within one run where times differ between machines.
 
     python scripts/benchmark.py [--long] [--filters] [--real FILE] [--repeats N] [--json FILE]
+    python scripts/benchmark.py --online [--minutes N] [--lag SECONDS] [--rate HZ] [--json FILE]
+    python scripts/benchmark.py --simulator [--json FILE]
 
-The yardstick is the bare loop that hands every sample to `integrateMeasurement` of the preintegration class which
+The yardstick is the bare loop that gives every sample to `integrateMeasurement` of the preintegration class which
 the smoother uses, and does nothing else. Each repeat runs all calls on all walks, one after the other, so that what
-else the machine does falls on all alike; ratios are taken within a repeat, and the median over the repeats counts.
+else the machine does affects all alike; ratios are taken within a repeat, and the median over the repeats counts.
 The bare loop is timed before and after the smoother, and its mean taken. "best/best" is the least time of all
 repeats over the bare loop's least: what an idle machine would show.
 
@@ -13,76 +15,62 @@ bare loop         `integrateMeasurement` for every sample, into one measurement
 smooth            `smooth(recording, stances)`: everything from the lever to the sigmas
 detect + smooth   `detect_stances(recording)` as well
 IEZ               `run_iez(recording, stances)`, compiled before
-doubling          cost of a walk over the cost of one half as long
+doubling          cost of a walk over the cost of one half as long, by the time of the processor
 filters           each filter in its default preset, on half an hour at 400 Hz; stances and field are found before, and
-                  the field is a homogeneous one laid about the walk, so that the compass is taken in at every footfall;
-                  each runs in one thread and is judged by the time of the processor
-stages            where the time of `smooth` goes, by the modules whose functions it calls, timed from outside
+                  the field is homogeneous, so that the compass is used at every footfall; time of the processor
+online            `add_footfall` of `fg_nav.online.smoother` for hours round a corridor with a magnetometer, stances
+                  found beforehand: the graph, and not the detection. A row each thousand footfalls: p50, p99 and
+                  longest, ms, and memory of the process, MB. The longest are scheduled batch re-solves
+simulator         `fg-nav simulate`, its files included, each in a process of its own: `mall` (half an hour at 400 Hz,
+                  eight sensors averaged) and an hour by a scenario file. Memory is the peak of the process
 ================= ==============================================================================================
-
-Ratios to the bare loop are of wall time, within seconds of each other. A walk and its half run minutes apart, under
-other loads, so doubling is judged by the time of the processor (all threads), with the wall time beside it.
 """
 
 from __future__ import annotations
 
-import argparse
-import gc
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
-from functools import partial, wraps
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from time import perf_counter, process_time
-from types import FunctionType
-from typing import Any, TypeAlias, TypeVar
-from unittest.mock import patch
+from time import perf_counter
+from typing import TypeAlias
 
-import figures as fig
 import gtsam
+import harness
 import numpy as np
-from figures import Figure
-from long_walk import long_walk
+from harness import Figure, Time, measure_time, option
+from walks import simulate_long_walk
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
+from fg_nav.detection.causal import Footfall
 from fg_nav.ekf import run_iez
 from fg_nav.ekf.presets import TUNED, run_filter
+from fg_nav.errors import SimulationError
 from fg_nav.evaluation import evaluate
 from fg_nav.io import read
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.magnetic import footfall_field
 from fg_nav.magnetic.attitude import inertial_attitude
+from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.report.terminal import progress
-from fg_nav.smoother import SmootherParameters, batch, smooth
+from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.stances import Stances
 
 SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 2.5, 2.3, 2.5
 """What is asked: smoother over bare loop, cost over that of half the walk, microseconds a sample."""
 
-FILTER_US, FILTER_S = 4.0, 4.0
-"""What is asked of a filter: microseconds a sample, and seconds for half an hour at 400 Hz."""
-
-FILTERS = ("iez", "qsf", "iqsf", "ma2018", "aiez")
-FILTER_MINUTES, FILTER_RATE_HZ = 30.0, 400.0
-
 MINUTES, LONG_MINUTES = (10.0, 20.0), (7.5, 15.0, 30.0, 60.0, 120.0)
 SEED = 1
-
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Time:
-    """Seconds on the wall and of the processor."""
-
-    wall: float
-    cpu: float
-
-    def __add__(self, other: Time) -> Time:
-        return Time(self.wall + other.wall, self.cpu + other.cpu)
-
+INFINITE = float("inf")
 
 BARE, SMOOTH, BOTH, IEZ, DETECT = "bare loop", "smooth", "detect + smooth", "IEZ", "detection"
 
@@ -92,59 +80,64 @@ Repeat: TypeAlias = Mapping[str, Mapping[str, Time]]
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print, and write what was asked for."""
-    chosen = _parse(arguments)
-    some = recordings(chosen.long, chosen.real)
-    warm_up()
-    repeats = measure(some, chosen.repeats)
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        long=option(False, "walks of 7.5 minutes to 2 hours, doubling each time"),
+        filters=option(False, "each filter on half an hour at 400 Hz as well"),
+        real=option(None, "a recording in place of the simulated walks", type=Path, metavar="FILE"),
+        online=option(False, "what a footfall costs online instead"),
+        minutes=option(240.0, "of walking online", metavar="N"),
+        lag=option(None, "fixed lag online (none: the whole walk)", type=float, metavar="SECONDS"),
+        rate=option(100.0, "of the samples online", metavar="HZ"),
+        simulator=option(False, "what a simulation costs instead"),
+        repeats=5,
+        json=None,
+    )
+    if chosen.simulator:
+        figures = measure_simulator()
+        harness.print_figures(figures)
+        harness.print_verdict(figures, chosen.json)
+        return
+    if chosen.online:
+        figures = measure_online(chosen.minutes, chosen.lag, chosen.rate)
+        harness.print_verdict(figures, chosen.json)
+        return
+    some = read_or_simulate(chosen.long, chosen.real)
+    compile_all()
+    repeats = measure_repeats(some, chosen.repeats)
     figures = print_costs(some, repeats)
-    stages = print_stages(some, chosen.repeats)
-    print_found(some)
+    print_solutions(some)
     if chosen.filters:
-        figures += print_filters(long_walk(FILTER_MINUTES, SEED, FILTER_RATE_HZ), chosen.repeats)
-    fig.print_verdict(figures)
-    if chosen.json:
-        times = [{walk: {call: vars(t) for call, t in of.items()} for walk, of in r.items()} for r in repeats]
-        content = {"figures": [f.as_dict() for f in figures], "seconds": times, "stages_us_a_sample": stages}
-        fig.write_json(chosen.json, content)
+        figures += measure_filters(simulate_long_walk(FILTER_MINUTES, SEED, FILTER_RATE_HZ), chosen.repeats)
+    times = [{walk: {call: vars(t) for call, t in of.items()} for walk, of in r.items()} for r in repeats]
+    harness.print_verdict(figures, chosen.json, seconds=times)
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Time the estimators against the bare preintegration loop.")
-    parser.add_argument("--long", action="store_true", help="walks of 7.5 minutes to 2 hours, doubling each time")
-    parser.add_argument("--filters", action="store_true", help="each filter on half an hour at 400 Hz as well")
-    parser.add_argument("--real", type=Path, metavar="FILE", help="a recording in place of the simulated walks")
-    parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="how often all is run (5)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
-    return parser.parse_args(arguments)
+# --- the smoother ----------------------------------------------------------------------------------------------------
 
 
-def _count(words: str) -> int:
-    if not (words.isdecimal() and int(words) > 0):
-        raise argparse.ArgumentTypeError(f"'{words}' is no number of repeats: give 1 or more")
-    return int(words)
-
-
-def recordings(long: bool = False, real: Path | None = None) -> dict[str, Recording]:
+def read_or_simulate(long: bool = False, real: Path | None = None) -> dict[str, Recording]:
     """Return walks by name, shortest first: the real one, or simulated ones each twice as long as the one before."""
     if real is not None:
         return {real.name: read(real)}
     minutes = LONG_MINUTES if long else MINUTES
-    whole = long_walk(minutes[-1], SEED)
+    whole = simulate_long_walk(minutes[-1], SEED)
     share = [round(len(whole) * part / minutes[-1]) for part in minutes]
     return {f"{part:g} min": whole.slice(0, stop) for part, stop in zip(minutes, share, strict=True)}
 
 
-def warm_up() -> None:
+def compile_all() -> None:
     """Compile and load everything once."""
-    recording = long_walk(0.5, SEED)
+    recording = simulate_long_walk(0.5, SEED)
     stances = detect_stances(recording)
-    bare_loop(recording)
+    run_bare_loop(recording)
     smooth(recording, stances)
     run_iez(recording, stances)
 
 
-def bare_loop(recording: Recording) -> None:
-    """Hand every sample to the preintegration, over its own period."""
+def run_bare_loop(recording: Recording) -> None:
+    """Give every sample to the preintegration, over its own period."""
     p, identity = SmootherParameters(), np.eye(3)
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(identity * p.position_density**2)
@@ -156,33 +149,25 @@ def bare_loop(recording: Recording) -> None:
         integrate(acc, gyr, h)
 
 
-def measure(some: Mapping[str, Recording], repeats: int) -> list[Repeat]:
-    """Time all calls on all walks, as often as told."""
+def measure_repeats(some: Mapping[str, Recording], repeats: int) -> list[Repeat]:
+    """Time all calls on all walks, that many times."""
     measured: list[Repeat] = []
-    with progress("benchmark") as tell:
+    with progress("benchmark") as report:
         for k in range(repeats):
-            tell(k / repeats)
-            measured.append({name: times(recording) for name, recording in some.items()})
+            report(k / repeats)
+            measured.append({name: measure_calls(recording) for name, recording in some.items()})
     return measured
 
 
-def times(recording: Recording) -> dict[str, Time]:
+def measure_calls(recording: Recording) -> dict[str, Time]:
     """Time every call once, on one walk, and the bare loop before and after."""
-    before, _ = timed(lambda: bare_loop(recording))
-    detection, stances = timed(lambda: detect_stances(recording))
-    smoothing, _ = timed(lambda: smooth(recording, stances))
-    after, _ = timed(lambda: bare_loop(recording))
-    filtering, _ = timed(lambda: run_iez(recording, stances))
+    before, _ = measure_time(lambda: run_bare_loop(recording))
+    detection, stances = measure_time(lambda: detect_stances(recording))
+    smoothing, _ = measure_time(lambda: smooth(recording, stances))
+    after, _ = measure_time(lambda: run_bare_loop(recording))
+    filtering, _ = measure_time(lambda: run_iez(recording, stances))
     bare = Time((before.wall + after.wall) / 2, (before.cpu + after.cpu) / 2)
     return {BARE: bare, DETECT: detection, SMOOTH: smoothing, BOTH: detection + smoothing, IEZ: filtering}
-
-
-def timed(call: Callable[[], T]) -> tuple[Time, T]:
-    """Seconds a call takes, and its result."""
-    gc.collect()
-    wall, cpu = perf_counter(), process_time()
-    result = call()
-    return Time(perf_counter() - wall, process_time() - cpu), result
 
 
 def print_costs(some: Mapping[str, Recording], repeats: Sequence[Repeat]) -> list[Figure]:
@@ -190,19 +175,19 @@ def print_costs(some: Mapping[str, Recording], repeats: Sequence[Repeat]) -> lis
     names = list(some)
     headers = ("call", "us a sample", "processor", "over bare loop", "least", "greatest", "processor's", "best/best")
     for name, recording in some.items():
-        fig.print_heading(f"{name}: {len(recording)} samples, medians over {len(repeats)} repeats")
+        harness.print_heading(f"{name}: {len(recording)} samples, medians over {len(repeats)} repeats")
         rows = [_cost_row(call, name, len(recording), repeats) for call in (BARE, DETECT, SMOOTH, BOTH, IEZ)]
-        fig.print_table(headers, rows)
-    figures = [figure for name in names for figure in _figures(name, len(some[name]), repeats)]
-    figures += [figure for half, name in pairwise(names) for figure in _doublings(half, name, repeats)]
-    fig.print_heading("Figures (medians over the repeats)")
-    fig.print_figures(figures)
+        harness.print_table(headers, rows)
+    figures = [figure for name in names for figure in _cost_figures(name, len(some[name]), repeats)]
+    figures += [figure for half, name in pairwise(names) for figure in _doubling_figures(half, name, repeats)]
+    harness.print_heading("Figures (medians over the repeats)")
+    harness.print_figures(figures)
     return figures
 
 
 def _cost_row(call: str, name: str, samples: int, repeats: Sequence[Repeat]) -> list[str]:
-    wall, cpu = seconds(repeats, name, call)
-    bare_wall, bare_cpu = seconds(repeats, name, BARE)
+    wall, cpu = seconds_of(repeats, name, call)
+    bare_wall, bare_cpu = seconds_of(repeats, name, BARE)
     over = wall / bare_wall
     shown = [1e6 * np.median(wall) / samples, 1e6 * np.median(cpu) / samples]
     shown += [np.median(over), over.min(), over.max()]
@@ -210,14 +195,14 @@ def _cost_row(call: str, name: str, samples: int, repeats: Sequence[Repeat]) -> 
     return [call, *(f"{value:.2f}" for value in shown)]
 
 
-def seconds(repeats: Sequence[Repeat], walk: str, call: str) -> tuple[Floats, Floats]:
+def seconds_of(repeats: Sequence[Repeat], walk: str, call: str) -> tuple[Floats, Floats]:
     """Wall and processor time (R,) of a call on a walk in each repeat."""
     spent = [repeat[walk][call] for repeat in repeats]
     return np.array([time.wall for time in spent]), np.array([time.cpu for time in spent])
 
 
-def _figures(name: str, samples: int, repeats: Sequence[Repeat]) -> list[Figure]:
-    bare, smoothing, both, filtering = (seconds(repeats, name, c)[0] for c in (BARE, SMOOTH, BOTH, IEZ))
+def _cost_figures(name: str, samples: int, repeats: Sequence[Repeat]) -> list[Figure]:
+    bare, smoothing, both, filtering = (seconds_of(repeats, name, c)[0] for c in (BARE, SMOOTH, BOTH, IEZ))
     words = f"over bare loop, {name}"
     return [
         Figure(name, f"smooth {words}", "smoother", float(np.median(smoothing / bare)), high=SMOOTHER_RATIO),
@@ -226,11 +211,11 @@ def _figures(name: str, samples: int, repeats: Sequence[Repeat]) -> list[Figure]
     ]
 
 
-def _doublings(half: str, name: str, repeats: Sequence[Repeat]) -> list[Figure]:
+def _doubling_figures(half: str, name: str, repeats: Sequence[Repeat]) -> list[Figure]:
     words = f"smooth, {name} over {half}"
     wall, cpu = (
         float(np.median(whole / part))
-        for whole, part in zip(seconds(repeats, name, SMOOTH), seconds(repeats, half, SMOOTH), strict=True)
+        for whole, part in zip(seconds_of(repeats, name, SMOOTH), seconds_of(repeats, half, SMOOTH), strict=True)
     )
     return [
         Figure(name, f"{words}, processor", "smoother", cpu, high=DOUBLING_RATIO),
@@ -238,8 +223,29 @@ def _doublings(half: str, name: str, repeats: Sequence[Repeat]) -> list[Figure]:
     ]
 
 
-def print_filters(recording: Recording, repeats: int) -> list[Figure]:
-    """Print what each filter costs, and figures."""
+def print_solutions(some: Mapping[str, Recording]) -> None:
+    """Print what `smooth` found, so that it is known to have done its work."""
+    rows = []
+    for name, recording in some.items():
+        solution = smooth(recording, detect_stances(recording))
+        metrics = evaluate(solution, recording.truth)
+        rmse = "-" if metrics.rmse_2d_m is None else f"{metrics.rmse_2d_m:.3f}"
+        rows.append([name, f"{metrics.strides_detected}", f"{metrics.distance_m:.0f}", rmse, solution.notes[-1]])
+    harness.print_heading("What smooth found")
+    harness.print_table(("walk", "strides", "distance (m)", "rmse 2-D (m)", ""), rows)
+
+
+# --- the filters -----------------------------------------------------------------------------------------------------
+
+FILTER_US, FILTER_S = 4.0, 4.0
+"""What is asked of a filter: microseconds a sample, and seconds for half an hour at 400 Hz."""
+
+FILTERS = ("iez", "qsf", "iqsf", "ma2018", "aiez")
+FILTER_MINUTES, FILTER_RATE_HZ = 30.0, 400.0
+
+
+def measure_filters(recording: Recording, repeats: int) -> list[Figure]:
+    """Print what each filter costs, and return the figures."""
     stances = detect_stances(recording)
     attitude = inertial_attitude(recording, stances)
     mag = np.einsum("nji,j->ni", attitude, SITES["munich"].vector)
@@ -248,7 +254,7 @@ def print_filters(recording: Recording, repeats: int) -> list[Figure]:
     for method in FILTERS:
         run = partial(run_filter, method, TUNED, recording, stances, known, 0.0)
         run()  # compiled
-        taken = [timed(run)[0] for _ in range(repeats)]
+        taken = [measure_time(run)[0] for _ in range(repeats)]
         wall, cpu = (float(np.median([getattr(time, of) for time in taken])) for of in ("wall", "cpu"))
         a_sample, half_an_hour = 1e6 / len(recording), 60 * FILTER_MINUTES * FILTER_RATE_HZ / len(recording)
         figures += [
@@ -256,117 +262,127 @@ def print_filters(recording: Recording, repeats: int) -> list[Figure]:
             Figure("filters", "half an hour at 400 Hz, processor (s)", method, cpu * half_an_hour, high=FILTER_S),
             Figure("filters", "the same, wall (s)", method, wall * half_an_hour),
         ]
-    fig.print_heading(f"Filters: {len(recording)} samples, medians over {repeats} repeats")
-    fig.print_figures(figures)
+    harness.print_heading(f"Filters: {len(recording)} samples, medians over {repeats} repeats")
+    harness.print_figures(figures)
     return figures
 
 
-REST = "batch"
-"""What is in no other stage: the module that calls them all."""
+# --- online ----------------------------------------------------------------------------------------------------------
+
+BEYOND = 5
+"""Samples behind a footfall that come with it."""
+
+EVERY, EARLY = 1000, slice(500, 1500)
+P50_MS, P99_MS, LAG_RATIO, GROWTH = 10.0, 60.0, 1.3, 1.05
+"""What is asked of the last thousand footfalls: of the whole walk p50 and p99; with a lag the ratio of the p99 to that
+of footfalls 500 to 1500, and of the memory to that at half of the walk."""
 
 
-@dataclass
-class StageClock:
-    """Time spent in each stage, without that spent in a stage called from within it."""
-
-    seconds: dict[str, float] = field(default_factory=lambda: {REST: 0.0})
-    _open: list[str] = field(default_factory=lambda: [REST])
-    _since: float = field(default_factory=lambda: perf_counter())
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Charge the block to a stage."""
-        self._charge()
-        self._open.append(name)
-        try:
-            yield
-        finally:
-            self._charge()
-            self._open.pop()
-
-    def _charge(self) -> None:
-        now = perf_counter()
-        stage = self._open[-1]
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._since
-        self._since = now
-
-    def watch(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Wrap a function so that its time is charged; an iterator it returns is charged at each step."""
-
-        @wraps(function)
-        def watched(*args: Any, **kwargs: Any) -> Any:
-            with self.stage(stage):
-                result = function(*args, **kwargs)
-            return self._steps(stage, result) if isinstance(result, Iterator) else result
-
-        return watched
-
-    def _steps(self, stage: str, iterator: Iterator[T]) -> Iterator[T]:
-        while True:
-            with self.stage(stage):
-                try:
-                    item = next(iterator)
-                except StopIteration:
-                    return
-            yield item
-
-
-def stage_functions() -> Iterator[tuple[object, str, str]]:
-    """Where each function that the smoother calls can be replaced: owner, name, and stage, the module it is from."""
-    for name, thing in vars(batch).items():
-        module = getattr(thing, "__module__", None) or ""
-        if not module.startswith("fg_nav.") or module == batch.__name__:
-            continue
-        stage = module.rpartition(".")[2]
-        if isinstance(thing, FunctionType):
-            yield batch, name, stage
-        elif isinstance(thing, type) and module.startswith("fg_nav.smoother."):
-            methods = (n for n, m in vars(thing).items() if isinstance(m, FunctionType) and n[0] != "_")
-            yield from ((thing, method, stage) for method in methods)
-
-
-def stage_seconds(recording: Recording) -> dict[str, float]:
-    """Seconds that each stage of `smooth` takes on this walk."""
+def measure_online(minutes: float, lag_s: float | None, rate_hz: float) -> list[Figure]:
+    """Print what a footfall costs, however long the walk, and return the figures."""
+    recording = simulate_long_walk(minutes, SEED, rate_hz, "indoor")
     stances = detect_stances(recording)
-    gc.collect()
-    clock = StageClock()
-    with ExitStack() as patches:
-        for owner, name, stage in list(stage_functions()):
-            watched = clock.watch(stage, getattr(owner, name))
-            patches.enter_context(patch.object(owner, name, watched))
-        with clock.stage(REST):
-            smooth(recording, stances)
-    return clock.seconds
+    mode = "the whole walk" if lag_s is None else f"a lag of {lag_s:g} s"
+    if stances.n_footfalls <= EARLY.start:
+        raise SimulationError(f"{stances.n_footfalls} footfalls are too few for a trend: ask for 15 minutes or more.")
+    harness.print_heading(f"{minutes:g} minutes, {stances.n_footfalls} footfalls, {mode}")
+    milliseconds, megabytes = add_footfalls(recording, stances, OnlineOptions(heading_rad=0.0, lag_s=lag_s))
+    rows = [_footfall_row(milliseconds, megabytes, start) for start in range(0, len(milliseconds), EVERY)]
+    harness.print_table(("footfalls", "p50, ms", "p99, ms", "longest, ms", "memory, MB"), rows)
+    figures = judge_footfalls(mode, milliseconds, megabytes, lag_s)
+    harness.print_figures(figures)
+    return figures
 
 
-def print_stages(some: Mapping[str, Recording], repeats: int) -> dict[str, dict[str, float]]:
-    """Print where the time of `smooth` goes: microseconds a sample of each stage (median), walk by walk."""
-    runs = [{name: stage_seconds(recording) for name, recording in some.items()} for _ in range(repeats)]
-    stages = dict.fromkeys(stage for name in some for stage in runs[0][name])
-    cost = {
-        stage: {n: 1e6 * float(np.median([run[n].get(stage, 0.0) for run in runs])) / len(some[n]) for n in some}
-        for stage in stages
-    }
-    longest = list(some)[-1]
-    total = sum(of[longest] for of in cost.values())
-    ranked = sorted(cost.items(), key=lambda item: -item[1][longest])
-    rows = [[s, *(f"{us:.3f}" for us in of.values()), f"{100 * of[longest] / total:.1f}"] for s, of in ranked]
-    fig.print_heading("Stages of smooth, us a sample")
-    fig.print_table(("module", *some, f"share at {longest} (%)"), rows)
-    return cost
+def add_footfalls(recording: Recording, stances: Stances, options: OnlineOptions) -> tuple[Floats, Floats]:
+    """Time (F,) of each footfall, ms, and memory (F,) after it, MB."""
+    buffer, rows = SampleBuffer(), rows_of(recording)
+    online, milliseconds, megabytes = OnlineSmoother(options, buffer), [], []
+    for footfall, until in footfalls_of(recording, stances):
+        began = perf_counter()
+        buffer.append(rows[buffer.stop : until])
+        online.add_footfall(footfall, until)
+        milliseconds.append(1e3 * (perf_counter() - began))
+        megabytes.append(memory_mb())
+    return np.array(milliseconds), np.array(megabytes)
 
 
-def print_found(some: Mapping[str, Recording]) -> None:
-    """Print what `smooth` found, so that it is known to have done its work."""
-    rows = []
-    for name, recording in some.items():
-        solution = smooth(recording, detect_stances(recording))
-        metrics = evaluate(solution, recording.truth)
-        rmse = "-" if metrics.rmse_2d_m is None else f"{metrics.rmse_2d_m:.3f}"
-        rows.append([name, f"{metrics.strides_detected}", f"{metrics.distance_m:.0f}", rmse, solution.notes[-1]])
-    fig.print_heading("What smooth found")
-    fig.print_table(("walk", "strides", "distance (m)", "rmse 2-D (m)", ""), rows)
+def footfalls_of(recording: Recording, stances: Stances) -> Iterator[tuple[Footfall, int]]:
+    """Yield the footfalls of a walk, each with the sample before which samples come with it."""
+    stillest = stances.stillest(recording.gyr)
+    for k in range(stances.n_footfalls):
+        of = stances.footfall == k
+        stop = min(int(stances.stop[of][-1]) + BEYOND, len(recording))
+        yield Footfall(stances.start[of], stances.stop[of], np.ones(int(of.sum())), int(stillest[k]), False), stop
+
+
+def memory_mb() -> float:
+    """Memory of this process; NaN where the system does not show it."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return float("nan")
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _footfall_row(milliseconds: Floats, megabytes: Floats, start: int) -> list[str]:
+    part = milliseconds[start : start + EVERY]
+    p50, p99 = np.percentile(part, [50, 99])
+    last = start + len(part)
+    return [f"{start} to {last}", f"{p50:.1f}", f"{p99:.1f}", f"{part.max():.0f}", f"{megabytes[last - 1]:.0f}"]
+
+
+def judge_footfalls(mode: str, milliseconds: Floats, megabytes: Floats, lag_s: float | None) -> list[Figure]:
+    """Compare the last thousand footfalls with what is asked."""
+    (p50, p99), early = np.percentile(milliseconds[-EVERY:], [50, 99]), np.percentile(milliseconds[EARLY], 99)
+    growth = float(megabytes[-1] / megabytes[len(megabytes) // 2])
+    whole, lagged = (1.0, INFINITE) if lag_s is None else (INFINITE, 1.0)
+    last = "of the last thousand"
+    return [
+        Figure(mode, f"p50 {last} (ms)", "online", float(p50), high=P50_MS * whole),
+        Figure(mode, f"p99 {last} (ms)", "online", float(p99), high=P99_MS * whole),
+        Figure(mode, f"p99 {last} over that of 500 to 1500", "online", float(p99 / early), high=LAG_RATIO * lagged),
+        Figure(mode, "memory at the end over that at half", "online", growth, high=GROWTH * lagged),
+    ]
+
+
+# --- the simulator ---------------------------------------------------------------------------------------------------
+
+MALL_S, HOUR_MB = 20.0, 2000.0
+"""What is asked of `mall`, s, and of an hour, MB."""
+
+HOUR = """
+like = "mall"
+[course]
+points_m = [[0, 0], [0, 60], [110, 60], [110, 0], [0, 0]]
+laps = 15
+"""
+"""5 km at 1.39 m/s."""
+
+
+def measure_simulator() -> list[Figure]:
+    """Seconds and memory of `fg-nav simulate`, after one short simulation that compiles."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "hour.toml").write_text(HOUR)
+        run_simulate(folder, "demo")
+        mall, hour = run_simulate(folder, "mall", "--seed", "1"), run_simulate(folder, str(folder / "hour.toml"))
+    return [
+        Figure("simulate", "mall, time, s", "wall", mall[0], high=MALL_S, pattern="{:.1f}"),
+        Figure("simulate", "mall, memory, MB", "peak", mall[1], pattern="{:.0f}"),
+        Figure("simulate", "one hour, time, s", "wall", hour[0], pattern="{:.1f}"),
+        Figure("simulate", "one hour, memory, MB", "peak", hour[1], high=HOUR_MB, pattern="{:.0f}"),
+    ]
+
+
+def run_simulate(folder: Path, *arguments: str) -> tuple[float, float]:
+    """Simulate into the folder; returns seconds on the wall, and the largest memory of any such run so far in MB."""
+    out = folder / f"out-{len(list(folder.iterdir()))}"
+    command: Sequence[str] = [sys.executable, "-m", "fg_nav.cli", "simulate", *arguments, "--out", str(out)]
+    begin = perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -24,7 +24,7 @@ graph found for the scale: one sensor's ought to be the same in each.
 
 VQF takes a rate for the mean over the period before its stamp, ours for that of the period after it. By the cameras
 those of all six trials are of 1.1 samples before the stamp, so ours too are given them as of the period before
-(`rates_held`). At 650 deg/s a sample is 2.3 deg.
+(`hold_rates`). At 650 deg/s a sample is 2.3 deg.
 
 Reference: Laidig, Caruso, Cereatti, Seel (2021), "BROAD: A Benchmark for Robust Inertial Orientation Estimation",
 Data 6(7) 72; Laidig, Seel (2023), "VQF", Information Fusion 91.
@@ -32,13 +32,12 @@ Data 6(7) 72; Laidig, Seel (2023), "VQF", Information Fusion 91.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import figures as fig
+import harness
 import numpy as np
 import walks
 from scipy.spatial.transform import Rotation
@@ -96,29 +95,31 @@ class Estimate:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="Orientation on the BROAD trials, beside VQF's.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--trials", nargs="+", metavar="NAME", help="those whose names begin so, such as 01")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there")
-    chosen = parser.parse_args(arguments)
-    trials = trials_of(walks.data_folder(chosen.data), chosen.trials)
-    found = {trial.name: measured(trial) for trial in trials}
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        data=None,
+        trials=harness.option(None, "those whose names begin so, such as 01", nargs="+", metavar="NAME"),
+        json=None,
+    )
+    trials = read_trials(walks.data_folder(chosen.data), chosen.trials)
+    found = {trial.name: measure_trial(trial) for trial in trials}
     figures = figures_of(found)
     print_all(trials, found, figures)
     if chosen.json is not None:
-        fig.write_json(chosen.json, {"trials": found, "mean": [figure.as_dict() for figure in figures]})
+        harness.write_json(chosen.json, {"trials": found, "mean": [figure.as_dict() for figure in figures]})
 
 
-def trials_of(data: Path, names: Sequence[str] | None = None) -> list[Trial]:
+def read_trials(data: Path, names: Sequence[str] | None = None) -> list[Trial]:
     """Load the trials, all or those whose names begin so."""
     paths = sorted((data / "broad").glob("*.mat"))
     some = [path for path in paths if names is None or path.name.startswith(tuple(names))]
     if not some:
         raise OutputError(f"{data} holds no such BROAD trial: name another folder, or other trials.")
-    return [trial_of(path) for path in some]
+    return [read_trial(path) for path in some]
 
 
-def trial_of(path: Path) -> Trial:
+def read_trial(path: Path) -> Trial:
     """Load a trial."""
     recording, variables = read(path), load_mat(path)
     wxyz = mat_array(variables, "opt_quat", path, columns=4)
@@ -137,30 +138,30 @@ def trial_of(path: Path) -> Trial:
     )
 
 
-def measured(trial: Trial) -> dict[str, dict[str, float]]:
+def measure_trial(trial: Trial) -> dict[str, dict[str, float]]:
     """Return the measures of all methods."""
-    return {name: errors_of(trial, estimate) for name, estimate in estimates(trial).items()}
+    return {name: errors_of(trial, estimate) for name, estimate in run_methods(trial).items()}
 
 
-def estimates(trial: Trial) -> dict[str, Estimate]:
+def run_methods(trial: Trial) -> dict[str, Estimate]:
     """Run all methods."""
     sigma = field_sigma_uT(trial)
     graph, paper = PocketGraphParameters(mag_sigma_uT=sigma), PocketParameters(mag_sigma_uT=sigma)
-    held = rates_held(trial.recording)
+    held = hold_rates(trial.recording)
     return {
-        **by_vqf(trial),
+        **run_vqf(trial),
         BATCH: _kept(smooth_pocket(held, graph)),
         CAUSAL: _kept(follow_pocket(held, graph)),
         PAPER: _kept(estimate_pocket(held, paper)),
     }
 
 
-def rates_held(recording: Recording) -> Recording:
+def hold_rates(recording: Recording) -> Recording:
     """Rates of the period before a stamp as those of the period after the last stamp."""
     return replace(recording, gyr=np.concatenate([recording.gyr[1:], recording.gyr[-1:]]))
 
 
-def by_vqf(trial: Trial) -> dict[str, Estimate]:
+def run_vqf(trial: Trial) -> dict[str, Estimate]:
     """Run VQF offline and online, with the magnetometer and default parameters."""
     import vqf  # outside of the package: installed where this is measured
 
@@ -217,14 +218,14 @@ def _rms_deg(x: Floats) -> float:
     return float(np.degrees(np.sqrt((x**2).mean())))
 
 
-def figures_of(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[fig.Figure]:
+def figures_of(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[harness.Figure]:
     """Means over the trials; of ours it is asked to be no worse than VQF."""
     mean = {
         name: {m: float(np.mean([of[name][m] for of in found.values()])) for m in MEASURES}
         for name in next(iter(found.values()))
     }
     return [
-        fig.Figure("mean", measure, name, mean[name][measure], high=mean[beside][measure])
+        harness.Figure("mean", measure, name, mean[name][measure], high=mean[beside][measure])
         for name, beside in BESIDE.items()
         for measure in MEASURES
     ]
@@ -233,17 +234,17 @@ def figures_of(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[f
 def print_all(
     trials: Sequence[Trial],
     found: Mapping[str, Mapping[str, Mapping[str, float]]],
-    figures: Sequence[fig.Figure],
+    figures: Sequence[harness.Figure],
 ) -> None:
     """A table a trial, and the mean with what was asked."""
     for trial in trials:
-        fig.print_heading(f"{trial.name}, magnetometer {field_sigma_uT(trial):.2f} uT a sample at rest")
+        harness.print_heading(f"{trial.name}, magnetometer {field_sigma_uT(trial):.2f} uT a sample at rest")
         rows = [(name, *(f"{errors[m]:.3f}" for m in MEASURES)) for name, errors in found[trial.name].items()]
-        fig.print_table(("rms: deg, bias deg/s", *MEASURES), rows)
-    fig.print_heading("mean over the trials, asked: ours <= VQF's")
-    fig.print_figures(figures)
-    fig.print_verdict(figures)
+        harness.print_table(("rms: deg, bias deg/s", *MEASURES), rows)
+    harness.print_heading("mean over the trials, asked: ours <= VQF's")
+    harness.print_figures(figures)
+    harness.print_verdict(figures)
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

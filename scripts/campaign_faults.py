@@ -23,15 +23,15 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter, sleep
 
-import figures as fig
+import harness
 import psutil
-from figures import Figure
+from harness import Figure
 
 from fg_nav.errors import CampaignError
 from fg_nav.lab.campaign.folder import CELLS
@@ -51,7 +51,7 @@ TICK_S = 0.1
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the plan four times, and print what differs."""
-    given = _parse(arguments)
+    given = harness.parse_arguments(__doc__, arguments, scenarios=SCENARIOS, methods=METHODS, seeds=8, out=None)
     with tempfile.TemporaryDirectory(prefix="fg-nav-faults-") as scratch:
         out = given.out or Path(scratch)
         _check_new(out)
@@ -59,15 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         plan = out / "plan.toml"
         plan.write_text(_plan(given), encoding="utf-8")
         print_all(out, plan)
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Kill the workers and the scheduler of a campaign.")
-    parser.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), metavar="NAME")
-    parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="NAME[:PRESET]")
-    parser.add_argument("--seeds", type=int, default=8, metavar="N", help="walks of a scenario (8)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="keep the campaigns here; none may be there")
-    return parser.parse_args(arguments)
 
 
 def _plan(given: argparse.Namespace) -> str:
@@ -85,15 +76,15 @@ def _check_new(out: Path) -> None:
 
 def print_all(out: Path, plan: Path) -> None:
     """Run, compare, print."""
-    one = timed(lambda: campaign(plan, out / "one", "--workers", "1"))
-    two = timed(lambda: campaign(plan, out / "two", "--workers", "2"))
-    again = timed(lambda: campaign(plan, out / "again", "--workers", "2"))
-    fig.print_heading("Undisturbed")
+    one = harness.measure_time(lambda: campaign(plan, out / "one", "--workers", "1"))[0].wall
+    two = harness.measure_time(lambda: campaign(plan, out / "two", "--workers", "2"))[0].wall
+    again = harness.measure_time(lambda: campaign(plan, out / "again", "--workers", "2"))[0].wall
+    harness.print_heading("Undisturbed")
     rows = [("one worker", one), ("two workers", two), ("again", again)]
-    fig.print_table(("run", "s"), [(name, f"{seconds:.1f}") for name, seconds in rows])
-    fig.print_heading("Disturbed")
+    harness.print_table(("run", "s"), [(name, f"{seconds:.1f}") for name, seconds in rows])
+    harness.print_heading("Disturbed")
     events: list[str] = []
-    seconds = timed(lambda: events.extend(disturbed(plan, out / "disturbed")))
+    seconds = harness.measure_time(lambda: events.extend(disturbed(plan, out / "disturbed")))[0].wall
     for event in events:
         print(event)
     print(f"{seconds:.1f} s in all")
@@ -101,16 +92,9 @@ def print_all(out: Path, plan: Path) -> None:
         *(same(out / "two", out / other, f"{other} as two") for other in ("one", "again", "disturbed")),
         Figure("time", "speed-up by a second worker", "", one / two, SPEED_UP, pattern="{:.2f}"),
     ]
-    fig.print_heading("What was asked")
-    fig.print_figures(figures)
-    fig.print_verdict(figures)
-
-
-def timed(work: Callable[[], object]) -> float:
-    """Seconds that it takes."""
-    began = perf_counter()
-    work()
-    return perf_counter() - began
+    harness.print_heading("What was asked")
+    harness.print_figures(figures)
+    harness.print_verdict(figures)
 
 
 def same(one: Path, other: Path, name: str) -> Figure:
@@ -235,4 +219,4 @@ def _cells(out: Path) -> int:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

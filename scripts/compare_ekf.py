@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import figures as fig
+import harness
 import numpy as np
 import walks
 from compare_tables import (
@@ -96,9 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_speed(results)
     figures = judged(cases)
     if figures:
-        fig.print_heading("What was asked")
-        fig.print_figures([replace(one, name=f"{one.section}: {one.name}") for one in figures])
-        fig.print_verdict(figures)
+        harness.print_heading("What was asked")
+        harness.print_figures([replace(one, name=f"{one.section}: {one.name}") for one in figures])
+        harness.print_verdict(figures)
     print_remarks(results)
 
 
@@ -204,4 +204,4 @@ def _drawn_mode(case: Case) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

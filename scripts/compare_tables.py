@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
-import figures as fig
+import harness
 import numpy as np
-from figures import Figure
+from harness import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, error_reduction_percent
@@ -240,7 +240,7 @@ def print_case(name: str, case: Case, reference: str | None = None) -> None:
     group = next(iter(case.values()))[0].key.group
     against = reference or REFERENCE.get(group, OTHER_REFERENCE)
     count = max(len(results) for results in case.values())
-    fig.print_heading(f"{name}: {counted(count, 'walk')}, median (5 % to 95 %)")
+    harness.print_heading(f"{name}: {counted(count, 'walk')}, median (5 % to 95 %)")
     first = next(iter(case.values()))
     if first[0].key.magnetometer == WALK:
         print(f"the walk told of its iron on {sum(map(_was_calibrated, first))} of {len(first)} walks")
@@ -249,7 +249,7 @@ def print_case(name: str, case: Case, reference: str | None = None) -> None:
         if len(heads) > 1:
             told = f"; the reduction is against {against}, each preset against its own" if REDUCED in heads else ""
             print(f"\n{title}{told}")
-            fig.print_table(heads, rows)
+            harness.print_table(heads, rows)
 
 
 RATIOS = "Error over that of others, walk by walk: at the landmarks, where there are any, else the rmse"
@@ -367,9 +367,9 @@ def print_speed(results: Sequence[Result]) -> None:
     for result in results:
         if result.samples:
             costs.setdefault(result.key.method, []).append(result.us_per_sample)
-    fig.print_heading("Microseconds a sample, of all walks: the least is what a method costs on an idle machine")
+    harness.print_heading("Microseconds a sample, of all walks: the least is what a method costs on an idle machine")
     rows = [(name, _short(min(some)), spread(np.array(some))) for name, some in costs.items()]
-    fig.print_table(("method", "least", "median (5 % to 95 %)"), rows)
+    harness.print_table(("method", "least", "median (5 % to 95 %)"), rows)
 
 
 def print_remarks(results: Sequence[Result]) -> None:

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import figures as fig
+import harness
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
@@ -108,8 +108,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for patch in patches
         for place, height in HEIGHTS_M.items()
     ]
-    fig.print_heading("The maps: largest |div|, |curl| and gradient (uT/m), and rms per axis of what is added (uT)")
-    fig.print_table(("map", "height", "|div|", "|curl|", "gradient", "div/grad", "curl/grad", "added"), rows)
+    harness.print_heading("The maps: largest |div|, |curl| and gradient (uT/m), and rms per axis of what is added (uT)")
+    harness.print_table(("map", "height", "|div|", "|curl|", "gradient", "div/grad", "curl/grad", "added"), rows)
     if chosen.figure:
         _save(drawn(patches), chosen.figure)
 
@@ -269,4 +269,4 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -42,7 +42,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import figures as fig
+import harness
 import numpy as np
 import walks
 from matplotlib.figure import Figure
@@ -231,10 +231,10 @@ def print_simulated(chosen: argparse.Namespace) -> None:
                 found = list(pool.map(partial(of_seed, name, level, chosen.magnetometer, chosen.trajectory), seeds))
             rows.append([f"{name}, {level}", *(_spread(column) for column in zip(*found, strict=True))])
     if rows:
-        fig.print_heading(f"Simulated walks, trajectory: {chosen.trajectory}, {chosen.seeds} seeds")
+        harness.print_heading(f"Simulated walks, trajectory: {chosen.trajectory}, {chosen.seeds} seeds")
         lags = [f"correlation {lag}" for lag in LAGS]
         headers = ["walk", "E (share)", "direction (deg)", "iron (uT)", "left (uT m)", "left (m)", *lags]
-        fig.print_table([*headers, "compass (deg)", "p"], rows)
+        harness.print_table([*headers, "compass (deg)", "p"], rows)
 
 
 def of_seed(name: str, level: str, magnetometer: str, along: str, seed: int) -> tuple[float, ...]:
@@ -296,11 +296,11 @@ def print_real(data: Path, names: Sequence[str] | None = None) -> None:
     ways = list(real(data, names))
     headers = ("walk", "strides", "length (m)", "extent (m)", "E (uT)", "stance (uT)", "direction (deg)", "left (uT m)")
     controls = ("left (m)", "shuffled (m)", "p", "shifted (m)", "strange E (uT)")
-    fig.print_heading("Real walks along the trajectory of the smoother without magnetometer")
+    harness.print_heading("Real walks along the trajectory of the smoother without magnetometer")
     _print_rows((*headers, *controls), [(name, of_real(way)) for name, way in ways])
     twice = [(name, of_places(way)) for name, way in ways if len(way.passed_twice()[0]) >= FEWEST_PLACES]
     if twice:
-        fig.print_heading("Places passed twice (uT m)")
+        harness.print_heading("Places passed twice (uT m)")
         words = ("pairs", "anywhere", "there", "left", "iron (uT)", "told: left", "there", "iron (uT)")
         _print_rows(("walk", *words, "shifted: left", "there"), twice)
 
@@ -308,7 +308,7 @@ def print_real(data: Path, names: Sequence[str] | None = None) -> None:
 def _print_rows(headers: Sequence[str], found: Sequence[tuple[str, tuple[float, ...]]]) -> None:
     rows = [[name, *(_plain(value) for value in values)] for name, values in found]
     middle = [_plain(float(np.median(np.abs(x)))) for x in zip(*(values for _, values in found), strict=True)]
-    fig.print_table(headers, [*rows, ["median", *middle]])
+    harness.print_table(headers, [*rows, ["median", *middle]])
 
 
 def _plain(value: float) -> str:
@@ -442,4 +442,4 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

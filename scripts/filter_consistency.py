@@ -1,6 +1,6 @@
 """Whether the filters and their smoothers are as sure as they may be, on walks drawn from their own beliefs.
 
-    python scripts/filter_consistency.py [--seeds N] [--methods A,B] [--preset NAME] [--scenario NAME]
+    python scripts/filter_consistency.py [--seeds N] [--methods NAME ...] [--preset NAME] [--scenario NAME]
 
 The motion is that of a simulated walk, at 25 Hz. A seed draws the truth about it as a filter believes it to be:
 
@@ -27,12 +27,12 @@ sample to sample. So nothing is shown here of the NIS at 200 Hz. The NEES were w
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import figures as fig
+import harness
 import numpy as np
+from harness import option
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -53,7 +53,6 @@ from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.session import Options, prepare
 from fg_nav.start import Start
 
-FIRST_SEED = 101
 METHODS = ("iez", "qsf", "iqsf", "ma2018", "aiez", "matched")
 BAND = 0.95
 PARTS = 12
@@ -95,22 +94,24 @@ class Scores:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="NIS and NEES of the filters on walks drawn from their own beliefs.")
-    parser.add_argument("--seeds", type=int, default=50, metavar="N", help="walks, from seed 101 on")
-    parser.add_argument("--methods", default=",".join(METHODS), metavar="A,B", help="filters")
-    parser.add_argument("--preset", default="tuned", metavar="NAME", help="of the filters")
-    parser.add_argument("--scenario", default=SCENARIO, metavar="NAME", help="whose motion it is")
-    chosen = parser.parse_args(arguments)
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        seeds=50,
+        methods=METHODS,
+        preset=option("tuned", "of the filters", metavar="NAME"),
+        scenario=option(SCENARIO, "whose motion it is", metavar="NAME"),
+    )
     motion = motion_of(chosen.scenario)
-    figures: list[fig.Figure] = []
-    for method in chosen.methods.split(","):
+    figures: list[harness.Figure] = []
+    for method in chosen.methods:
         parameters = drawable(find_parameters(method, chosen.preset))
-        seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
+        seeds = harness.seeds_of(chosen)
         scores = [scores_of(motion, parameters, np.random.default_rng([seed, 5])) for seed in seeds]
         figures += list(figures_of(method, scores))
-    fig.print_heading(f"{chosen.seeds} walks of {motion.t[-1]:.0f} s, {len(motion.rows)} footfalls; bands of 95 %")
-    fig.print_figures(figures)
-    fig.print_verdict(figures)
+    harness.print_heading(f"{chosen.seeds} walks of {motion.t[-1]:.0f} s, {len(motion.rows)} footfalls; bands of 95 %")
+    harness.print_figures(figures)
+    harness.print_verdict(figures)
 
 
 def motion_of(scenario: str) -> Motion:
@@ -171,15 +172,15 @@ def scores_of(
     return Scores(nis, nees)
 
 
-def figures_of(method: str, scores: Sequence[Scores]) -> Iterator[fig.Figure]:
+def figures_of(method: str, scores: Sequence[Scores]) -> Iterator[harness.Figure]:
     """Means over the walks against the band of their number."""
     for name in scores[0].nis:
         number = sum(score.nis[name][1] for score in scores)
         mean = sum(score.nis[name][0] * score.nis[name][1] for score in scores) / number
-        yield fig.Figure("NIS", f"NIS of {name}", method, mean, *band(number), "{:.4f}")
+        yield harness.Figure("NIS", f"NIS of {name}", method, mean, *band(number), "{:.4f}")
     for name in scores[0].nees:
         mean = float(np.mean([score.nees[name] for score in scores])) / PARTS
-        yield fig.Figure("NEES", f"NEES, {name}", method, mean, *band(PARTS * len(scores)), "{:.3f}")
+        yield harness.Figure("NEES", f"NEES, {name}", method, mean, *band(PARTS * len(scores)), "{:.3f}")
 
 
 def band(number: int) -> tuple[float, float]:
@@ -295,4 +296,4 @@ def told_at_footfalls(nav_R_body: Floats, parameters: Parameters, rng: np.random
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

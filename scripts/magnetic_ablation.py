@@ -31,7 +31,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import figures as fig
+import harness
 import numpy as np
 from compare_tables import (
     BUILDING,
@@ -250,10 +250,10 @@ def print_all(results: Sequence[Result]) -> None:
         name = f"{key.group}, {key.field}, magnetometer {key.magnetometer}"
         cases.setdefault(name, {}).setdefault(key.method, []).append(result)
     for name, case in cases.items():
-        fig.print_heading(f"{name}: {max(map(len, case.values()))} walks, median (5 % to 95 %)")
-        fig.print_table(*table(case))
-    fig.print_heading("Geometric mean of the rmse over the default's")
-    fig.print_table(("variant", "all", *cases), summary(cases))
+        harness.print_heading(f"{name}: {max(map(len, case.values()))} walks, median (5 % to 95 %)")
+        harness.print_table(*table(case))
+    harness.print_heading("Geometric mean of the rmse over the default's")
+    harness.print_table(("variant", "all", *cases), summary(cases))
 
 
 COLUMNS: Sequence[Column] = (
@@ -343,4 +343,4 @@ def _number(value: float, digits: int = 2) -> str:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -22,30 +22,24 @@ Medians over the seeds, 5 and 95 % behind. `--real`: the gaps on the gdin walks 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import figures as fig
+import harness
 import numpy as np
-from compare_tables import spread
-from figures import Figure
+from harness import FIRST_SEED, Figure, option, spread
 from walks import GDIN, OPENSHOE, REAL_WALKS, data_folder, real_path
 
-from fg_nav.arrays import Floats
 from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
 from fg_nav.lab.campaign.made import solved
 from fg_nav.lab.campaign.sources import LOOP, Recorded, Simulated, Source
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.smoother import OnlineOptions
-from fg_nav.recording import Recording, Truth
-from fg_nav.report.terminal import progress
+from fg_nav.recording import Truth
 from fg_nav.session import Session
 from fg_nav.solution import Solution, StanceTable
 
-FIRST_SEED, SEEDS = 101, 20
 SCENARIOS, FIELDS = ("office", "mall"), ("smooth", "indoor")
 BLOCK_S = 0.5
 OVER_FILTER, GAP_BEFORE_M, GAP_AFTER_M = 0.7, 0.1, 0.02
@@ -68,17 +62,19 @@ class Walked:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Walk, print."""
-    parser = argparse.ArgumentParser(description="The online smoother against the filter and the batch solution.")
-    parser.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), metavar="NAME")
-    parser.add_argument("--fields", nargs="+", default=list(FIELDS), metavar="LEVEL")
-    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N")
-    parser.add_argument("--first", type=int, default=FIRST_SEED, metavar="SEED")
-    parser.add_argument("--real", action="store_true", help="the gaps on real walks instead")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the real walks (FG_NAV_DATA)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (1)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
-    chosen = parser.parse_args(arguments)
-    seeds = [str(seed) for seed in range(chosen.first, chosen.first + chosen.seeds)]
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        scenarios=SCENARIOS,
+        fields=FIELDS,
+        seeds=20,
+        first=FIRST_SEED,
+        real=option(False, "the gaps on real walks instead"),
+        data=None,
+        jobs=1,
+        json=None,
+    )
+    seeds = [str(seed) for seed in harness.seeds_of(chosen)]
     if chosen.real:
         cases = {f"{group}, real": [(group, "", walk, chosen.data) for walk in REAL_WALKS[group]] for group in REAL}
     else:
@@ -88,18 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for level in chosen.fields
         }
     figures: list[Figure] = []
-    with ProcessPoolExecutor(chosen.jobs) as pool:
-        for section, walks in cases.items():
-            with progress(section) as tell:
-                found = []
-                for walked in pool.map(walked_on, walks):
-                    found.append(walked)
-                    tell(len(found) / len(walks))
-            figures += print_case(section, [walk[2] for walk in walks], found)
-    fig.print_figures(figures)
-    fig.print_verdict(figures)
-    if chosen.json:
-        fig.write_json(chosen.json, {"figures": [f.as_dict() for f in figures]})
+    for section, walks in cases.items():
+        found = harness.map_walks(estimate_online, walks, chosen.jobs, section)
+        figures += print_case(section, [walk[2] for walk in walks], found)
+    harness.print_figures(figures)
+    harness.print_verdict(figures, chosen.json)
 
 
 REAL = (GDIN, OPENSHOE)
@@ -112,11 +101,11 @@ def source_of(group: str, level: str, name: str, data: Path | None) -> Source:
     return Simulated(group, level, int(name))
 
 
-def walked_on(walk: tuple[str, str, str, Path | None]) -> Walked:
+def estimate_online(walk: tuple[str, str, str, Path | None]) -> Walked:
     """Push one walk through, and run filter and batch on it."""
     group, level, name, data = walk
     session = source_of(group, level, name, data).session(LOOP)
-    navigator = pushed(session)
+    navigator = push_blocks(session)
     batch = replace(navigator.finish(), method="smoother")
     hindsight = solved(replace(session, truth=None), "smoother").solution
     past = navigator.smoothed()
@@ -132,25 +121,16 @@ def walked_on(walk: tuple[str, str, str, Path | None]) -> Walked:
     return Walked(*errors, gap, after, share)
 
 
-def pushed(session: Session) -> OnlineNavigator:
+def push_blocks(session: Session) -> OnlineNavigator:
     """Push a recording through in blocks."""
     recording, degrees = session.recording, session.options.heading_deg
     navigator = OnlineNavigator(OnlineOptions(heading_rad=None if degrees is None else float(np.radians(degrees))))
     block = max(1, round(BLOCK_S / recording.period_s))
     for start in range(0, len(recording), block):
-        navigator.push(*columns(recording, start, start + block))
+        part = np.s_[start : start + block]
+        mag = None if recording.mag is None else recording.mag[part]
+        navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], mag)
     return navigator
-
-
-def columns(recording: Recording, start: int, stop: int) -> tuple[Floats, Floats, Floats, Floats | None]:
-    """Return a block of its samples."""
-    part = np.s_[start:stop]
-    return (
-        recording.t[part],
-        recording.acc[part],
-        recording.gyr[part],
-        None if recording.mag is None else recording.mag[part],
-    )
 
 
 def gap_between(one: StanceTable, other: StanceTable) -> tuple[float, float]:
@@ -181,8 +161,8 @@ def print_case(section: str, names: Sequence[str], found: Sequence[Walked]) -> l
         "found (%)": np.array([100 * one.found for one in found]),
     }
     columns_of = {name: column for name, column in columns_of.items() if not np.isnan(column).all()}
-    fig.print_heading(f"{section}: {len(found)} walks ({names[0]} to {names[-1]})")
-    fig.print_table(list(columns_of), [[spread(column) for column in columns_of.values()]])
+    harness.print_heading(f"{section}: {len(found)} walks ({names[0]} to {names[-1]})")
+    harness.print_table(list(columns_of), [[spread(column) for column in columns_of.values()]])
     ratio = float(np.median([one.moment / one.filtered for one in found]))
     asked = [
         ("gap before the polish, most (m)", float(columns_of["gap before (m)"].max()), GAP_BEFORE_M),
@@ -194,4 +174,4 @@ def print_case(section: str, names: Sequence[str], found: Sequence[Walked]) -> l
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -23,14 +23,14 @@ second or more. Told too: how far the end is off over its own sigma.
 
 from __future__ import annotations
 
-import argparse
 import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
-import figures as fig
+import harness
 import numpy as np
-from figures import Figure
+from harness import FIRST_SEED, Figure, option
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import heading_of, yaw_rotation
@@ -42,10 +42,8 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.report.terminal import progress
 from fg_nav.solution import StanceTable
 
-FIRST_SEED, SEEDS = 101, 20
 LOST_S = 1.0
 """A loss of input that must show in the sigmas."""
 
@@ -77,14 +75,14 @@ class Fate:
     notes: list[str] = field(default_factory=list)
 
 
-def course(rng: np.random.Generator) -> list[Section]:
+def draw_course(rng: np.random.Generator) -> list[Section]:
     """Draw four to eight parts, one behind the other."""
     sections: list[Section] = []
     pose = Pose(np.zeros(3), 0.0)
     if rng.random() < 0.8:
         sections.append(Stand(rng.uniform(0.5, 4.0)))
     for _ in range(rng.integers(3, 8)):
-        section = _part(rng, pose)
+        section = _draw_part(rng, pose)
         sections.append(section)
         pose = end_of(section, pose)
     if rng.random() < 0.8:
@@ -92,7 +90,7 @@ def course(rng: np.random.Generator) -> list[Section]:
     return sections
 
 
-def _part(rng: np.random.Generator, pose: Pose) -> Section:
+def _draw_part(rng: np.random.Generator, pose: Pose) -> Section:
     kind = rng.choice(["walk", "walk", "walk", "run", "stand", "turn", "stairs"])
     if kind == "stand":
         return Stand(rng.uniform(0.5, 8.0))
@@ -108,17 +106,17 @@ def _part(rng: np.random.Generator, pose: Pose) -> Section:
     return Walk(path.placed(pose), Style.WALK, pace=rng.uniform(0.5, 1.3))
 
 
-def drawn_walk(seed: int, rng: np.random.Generator) -> Recording:
+def draw_walk(seed: int, rng: np.random.Generator) -> Recording:
     """Simulate a short walk."""
     scenario = Scenario(
-        f"fuzz {seed}", "", course, "instep" if rng.random() < 0.7 else "heel", str(rng.choice(SENSORS)),
+        f"fuzz {seed}", "", draw_course, "instep" if rng.random() < 0.7 else "heel", str(rng.choice(SENSORS)),
         field=str(rng.choice(["smooth", "indoor"])),
     )  # fmt: skip
     rate = float(rng.choice(RATES_HZ))
     return simulate(scenario, seed, Choices(rate_hz=rate, calibrated=bool(rng.random() < 0.5))).recording
 
 
-def spoiled(recording: Recording, rng: np.random.Generator) -> tuple[Floats, tuple[str, ...]]:
+def spoil(recording: Recording, rng: np.random.Generator) -> tuple[Floats, tuple[str, ...]]:
     """Return rows (n, 10) of t, acc, gyr, mag with defects, and which ones."""
     mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
     rows = np.column_stack([recording.t, recording.acc, recording.gyr, mag])
@@ -206,11 +204,11 @@ def blocks(rows: Floats, rng: np.random.Generator) -> Iterator[Floats]:
         start = stop
 
 
-def walked(seed: int, lag_s: float | None) -> Fate:
+def push_walk(seed: int, lag_s: float | None) -> Fate:
     """Draw a walk and push it through."""
     rng = np.random.default_rng(seed)
-    recording = drawn_walk(seed, rng)
-    rows, defects = spoiled(recording, rng)
+    recording = draw_walk(seed, rng)
+    rows, defects = spoil(recording, rng)
     told = bool(rng.random() < 0.5)
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)
@@ -278,7 +276,7 @@ def _off(table: StanceTable, truth: TrajectoryTruth) -> float:
     return float(np.sqrt(error @ np.linalg.solve(covariance, error) / 2))
 
 
-def summary(fates: Sequence[Fate]) -> list[Figure]:
+def judge_all(fates: Sequence[Fate]) -> list[Figure]:
     """Figures of all walks."""
     lost = [fate for fate in fates if fate.grew is not None]
     off = np.array([fate.off_sigmas for fate in fates if np.isfinite(fate.off_sigmas)])
@@ -305,28 +303,27 @@ def summary(fates: Sequence[Fate]) -> list[Figure]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run it and print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=SEEDS)
-    parser.add_argument("--first", type=int, default=FIRST_SEED)
-    parser.add_argument("--lag", type=float, default=None, metavar="SECONDS")
-    parser.add_argument("--show", action="store_true", help="each walk that failed, with its traceback")
-    given = parser.parse_args(arguments)
-    fates = []
-    with progress("fuzz") as report:
-        for k in range(given.seeds):
-            fates.append(walked(given.first + k, given.lag))
-            report((k + 1) / given.seeds)
-    fig.print_heading(f"{given.seeds} random walks from seed {given.first} on")
+    given = harness.parse_arguments(
+        __doc__,
+        arguments,
+        seeds=20,
+        first=FIRST_SEED,
+        jobs=1,
+        lag=option(None, "fixed lag", type=float, metavar="SECONDS"),
+        show=option(False, "each walk that failed, with its traceback"),
+    )
+    fates = harness.map_walks(partial(push_walk, lag_s=given.lag), harness.seeds_of(given), given.jobs, "fuzz")
+    harness.print_heading(f"{given.seeds} random walks from seed {given.first} on")
     for fate in fates:
         words = fate.failed.strip().splitlines()[-1:] + ["not finite"] * fate.not_finite + fate.notes
         if words:
             print(f"seed {fate.seed} ({', '.join(fate.defects)}): {'; '.join(words)}")
         if given.show and fate.failed:
             print(fate.failed)
-    found = summary(fates)
-    fig.print_figures(found)
-    fig.print_verdict(found)
+    found = judge_all(fates)
+    harness.print_figures(found)
+    harness.print_verdict(found)
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

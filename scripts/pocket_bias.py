@@ -31,18 +31,15 @@ Medians over the seeds, 5 and 95 % behind.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TypeAlias
 
-import figures as fig
+import harness
 import numpy as np
-from figures import Figure
+from harness import FIRST_SEED, Figure, option, spread
 
 from fg_nav.arrays import Floats
 from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
@@ -59,9 +56,8 @@ from fg_nav.pocket import (
 )
 from fg_nav.pocket.paper import FIELDS_UT
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.report.terminal import progress
 
-FIRST_SEED, SEEDS, NOISE_UT = 101, 20, 0.5
+NOISE_UT = 0.5
 WITHIN_DEG_S = 0.02
 EVERY_S, FROM_S = 1.0, 60.0
 SHOWN_S = (30, 60, 120, 300, 600, 1200, 2300)
@@ -97,35 +93,25 @@ class Found:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Simulate, estimate, print."""
-    chosen = _parse(arguments)
-    seeds = range(chosen.first, chosen.first + chosen.seeds)
-    found: dict[str, dict[str, list[Found]]] = {}
-    with progress(f"{len(seeds)} walks") as tell, ProcessPoolExecutor(chosen.jobs) as pool:
-        for done, of_seed in enumerate(pool.map(partial(found_on, noise_uT=chosen.noise), seeds), start=1):
-            for name, methods in of_seed.items():
-                for method, one in methods.items():
-                    found.setdefault(name, {}).setdefault(method, []).append(one)
-            tell(done / len(seeds))
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        seeds=20,
+        first=FIRST_SEED,
+        noise=option(NOISE_UT, "magnetometer, uT", metavar="UT"),
+        jobs=1,
+        json=None,
+    )
+    of_seeds = harness.map_walks(partial(find_biases, noise_uT=chosen.noise), harness.seeds_of(chosen), chosen.jobs)
     figures = []
-    for name, in_field in found.items():
+    for name in FIELDS:
+        in_field = {method: [walk[name][method] for walk in of_seeds] for method in of_seeds[0][name]}
         print_errors(name, in_field)
         print_ends(in_field)
-        figures += judged(name, in_field)
+        figures += judge_field(name, in_field)
     figures += bounds(chosen.noise)
-    fig.print_figures(figures)
-    fig.print_verdict(figures)
-    if chosen.json:
-        fig.write_json(chosen.json, {"figures": [f.as_dict() for f in figures]})
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="How fast a gyro bias is found in a trouser pocket.")
-    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"how many walks ({SEEDS})")
-    parser.add_argument("--first", type=int, default=FIRST_SEED, metavar="SEED", help=f"the first ({FIRST_SEED})")
-    parser.add_argument("--noise", type=float, default=NOISE_UT, metavar="UT", help=f"magnetometer, uT ({NOISE_UT})")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (1)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
-    return parser.parse_args(arguments)
+    harness.print_figures(figures)
+    harness.print_verdict(figures, chosen.json)
 
 
 def methods_at(noise_uT: float) -> Mapping[str, Estimate]:
@@ -142,7 +128,7 @@ def methods_at(noise_uT: float) -> Mapping[str, Estimate]:
     }
 
 
-def found_on(seed: int, noise_uT: float) -> dict[str, dict[str, Found]]:
+def find_biases(seed: int, noise_uT: float) -> dict[str, dict[str, Found]]:
     """What each method finds in each field, on the walks of one seed."""
     walk = simulate("pocket-street", seed, Choices(aligned=True))
     past_cars = simulate("pocket-past-cars", seed)
@@ -189,28 +175,26 @@ def judge(track: PocketTrack, walk: SimulatedWalk) -> Found:
 
 def print_errors(name: str, methods: Mapping[str, Sequence[Found]]) -> None:
     """Size of the error over time."""
-    fig.print_heading(f"{name}: error of the z bias after so many seconds, deg/s: median (95 %)")
+    harness.print_heading(f"{name}: error of the z bias after so many seconds, deg/s: median (95 %)")
     rows = []
     for method, some in methods.items():
         size = np.abs([[one.error[min(s, len(one.error) - 1)] for s in SHOWN_S] for one in some])
         middle, high = np.percentile(size, [50, 95], axis=0)
         rows.append([method, *(f"{a:.4f} ({b:.4f})" for a, b in zip(middle, high, strict=True))])
-    fig.print_table(("method", *(f"{s} s" for s in SHOWN_S)), rows)
+    harness.print_table(("method", *(f"{s} s" for s in SHOWN_S)), rows)
 
 
 def print_ends(methods: Mapping[str, Sequence[Found]]) -> None:
     """When the bias is found, the heading at the end, and whether the claims are true."""
     rows = []
     for method, some in methods.items():
-        low, middle, most = np.percentile([one.found_s for one in some], [5, 50, 95], method="higher")
-        yaw = np.percentile(np.abs([one.yaw_deg for one in some]), [5, 50, 95])
-        nees = np.mean([one.nees for one in some])
-        found = f"{middle:.0f} ({low:.0f} to {most:.0f})"
-        rows.append([method, found, f"{yaw[1]:.2f} ({yaw[0]:.2f} to {yaw[2]:.2f})", f"{nees:.1f}"])
-    fig.print_table(("method", "found after s (5 to 95 %)", "yaw at the end, deg", "NEES of 3"), rows)
+        found = spread([one.found_s for one in some], "{:.0f}")
+        yaw = spread(np.abs([one.yaw_deg for one in some]), "{:.2f}")
+        rows.append([method, found, yaw, f"{np.mean([one.nees for one in some]):.1f}"])
+    harness.print_table(("method", "found after s (5 to 95 %)", "yaw at the end, deg", "NEES of 3"), rows)
 
 
-def judged(name: str, methods: Mapping[str, Sequence[Found]]) -> list[Figure]:
+def judge_field(name: str, methods: Mapping[str, Sequence[Found]]) -> list[Figure]:
     """Every figure that something is asked of, in one field."""
     found = float(np.percentile([one.found_s for one in methods["online"]], 50, method="higher"))
     words = f"{name}: z bias within {WITHIN_DEG_S} deg/s for good, s"
@@ -261,4 +245,4 @@ def upright_bound(
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

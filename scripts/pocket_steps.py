@@ -16,15 +16,16 @@ horizontal two (chi-square over its two degrees of freedom: 1 is right).
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import figures as fig
+import harness
 import numpy as np
 import walks
+from harness import option, spread
 from scipy.io import loadmat
 
 from fg_nav.arrays import Floats
@@ -38,12 +39,11 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
 
-FIRST_SEED = 101
 USED_S = (40.0, 140.0)
 STRIDE_M = 0.4
 """A stride of the true foot counts from this length on: less is a shuffle or a turn."""
 
-SCENARIOS = "pocket-street,pocket-long"
+SCENARIOS = ("pocket-street", "pocket-long")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Progressed:
         return float(np.diff(np.interp([begin, end], self.t, self.gone))[0])
 
 
-def leg_figures(body: dict[str, Any], side: str, method: str) -> dict[str, float]:
+def measure_leg(body: dict[str, Any], side: str, method: str) -> dict[str, float]:
     """Figures of one leg of the real subject: counts, and errors of distance in percent."""
     thigh = navigate_pocket(real_recording(body, f"upper_leg_{side}"), method)
     feet = {name: real_foot(body, name) for name in ("left", "right")}
@@ -126,7 +126,7 @@ def true_strides(walk: SimulatedWalk) -> Floats:
     return np.asarray(lengths[lengths > STRIDE_M])
 
 
-def walk_figures(scenario: str, seed: int, method: str) -> dict[str, float]:
+def measure_walk(scenario: str, seed: int, method: str) -> dict[str, float]:
     """Figures of one simulated walk: counts, and errors in percent, m and sigmas."""
     worn = Choices(worn="pocket")
     walk, short = simulate(scenario, seed, worn), simulate("demo", seed, worn)
@@ -176,18 +176,22 @@ def person_constant(walk: SimulatedWalk, method: str) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="Steps of a thigh against what is known of them.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--seeds", type=int, default=10, help="of the simulated walks; 0 for none")
-    parser.add_argument("--scenarios", default=SCENARIOS, help="simulated, with commas between")
-    parser.add_argument("--method", choices=METHODS, default=METHODS[0], help="of the simulated walks")
-    parser.add_argument("--real-method", choices=METHODS, default=METHODS[0])
-    chosen = parser.parse_args(arguments)
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        data=None,
+        seeds=10,
+        scenarios=SCENARIOS,
+        method=option(METHODS[0], "of the simulated walks", choices=METHODS),
+        real_method=option(METHODS[0], "of the real walks", choices=METHODS),
+        jobs=1,
+    )
     print_real(chosen.data, chosen.real_method)
-    for scenario in chosen.scenarios.split(",") if chosen.seeds else []:
-        rows = [walk_figures(scenario, FIRST_SEED + n, chosen.method) for n in range(chosen.seeds)]
-        fig.print_heading(f"{scenario}, {chosen.method}: median (5 to 95 % of {chosen.seeds} seeds)")
-        fig.print_table(("", ""), [(name, spread(np.array([row[name] for row in rows]))) for name in rows[0]])
+    for scenario in chosen.scenarios if chosen.seeds else ():
+        measure = partial(measure_walk, scenario, method=chosen.method)
+        rows = harness.map_walks(measure, harness.seeds_of(chosen), chosen.jobs, scenario)
+        harness.print_heading(f"{scenario}, {chosen.method}: median (5 to 95 % of {chosen.seeds} seeds)")
+        harness.print_table(("", ""), [(name, spread([row[name] for row in rows], "{:.3g}")) for name in rows[0]])
 
 
 def print_real(data: Path | None, method: str) -> None:
@@ -198,17 +202,11 @@ def print_real(data: Path | None, method: str) -> None:
         print(f"the real thighs are left out: {error}")
         return
     body = loadmat(path, squeeze_me=True, struct_as_record=False)
-    legs = {side: leg_figures(body, side, method) for side in ("left", "right")}
-    fig.print_heading(f"Real thighs against the foot of the same leg, {method}")
+    legs = {side: measure_leg(body, side, method) for side in ("left", "right")}
+    harness.print_heading(f"Real thighs against the foot of the same leg, {method}")
     names = list(legs["left"])
-    fig.print_table(("", *legs), [(name, *(f"{leg[name]:.3g}" for leg in legs.values())) for name in names])
-
-
-def spread(values: Floats) -> str:
-    """Median, and 5 to 95 %."""
-    low, middle, high = np.percentile(values, [5, 50, 95])
-    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+    harness.print_table(("", *legs), [(name, *(f"{leg[name]:.3g}" for leg in legs.values())) for name in names])
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -1,6 +1,6 @@
 """How real feet stand: the rolling lever, the marker, the sinking sole, measured on the motion-captured walks.
 
-    python scripts/real_feet.py [--data DIR] [--per-trial]
+    python scripts/real_feet.py [--data DIR] [--per-walk]
 
 Motion capture follows a marker, not the sensor. On each Vicon trial, with PyShoe's labels as stances and the smoother's
 attitude laid on the truth by yaw and shift:
@@ -22,13 +22,11 @@ median size, and its scatter from trial to trial. Gait and mounting differ from 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
-import figures as fig
+import harness
 import numpy as np
 import walks
 from walks import Walk
@@ -90,17 +88,14 @@ class Seen:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="How real feet stand, from motion capture.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--per-trial", action="store_true", help="a row for every trial")
-    chosen = parser.parse_args(arguments)
-    trials = walks.vicon_labelled(walks.data_folder(chosen.data))
-    feet = [foot for walk in trials if (foot := measured(walk)) is not None]
+    chosen = harness.parse_arguments(__doc__, arguments, data=None, per_walk=False)
+    trials = walks.read_vicon_labelled(walks.data_folder(chosen.data))
+    feet = [foot for walk in trials if (foot := measure_trial(walk)) is not None]
     days = {day: [foot for foot in feet if foot.trial.startswith(day)] for day in sorted({f.trial[:10] for f in feet})}
-    shown = feet if chosen.per_trial else [_middle(f"{day} ({len(of)} trials)", of) for day, of in days.items()]
+    shown = feet if chosen.per_walk else [_middle(f"{day} ({len(of)} trials)", of) for day, of in days.items()]
     shown.append(_middle(f"all ({len(feet)} of {len(trials)} trials)", feet))
-    fig.print_heading("How real feet stand: levers x y z (mm), sinking (mm/s), climb (mm a stride)")
-    fig.print_table(("median of", *_cells(feet[0])), [[foot.trial, *_cells(foot).values()] for foot in shown])
+    harness.print_heading("How real feet stand: levers x y z (mm), sinking (mm/s), climb (mm a stride)")
+    harness.print_table(("median of", *_cells(feet[0])), [[foot.trial, *_cells(foot).values()] for foot in shown])
     size = [f"{1e3 * np.median([abs(foot.climb[k]) for foot in feet]):.1f}, {name}" for k, name in enumerate(VARIANTS)]
     print(f"size of the climb, median over all (mm a stride): {'; '.join(size)}")
     apart = [f"{1e3 * np.std([foot.climb[k] for foot in feet]):.1f}, {name}" for k, name in enumerate(VARIANTS)]
@@ -112,7 +107,7 @@ def _middle(name: str, feet: Sequence[Foot]) -> Foot:
     return Foot(name, lever, own, offset, float(np.median([foot.sinking for foot in feet])), climb)
 
 
-def measured(walk: Walk) -> Foot | None:
+def measure_trial(walk: Walk) -> Foot | None:
     """Measure a trial; None if it has too few strides."""
     truth, stances = walk.recording.truth, walk.stances
     assert isinstance(truth, TrajectoryTruth)
@@ -183,4 +178,4 @@ def _cells(foot: Foot) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

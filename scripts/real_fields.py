@@ -41,7 +41,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 
-import figures as fig
+import harness
 import numpy as np
 import walks
 from matplotlib.axes import Axes
@@ -123,7 +123,7 @@ def real_fields(data: Path, names: Sequence[str] | None = None) -> list[FieldWal
     """Load the walks, all or those named."""
     numbers = [n for n in walks.GDIN_WALKS if names is None or f"gdin {n}" in names]
     some = [name for name in OPENSHOE if names is None or name in names]
-    return [_judged(walk) for walk in (*walks.gdin(data, numbers), *walks.loops(data, some))]
+    return [_judged(walk) for walk in (*walks.read_gdin(data, numbers), *walks.read_loops(data, some))]
 
 
 def _judged(walk: walks.Walk) -> FieldWalk:
@@ -138,11 +138,11 @@ def _judged(walk: walks.Walk) -> FieldWalk:
 
 def print_coverage(found: Sequence[FieldWalk]) -> None:
     """Accepted and rejected shares of all footfalls; what is left was not judged."""
-    fig.print_heading("Accepted / rejected, % of the footfalls")
+    harness.print_heading("Accepted / rejected, % of the footfalls")
     rows = [[walk.name, str(len(walk.field)), *(_shares([v]) for v in walk.verdicts.values())] for walk in found]
     rows.append(["all", str(sum(len(w.field) for w in found))])
     rows[-1] += [_shares([walk.verdicts[name] for walk in found]) for name in DETECTORS]
-    fig.print_table(("walk", "footfalls", *DETECTORS), rows)
+    harness.print_table(("walk", "footfalls", *DETECTORS), rows)
 
 
 def _shares(verdicts: Sequence[FieldVerdicts]) -> str:
@@ -153,10 +153,10 @@ def _shares(verdicts: Sequence[FieldVerdicts]) -> str:
 
 def print_worth(found: Sequence[FieldWalk], draws: int) -> None:
     """What an accepted stance is worth against the inertial heading."""
-    fig.print_heading("Worth of an accepted stance, deg")
+    harness.print_heading("Worth of an accepted stance, deg")
     some = ("accepted", "rms: all", "accepted", "p", "p shifted")
     header = ("detector", *some, "shuffled: accepted", "rms", "change: all", "accepted")
-    fig.print_table(header, [worth(found, name, draws) for name in DETECTORS])
+    harness.print_table(header, [worth(found, name, draws) for name in DETECTORS])
 
 
 def worth(found: Sequence[FieldWalk], name: str, draws: int) -> list[str]:
@@ -243,7 +243,9 @@ def calibrated(walk: FieldWalk) -> Calibrated:
 def print_calibrations(found: Sequence[FieldWalk]) -> None:
     """Spread of compass minus inertial heading, before and after."""
     every = {walk.name: calibrated(walk) for walk in found}
-    fig.print_heading("Circular sd of compass minus inertial heading, deg, before and after a calibration from walks")
+    harness.print_heading(
+        "Circular sd of compass minus inertial heading, deg, before and after a calibration from walks"
+    )
     rows, figures = [], []
     for walk in found:
         c = every[walk.name]
@@ -256,7 +258,7 @@ def print_calibrations(found: Sequence[FieldWalk]) -> None:
     if any(taken):
         rows.append(_middle("median of those found", figures, taken))
     spreads = ("as it is", "on itself", "less a line", "other parts", "other walks")
-    fig.print_table(("walk", *spreads, "level iron", "sigma", "iron alone", "verdict"), rows)
+    harness.print_table(("walk", *spreads, "level iron", "sigma", "iron alone", "verdict"), rows)
     for name, c in every.items():
         if c.refused:
             print(f"{name}: {c.refused}")
@@ -326,4 +328,4 @@ def _draw_coverage(axes: Axes, found: Sequence[FieldWalk]) -> None:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

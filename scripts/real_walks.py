@@ -27,10 +27,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import TypeAlias
 
-import figures as fig
+import harness
 import numpy as np
 import walks
-from figures import Figure
+from harness import Figure
 from walks import GDIN, OPENSHOE, REAL_WALKS, Walk
 
 from fg_nav.arrays import Floats
@@ -95,7 +95,7 @@ class Result:
         """Ready for JSON."""
         known: dict[str, object] = {"section": self.section, "walk": self.walk, "method": self.method}
         if self.metrics is not None:
-            known |= {name: fig.finite(value) for name, value in self.metrics.as_dict().items()}
+            known |= {name: harness.finite(value) for name, value in self.metrics.as_dict().items()}
         if self.consistency is not None:
             known |= {f"nees_{name}": self.nees(name) for name in ("median_ratio", "mean_ratio")}
         return known | ({"failure": self.failure} if self.failure else {})
@@ -107,13 +107,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     data = walks.data_folder(chosen.data)
     if chosen.magnetometer:
         figures = measure_magnetic(data)
-        fig.print_verdict(figures)
+        harness.print_verdict(figures)
         if chosen.json:
-            fig.write_json(chosen.json, {"figures": [figure.as_dict() for figure in figures]})
+            harness.write_json(chosen.json, {"figures": [figure.as_dict() for figure in figures]})
         return
     sets = (chosen.only,) if chosen.only else SETS
     results, figures = measure_sets(data, sets, chosen.per_trial)
-    fig.print_verdict(figures)
+    harness.print_verdict(figures)
     variants = ablate(data, sets) if chosen.ablation else []
     if chosen.json:
         content = {
@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "walks": [result.as_dict() for result in results],
             "ablation": variants,
         }
-        fig.write_json(chosen.json, content)
+        harness.write_json(chosen.json, content)
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -143,7 +143,7 @@ def measure_sets(data: Path, sets: Sequence[str], per_trial: bool = False) -> tu
         for rows, found in SECTIONS[name](data, per_trial):
             results += rows
             figures += found
-            fig.print_figures(found)
+            harness.print_figures(found)
     return results, figures
 
 
@@ -152,11 +152,11 @@ Section: TypeAlias = tuple[list[Result], list[Figure]]
 
 def _vicon(data: Path, per_trial: bool) -> Iterator[Section]:
     for section, trials, judge in (
-        ("Vicon, labels of PyShoe", walks.vicon_labelled, labelled_figures),
-        ("Vicon, own stances", walks.vicon_detected, detected_figures),
+        ("Vicon, labels of PyShoe", walks.read_vicon_labelled, labelled_figures),
+        ("Vicon, own stances", walks.read_vicon_detected, detected_figures),
     ):
         results = run(section, trials(data))
-        fig.print_heading(section)
+        harness.print_heading(section)
         if per_trial:
             print_trials(results)
         print_failures(results)
@@ -165,9 +165,9 @@ def _vicon(data: Path, per_trial: bool) -> Iterator[Section]:
 
 def _gdin(data: Path, per_trial: bool) -> Iterator[Section]:
     section, aside = "gdin, own stances, no magnetometer", "gdin with running strides, for information"
-    results, running = run(section, walks.gdin(data)), run(aside, walks.gdin(data, walks.RUNNING))
+    results, running = run(section, walks.read_gdin(data)), run(aside, walks.read_gdin(data, walks.RUNNING))
     for words, rows in ((aside, running), (section, results)):
-        fig.print_heading(words)
+        harness.print_heading(words)
         print_footprints(rows)
         print_failures(rows)
     yield [*results, *running], footprint_figures(section, results)
@@ -175,8 +175,8 @@ def _gdin(data: Path, per_trial: bool) -> Iterator[Section]:
 
 def _loops(data: Path, per_trial: bool) -> Iterator[Section]:
     section = "loops, own stances"
-    results = run(section, walks.loops(data))
-    fig.print_heading(section)
+    results = run(section, walks.read_loops(data))
+    harness.print_heading(section)
     print_closures(results)
     print_failures(results)
     yield results, closure_figures(section, results)
@@ -315,7 +315,7 @@ def print_trials(results: Sequence[Result]) -> None:
         for r in results
     ]
     headers = ("trial", "method", "rmse 2-D (m)", "rmse 3-D (m)", "largest (m)", "scale", "NEES", "strides")
-    fig.print_table(headers, rows)
+    harness.print_table(headers, rows)
 
 
 def print_footprints(results: Sequence[Result]) -> None:
@@ -334,7 +334,7 @@ def print_footprints(results: Sequence[Result]) -> None:
         for r in results
     ]
     headers = ("walk", "method", "rmse (m)", "scale", "distance (m)", "footprints", "strides", "")
-    fig.print_table(headers, rows)
+    harness.print_table(headers, rows)
 
 
 def print_closures(results: Sequence[Result]) -> None:
@@ -351,7 +351,7 @@ def print_closures(results: Sequence[Result]) -> None:
         for r in results
     ]
     headers = ("walk", "method", "distance (m)", "closure (m)", "closure (%)", "strides")
-    fig.print_table(headers, rows)
+    harness.print_table(headers, rows)
 
 
 def print_failures(results: Sequence[Result]) -> None:
@@ -388,10 +388,10 @@ def measure_magnetic(data: Path, names: Mapping[str, Sequence[str]] = REAL_WALKS
     figures = []
     for group, what in ((GDIN, "footprint rmse (m)"), (OPENSHOE, "closure (%)")):
         pairs = [pair(group, walk, data) for walk in names[group]]
-        fig.print_heading(f"{group}: {what}, without the magnetometer and with it")
+        harness.print_heading(f"{group}: {what}, without the magnetometer and with it")
         print_pairs(pairs)
         found = [figure for iron in KNOWN_IRON for figure in pair_figures(group, pairs, iron)]
-        fig.print_figures(found)
+        harness.print_figures(found)
         figures += found
     return figures
 
@@ -429,7 +429,9 @@ def print_pairs(pairs: Sequence[Pair]) -> None:
         )
         for one in pairs
     ]
-    fig.print_table(("walk", "without", *(f"{words} (ratio)" for words in KNOWN_IRON.values()), "told its iron"), rows)
+    harness.print_table(
+        ("walk", "without", *(f"{words} (ratio)" for words in KNOWN_IRON.values()), "told its iron"), rows
+    )
 
 
 def pair_figures(group: str, pairs: Sequence[Pair], iron: str) -> list[Figure]:
@@ -473,13 +475,13 @@ def ablate(data: Path, sets: Sequence[str] = SETS) -> list[dict[str, object]]:
     rows = [_variant(name, parameters, chosen) for name, parameters in ABLATION.items()]
     headers = list(dict.fromkeys(key for row in rows for key in row))
     cells = [[_cell(row[key]) for key in headers] for row in rows]
-    fig.print_heading("What each part of the smoother brings")
-    fig.print_table(headers, cells)
-    return [{key: fig.finite(value) for key, value in row.items()} for row in rows]
+    harness.print_heading("What each part of the smoother brings")
+    harness.print_table(headers, cells)
+    return [{key: harness.finite(value) for key, value in row.items()} for row in rows]
 
 
 def _walks_of(data: Path, sets: Sequence[str]) -> dict[str, list[Walk]]:
-    load = {"vicon": walks.vicon_labelled, "gdin": walks.gdin, "loops": walks.loops}
+    load = {"vicon": walks.read_vicon_labelled, "gdin": walks.gdin, "loops": walks.read_loops}
     return {name: load[name](data) for name in sets}
 
 
@@ -518,4 +520,4 @@ def _cell(value: object) -> str:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -25,11 +25,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeAlias
 
-import figures as fig
+import harness
 import numpy as np
 import realism_field
 import walks
-from kinematic_consistency import integrate
+from sample_errors import integrate
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.calibration import rolling_lever
@@ -187,19 +187,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--figure", type=Path, metavar="FILE", help="draw real and simulated strides into this file")
     chosen = parser.parse_args(arguments)
     data = walks.data_folder(chosen.data)
-    real = [foot(walk.name, walk.recording) for walk in walks.gdin(data)]
+    real = [foot(walk.name, walk.recording) for walk in walks.read_gdin(data)]
     seeds = range(chosen.seeds)
     recorded = {name: [simulated(person(seed), seed) for seed in seeds] for name, person in PEOPLE.items()}
     ours = {name: [foot(name, one) for one in recordings] for name, recordings in recorded.items()}
-    fig.print_heading("The moving foot: median [least, most] over walks")
+    harness.print_heading("The moving foot: median [least, most] over walks")
     columns = {"real": real} | ours
     print_facts(FACTS, {name: [inertial_facts(walk) for walk in of] for name, of in columns.items()})
     if chosen.per_walk:
         single = [inertial_facts(walk) for walk in real]
         rows = [[words, *(form.format(facts[key]) for facts in single)] for key, (words, form) in FACTS.items()]
-        fig.print_table(("fact", *(walk.name for walk in real)), rows)
+        harness.print_table(("fact", *(walk.name for walk in real)), rows)
     captured = motion_captured(data)
-    fig.print_heading("The standing foot, with true velocities")
+    harness.print_heading("The standing foot, with true velocities")
     columns = {"real": captured} | ours
     print_facts(TRUE_FACTS, {name: [true_facts(walk) for walk in of] for name, of in columns.items()})
     print_field(data, recorded, chosen.seeds)
@@ -209,7 +209,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def motion_captured(data: Path) -> list[Foot]:
     """The trials whose true velocity is known, those that show strides."""
-    trials = [foot(w.name, w.recording) for w in walks.vicon_detected(data) if w.name.startswith(VICON_DAY)]
+    trials = [foot(w.name, w.recording) for w in walks.read_vicon_detected(data) if w.name.startswith(VICON_DAY)]
     return [walk for walk in trials if len(walk.strides) >= FEWEST]
 
 
@@ -220,7 +220,7 @@ def print_facts(facts: Mapping[str, tuple[str, str]], columns: Mapping[str, Fact
     for key, (words, form) in facts.items():
         judged = [cell for ours in others for cell in _judged(real, ours, key, form)]
         rows.append([words, realism_field.spread_words(real, key, form), *judged, reason(names, key)])
-    fig.print_table(("fact", first, *(cell for name in names for cell in (name, "", "")), ""), rows)
+    harness.print_table(("fact", first, *(cell for name in names for cell in (name, "", "")), ""), rows)
 
 
 def _judged(real: Facts, ours: Facts, key: str, form: str) -> tuple[str, str, str]:
@@ -278,7 +278,7 @@ def print_field(data: Path, people: Mapping[str, Sequence[Recording]], seeds: in
     columns |= {name: [realism_field.sensed(walk).facts() for walk in of] for name, of in people.items()}
     kinder = [simulated(None, seed, "smooth") for seed in range(seeds)]
     columns["in the field smooth"] = [realism_field.sensed(walk).facts() for walk in kinder]
-    fig.print_heading("The field at the foot")
+    harness.print_heading("The field at the foot")
     print_facts(realism_field.FACTS, columns)
 
 
@@ -522,4 +522,4 @@ def _curves(walk: Foot, begin: int, end: int) -> list[Floats]:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -29,7 +29,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import figures as fig
+import harness
 import numpy as np
 import walks
 
@@ -119,13 +119,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "corridor": [corridor("indoor", seed).facts() for seed in seeds],
         "smooth": [corridor("smooth", seed).facts() for seed in seeds],
     }
-    fig.print_heading("The field at the foot: median [least, most] over walks")
+    harness.print_heading("The field at the foot: median [least, most] over walks")
     rows = [[words, *(spread_words(of, key, form) for of in columns.values())] for key, (words, form) in FACTS.items()]
-    fig.print_table(("fact", *columns), rows)
+    harness.print_table(("fact", *columns), rows)
     if chosen.per_walk:
         single = [[words, *(form.format(f[key]) for f in columns["real"])] for key, (words, form) in FACTS.items()]
-        fig.print_heading("Each real walk")
-        fig.print_table(("fact", *(walk.name for walk in real)), single)
+        harness.print_heading("Each real walk")
+        harness.print_table(("fact", *(walk.name for walk in real)), single)
 
 
 def spread_words(facts: Sequence[Mapping[str, float]], key: str, form: str) -> str:
@@ -258,7 +258,7 @@ def _steadiness(stances: Stances, nav_field: Floats, fewest: int = 5) -> float:
 
 def real_walks(data: Path, numbers: Sequence[int] = walks.GDIN_WALKS) -> list[Sensed]:
     """Load the gdin walks with their magnetometer."""
-    return [_with_magnetometer(walk) for walk in walks.gdin(data, numbers)]
+    return [_with_magnetometer(walk) for walk in walks.read_gdin(data, numbers)]
 
 
 def sensed(recording: Recording) -> Sensed:
@@ -365,4 +365,4 @@ def _truth(t: Floats, position: Floats, nav_R_body: Floats, stances: Stances) ->
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -23,7 +23,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import figures as fig
+import harness
 import numpy as np
 import walks
 from scipy.io import loadmat
@@ -162,9 +162,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the simulated walk")
     chosen = parser.parse_args(arguments)
     real = real_strides(walks.data_folder(chosen.data))
-    fig.print_heading("A real thigh and the simulated one: median (5 to 95 % of the strides)")
+    harness.print_heading("A real thigh and the simulated one: median (5 to 95 % of the strides)")
     rows = [_row(name, real[name], ours) for name, ours in strides_of(simulated_thigh(chosen.seed)).items()]
-    fig.print_table(("of a stride", "real", "simulated", ""), rows)
+    harness.print_table(("of a stride", "real", "simulated", ""), rows)
     print(f"{STRAP}: less than real, left so on purpose; a guess, not tested: a loose strap adds motion")
 
 
@@ -200,4 +200,4 @@ def _rms(values: Floats) -> float:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

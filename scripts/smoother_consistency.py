@@ -28,10 +28,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import compare_ekf
-import figures as fig
+import harness
 import numpy as np
 from compare_tables import BUILDING, MALL, OFFICE, OFFICE_OPEN, print_remarks
-from figures import Figure
+from harness import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.consistency import PARTS, PLACES, band, freedom_of_mean, inside
@@ -54,12 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for result in results:
         key = result.key
         cases.setdefault(f"{key.group}, {key.field}, {key.method}", []).append(result)
-    fig.print_heading(f"Share of {len(chosen.seeds)} walks within the 95 % band, by part; magnetometer {LOOP}")
-    fig.print_table(*share_table(cases))
-    fig.print_heading("Error over claimed sigma, rms; NEES at the end over its expectation, mean")
-    fig.print_table(*ratio_table(cases))
+    harness.print_heading(f"Share of {len(chosen.seeds)} walks within the 95 % band, by part; magnetometer {LOOP}")
+    harness.print_table(*share_table(cases))
+    harness.print_heading("Error over claimed sigma, rms; NEES at the end over its expectation, mean")
+    harness.print_table(*ratio_table(cases))
     figures = [figure for name, some in cases.items() for figure in judged(name, some)]
-    fig.print_verdict(figures)
+    harness.print_verdict(figures)
     print_remarks(results)
 
 
@@ -161,4 +161,4 @@ def _percent(share: float) -> str:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

@@ -37,7 +37,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import figures as fig
+import harness
 import numpy as np
 
 from fg_nav.arrays import Floats
@@ -417,14 +417,14 @@ def along(
 
 def print_star(bench: Bench, points: Mapping[str, Point], grid: Grid, words: str, told: bool = True) -> None:
     """Print the ratio to the IEZ's error at each value of each parameter; the best is marked, and where it lies."""
-    fig.print_heading(f"{words}: error over the IEZ's (geometric mean of {len(bench.cases)} walks)")
+    harness.print_heading(f"{words}: error over the IEZ's (geometric mean of {len(bench.cases)} walks)")
     rows = []
     for name, values in grid.items():
         loss = along(bench, points, name, values, told)
         at = min(loss, key=lambda value: loss[value])
         shown = [f"{value:g}: {np.exp(loss[value]):.3f}{'*' if value == at else ''}" for value in values]
         rows.append([name, where(list(loss.values())), "  ".join(shown)])
-    fig.print_table(("parameter", "best", "value: ratio"), rows)
+    harness.print_table(("parameter", "best", "value: ratio"), rows)
 
 
 def where(losses: Sequence[float]) -> str:
@@ -443,10 +443,10 @@ def print_held_out(bench: Bench, methods: Sequence[str]) -> None:
     for scenario in bench.scenarios:
         for field in FIELDS:
             cases = [case for case in bench.cases if (case.scenario, case.field) == (scenario, field)]
-            fig.print_heading(f"{scenario}, {field}: medians over seeds {bench.seeds[0]} to {bench.seeds[-1]}")
-            fig.print_table(HELD_OUT_COLUMNS, [_row(trial, errors[trial], iez, cases) for trial in trials])
-    fig.print_heading("all")
-    fig.print_table(HELD_OUT_COLUMNS, [_row(trial, errors[trial], iez, bench.cases) for trial in trials])
+            harness.print_heading(f"{scenario}, {field}: medians over seeds {bench.seeds[0]} to {bench.seeds[-1]}")
+            harness.print_table(HELD_OUT_COLUMNS, [_row(trial, errors[trial], iez, cases) for trial in trials])
+    harness.print_heading("all")
+    harness.print_table(HELD_OUT_COLUMNS, [_row(trial, errors[trial], iez, bench.cases) for trial in trials])
 
 
 def _row(trial: Trial, errors: Errors, iez: Errors, cases: Sequence[Case]) -> list[str]:
@@ -465,4 +465,4 @@ def _row(trial: Trial, errors: Errors, iez: Errors, cases: Sequence[Case]) -> li
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

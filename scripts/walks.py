@@ -1,4 +1,4 @@
-"""The real walks on which the figures are measured, each with its stances.
+"""The walks on which figures are measured: the real ones, each with its stances, and a simulated one of any length.
 
 =================== ====================================================================================
 vicon, labels       28 trials with motion capture; stances: `zv_shoe_opt`, the authors' own best labels
@@ -8,7 +8,7 @@ running             2 more that have running strides in them and a gyroscope tha
 loops               5 walks that end where they began
 =================== ====================================================================================
 
-The magnetometer is taken off: these figures are inertial ones.
+The magnetometer is left out: these figures are inertial ones.
 """
 
 from __future__ import annotations
@@ -18,10 +18,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from fg_nav.detection import detect_stances
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_pyshoe_labels
-from fg_nav.recording import Recording
+from fg_nav.lab.simulation import SCENARIOS, Choices, courses, simulate
+from fg_nav.lab.simulation.plan import Stand
+from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -71,34 +75,35 @@ def data_folder(given: Path | None) -> Path:
     return folder
 
 
-def vicon_labelled(data: Path) -> list[Walk]:
-    """Trials with the authors' labels as the stance mask, oldest first."""
+def read_vicon_labelled(data: Path) -> list[Walk]:
+    """Read the trials with the authors' labels as the stance mask, oldest first."""
     return [
-        Walk(path.stem, _inertial(path), Stances.from_mask(read_pyshoe_labels(path))) for path in _vicon_paths(data)
+        Walk(path.stem, _read_inertial(path), Stances.from_mask(read_pyshoe_labels(path)))
+        for path in _vicon_paths(data)
     ]
 
 
-def vicon_detected(data: Path) -> list[Walk]:
-    """Trials with our own stances, oldest first."""
-    return [_detected(path.stem, path) for path in _vicon_paths(data)]
+def read_vicon_detected(data: Path) -> list[Walk]:
+    """Read the trials with our own stances, oldest first."""
+    return [_detect(path.stem, path) for path in _vicon_paths(data)]
 
 
-def gdin(data: Path, numbers: Sequence[int] = GDIN_WALKS) -> list[Walk]:
-    """Indoor walks by number."""
-    return [_detected(f"gdin {number}", gdin_path(data, number)) for number in numbers]
+def read_gdin(data: Path, numbers: Sequence[int] = GDIN_WALKS) -> list[Walk]:
+    """Read the indoor walks of these numbers."""
+    return [_detect(f"gdin {number}", gdin_path(data, number)) for number in numbers]
 
 
-def loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
+def read_loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
     """Read walks that end where they began."""
-    return [_detected(name, data / LOOPS[name]) for name in names]
+    return [_detect(name, data / LOOPS[name]) for name in names]
 
 
-def _detected(name: str, path: Path) -> Walk:
-    recording = _inertial(path)
+def _detect(name: str, path: Path) -> Walk:
+    recording = _read_inertial(path)
     return Walk(name, recording, detect_stances(recording))
 
 
-def _inertial(path: Path) -> Recording:
+def _read_inertial(path: Path) -> Recording:
     return replace(read(path), mag=None)
 
 
@@ -118,3 +123,36 @@ def gdin_path(data: Path, number: int) -> Path:
 def real_path(group: str, walk: str, data: Path) -> Path:
     """File of a walk of `REAL_WALKS`."""
     return data / LOOPS[f"{OPENSHOE} {walk}"] if group == OPENSHOE else gdin_path(data, int(walk))
+
+
+# --- simulated -------------------------------------------------------------------------------------------------------
+
+PAUSE_S = 10.0
+SHORTEST_ROUND_S = 55.0
+"""A round of 61 strides takes some 57 s, and a pause follows."""
+
+
+def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field: str | None = None) -> Recording:
+    """Simulate rounds of the demonstration's corridor, a rest of ten seconds after each; the truth is the true path.
+
+    Parameters
+    ----------
+    minutes : duration; the last round is cut off where the time is over, be it in a swing.
+    seed : draws gait, biases and noise.
+    rate_hz : sample rate.
+    field : level of the magnetic field; without one there is no magnetometer.
+    """
+    rounds = int(np.ceil(60 * minutes / SHORTEST_ROUND_S))
+    demo = SCENARIOS["demo"]
+    rest, around, _ = courses.demo()
+    scenario = replace(
+        demo,
+        name=f"{rounds} rounds",
+        course=lambda _: [rest, *[around, Stand(PAUSE_S)] * rounds],
+        sensor=demo.sensor if field else replace(demo.prior, mag=None),
+        field=field or "homogeneous",
+    )
+    whole = simulate(scenario, seed, Choices(rate_hz=rate_hz)).recording
+    truth, stop = whole.truth, round(60 * minutes * rate_hz)
+    assert isinstance(truth, TrajectoryTruth)
+    return replace(whole.slice(0, stop), truth=TrajectoryTruth(truth.t[:stop], truth.position[:stop]))

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import figures as fig
+import harness
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.file import read_reproduction, write_whole
@@ -218,4 +218,4 @@ def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
 
 
 if __name__ == "__main__":
-    fig.leave_with(main)
+    harness.run(main)

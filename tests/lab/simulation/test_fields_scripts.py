@@ -1,9 +1,6 @@
 """The scripts that print how the fields compare: what they measure, on fields that are known."""
 
-import importlib
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +8,10 @@ import pytest
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation.fields import SITES, earth_field
 from tests.real_data import DATA, needs_data
+from tests.scripts import load_script
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
-realism = importlib.import_module("realism_field")
-maps = importlib.import_module("field_maps")
+realism = load_script("realism_field")
+maps = load_script("field_maps")
 
 
 def with_field(walk, nav_field):

@@ -1,9 +1,6 @@
 """The simulated foot is physics: its kinematics agree with each other and with how feet move."""
 
-import importlib
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +14,9 @@ from fg_nav.lab.simulation.motion import Kinematics
 from fg_nav.lab.simulation.path import Pose, straight
 from fg_nav.lab.simulation.person import HEEL, INSTEP, Gait, Mount, Person, Shock
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan
+from tests.scripts import load_script
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
-consistency = importlib.import_module("kinematic_consistency")
+consistency = load_script("sample_errors")
 
 NONE = Shock(0.0, 0.0, 20.0, 0.1)
 QUIET = dict.fromkeys(("strike", "crack", "slap", "toe_off", "tremor"), NONE)
@@ -133,15 +130,15 @@ def test_a_sample_is_the_mean_over_its_period(walk: Foot, rate_hz: float) -> Non
 @pytest.mark.parametrize("style", list(Style))
 def test_samples_integrate_to_the_truth(style: Style, mount: Mount) -> None:
     """Plainly to second order; with coning and sculling within 0.3 mm/s and 0.2 mm of each stride at 400 Hz."""
-    foot = made([Stand(1.0), consistency.section(style, 12, Person())], mount=mount)
+    foot = made([Stand(1.0), consistency.section_of(style, 12, Person())], mount=mount)
     plain = [
-        np.median(np.linalg.norm(consistency.left_over(foot.motion, foot.strides, hz), axis=2), axis=0)
+        np.median(np.linalg.norm(consistency.integration_errors(foot.motion, foot.strides, hz), axis=2), axis=0)
         for hz in (200.0, 400.0, 800.0)
     ]
     ratio = np.array(plain[:-1]) / plain[1:]
     assert np.all((ratio > 3.5) & (ratio < 4.5)), ratio
     _, velocity, position = np.linalg.norm(
-        consistency.left_over(foot.motion, foot.strides, 400.0, corrected=True), axis=2
+        consistency.integration_errors(foot.motion, foot.strides, 400.0, corrected=True), axis=2
     ).T.max(axis=1)
     assert velocity < 0.3  # a runner whose heel is hit: where shocks peak
     assert position < 0.2
@@ -231,7 +228,7 @@ def test_just_outside_of_flat_the_foot_lands_and_pushes_off(walk: Foot, dense: K
 @pytest.mark.parametrize("style", list(Style))
 def test_a_foot_is_flat_once_between_two_strides(style: Style) -> None:
     """Of runners too, whose stance is short: who pushes off before he has landed is flat in the middle of the two."""
-    foot = made([Stand(2.0), consistency.section(style, 60, Person()), Stand(2.0)])
+    foot = made([Stand(2.0), consistency.section_of(style, 60, Person()), Stand(2.0)])
     begin, end = foot.motion.flat.T
     assert (end - begin).min() > 0.009
     assert np.all(begin[1:] > end[:-1])

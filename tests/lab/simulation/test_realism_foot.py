@@ -1,19 +1,16 @@
 """The persons drawn walk as real ones do: in every fact of every table but those that say why not."""
 
-import importlib
-import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.real_data import DATA, needs_data
+from tests.scripts import load_script
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
-realism = importlib.import_module("realism")
-realism_field = importlib.import_module("realism_field")
-walks = importlib.import_module("walks")
+realism = load_script("realism")
+realism_field = load_script("realism_field")
+walks = load_script("walks")
 
 SEEDS = (11, 12, 13, 14)  # not those on which the gait was chosen
 Facts = Sequence[Mapping[str, float]]
@@ -23,7 +20,7 @@ Tables = Mapping[str, tuple[Mapping[str, object], Mapping[str, Facts]]]
 @pytest.fixture(scope="module")
 def tables() -> Tables:
     """Of each table its facts, and its columns: real first."""
-    real = [realism.foot(walk.name, walk.recording) for walk in walks.gdin(DATA)]
+    real = [realism.foot(walk.name, walk.recording) for walk in walks.read_gdin(DATA)]
     recorded = {name: [realism.simulated(person(s), s) for s in SEEDS] for name, person in realism.PEOPLE.items()}
     ours = {name: [realism.foot(name, one) for one in of] for name, of in recorded.items()}
     inertial = {name: [realism.inertial_facts(walk) for walk in of] for name, of in ({"real": real} | ours).items()}

@@ -1,10 +1,7 @@
 """The motion of the thigh against mechanics: derivatives, exact integration, rest, and a real thigh."""
 
-import importlib
-import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +16,7 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.lab.simulation.thigh import Pocket, Ringing, thigh_motion
 from tests.real_data import DATA, needs_data
+from tests.scripts import load_script
 
 UP = np.array([0.0, 0.0, 1.0])
 STILL = Pocket(tilt_rad=0.0, posture_rad=0.0)
@@ -291,8 +289,7 @@ def test_forty_four_minutes_take_seconds():
 
 @needs_data
 def test_a_real_thigh_moves_like_this():
-    sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
-    realism = importlib.import_module("realism_thigh")
+    realism = load_script("realism_thigh")
     real, ours = realism.real_strides(DATA), realism.strides_of(realism.simulated_thigh(seed=1))
     judged = {name: realism.judged(name, real[name], ours[name]) for name in real}
     assert set(judged.values()) <= {"ok", realism.STRAP}, judged

@@ -1,8 +1,6 @@
 """The script that writes docs/results.md, and the page itself."""
 
-import importlib
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +10,10 @@ from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.file import read_reproduction, written
 from fg_nav.lab.reproduce.messages import named, remark
 from tests.lab.reproduce.made import reproduction
+from tests.scripts import load_script
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "scripts"))
-script = importlib.import_module("write_results")
+ROOT = Path(__file__).parents[2]
+script = load_script("write_results")
 
 PAGE = ROOT / "docs" / "results.md"
 FILES = [PAGE.parent / "results" / f"{name}.json" for name in ("ma2018", "aiez2017", "munoz-diaz2017")]

@@ -1,9 +1,6 @@
 """The script on the field along the way: what its fit and its controls find, and that it runs."""
 
-import importlib
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +8,9 @@ import pytest
 from fg_nav.errors import OutputError
 from fg_nav.frames import yaw_rotation
 from tests.real_data import DATA, needs_data
+from tests.scripts import load_script
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
-sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
-field_potential = importlib.import_module("field_potential")
+field_potential = load_script("field_potential")
 
 EARTH, IRON_UT, STRIDE_M = np.array([4.0, 20.0]), 0.7, 1.4
 

@@ -1,9 +1,6 @@
 """The scripts on real fields and on calibration from a walk: what they measure, and that they run."""
 
-import importlib
 import re
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,11 +10,10 @@ from fg_nav.calibration import calibrate_on_walk, circular_sd_deg, corrected_fie
 from fg_nav.errors import OutputError
 from fg_nav.frames import wrap
 from tests.real_data import DATA, needs_data
+from tests.scripts import load_script
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
-sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
-real_fields = importlib.import_module("real_fields")
-walk_calibration = importlib.import_module("walk_calibration")
+real_fields = load_script("real_fields")
+calibration = load_script("calibration")
 
 
 def judged(difference, passed):
@@ -53,9 +49,9 @@ def test_stances_without_a_field_are_left_out_of_the_comparison():
 
 
 def test_a_made_up_walk_is_what_it_says_it_is():
-    walk = walk_calibration.walked("demo", "smooth", "preset", 5)
+    walk = calibration.make_walk("demo", "smooth", "preset", 5)
     reading = walk.iron.bent(walk.free)
-    assert np.std(walk.field.body_field - reading) == pytest.approx(walk_calibration.READ_TO_UT, rel=0.2)
+    assert np.std(walk.field.body_field - reading) == pytest.approx(calibration.READ_TO_UT, rel=0.2)
     # Against the drifted axes the field turns with the drift.
     level = np.einsum("nij,nj->ni", walk.field.nav_R_body, walk.free)
     toward = wrap(np.arctan2(level[:, 0], level[:, 1]) - walk.drift)
@@ -63,7 +59,7 @@ def test_a_made_up_walk_is_what_it_says_it_is():
 
 
 def test_on_a_smooth_field_the_walk_finds_what_a_loop_would():
-    walk = walk_calibration.walked("demo", "smooth", "Ma", 6)
+    walk = calibration.make_walk("demo", "smooth", "Ma", 6)
     found = calibrate_on_walk(walk.field)
     offset, covariance = level_iron(found, walk.field)
     assert np.abs(offset - walk.level_iron).max() < 2
@@ -73,7 +69,7 @@ def test_on_a_smooth_field_the_walk_finds_what_a_loop_would():
 
 
 def test_walks_are_calibrated_and_the_straight_ones_refused(capsys):
-    walk_calibration.main(["--course", "straight", "--seeds", "2"])
+    calibration.main(["walk", "--course", "straight", "--seeds", "2"])
     out = capsys.readouterr().out
     assert re.search(r"straight +indoor +preset +0/2", out)
     assert "100 % of them head within 45 deg of one direction" in out

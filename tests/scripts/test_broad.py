@@ -1,8 +1,5 @@
 """The script on the BROAD trials: that its errors are those of BROAD, and that it runs."""
 
-import importlib
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,10 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.recording import Recording
 from tests.real_data import DATA, needs_data
+from tests.scripts import load_script
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
-sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
-broad = importlib.import_module("broad_orientation")
+broad = load_script("broad_orientation")
 
 RNG = np.random.default_rng(8)
 TRUE = Rotation.random(400, random_state=8)
@@ -70,7 +66,7 @@ def test_the_field_s_noise_is_that_of_its_means(tapped):
 def test_a_rate_of_the_period_before_a_stamp_is_put_at_the_stamp_before():
     gyr = RNG.standard_normal((50, 3))
     t = np.arange(50) / 100
-    held = broad.rates_held(Recording(t=t, acc=np.ones((50, 3)), gyr=gyr)).gyr
+    held = broad.hold_rates(Recording(t=t, acc=np.ones((50, 3)), gyr=gyr)).gyr
     assert (held[:-1] == gyr[1:]).all()
 
 

@@ -1,9 +1,6 @@
 """The script that tunes the filters: what it minimises, how it searches, and what it keeps."""
 
-import importlib
-import sys
 from concurrent.futures import Future
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +9,9 @@ from fg_nav.ekf.presets import PHYSICAL, TUNED, find_parameters, scale_detector
 from fg_nav.errors import OutputError
 from fg_nav.magnetic import DETECTORS
 from fg_nav.recording import Recording, TrajectoryTruth
+from tests.scripts import load_script
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
-sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
-tune = importlib.import_module("tune_filters")
+tune = load_script("tune_filters")
 
 
 class Inline:
@@ -168,10 +164,10 @@ def test_a_cache_that_cannot_be_written_is_named(walk, tmp_path):
 
 
 def test_the_benchmark_has_the_compass_in_every_filter_it_times(monkeypatch, capsys):
-    benchmark, taken = importlib.import_module("benchmark"), {}
+    benchmark, taken = load_script("benchmark"), {}
     run = benchmark.run_filter
     monkeypatch.setattr(benchmark, "run_filter", lambda method, *rest: taken.setdefault(method, run(method, *rest)))
-    found = benchmark.print_filters(benchmark.long_walk(0.5, 3), 1)
+    found = benchmark.measure_filters(benchmark.simulate_long_walk(0.5, 3), 1)
     assert [figure.method for figure in found if figure.asked] == [name for name in benchmark.FILTERS for _ in "12"]
     assert all(figure.measured > 0 for figure in found)
     for method in benchmark.FILTERS[1:]:

@@ -1,18 +1,14 @@
 """The scripts about calibration: what they measure, on a few seeds."""
 
-import importlib
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fg_nav.lab.reproduce.ma2018 import loop as ma2018_loop
+from tests.scripts import load_script
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))  # a script finds its neighbours by the folder it is in
-loop = importlib.import_module("calibration_loop")
-consistency = importlib.import_module("ellipsoid_consistency")
+script = load_script("calibration")
 
 
 @pytest.fixture(scope="module")
@@ -50,15 +46,6 @@ def test_a_bare_sensor_used_bare_is_right():
     assert np.std(strength) < 0.3
 
 
-def test_the_loop_prints_both_tables(capsys, walked, monkeypatch):
-    monkeypatch.setattr(loop, "walked_loop", lambda seed, field: walked[seed - loop.FIRST_SEED])
-    loop.main(["--seeds", "1"])
-    printed = capsys.readouterr().out
-    assert "Table 1" in printed
-    assert "Figure 7" in printed
-    assert "5 of 5 figures are as asked" in printed
-
-
 def test_a_refusal_counts_as_infinite(walked):
     refused = replace(walked[0], heading={"none": np.empty(0)})
     largest, rms = ma2018_loop.heading_errors([refused], "none")
@@ -66,18 +53,18 @@ def test_a_refusal_counts_as_infinite(walked):
     assert np.isinf(ma2018_loop.errors_of(None)).all()
 
 
-@pytest.mark.parametrize("way", consistency.WAYS)
-@pytest.mark.parametrize("strength", [consistency.STRENGTH_UT, None])
+@pytest.mark.parametrize("way", script.WAYS)
+@pytest.mark.parametrize("strength", [script.STRENGTH_UT, None])
 def test_the_ellipsoid_is_as_wrong_as_it_says(way, strength):
     """rms of standardised errors, 40 seeds: 0.8 to 1.3 all in all, and no parameter far from it."""
-    errors = np.array([consistency.standardised(seed, way, strength) for seed in range(40)])
-    assert 0.8 < consistency.overall(list(errors)) < 1.3
+    errors = np.array([script.standardize_errors(seed, way, strength) for seed in range(40)])
+    assert 0.8 < script.rms_of_all(list(errors)) < 1.3
     assert (np.sqrt((errors**2).mean(axis=0)) < 1.5).all()
     assert (np.sqrt((errors**2).mean(axis=0)) > 0.6).all()
 
 
 def test_consistency_prints_a_row_a_way(capsys):
-    consistency.main(["--seeds", "2"])
+    script.main(["ellipsoid", "--seeds", "2"])
     printed = capsys.readouterr().out
-    assert all(way in printed for way in consistency.WAYS)
+    assert all(way in printed for way in script.WAYS)
     assert "C_zz" in printed

@@ -1,19 +1,15 @@
 """The script on the bias in a pocket: what it measures, and that it runs."""
 
-import importlib
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fg_nav.lab.simulation import Choices, simulate
+from tests.scripts import load_script
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
-sys.path.insert(0, str(SCRIPTS))  # a script finds its neighbours by the folder it was started in
-pocket_bias = importlib.import_module("pocket_bias")
+pocket_bias = load_script("pocket_bias")
 
 
 def found(error):
@@ -50,13 +46,13 @@ def test_it_runs_and_says_what_is_asked(monkeypatch, capsys):
 
     monkeypatch.setattr(pocket_bias, "simulate", short)
     monkeypatch.setattr(pocket_bias, "FIELDS", ("munich",))
-    one = pocket_bias.found_on(1, 0.5)["munich"]
+    one = pocket_bias.find_biases(1, 0.5)["munich"]
     assert set(one) == set(pocket_bias.methods_at(0.5))
     assert abs(one["batch"].error[-1]) < 0.02
     assert abs(one["batch"].yaw_deg) < 3.0
     long = {m: [replace(f, error=np.resize(f.error, 200))] for m, f in one.items()}
     pocket_bias.print_errors("munich", long)
     pocket_bias.print_ends(long)
-    figures = pocket_bias.judged("munich", long)
+    figures = pocket_bias.judge_field("munich", long)
     assert [f.high for f in figures if "yaw" in f.name] == [3.0, 3.0]
     assert "quarter" in capsys.readouterr().out
