@@ -7,7 +7,7 @@ For AIEZ, a compass that is 10 deg off, or a strength that changes by 2.5 uT/s, 
 Sigmas of the physical presets are an eighth of that: 1 deg of heading difference, 0.5 deg, 0.375 uT for one stance's
 mean. On simulated walks in a homogeneous field noise is 0.1 deg, 0.05 deg and 0.04 uT with a calibrated sensor. With
 one that is not it is 0.9 deg, 0.4 deg and 0.15 uT on the straights, and 8 deg, 2 deg and 0.9 uT as it turns, which no
-detector can tell from a field that changes (MPU-9250 x 8, `scripts/magnet_corridor.py --sigmas`). With a calibrated
+detector can tell from a field that changes (MPU-9250 x 8, `scripts/calibration.py channels`). With a calibrated
 sensor, therefore, fewer changes that matter pass than the false-alarm rate says, and next to all still fields. A
 heading itself, of foot and compass alike, scatters by 2 deg from stride to stride, for a foot is not put down the
 same way twice: iQSF is allowed 3 deg, and has to take 20 deg for the least turn that matters to tell them apart. The

@@ -12,7 +12,7 @@ so the sample that integrates to the right turn and push, when held, is
 
 At 100 Hz a walking foot's coning is some 0.035 deg/s about up, which nothing tells from a gyroscope bias that comes and
 goes with the gait; it falls with the square of the rate. What is left is of fourth order
-(`scripts/kinematic_consistency.py`). Source: Savage (1998), "Strapdown inertial navigation integration algorithm
+(`scripts/sample_errors.py integration`). Source: Savage (1998), "Strapdown inertial navigation integration algorithm
 design", parts 1 and 2, for samples that are integrals over their period.
 
 Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.samples.peaks`). And a sample before a gap, which is

@@ -11,7 +11,7 @@ W and c by least squares over the windows of the recording, as wide and without 
 linear regression (Cleveland 1979). Its sigma is measured, not assumed, and large for a long gap, few strides or a
 stumble: the larger of what either half of these windows misses the other by, times what W and c are uncertain by, and
 of what is in m and in none of these windows. Over a gap in a swing yaw is off by, deg rms, at 100 Hz
-(`scripts/lost_samples.py`)
+(`scripts/sample_errors.py gaps`)
 
 ============ ==== ============ =======
 lost samples held interpolated learned

@@ -13,7 +13,7 @@ step beside the run and the step into it, which the clipping can only have made 
 What is rebuilt is off by `OFF_SHARE` of the parabola, one sigma, and that is one error for the whole run: a peak that
 was higher was so in all its samples. A simulated foot's peak cut at 95 per cent hides 4 deg, rms, and rebuilt it is off
 by 1.1; at 85 per cent 5.6 and 2.4, at 70 per cent 10 and 3.4. Of pushes, of real walks that were cut on purpose, and of
-what is left over its sigma tells `scripts/clipped_peaks.py`.
+`scripts/sample_errors.py peaks` prints what is left over its sigma.
 
 Of a run of more than `LONGEST_S` the flanks tell nothing, and of one without flanks there are none: they are left as
 they are, and may hide as much as they show.

@@ -27,8 +27,8 @@ and cross-axis errors. What is left is what changes with temperature since, and 
 removing the rest of the bias is the estimator's business.
 
 How Ma's module was calibrated is not printed, and it decides the drift of a filter without a magnetometer. Eight raw
-units averaged end three loops some 45 degrees off, calibrated ones about 10 (`scripts/simulated_drift.py` prints
-both); Figure 10a of the paper ends 14 degrees off. So we take it that the module was calibrated.
+units averaged end three loops some 45 degrees off, calibrated ones about 10 (measured on the
+scenario `office`); Figure 10a of the paper ends 14 degrees off. So we take it that the module was calibrated.
 """
 
 from __future__ import annotations
