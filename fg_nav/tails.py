@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.footfalls import FootfallParameters
+from fg_nav.detection.footfalls import LONGEST_SWING_S
 from fg_nav.stances import Stances
 
-LONGEST_FREE_S = FootfallParameters.longest_swing_s
+LONGEST_FREE_S = LONGEST_SWING_S
 """No foot of a walking or running person is in the air for longer."""
 
 

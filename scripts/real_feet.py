@@ -6,7 +6,7 @@ Motion capture follows a marker, not the sensor. On each Vicon trial, with PySho
 attitude laid on the truth by yaw and shift:
 
 ======= =============================================================================================================
-lever   of the sensor from the point about which the foot rolls, as `rolling_lever` finds it from the recording alone
+lever   of the sensor from the point about which the foot rolls, as `estimate_lever` finds it from the recording alone
 own     of the marker: least squares of its velocity in stance on w x l, w below 1 rad/s
 offset  marker minus sensor, body axes: least squares of (marker - sensor path) = R d over strides of 0.5 to 2.5 s, each
         less its own line in time, so that drift does not count
@@ -32,7 +32,7 @@ import walks
 from walks import Walk
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.calibration import rolling_lever
+from fg_nav.calibration import estimate_lever
 from fg_nav.evaluation.alignment import align
 from fg_nav.evaluation.comparison import interpolated
 from fg_nav.recording import TrajectoryTruth
@@ -117,7 +117,7 @@ def measure_trial(walk: Walk) -> Foot | None:
         return None
     offset = _offset(seen, strides)
     climb = [_climb(smooth(walk.recording, stances, p), truth) for p in VARIANTS.values()]
-    lever = rolling_lever(walk.recording, stances).lever
+    lever = estimate_lever(walk.recording, stances).lever
     return Foot(walk.name, lever, _own_lever(seen), offset, _sinking(seen, offset), np.array(climb))
 
 

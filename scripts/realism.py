@@ -32,7 +32,7 @@ import walks
 from sample_errors import integrate
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.calibration import rolling_lever
+from fg_nav.calibration import estimate_lever
 from fg_nav.detection import detect_stances
 from fg_nav.detection.stance import shoe
 from fg_nav.frames import GRAVITY_M_S2
@@ -452,7 +452,7 @@ def _lever_cm(walk: Foot) -> float:
     body_up = np.einsum(
         "nij,ni->j", walk.solution.nav_R_body[walk.still], np.tile([0.0, 0.0, 1.0], (len(walk.still), 1))
     )
-    return float(100 * rolling_lever(walk.recording, stances).lever @ body_up / np.linalg.norm(body_up))
+    return float(100 * estimate_lever(walk.recording, stances).lever @ body_up / np.linalg.norm(body_up))
 
 
 def _left_over(walk: Foot, begin: int, end: int) -> float:

@@ -4,39 +4,38 @@ In order: all at once and its file; the magnetometer, turned over, on a loop, on
 where it sits on the shoe.
 """
 
-from fg_nav.calibration.allan import AllanCurve, FitParameters, NoiseFit, NoisePart, allan_curve, fit_noise
+from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart, allan_curve, fit_noise
 from fg_nav.calibration.at_rest import (
     AccelerometerCalibration,
-    AtRestParameters,
     GyroscopeCalibration,
     RecordingNoise,
     SensorNoise,
-    StillnessParameters,
     accelerometer_at_rest,
     gyroscope_at_rest,
     recording_noise,
 )
 from fg_nav.calibration.ellipse import Ellipse
-from fg_nav.calibration.ellipse_fit import EllipseParameters, ellipse_of_walk, fitted_ellipse
-from fg_nav.calibration.ellipsoid import EllipsoidParameters, fitted_ellipsoid, unit_sphere
+from fg_nav.calibration.ellipse_fit import ellipse_of_walk, fitted_ellipse
+from fg_nav.calibration.ellipsoid import fitted_ellipsoid, unit_sphere
 from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, corrected_field
 from fg_nav.calibration.of_recording import METHODS, Effect, Found, calibrate
-from fg_nav.calibration.rolling_lever import RollingLever, RollingLeverParameters, rolling_lever
-from fg_nav.calibration.walk import Spread, calibrate_on_walk, level_iron, spread_out_of_sample
-from fg_nav.calibration.walk_model import WalkCalibrationParameters
+from fg_nav.calibration.rolling_lever import RollingLever, estimate_lever
+from fg_nav.calibration.walk import (
+    Spread,
+    WalkCalibrationParameters,
+    calibrate_on_walk,
+    level_iron,
+    spread_out_of_sample,
+)
 
 __all__ = [
     "METHODS",
     "AccelerometerCalibration",
     "AllanCurve",
-    "AtRestParameters",
     "Calibration",
     "Effect",
     "Ellipse",
-    "EllipseParameters",
-    "EllipsoidParameters",
-    "FitParameters",
     "Found",
     "GyroscopeCalibration",
     "MagnetometerCalibration",
@@ -44,10 +43,8 @@ __all__ = [
     "NoisePart",
     "RecordingNoise",
     "RollingLever",
-    "RollingLeverParameters",
     "SensorNoise",
     "Spread",
-    "StillnessParameters",
     "WalkCalibrationParameters",
     "accelerometer_at_rest",
     "allan_curve",
@@ -56,6 +53,7 @@ __all__ = [
     "circular_sd_deg",
     "corrected_field",
     "ellipse_of_walk",
+    "estimate_lever",
     "fit_noise",
     "fitted_ellipse",
     "fitted_ellipsoid",
@@ -63,7 +61,6 @@ __all__ = [
     "level_iron",
     "read_calibration",
     "recording_noise",
-    "rolling_lever",
     "spread_out_of_sample",
     "unit_sphere",
     "write_calibration",

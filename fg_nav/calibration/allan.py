@@ -59,28 +59,42 @@ MIN_READINGS = 40
 """Fewer make no curve of a decade."""
 
 
-@dataclass(frozen=True)
-class FitParameters:
-    """How a curve is laid out and fitted."""
+PER_DECADE = 8
+"""Averaging times in a decade: their values are as good as independent from some 4 on, and a curve wants more."""
 
-    per_decade: int = 8
-    """Averaging times in a decade: their values are as good as independent from some 4 on, and a curve wants more."""
-    longest_share: float = 0.25
-    """Of the record: the longest averaging time, which is then seen four times."""
-    model_share: float = 0.03
-    """Of AVAR: how closely a sensor follows the three laws (assumed; filters and quantisation bend the short end)."""
-    least_sigmas: float = 2.0
-    """A part is seen if it is this far above zero."""
-    most_misfit: float = 2.0
-    """A curve that fits worse is bent, by a filter, held values or the mains: its short end is then left out."""
-    start_count: int = 4
-    """Averaging times at which the fit begins, half a decade, looked at on their own: there a filter's end shows."""
-    start_share: float = 0.015
-    """Of AVAR: how far these may be off, rms, beside twice their statistical sigma; half of `model_share`."""
-    fewest: int = 8
-    """Averaging times that a fit is made of at least, a decade."""
-    confidence: float = 0.68
-    """Of the band about the deviation."""
+LONGEST_SHARE = 0.25
+"""Of the record: the longest averaging time, which is then seen four times."""
+
+MODEL_SHARE = 0.03
+"""Of AVAR: how closely a sensor follows the three laws (assumed; filters and quantization bend the short end)."""
+
+LEAST_SIGMAS = 2.0
+"""A part is seen if it is this far above zero."""
+
+MOST_MISFIT = 2.0
+"""A curve that fits worse is bent, by a filter, held values or the mains: its short end is then left out."""
+
+START_COUNT = 4
+"""Averaging times at which the fit begins, half a decade, judged on their own: there a filter's end shows."""
+
+START_SHARE = 0.015
+"""Of AVAR: how far these may be off, rms, besides twice their statistical sigma; half of `MODEL_SHARE`."""
+
+FEWEST_TIMES = 8
+"""Averaging times that a fit is made of at least, a decade."""
+
+CONFIDENCE = 0.68
+"""Of the band about the deviation."""
+
+LEAST_VARIANCE = 1e-12
+"""Of the largest variance: coarse steps of a reading can hide all of its noise at one averaging time."""
+
+ROUNDS = 12
+"""The weights follow the model: after half as many it stays to a thousandth."""
+
+EVERY_LAG, GROWTH = 24, 1.08
+"""Covariance: every lag is summed within so many samples of an instant at which the two differences meet; beyond, each
+lag is so many times as far from it as the one before: 4e-4 off the whole sum."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +133,7 @@ class NoiseFit:
     Attributes
     ----------
     white, flicker, walk : N, B and K in the units above.
-    low, high : (F,) band about the measured deviation, at the confidence of the parameters.
+    low, high : (F,) band about the measured deviation, of `CONFIDENCE`.
     lowest, lowest_tau_s : the curve's lowest point, which sheets call bias instability.
     fitted_from_s : averaging time at which the fit begins.
     misfit : mean square of the residuals in their sigmas, 1 or less where the three laws hold.
@@ -141,10 +155,10 @@ class NoiseFit:
         return np.asarray(np.sqrt(N**2 / tau_s + (FLOOR * B) ** 2 + K**2 * tau_s / 3))
 
 
-def averaging_factors(count: int, parameters: FitParameters = FitParameters()) -> Ints:
+def averaging_factors(count: int) -> Ints:
     """Averaging times (F,) in samples, evenly spaced on a logarithmic scale where that leaves whole numbers."""
-    longest = max(1.0, parameters.longest_share * count)
-    steps = 1 + int(np.log10(longest) * parameters.per_decade)
+    longest = max(1.0, LONGEST_SHARE * count)
+    steps = 1 + int(np.log10(longest) * PER_DECADE)
     return np.unique(np.round(np.geomspace(1.0, longest, max(2, steps)))).astype(np.int64)
 
 
@@ -169,21 +183,21 @@ def allan_curve(readings: Floats, period_s: float, factors: Ints | None = None) 
     return AllanCurve(np.asarray(chosen * period_s), chosen, np.sqrt(np.array(variance)), n, period_s)
 
 
-def fit_noise(curve: AllanCurve, parameters: FitParameters = FitParameters()) -> NoiseFit:
+def fit_noise(curve: AllanCurve) -> NoiseFit:
     """Find N, B and K of a curve, from the shortest averaging time on from which the three laws fit it."""
     observed = curve.deviation**2
     if not observed.any():
-        return _silent(curve)
+        return _fit_silence(curve)
     scale, m = float(observed.max()), curve.factors.astype(np.float64)
     laws = np.column_stack([1 / m, np.full(len(m), FLOOR**2), m / 3])  # for a sampling period of 1
     products = covariance_products(curve.count, tuple(int(f) for f in curve.factors))
     whole = _Laws(observed / scale, laws, products)
-    first, all_three = _begun(whole, parameters)
-    found = _thinned(whole.beginning(first), all_three, parameters)
+    first, all_three = _fit_from_start(whole)
+    found = _drop_unseen(whole.beginning(first), all_three)
     limit = all_three.value + ONE_SIDED_95 * all_three.sigma
     to_si = scale * np.array([curve.period_s, 1.0, 1.0 / curve.period_s])
     white, flicker, walk = (_part(found, k, float(limit[k]), float(to_si[k])) for k in range(3))
-    low, high = _band(curve.deviation, found.value, whole, parameters.confidence)
+    low, high = _band(curve.deviation, found.value, whole)
     k = int(np.argmin(curve.deviation))
     return NoiseFit(
         white, flicker, walk, low, high, float(curve.deviation[k]), float(curve.tau_s[k]),
@@ -208,27 +222,27 @@ class _Laws:
         return np.asarray(np.einsum("k,l,klij->ij", value, value, self.products))
 
 
-def _begun(whole: _Laws, parameters: FitParameters) -> tuple[int, _Squares]:
+def _fit_from_start(whole: _Laws) -> tuple[int, _Squares]:
     """Where the fit begins and what it is there: the first place that fits, or the best where none does."""
     tried = []
-    for first in range(max(1, len(whole.observed) - parameters.fewest)):
-        found = _Squares.fitted(whole.beginning(first), (0, 1, 2), parameters)
-        if found.misfit < parameters.most_misfit and found.starts_straight:
+    for first in range(max(1, len(whole.observed) - FEWEST_TIMES)):
+        found = _Squares.fit(whole.beginning(first), (0, 1, 2))
+        if found.misfit < MOST_MISFIT and found.starts_straight:
             return first, found
         tried.append(found)
     first = int(np.argmin([found.misfit for found in tried]))
     return first, tried[first]
 
 
-def _thinned(whole: _Laws, found: _Squares, parameters: FitParameters) -> _Squares:
+def _drop_unseen(whole: _Laws, found: _Squares) -> _Squares:
     """Fit without what is not seen, the least of it first."""
-    while len(found.parts) > 1 and found.significance.min() < parameters.least_sigmas:
+    while len(found.parts) > 1 and found.significance.min() < LEAST_SIGMAS:
         least = found.parts[int(np.argmin(found.significance))]
-        found = _Squares.fitted(whole, tuple(part for part in found.parts if part != least), parameters)
+        found = _Squares.fit(whole, tuple(part for part in found.parts if part != least))
     return found
 
 
-def _silent(curve: AllanCurve) -> NoiseFit:
+def _fit_silence(curve: AllanCurve) -> NoiseFit:
     """What a reading shows that never changes: nothing, whatever its resolution hides."""
     nothing = NoisePart(0.0, 0.0, 0.0, False)
     none, first_s = curve.deviation, float(curve.tau_s[0])
@@ -261,45 +275,34 @@ class _Squares:
         return np.asarray(self.value[chosen] / np.maximum(self.sigma[chosen], 1e-300))
 
     @classmethod
-    def fitted(cls, whole: _Laws, parts: tuple[int, ...], parameters: FitParameters) -> _Squares:
+    def fit(cls, whole: _Laws, parts: tuple[int, ...]) -> _Squares:
         """Least squares on these parts, weighted by what the model itself says, until it stays."""
         chosen, value = list(parts), np.zeros(3)
         X, observed = whole.laws[:, chosen], whole.observed
-        weight = 1 / np.maximum(observed, _LEAST)
-        for _ in range(_ROUNDS):
+        weight = 1 / np.maximum(observed, LEAST_VARIANCE)
+        for _ in range(ROUNDS):
             value[chosen], _ = nnls(weight[:, None] * X, weight * observed)
             model, covariance = whole.laws @ value, whole.covariance(value)
-            weight = 1 / np.sqrt(np.diag(covariance) + (parameters.model_share * model) ** 2)
+            weight = 1 / np.sqrt(np.diag(covariance) + (MODEL_SHARE * model) ** 2)
         residual = weight * (observed - model)
         misfit = float(residual @ residual / max(1, len(observed) - len(chosen)))
         inverse = np.linalg.pinv(weight[:, None] * X) * weight
         sigma = np.zeros(3)
         sigma[chosen] = np.sqrt(max(1.0, misfit) * np.diag(inverse @ covariance @ inverse.T))
-        start = slice(0, parameters.start_count)
-        allowed = (parameters.start_share * model) ** 2 + 4 * np.diag(covariance)
+        start = slice(0, START_COUNT)
+        allowed = (START_SHARE * model) ** 2 + 4 * np.diag(covariance)
         straight = bool(((observed - model)[start] ** 2 / allowed[start]).mean() < 1.0)
         return cls(parts, value, sigma, misfit, straight)
 
 
-_LEAST = 1e-12
-"""Of the largest variance: coarse steps of a reading can hide all of its noise at one averaging time."""
-
-_ROUNDS = 12
-"""The weights follow the model: after half as many it stays to a thousandth."""
-
-
-def _band(deviation: Floats, value: Floats, whole: _Laws, confidence: float) -> tuple[Floats, Floats]:
+def _band(deviation: Floats, value: Floats, whole: _Laws) -> tuple[Floats, Floats]:
     """Where the true deviation lies: AVAR is about chi-square with the degrees of freedom that its variance says."""
     freedom = 2 * (whole.laws @ value) ** 2 / np.diag(whole.covariance(value))
-    high, low = (chi2.ppf(p, freedom) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
+    high, low = (chi2.ppf(p, freedom) for p in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
     return deviation * np.sqrt(freedom / low), deviation * np.sqrt(freedom / high)
 
 
 _COEFFICIENT = np.array([1.0, -2.0, 1.0])
-_EVERY_LAG = 24
-"""Every lag is summed within this many samples of a meeting."""
-_GROWTH = 1.08
-"""Beyond, each lag is this many times as far from the meeting as the one before: with both, 4e-4 off the whole sum."""
 
 
 @lru_cache(maxsize=16)
@@ -335,8 +338,8 @@ def _pair(count: int, m: int, other: int) -> Floats:
 def _lags(m: int, other: int, count: int) -> tuple[Ints, Floats]:
     """Lags in order, and how many lags each stands for: every one near a meeting, few in between."""
     steps, farthest = [], 2 * (m + other) + 4 * max(m, other)
-    growing = _EVERY_LAG * _GROWTH ** np.arange(1 + np.ceil(np.log(farthest / _EVERY_LAG + 1) / np.log(_GROWTH)))
-    away = np.unique(np.concatenate([np.arange(_EVERY_LAG), np.round(growing)])).astype(np.int64)
+    growing = EVERY_LAG * GROWTH ** np.arange(1 + np.ceil(np.log(farthest / EVERY_LAG + 1) / np.log(GROWTH)))
+    away = np.unique(np.concatenate([np.arange(EVERY_LAG), np.round(growing)])).astype(np.int64)
     for a in range(3):
         for b in range(3):
             steps += [a * m - b * other + away, a * m - b * other - away]

@@ -29,13 +29,13 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.allan import (
     MIN_READINGS,
     AllanCurve,
-    FitParameters,
     NoiseFit,
     allan_curve,
     averaging_factors,
     fit_noise,
 )
 from fg_nav.detection import Rest, RestParameters, find_rests
+from fg_nav.detection.rest import LEAST_SIGMA_DEG_S, find_still_stretches
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
@@ -49,25 +49,24 @@ MOST_CONDITION = 1e3
 """Of the sphere's equations: beyond it the attitudes lie in a plane, but for noise."""
 
 
-@dataclass(frozen=True)
-class AtRestParameters:
-    """How well a rest is believed."""
+GRAVITY_SIGMA_M_S2 = 0.013
+"""Of gravity where the place is not given: 9.780 on the equator, 9.832 on the poles."""
 
-    gravity_m_s2: float = GRAVITY_M_S2
-    """Of the place."""
-    gravity_sigma_m_s2: float = 0.013
-    """Of it where the place is not told: 9.780 on the equator, 9.832 on the poles."""
-    axes_sigma: float = 0.003
-    """e: what scales and axes of a consumer part differ by (cross-axis errors of `mpu-9250` in the simulator)."""
-    force_sigma_m_s2: float = 0.01
-    """Of the mean force of a rest: 1 mg, for a hand's or a table's tremor and what a bias drifts."""
-    same_attitude_deg: float = 20.0
-    """Attitudes closer than this are one: a sphere does not show in a cap of it."""
-    shortest_attitude_s: float = 2.0
-    """A rest in a new attitude is at least this long: it is not compared with the bias of others, since that changes
-    with the attitude (g-sensitivity), so a slow stance must not pass for one."""
-    most_bias_sigma_m_s2: float = 0.05
-    """A bias known worse than this (5 mg, a common one's size) is not worth to be taken off."""
+AXES_SIGMA = 0.003
+"""e: what scales and axes of a consumer part differ by (cross-axis errors of `mpu-9250` in the simulator)."""
+
+FORCE_SIGMA_M_S2 = 0.01
+"""Of the mean force of a rest: 1 mg, for a hand's or a table's tremor and what a bias drifts."""
+
+SAME_ATTITUDE_DEG = 20.0
+"""Attitudes closer than this are one: a sphere does not show in a cap of it."""
+
+SHORTEST_ATTITUDE_S = 2.0
+"""A rest in a new attitude is at least this long: it is not compared with the bias of others, since that changes
+with the attitude (g-sensitivity), so a slow stance must not pass for one."""
+
+MOST_BIAS_SIGMA_M_S2 = 0.05
+"""A bias more uncertain than this (5 mg, a common one's size) is not worth to be taken off."""
 
 
 @dataclass(frozen=True)
@@ -117,20 +116,18 @@ class AccelerometerCalibration:
         if not self.separable:
             raise CalibrationError(
                 f"rests in {counted(self.attitudes, 'attitude')} do not tell the accelerometer's scale "
-                f"from its bias: let it lie for {AtRestParameters().shortest_attitude_s:g} s on each of its six faces."
+                f"from its bias: let it lie for {SHORTEST_ATTITUDE_S:g} s on each of its six faces."
             )
         return replace(recording, acc=self.corrected(recording.acc))
 
 
-def gyroscope_at_rest(
-    recording: Recording, parameters: RestParameters = RestParameters()
-) -> GyroscopeCalibration | None:
+def gyroscope_at_rest(recording: Recording) -> GyroscopeCalibration | None:
     """Bias from all rests, weighted by what each is worth; None where nothing rests.
 
-    Its sigma is not below `RestParameters.least_sigma_deg_s`, however many rests there are, and grows where they
+    Its sigma is not below `fg_nav.detection.rest.LEAST_SIGMA_DEG_S`, however many rests there are, and grows where they
     disagree by more than their own sigmas.
     """
-    rests = find_rests(recording, parameters)
+    rests = find_rests(recording)
     if not rests:
         return None
     rate, sigma = np.array([rest.rate for rest in rests]), np.array([rest.sigma for rest in rests])
@@ -138,35 +135,30 @@ def gyroscope_at_rest(
     bias = weight @ rate
     disagreement = (((rate - bias) / sigma[:, None]) ** 2).sum(axis=0) / max(1, len(rests) - 1)
     spread = np.sqrt(np.maximum(disagreement, 1.0) / (sigma**-2).sum())
-    least = np.radians(parameters.least_sigma_deg_s)
+    least = np.radians(LEAST_SIGMA_DEG_S)
     return GyroscopeCalibration(bias, np.maximum(spread, least), len(rests), _seconds(recording, rests))
 
 
-def accelerometer_at_rest(
-    recording: Recording, parameters: AtRestParameters = AtRestParameters()
-) -> AccelerometerCalibration | None:
+def accelerometer_at_rest(recording: Recording) -> AccelerometerCalibration | None:
     """Scale and bias from rests in several attitudes, or ||acc|| / g from fewer; None where nothing rests."""
-    p = parameters
-    long = RestParameters(
-        shortest_s=p.shortest_attitude_s, shortest_at_end_s=p.shortest_attitude_s, most_apart_sigmas=np.inf
-    )
-    rests = find_rests(recording, long) or find_rests(recording)
+    long = RestParameters(shortest_s=SHORTEST_ATTITUDE_S, shortest_at_end_s=SHORTEST_ATTITUDE_S)
+    rests = find_still_stretches(recording, long) or find_rests(recording)
     if not rests:
         return None
     force = np.array([rest.force for rest in rests])
     samples = np.array([rest.stop - rest.start for rest in rests], dtype=np.float64)
-    attitudes = _attitudes(force, np.radians(p.same_attitude_deg))
+    attitudes = _attitudes(force, np.radians(SAME_ATTITUDE_DEG))
     norm = float(np.average(np.linalg.norm(force, axis=1), weights=samples))
     unknown = AccelerometerCalibration(
-        scale=norm / p.gravity_m_s2, scale_sigma=np.inf, bias=np.zeros(3), bias_sigma=np.full(3, np.inf),
+        scale=norm / GRAVITY_M_S2, scale_sigma=np.inf, bias=np.zeros(3), bias_sigma=np.full(3, np.inf),
         norm_m_s2=norm, attitudes=attitudes, seconds=_seconds(recording, rests), separable=False,
     )  # fmt: skip
-    return _separated(unknown, force, p) if attitudes >= UNKNOWNS else unknown
+    return _separate_scale(unknown, force) if attitudes >= UNKNOWNS else unknown
 
 
-def _separated(unknown: AccelerometerCalibration, force: Floats, p: AtRestParameters) -> AccelerometerCalibration:
+def _separate_scale(unknown: AccelerometerCalibration, force: Floats) -> AccelerometerCalibration:
     """The same with scale and bias by the sphere through `force` (n, 3) m/s^2, if it is known well enough."""
-    g = p.gravity_m_s2
+    g = GRAVITY_M_S2
 
     def off_the_sphere(x: Floats) -> Floats:
         return np.asarray(np.linalg.norm(force - x[:3], axis=1) - x[3] * g)
@@ -176,19 +168,19 @@ def _separated(unknown: AccelerometerCalibration, force: Floats, p: AtRestParame
     jacobian = np.column_stack([-direction, np.full(len(force), -g)])
     if np.linalg.cond(jacobian) > MOST_CONDITION:
         return unknown
-    sigma = _sigmas(jacobian, direction, found.fun, p)
-    if sigma[:3].max() > p.most_bias_sigma_m_s2:
+    sigma = _sigmas(jacobian, direction, found.fun)
+    if sigma[:3].max() > MOST_BIAS_SIGMA_M_S2:
         return unknown
-    scale_sigma = float(np.hypot(sigma[3], p.gravity_sigma_m_s2 / g))
+    scale_sigma = float(np.hypot(sigma[3], GRAVITY_SIGMA_M_S2 / g))
     return replace(
         unknown, scale=float(found.x[3]), scale_sigma=scale_sigma, bias=found.x[:3], bias_sigma=sigma[:3],
         separable=True,
     )  # fmt: skip
 
 
-def _sigmas(jacobian: Floats, direction: Floats, residual: Floats, p: AtRestParameters) -> Floats:
+def _sigmas(jacobian: Floats, direction: Floats, residual: Floats) -> Floats:
     """Standard deviations of bias and scale (4,); grown where the residuals are larger than the model has them."""
-    covariance = (p.axes_sigma * p.gravity_m_s2 * (direction @ direction.T)) ** 2 + p.force_sigma_m_s2**2 * np.eye(
+    covariance = (AXES_SIGMA * GRAVITY_M_S2 * (direction @ direction.T)) ** 2 + FORCE_SIGMA_M_S2**2 * np.eye(
         len(direction)
     )
     inverse = np.linalg.pinv(jacobian)
@@ -211,28 +203,26 @@ def _seconds(recording: Recording, rests: Sequence[Rest]) -> float:
     return float(sum(rest.stop - rest.start for rest in rests) * recording.period_s)
 
 
-@dataclass(frozen=True)
-class StillnessParameters:
-    """What counts as lying still."""
+BLOCK_S = 1.0
+"""Long enough to average noise, short enough to notice a touch."""
 
-    block_s: float = 1.0
-    """Long enough to average noise, short enough to notice a touch."""
-    quietest_percent: float = 10.0
-    """The noise is that of the quietest blocks: so many of a hundred are at rest, or nothing is."""
-    most_scatter: float = 1.5
-    """Of a block over the noise; that of a hundred samples is off by 7 per cent, and blocks are many."""
-    most_gyr_deg_s: float = 2.0
-    """Largest scatter of a resting gyroscope: noisier ones are not made, but feet are."""
-    most_acc_m_s2: float = 0.5
-    """The same of an accelerometer."""
-    gyr_step_deg_s: float = 0.2
-    """By how much the mean rate may change from block to block, beside noise: the motion of a finger's touch."""
-    acc_step_m_s2: float = 0.03
-    """By how much the mean specific force may: 0.2 deg of tilt."""
-    step_sigmas: float = 6.0
-    """Noise of a block's mean that is let pass on top, for an hour of blocks."""
-    shortest_s: float = 30.0
-    """Averages of a second are then seen thirty times, which shows N to some per cent, and as a rule nothing else."""
+QUIETEST_PERCENT = 10.0
+"""The noise is that of the quietest blocks: so many of a hundred are at rest, or nothing is."""
+
+MOST_SCATTER = 1.5
+"""Of a block over the noise; that of a hundred samples is off by 7 per cent, and blocks are many."""
+
+MOST_GYR_DEG_S, MOST_ACC_M_S2 = 2.0, 0.5
+"""Largest scatter of a resting sensor: noisier ones are not made, but feet are."""
+
+GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.2, 0.03
+"""By how much the means may change from block to block, besides noise: a finger's touch; 0.2 deg of tilt."""
+
+STEP_SIGMAS = 6.0
+"""Noise of a block's mean that is allowed on top, for an hour of blocks."""
+
+SHORTEST_S = 30.0
+"""Averages of a second are then seen thirty times, which shows N to some per cent, and as a rule nothing else."""
 
 
 @dataclass(frozen=True)
@@ -254,11 +244,7 @@ class RecordingNoise:
     sensors: tuple[SensorNoise, ...]
 
 
-def recording_noise(
-    recording: Recording,
-    fit: FitParameters = FitParameters(),
-    stillness: StillnessParameters = StillnessParameters(),
-) -> RecordingNoise:
+def recording_noise(recording: Recording) -> RecordingNoise:
     """Allan deviations over the longest stretch at rest.
 
     Raises
@@ -266,42 +252,41 @@ def recording_noise(
     CalibrationError
         If the sensor does not lie still, or not for long enough.
     """
-    start, stop = longest_stillness(recording, stillness)
+    start, stop = longest_stillness(recording)
     seconds = (stop - start) * recording.period_s
-    if seconds < stillness.shortest_s * (1 - 1e-3):
+    if seconds < SHORTEST_S * (1 - 1e-3):
         raise CalibrationError(
             f"the sensor lies still for {seconds:.0f} s at most, which is too short for an Allan deviation: record it "
-            f"lying untouched, for {stillness.shortest_s:.0f} s at least and for hours to see its bias instability."
+            f"lying untouched, for {SHORTEST_S:.0f} s at least and for hours to see its bias instability."
         )
     rest = recording.slice(start, stop)
-    sensors = [_sensor(name, t, readings, fit) for name, t, readings in _readings(rest)]
+    sensors = [_sensor(name, t, readings) for name, t, readings in _readings(rest)]
     return RecordingNoise(float(rest.t[0]), seconds, tuple(sensors))
 
 
-def longest_stillness(recording: Recording, parameters: StillnessParameters = StillnessParameters()) -> tuple[int, int]:
+def longest_stillness(recording: Recording) -> tuple[int, int]:
     """Find the samples `start <= i < stop` of the longest stretch at rest; none, 0 and 0, where nothing rests."""
-    p = parameters
-    block = max(2, round(p.block_s / recording.period_s))
+    block = max(2, round(BLOCK_S / recording.period_s))
     count = len(recording) // block
     if not count:
         return 0, 0
     quiet, together = np.ones(count, dtype=bool), np.ones(max(0, count - 1), dtype=bool)
     for samples, most, step in (
-        (recording.gyr, np.radians(p.most_gyr_deg_s), np.radians(p.gyr_step_deg_s)),
-        (recording.acc, p.most_acc_m_s2, p.acc_step_m_s2),
+        (recording.gyr, np.radians(MOST_GYR_DEG_S), np.radians(GYR_STEP_DEG_S)),
+        (recording.acc, MOST_ACC_M_S2, ACC_STEP_M_S2),
     ):
-        here, joined = _still(samples[: count * block].reshape(count, block, 3), most, step, p)
+        here, joined = _still(samples[: count * block].reshape(count, block, 3), most, step)
         quiet &= here
         together &= joined
     return _longest(quiet, together, block)
 
 
-def _still(blocks: Floats, most: float, step: float, p: StillnessParameters) -> tuple[Bools, Bools]:
+def _still(blocks: Floats, most: float, step: float) -> tuple[Bools, Bools]:
     """Which blocks (B, n, 3) are quiet (B,), and which are together with the next (B - 1,)."""
     scatter, mean = blocks.std(axis=1), blocks.mean(axis=1)
-    noise = np.percentile(scatter, p.quietest_percent, axis=0)
-    limit = np.minimum(most, p.most_scatter * noise + 1e-12)
-    allowed = step + p.step_sigmas * np.sqrt(2 / blocks.shape[1]) * noise
+    noise = np.percentile(scatter, QUIETEST_PERCENT, axis=0)
+    limit = np.minimum(most, MOST_SCATTER * noise + 1e-12)
+    allowed = step + STEP_SIGMAS * np.sqrt(2 / blocks.shape[1]) * noise
     return (scatter <= limit).all(axis=1), (np.abs(np.diff(mean, axis=0)) < allowed).all(axis=1)
 
 
@@ -326,11 +311,11 @@ def _readings(rest: Recording) -> Iterator[tuple[str, Floats, Floats]]:
             yield "mag", rest.t[fresh], rest.mag[fresh]
 
 
-def _sensor(name: str, t: Floats, readings: Floats, parameters: FitParameters) -> SensorNoise:
+def _sensor(name: str, t: Floats, readings: Floats) -> SensorNoise:
     even, period_s = _evenly(t, readings)
-    factors = averaging_factors(len(even), parameters)
+    factors = averaging_factors(len(even))
     curves = tuple(allan_curve(axis, period_s, factors) for axis in even.T)
-    fits = tuple(fit_noise(curve, parameters) for curve in curves)
+    fits = tuple(fit_noise(curve) for curve in curves)
     return SensorNoise(name, 1 / period_s, curves, fits)
 
 

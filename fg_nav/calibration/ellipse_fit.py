@@ -22,7 +22,7 @@ Circles that all turn one way do not show the floor: their covariance does not i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -46,48 +46,40 @@ KNOWN_ETA_RAD = 0.3
 """A direction with more sigma than this is no direction: 17 degrees, and beyond it sigma is no more than a word."""
 
 
-@dataclass(frozen=True)
-class EllipseParameters:
-    """When to refuse.
+FEWEST_FOOTFALLS = 10
+"""Five numbers want a few more footfalls to be judged by."""
 
-    Attributes
-    ----------
-    fewest : footfalls; five numbers want a few more to be judged by.
-    largest_gap_rad : between neighbouring directions about the centre. Ma turns by 15 to 35 deg from step to step;
-        with a quarter of the round missing the two ends of it still hold the ellipse.
-    largest_sigma : of the offset over the radius, and of half of tau: 0.05 is an error of 3 deg of heading for both.
-    levelling_sigma_rad : steady error of up, per axis: an accelerometer that is wrong by 3 mg, as a calibrated MEMS
-        part is. What vertical field it brings into the plane looks like an offset, and belongs to it as long as the
-        same levelling is used; for the hard iron it is an error.
-    """
+LARGEST_GAP_RAD = float(np.deg2rad(90.0))
+"""Between neighbouring directions about the centre. Ma turns by 15 to 35 deg from step to step; with a quarter of the
+round missing the two ends of it still hold the ellipse."""
 
-    fewest: int = 10
-    largest_gap_rad: float = np.deg2rad(90.0)
-    largest_sigma: float = 0.05
-    levelling_sigma_rad: float = 0.003
+LARGEST_SIGMA = 0.05
+"""Of the offset over the radius, and of half of tau: an error of 3 deg of heading for both."""
+
+LEVELLING_SIGMA_RAD = 0.003
+"""Steady error of up, per axis: an accelerometer that is wrong by 3 mg, as a calibrated MEMS part is. What vertical
+field it brings into the plane looks like an offset, and belongs to it as long as the same levelling is used; for the
+hard iron it is an error."""
 
 
-def fitted_ellipse(level_xy: Floats, parameters: EllipseParameters = EllipseParameters()) -> Ellipse:
+def fitted_ellipse(level_xy: Floats) -> Ellipse:
     """Fit an ellipse to levelled readings by robust least squares of their distances from it.
 
     Parameters
     ----------
     level_xy : (F, 2) uT, levelled axes, one a footfall; NaN rows are left out.
-    parameters : when to refuse.
 
     Raises
     ------
     CalibrationError
         Where the headings do not go round, telling which arc is missing, or the readings leave a parameter open.
     """
-    ellipse = _round_ellipse(level_xy, parameters)
-    _check(ellipse, parameters.largest_sigma)
+    ellipse = _fit_round(level_xy)
+    _check(ellipse)
     return replace(ellipse, notes=(*ellipse.notes, *_note_on_eta(ellipse)))
 
 
-def ellipse_of_walk(
-    field: FootfallField, parameters: EllipseParameters = EllipseParameters()
-) -> tuple[Ellipse, MagnetometerCalibration]:
+def ellipse_of_walk(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibration]:
     """Fit the ellipse of a walk's footfalls, and lift it into the body at their mean tilt.
 
     The covariance has in it by how much circles to the left and to the right disagree, and that of the offset a steady
@@ -100,32 +92,32 @@ def ellipse_of_walk(
     """
     body_up = mean_up(field.nav_R_body)
     _check_x_axis(body_up)
-    ellipse = _round_ellipse(field.level_field[:, :2], parameters)
-    growth, note = _by_sides(field, ellipse, parameters)
+    ellipse = _fit_round(field.level_field[:, :2])
+    growth, note = _compare_sides(field, ellipse)
     ellipse = replace(ellipse, covariance=growth * ellipse.covariance)
-    _check(ellipse, parameters.largest_sigma)
-    brought_in_uT = parameters.levelling_sigma_rad * float(np.nanmedian(field.level_field[:, 2]))
+    _check(ellipse)
+    brought_in_uT = LEVELLING_SIGMA_RAD * float(np.nanmedian(field.level_field[:, 2]))
     levelling = np.diag([brought_in_uT**2, brought_in_uT**2, 0.0, 0.0])
     notes = (*ellipse.notes, note, *_note_on_eta(ellipse))
     ellipse = replace(ellipse, covariance=ellipse.covariance + levelling, notes=notes)
     return ellipse, ellipse.in_body(body_up)
 
 
-def _round_ellipse(level_xy: Floats, parameters: EllipseParameters) -> Ellipse:
+def _fit_round(level_xy: Floats) -> Ellipse:
     """Fit; refuse only where there is no ellipse or the headings do not go round."""
-    readings = footfalls_present(level_xy, parameters.fewest)
+    readings = footfalls_present(level_xy, FEWEST_FOOTFALLS)
     ellipse, kept = likeliest_ellipse(readings)
-    _check_round(ellipse.corrected(readings[kept]), parameters.largest_gap_rad)
+    _check_round(ellipse.corrected(readings[kept]))
     left_out = int((~kept).sum())
     notes = (f"{left_out} of {len(readings)} footfalls left out as outliers",) if left_out else ()
     return replace(ellipse, notes=notes)
 
 
-def _by_sides(field: FootfallField, ellipse: Ellipse, parameters: EllipseParameters) -> tuple[float, str]:
+def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
     """Factor on the covariance by which circles to the left and to the right disagree, and a note on them."""
     turn = uniform_filter1d(np.gradient(np.unwrap(field.gyro_heading)), SIDE_FOOTFALLS)
     try:
-        left, right = (_round_ellipse(field.level_field[side, :2], parameters) for side in (turn < 0.0, turn > 0.0))
+        left, right = (_fit_round(field.level_field[side, :2]) for side in (turn < 0.0, turn > 0.0))
     except CalibrationError:
         return 1.0, "no full circles both ways: iron in the floor cannot be told from the shoe's, and is in no sigma"
     apart = (left.numbers - right.numbers) / 2
@@ -136,29 +128,30 @@ def _by_sides(field: FootfallField, ellipse: Ellipse, parameters: EllipseParamet
     return growth, f"sigmas are {disagree}, for circles to the left and to the right disagree by so much"
 
 
-def _check_round(corrected: Floats, largest_gap: float) -> None:
+def _check_round(corrected: Floats) -> None:
     """Refuse where no reading points over a wide arc, and name it by the headings that the foot did not have."""
     heading = np.sort(heading_of_field(corrected))
     gaps = np.diff(heading, append=heading[0] + 2 * np.pi)
     k = int(np.argmax(gaps))
-    if gaps[k] > largest_gap:
+    if gaps[k] > LARGEST_GAP_RAD:
         first, last = np.degrees([heading[k], heading[k] + gaps[k]]) % 360.0
         raise CalibrationError(
             f"the footfalls do not go round: none has a magnetic heading from {first:.0f} to {last:.0f} deg clockwise "
-            f"({np.degrees(gaps[k]):.0f} deg wide, at most {np.degrees(largest_gap):.0f} are allowed); "
+            f"({np.degrees(gaps[k]):.0f} deg wide, at most {np.degrees(LARGEST_GAP_RAD):.0f} are allowed); "
             "walk a full circle, better one each way."
         )
 
 
-def _check(ellipse: Ellipse, largest: float) -> None:
+def _check(ellipse: Ellipse) -> None:
     """Refuse a radius that no field has, and numbers that are not known well enough."""
     check_strength(ellipse.radius_uT, LEVEL_FIELD_UT)
     x, y, _, tau = ellipse.sigma
     offset = max(x, y) / ellipse.radius_uT
-    if max(offset, tau / 2) > largest:
+    if max(offset, tau / 2) > LARGEST_SIGMA:
         raise CalibrationError(
             f"the footfalls scatter by {ellipse.residual_uT:.1f} uT about the ellipse and leave its offset open by "
-            f"{offset:.2f} of its radius and tau by {tau:.2f} (at most {largest:g} and {2 * largest:g} are allowed): "
+            f"{offset:.2f} of its radius and tau by {tau:.2f} "
+            f"(at most {LARGEST_SIGMA:g} and {2 * LARGEST_SIGMA:g} are allowed): "
             "walk more circles, away from iron in the floor."
         )
 

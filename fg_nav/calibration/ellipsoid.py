@@ -53,34 +53,25 @@ CHANGE_PERCENT, LEAST_CHANGE_UT = 90.0, 2.0
 changes by less: there is an ellipsoid through it, and the fit takes long to find it."""
 
 
-@dataclass(frozen=True)
-class EllipsoidParameters:
-    """When to refuse.
+FEWEST_READINGS = 20
+"""Nine numbers want a few more readings to be judged by."""
 
-    Attributes
-    ----------
-    fewest : readings; nine numbers want a few more to be judged by.
-    largest_sigma : of the hard iron over the size of the ellipsoid, and of any element of C of determinant 1: 0.05 of
-        the field is an error of heading of 3 deg where it lies level, and 7 deg at Munich.
-    largest_residual : of the readings over the size of the ellipsoid. 0.05 is 2.4 uT on Earth, several times the noise
-        of any chip: more is a field that changes from place to place, of which sigma knows nothing.
-    """
+LARGEST_SIGMA = 0.05
+"""Of the hard iron over the size of the ellipsoid, and of any element of C of determinant 1: 0.05 of the field is an
+error of heading of 3 deg where it lies level, and 7 deg at Munich."""
 
-    fewest: int = 20
-    largest_sigma: float = 0.05
-    largest_residual: float = 0.05
+LARGEST_RESIDUAL = 0.05
+"""Of the readings over the size of the ellipsoid: 2.4 uT on Earth, several times the noise of any chip. More is a field
+that changes from place to place, which sigma does not include."""
 
 
-def fitted_ellipsoid(
-    readings: Floats, strength_uT: float | None = None, parameters: EllipsoidParameters = EllipsoidParameters()
-) -> MagnetometerCalibration:
+def fitted_ellipsoid(readings: Floats, strength_uT: float | None = None) -> MagnetometerCalibration:
     """Calibrate from readings of a sensor turned about in a homogeneous field.
 
     Parameters
     ----------
     readings : (N, 3) uT in the body frame; NaN rows are left out.
     strength_uT : of the field; None if it is not known: then det C = 1 and the strength is estimated.
-    parameters : when to refuse.
 
     Raises
     ------
@@ -88,7 +79,7 @@ def fitted_ellipsoid(
         Where the directions covered leave a parameter open, naming the weakest direction, or the field was not the
         same throughout, or is none that Earth has.
     """
-    present = readings_present(readings, parameters.fewest)
+    present = readings_present(readings)
     if strength_uT is not None:
         check_given(strength_uT)
     h, unit_C = trimmed_quadric(present)
@@ -97,7 +88,7 @@ def fitted_ellipsoid(
     fit = robust_fit(_distances(sizes), present, np.concatenate([h, unit_C[UPPER]]) / sizes)
     found = _calibration(fit, sizes, strength_uT)
     coverage = coverage_of(present[fit.kept] - found.hard_iron_uT)  # not corrected: a bad C would blow a plane up
-    check_fit(found, found.residual_uT, coverage, parameters)
+    check_fit(found, found.residual_uT, coverage)
     return _with_notes(found, coverage, len(present))
 
 
@@ -115,13 +106,13 @@ def symmetric(matrix: Floats) -> Floats:
     return np.asarray((right.T * size) @ right)
 
 
-def readings_present(readings: Floats, fewest: int) -> Floats:
+def readings_present(readings: Floats) -> Floats:
     """Readings (N, 3) without NaN rows; `CalibrationError` for too few, or of a sensor that nobody turned."""
     present = readings[np.isfinite(readings).all(axis=1)]
-    if len(present) < fewest:
+    if len(present) < FEWEST_READINGS:
         raise CalibrationError(
-            f"{counted(len(present), 'whole reading')} of the field cannot make an ellipsoid: record {fewest} or more, "
-            "of all three axes."
+            f"{counted(len(present), 'whole reading')} of the field cannot make an ellipsoid: record "
+            f"{FEWEST_READINGS} or more, of all three axes."
         )
     change = np.percentile(np.linalg.norm(present - np.median(present, axis=0), axis=1), CHANGE_PERCENT)
     if change < LEAST_CHANGE_UT:
@@ -174,9 +165,7 @@ def _without_scale(unit_C: Floats) -> Floats:
     return np.asarray(np.eye(6) - np.outer(unit_C[UPPER], trace) / 3.0)
 
 
-def check_fit(
-    found: MagnetometerCalibration, residual_uT: float, coverage: Coverage, parameters: EllipsoidParameters
-) -> None:
+def check_fit(found: MagnetometerCalibration, residual_uT: float, coverage: Coverage) -> None:
     """Refuse an ellipsoid with an open parameter, of a size that no field has, or that the readings do not lie on.
 
     Parameters
@@ -191,21 +180,21 @@ def check_fit(
     """
     scale = float(np.cbrt(np.linalg.det(found.correction)))
     size_uT = found.strength_uT / scale
-    _check_sigma(found.sigma[:3].max(), size_uT, found.sigma[3:].max() / scale, coverage, parameters.largest_sigma)
+    _check_sigma(found.sigma[:3].max(), size_uT, found.sigma[3:].max() / scale, coverage)
     check_strength(size_uT)
-    if residual_uT > parameters.largest_residual * size_uT:
+    if residual_uT > LARGEST_RESIDUAL * size_uT:
         raise CalibrationError(
             f"the readings scatter by {residual_uT:.1f} uT about an ellipsoid of {size_uT:.0f} uT, and "
-            f"{100 * parameters.largest_residual:g} % of it at most are allowed: the field was not the same "
+            f"{100 * LARGEST_RESIDUAL:g} % of it at most are allowed: the field was not the same "
             "everywhere, so turn the sensor in one place away from iron."
         )
 
 
-def _check_sigma(hard_uT: float, size_uT: float, soft: float, coverage: Coverage, largest: float) -> None:
-    if max(hard_uT / size_uT, soft) > largest:
+def _check_sigma(hard_uT: float, size_uT: float, soft: float, coverage: Coverage) -> None:
+    if max(hard_uT / size_uT, soft) > LARGEST_SIGMA:
         raise CalibrationError(
             f"the readings leave the hard iron open by {hard_uT:.1f} uT and the soft iron by "
-            f"{100 * soft:.0f} % (at most {100 * largest:g} % of the field are allowed): {coverage.words}; "
+            f"{100 * soft:.0f} % (at most {100 * LARGEST_SIGMA:g} % of the field are allowed): {coverage.words}; "
             "turn the sensor so that the field points there too."
         )
 
@@ -216,16 +205,13 @@ def _with_notes(found: MagnetometerCalibration, coverage: Coverage, readings: in
     return replace(found, notes=notes if left_out else notes[:1])
 
 
-def unit_sphere(
-    readings: Floats, strength_uT: float = 1.0, parameters: EllipsoidParameters = EllipsoidParameters()
-) -> MagnetometerCalibration:
+def unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerCalibration:
     """Calibrate from readings of a sensor turned about in a homogeneous field.
 
     Parameters
     ----------
     readings : (N, 3) uT in the body frame; NaN rows are left out.
     strength_uT : that the corrected readings shall have: 1 as the paper has it, or that of the field, for uT.
-    parameters : when to refuse.
 
     Raises
     ------
@@ -233,7 +219,7 @@ def unit_sphere(
         Where the readings are too few or lie on no ellipsoid, and as `fitted_ellipsoid`.
     """
     check_given(strength_uT)
-    present = readings_present(readings, parameters.fewest)
+    present = readings_present(readings)
     x, middle, scale = scaled(present)
     p, covariance = _plain_least_squares(_columns(x))
     to_strength = np.repeat([1.0, strength_uT], [3, 6])
@@ -241,7 +227,7 @@ def unit_sphere(
     parts = to_strength * _parameters(p, middle, scale)
     found = _sphere_calibration(parts, J @ covariance @ J.T, strength_uT, present)
     coverage = coverage_of(present - found.hard_iron_uT)
-    check_fit(found, float(np.sqrt((_sphere_distances(found, present) ** 2).mean())), coverage, parameters)
+    check_fit(found, float(np.sqrt((_sphere_distances(found, present) ** 2).mean())), coverage)
     return replace(found, notes=(coverage.words, f"corrected readings have length {strength_uT:g}"))
 
 

@@ -32,22 +32,23 @@ ABOVE_NOISE = 4.0
 moves nothing, would show a lever of zero."""
 
 
-@dataclass(frozen=True)
-class RollingLeverParameters:
-    """Which part of a stance shows the lever."""
+LONGEST_S = 0.25
+"""On either side of the stillest instant: longer, and the nuisance ramp no longer covers the tilt."""
 
-    longest_s: float = 0.25
-    """On either side of the stillest instant: longer, and the nuisance ramp no longer covers the tilt."""
-    largest_rate_rad_s: float = 1.0
-    """Above this the foot no longer rolls on the ground but leaves it."""
-    shortest_s: float = 0.05
-    """Less of a stance than this shows no lever."""
-    gyr_noise_deg_s: float = 0.2
-    """White noise of the angular rate, per sample and axis; data sheets and recordings at rest have 0.1 to 0.4."""
-    prior_sigma_m: float = 0.1
-    """A foot's sensor is within a hand of the ground; the prior mean is zero, the plain zero-velocity update."""
-    error_correlation: float = 25.0
-    """Factor on the covariance of the scatter: all stances of a walk share their shape, and so their model error."""
+LARGEST_RATE_RAD_S = 1.0
+"""Above this the foot no longer rolls on the ground but leaves it."""
+
+SHORTEST_S = 0.05
+"""Less of a stance than this shows no lever."""
+
+GYR_NOISE_DEG_S = 0.2
+"""White noise of the angular rate, per sample and axis; data sheets and recordings at rest have 0.1 to 0.4."""
+
+PRIOR_SIGMA_M = 0.1
+"""A foot's sensor is within a hand of the ground; the prior mean is zero, the plain zero-velocity update."""
+
+ERROR_CORRELATION = 25.0
+"""Factor on the covariance of the scatter: all stances of a walk share their shape, and so their model error."""
 
 
 @dataclass(frozen=True)
@@ -59,41 +60,38 @@ class RollingLever:
     stances_used: int
 
 
-def rolling_lever(
-    recording: Recording, stances: Stances, parameters: RollingLeverParameters = RollingLeverParameters()
-) -> RollingLever:
+def estimate_lever(recording: Recording, stances: Stances) -> RollingLever:
     """Estimate the lever from every stance that rolls; few or unrolling stances leave it at the prior, zero."""
-    p = parameters
     normal, right, samples = _normal_equations(
         recording.t,
         *recording.integrable,
         stances.start,
         stances.stop,
-        p.longest_s,
-        p.largest_rate_rad_s,
-        max(4, round(p.shortest_s / recording.period_s)),
+        LONGEST_S,
+        LARGEST_RATE_RAD_S,
+        max(4, round(SHORTEST_S / recording.period_s)),
     )
     used = samples > 0
-    noise = 2 * int(samples.sum()) * float(np.radians(p.gyr_noise_deg_s)) ** 2
-    return _solution(normal[used], right[used], noise, p)
+    noise = 2 * int(samples.sum()) * float(np.radians(GYR_NOISE_DEG_S)) ** 2
+    return _solve(normal[used], right[used], noise)
 
 
-def _solution(normal: Floats, right: Floats, noise: float, p: RollingLeverParameters) -> RollingLever:
+def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:
     """Least squares with the prior; the noise is what the stances scatter about the common solution.
 
     `noise` (rad/s)^2 is what the gyroscope's noise adds to every eigenvalue of the sum of the normal matrices. About
     an axis with little more the foot does not roll, and across it nothing is known but the prior.
     """
     if len(normal) < 4:
-        return RollingLever(np.zeros(3), np.eye(3) * p.prior_sigma_m**2, len(normal))
+        return RollingLever(np.zeros(3), np.eye(3) * PRIOR_SIGMA_M**2, len(normal))
     strength, axes = np.linalg.eigh(normal.sum(axis=0))
     seen = strength > ABOVE_NOISE * noise
     axes, weighted = axes[:, seen], axes[:, seen] / strength[seen]
     free = axes @ (weighted.T @ right.sum(axis=0))
     misfit = (right - normal @ free) @ weighted
-    scatter = p.error_correlation * misfit.T @ misfit + np.eye(seen.sum()) * FINEST_M**2
+    scatter = ERROR_CORRELATION * misfit.T @ misfit + np.eye(seen.sum()) * FINEST_M**2
     information = axes @ np.linalg.inv(scatter) @ axes.T
-    covariance = np.linalg.inv(information + np.eye(3) / p.prior_sigma_m**2)
+    covariance = np.linalg.inv(information + np.eye(3) / PRIOR_SIGMA_M**2)
     return RollingLever(covariance @ information @ free, covariance, len(normal))
 
 

@@ -30,10 +30,12 @@ from fg_nav.calibration.magnetometer import (
     slope_of_inverse,
 )
 from fg_nav.calibration.walk_model import (
+    DRIFT_RATE_DEG_S,
+    FEWEST_FOOTFALLS,
     IRON,
+    SOFT_IRON_SIGMA,
     WITHOUT_IRON,
     Walk,
-    WalkCalibrationParameters,
     covariance_of,
     jacobian_of,
     prior_precision,
@@ -55,6 +57,21 @@ FAR_SIGMAS = 6.0
 
 DRIFT_SIGMAS, LINE_STEP_RAD = 3.0, 0.1
 """How fast a drift is looked for where spreads are compared, and in what steps at the end of the walk."""
+
+
+BLOCKS = 8
+"""The walk is cut into so many for the trial out of sample: seven eighths show almost what all show."""
+
+
+@dataclass(frozen=True)
+class WalkCalibrationParameters:
+    """What is asked of the result."""
+
+    largest_sigma_uT: float = 4.0
+    """Of h over the ground: 11 deg of heading at 21 uT; a compass that is worse than that is no use."""
+    must_gain: bool = True
+    """Refuse where the field is none of Earth's, no iron shows, or the spread out of sample is not less than before;
+    False to study walks."""
 
 
 @dataclass(frozen=True)
@@ -82,25 +99,23 @@ def calibrate_on_walk(
         no shoe carries, or nothing gained out of sample.
     """
     p = parameters
-    walk = Walk.of(field, p)
-    _check_count(walk, p)
-    fit = fitted(walk, p)
+    walk = Walk.of(field)
+    _check_count(walk)
+    fit = fit_iron(walk)
     _check_known(walk, fit, p)
-    spread = _out_of_sample(walk, p, fit)
+    spread = _spread_blocks(walk, fit)
     if p.must_gain:
         check_strength(float(np.linalg.norm(fit.b[:2])), LEVEL_FIELD_UT)
         _check_seen(walk, fit)
-        _check_bending(fit, p)
+        _check_bending(fit)
         _check_gain(spread)
-    return _calibration(fit, walk, spread, p)
+    return _calibration(fit, walk, spread)
 
 
-def spread_out_of_sample(
-    field: FootfallField, parameters: WalkCalibrationParameters = WalkCalibrationParameters()
-) -> Spread:
+def spread_out_of_sample(field: FootfallField) -> Spread:
     """Cut the walk into blocks and correct each by a calibration on the others, refused or not."""
-    walk = Walk.of(field, parameters)
-    return _out_of_sample(walk, parameters, fitted(walk, parameters))
+    walk = Walk.of(field)
+    return _spread_blocks(walk, fit_iron(walk))
 
 
 def level_iron(calibration: MagnetometerCalibration, field: FootfallField) -> tuple[Floats, Floats]:
@@ -126,11 +141,11 @@ def level_iron(calibration: MagnetometerCalibration, field: FootfallField) -> tu
     return added @ change, by_parameters @ calibration.covariance @ by_parameters.T
 
 
-def _check_count(walk: Walk, p: WalkCalibrationParameters) -> None:
-    if len(walk) < p.fewest:
+def _check_count(walk: Walk) -> None:
+    if len(walk) < FEWEST_FOOTFALLS:
         raise CalibrationError(
             f"{counted(len(walk), 'footfall')} with a field cannot tell the shoe's iron from the building's: "
-            f"walk {p.fewest} strides or more, with turns."
+            f"walk {FEWEST_FOOTFALLS} strides or more, with turns."
         )
 
 
@@ -152,10 +167,10 @@ def _check_seen(walk: Walk, fit: Fit) -> None:
         )
 
 
-def _check_bending(fit: Fit, p: WalkCalibrationParameters) -> None:
+def _check_bending(fit: Fit) -> None:
     """The field is nobody's model where the soft iron found is far from anything that is believed of shoes."""
     bending = np.linalg.eigvalsh(fit.S)
-    if np.abs(bending - 1.0).max() > FAR_SIGMAS * p.soft_iron_sigma:
+    if np.abs(bending - 1.0).max() > FAR_SIGMAS * SOFT_IRON_SIGMA:
         raise CalibrationError(
             f"the iron found would make the field {bending.min():.2g} to {bending.max():.2g} times as strong, as no "
             "shoe does: is the sensor on a walking foot?"
@@ -171,21 +186,21 @@ def _check_gain(spread: Spread) -> None:
         )
 
 
-def _out_of_sample(walk: Walk, p: WalkCalibrationParameters, fit: Fit) -> Spread:
+def _spread_blocks(walk: Walk, fit: Fit) -> Spread:
     """Spread before, and after a calibration on the other blocks of the walk."""
-    block = np.arange(len(walk)) * p.blocks // len(walk)
+    block = np.arange(len(walk)) * BLOCKS // len(walk)
     corrected = np.empty_like(walk.reading)
-    for held in (block == k for k in range(p.blocks)):
-        others = found_from(walk.part(~held), p, fit.unknowns, fit.sigma_d)
+    for held in (block == k for k in range(BLOCKS)):
+        others = find_from(walk.part(~held), fit.unknowns, fit.sigma_d)
         corrected[held] = others.corrected(walk.reading[held])
     after = replace(walk.field, body_field=corrected)
-    return Spread(*(_least_spread(field, p.drift_rate_deg_s) for field in (walk.field, after)))
+    return Spread(*(_least_spread(field) for field in (walk.field, after)))
 
 
-def _least_spread(field: FootfallField, drift_rate_deg_s: float) -> float:
+def _least_spread(field: FootfallField) -> float:
     """Circular sd, deg, of compass minus inertial heading about the line in time that leaves least."""
     t = field.t - field.t[0]
-    most = DRIFT_SIGMAS * np.radians(drift_rate_deg_s)
+    most = DRIFT_SIGMAS * np.radians(DRIFT_RATE_DEG_S)
     rates = np.linspace(-most, most, 2 * max(1, int(np.ceil(most * t[-1] / LINE_STEP_RAD))) + 1)
     return min(circular_sd_deg(field.heading_difference - rate * t) for rate in rates)
 
@@ -197,7 +212,7 @@ def _turned(walk: Walk) -> str:
     return f"{100 * share:.0f} % of them head within 45 deg of one direction"
 
 
-def _calibration(fit: Fit, walk: Walk, spread: Spread, p: WalkCalibrationParameters) -> MagnetometerCalibration:
+def _calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCalibration:
     correction = np.linalg.inv(fit.S)
     correction = (correction + correction.T) / 2
     by_soft = np.eye(IRON)
@@ -215,7 +230,7 @@ def _calibration(fit: Fit, walk: Walk, spread: Spread, p: WalkCalibrationParamet
             f"{fit.level_sigma:.1f} uT from {len(walk)} footfalls; what a walk on the level does not show keeps its "
             "wide sigma",
             f"compass minus inertial heading spreads by {spread.after_deg:.1f} deg instead of {spread.before_deg:.1f}, "
-            f"each of its {p.blocks} parts corrected by the others",
+            f"each of its {BLOCKS} parts corrected by the others",
             "the residual is what the building adds to the field, typically, per axis",
         ),
     )
@@ -284,20 +299,20 @@ class Fit:
         return float(np.sqrt(np.linalg.eigvalsh(self.level_covariance)[1]))
 
 
-def fitted(walk: Walk, p: WalkCalibrationParameters) -> Fit:
+def fit_iron(walk: Walk) -> Fit:
     """Find the iron from none on, with its covariance."""
     start = np.concatenate([WITHOUT_IRON, _mean_field(walk), np.zeros(walk.knots.shape[1])])
-    found = found_from(walk, p, start, np.full(3, 10.0))
-    return replace(found, covariance=covariance_of(walk, found.unknowns, found.sigma_d, p)[:IRON, :IRON])
+    found = find_from(walk, start, np.full(3, 10.0))
+    return replace(found, covariance=covariance_of(walk, found.unknowns, found.sigma_d)[:IRON, :IRON])
 
 
-def found_from(walk: Walk, p: WalkCalibrationParameters, at: Floats, sigma_d: Floats) -> Fit:
+def find_from(walk: Walk, at: Floats, sigma_d: Floats) -> Fit:
     """Find the iron from any unknowns (P,) and scale of d (3,) on, without covariance."""
-    prior, rest = prior_precision(walk, p), np.zeros(len(at))
+    prior, rest = prior_precision(walk), np.zeros(len(at))
     rest[:IRON] = WITHOUT_IRON
     for _ in range(MOST_STEPS):
         residual = residual_of(walk, at)
-        weight = weights_of(residual, sigma_d, p.tail)
+        weight = weights_of(residual, sigma_d)
         sigma_d = np.sqrt(_scales(residual, weight))
         scaled = jacobian_of(walk, at) / sigma_d[:, None]
         normal = np.einsum("n,nij,nik->jk", weight, scaled, scaled) + prior

@@ -42,36 +42,33 @@ WITHOUT_IRON = np.concatenate([np.zeros(3), np.eye(3)[UPPER]])
 """h and S of a sensor that carries none."""
 
 
-@dataclass(frozen=True)
-class WalkCalibrationParameters:
-    """What is believed before the walk, and what is asked of the result."""
+HARD_IRON_SIGMA_UT = 30.0
+"""Prior of h per axis: wider than Ma's Table 1 (14 uT), which is a battery next to the chip."""
 
-    hard_iron_sigma_uT: float = 30.0
-    """Of h per axis: wider than Ma's Table 1 (14 uT), which is a battery beside the chip."""
-    soft_iron_sigma: float = 0.06
-    """Of S about identity: half of all level axis ratios are then below that of Ma's Table 1."""
-    drift_rate_deg_s: float = 0.05
-    """Of the inertial heading: what a rest leaves of the gyroscope's bias, and some more where there was none."""
-    drift_walk_deg_sqrt_min: float = 2.0
-    """Of the inertial heading: scale errors in turns, and the bias that moves."""
-    knot_s: float = 60.0
-    """Between the knots of the drift."""
-    tail: float = 5.0
-    """Degrees of freedom of the Student distribution: excess kurtosis of the field at a real foot is 0 to 4."""
-    lags: int = 8
-    """Footfalls over which neighbours may be alike: ten metres."""
-    least_correlation: float = 0.4
-    """Of neighbouring footfalls, falling off as a power: gdin walks have 0.2 to 0.25, and their mean hides some.
-    Tuned on 60 simulated demos (seeds below 100), whose errors it makes 1.03 sigmas instead of 1.26."""
-    fewest: int = 20
-    """Footfalls: a footfall tells h to 10 uT, twenty to 2 uT."""
-    largest_sigma_uT: float = 4.0
-    """Of h over the ground: 11 deg of heading at 21 uT; a compass that is worse than that is no use."""
-    must_gain: bool = True
-    """Refuse where the field is none of Earth's, no iron shows, or the spread out of sample is not less than before;
-    False to study walks."""
-    blocks: int = 8
-    """The walk is cut into so many for the trial out of sample: seven eighths know almost what all know."""
+SOFT_IRON_SIGMA = 0.06
+"""Prior of S about identity: half of all level axis ratios are then below that of Ma's Table 1."""
+
+DRIFT_RATE_DEG_S = 0.05
+"""Of the inertial heading: what a rest leaves of the gyroscope's bias, and some more where there was none."""
+
+DRIFT_WALK_DEG_SQRT_MIN = 2.0
+"""Of the inertial heading: scale errors in turns, and the bias that moves."""
+
+KNOT_S = 60.0
+"""Between the knots of the drift."""
+
+TAIL = 5.0
+"""Degrees of freedom of the Student distribution: excess kurtosis of the field at a real foot is 0 to 4."""
+
+LAGS = 8
+"""Footfalls over which neighbours may be alike: ten metres."""
+
+LEAST_CORRELATION = 0.4
+"""Of neighbouring footfalls, falling off as a power: gdin walks have 0.2 to 0.25, and their mean hides some.
+Tuned on 60 simulated demos (seeds below 100), whose errors it makes 1.03 sigmas instead of 1.26."""
+
+FEWEST_FOOTFALLS = 20
+"""One footfall shows h to 10 uT, twenty to 2 uT."""
 
 
 @dataclass(frozen=True)
@@ -96,17 +93,17 @@ class Walk:
         return self.field.nav_R_body
 
     @classmethod
-    def of(cls, field: FootfallField, p: WalkCalibrationParameters) -> Walk:
+    def of(cls, field: FootfallField) -> Walk:
         """With knots from the first footfall, where the drift is nothing, to the last."""
         field = some_of(field, np.asarray(np.isfinite(field.body_field).all(axis=1)))
         if len(field) < 2:
             return cls(field, np.empty((len(field), 0)), np.empty((0, 0)))
         duration = field.t[-1] - field.t[0]
-        since = np.linspace(0.0, duration, 1 + max(1, round(duration / p.knot_s)))
+        since = np.linspace(0.0, duration, 1 + max(1, round(duration / KNOT_S)))
         knots = np.stack([np.interp(field.t - field.t[0], since, row) for row in np.eye(len(since))], axis=1)
         since = since[1:]
-        walk = np.radians(p.drift_walk_deg_sqrt_min) ** 2 / 60 * np.minimum.outer(since, since)
-        covariance = walk + np.radians(p.drift_rate_deg_s) ** 2 * np.outer(since, since)
+        walk = np.radians(DRIFT_WALK_DEG_SQRT_MIN) ** 2 / 60 * np.minimum.outer(since, since)
+        covariance = walk + np.radians(DRIFT_RATE_DEG_S) ** 2 * np.outer(since, since)
         return cls(field, knots[:, 1:], np.linalg.inv(covariance))
 
     def part(self, chosen: Bools) -> Walk:
@@ -114,10 +111,10 @@ class Walk:
         return Walk(some_of(self.field, chosen), self.knots[chosen], self.drift_precision)
 
 
-def prior_precision(walk: Walk, p: WalkCalibrationParameters) -> Floats:
+def prior_precision(walk: Walk) -> Floats:
     """Of all unknowns; b has none. Off the diagonal S spreads less by the root of two, the same in all directions."""
-    soft = np.where(UPPER[0] == UPPER[1], 1.0, 0.5) * p.soft_iron_sigma**2
-    iron = np.concatenate([np.full(3, p.hard_iron_sigma_uT**2), soft])
+    soft = np.where(UPPER[0] == UPPER[1], 1.0, 0.5) * SOFT_IRON_SIGMA**2
+    iron = np.concatenate([np.full(3, HARD_IRON_SIGMA_UT**2), soft])
     precision = np.zeros((12 + len(walk.drift_precision),) * 2)
     precision[:IRON, :IRON] = np.diag(1 / iron)
     precision[12:, 12:] = walk.drift_precision
@@ -155,9 +152,9 @@ def _back(walk: Walk, at: Floats) -> Floats:
     return np.stack([c, s, zero, -s, c, zero, zero, zero, zero + 1], axis=1).reshape(-1, 3, 3)
 
 
-def weights_of(residual: Floats, sigma: Floats, tail: float) -> Floats:
+def weights_of(residual: Floats, sigma: Floats) -> Floats:
     """(N,) of the Student distribution; 1 in the mean."""
-    return np.asarray((tail + 3) / (tail + ((residual / sigma) ** 2).sum(axis=1)))
+    return np.asarray((TAIL + 3) / (TAIL + ((residual / sigma) ** 2).sum(axis=1)))
 
 
 MOST_CORRELATED = 0.9
@@ -173,20 +170,20 @@ CHANCE_SIGMAS = 5.5
 """Of the mean correlation over them; four, times 1.4 as the deviations are not white."""
 
 
-def covariance_of(walk: Walk, at: Floats, sigma_d: Floats, p: WalkCalibrationParameters) -> Floats:
+def covariance_of(walk: Walk, at: Floats, sigma_d: Floats) -> Floats:
     """Of all unknowns (P, P) that were found, with the scale of d (3,) that was: the sandwich.
 
     The share of the Hessian that the weights keep, `bend`, is that of the Student distribution, averaged over axes.
     """
-    prior = prior_precision(walk, p)
+    prior = prior_precision(walk)
     jacobian = jacobian_of(walk, at) / sigma_d[:, None]
     residual = residual_of(walk, at) / sigma_d
-    weight = weights_of(residual, np.ones(3), p.tail)
+    weight = weights_of(residual, np.ones(3))
     pull = weight[:, None] * residual
     square = float((pull**2).mean())
-    bend = float(weight.mean()) - 2 / (p.tail + 3) * square
+    bend = float(weight.mean()) - 2 / (TAIL + 3) * square
     free = len(walk) / max(len(walk) - IRON / 3, 1.0)
-    meat = square * free * (_of_neighbours(jacobian, pull, p) + _of_other_passes(jacobian, pull, p))
+    meat = square * free * (_of_neighbours(jacobian, pull) + _of_other_passes(jacobian, pull))
     bread = np.linalg.inv(bend * _at_lag(jacobian, 0) + prior)
     return np.asarray(bread @ (meat + prior) @ bread)
 
@@ -198,11 +195,11 @@ def _at_lag(jacobian: Floats, lag: int) -> Floats:
     return np.asarray(product + product.T if lag else product)
 
 
-def _of_neighbours(jacobian: Floats, pull: Floats, p: WalkCalibrationParameters) -> Floats:
+def _of_neighbours(jacobian: Floats, pull: Floats) -> Floats:
     """J^T corr(d) J (P, P), the correlation a power of that of neighbours, all axes alike."""
     neighbours = float((pull[1:] * pull[:-1]).sum() / _sum_of_squares(pull))
-    base = float(np.clip(neighbours, p.least_correlation, MOST_CORRELATED))
-    last = min(p.lags, len(pull) - 1)
+    base = float(np.clip(neighbours, LEAST_CORRELATION, MOST_CORRELATED))
+    last = min(LAGS, len(pull) - 1)
     return np.asarray(sum(base**lag * _at_lag(jacobian, lag) for lag in range(last + 1)))
 
 
@@ -210,7 +207,7 @@ def _sum_of_squares(pull: Floats) -> float:
     return max(float((pull**2).sum()), LEAST_PULL)
 
 
-def _of_other_passes(jacobian: Floats, pull: Floats, p: WalkCalibrationParameters) -> Floats:
+def _of_other_passes(jacobian: Floats, pull: Floats) -> Floats:
     """Add (P, P) for a walk that comes by the same places again: strides far apart are alike there.
 
     It shows as a correlation over a few neighbouring lags that chance does not make. It may only add doubt.
@@ -221,7 +218,7 @@ def _of_other_passes(jacobian: Floats, pull: Floats, p: WalkCalibrationParameter
     correlation = products / _sum_of_squares(pull) * len(pull) / pairs
     about = uniform_filter1d(correlation, PASS_WIDTH)
     chance = CHANCE_SIGMAS / np.sqrt(len(pull.T) * PASS_WIDTH * pairs)
-    again = (about > chance) & (lag > p.lags) & (pairs >= p.fewest)
+    again = (about > chance) & (lag > LAGS) & (pairs >= FEWEST_FOOTFALLS)
     added = np.zeros((jacobian.shape[2],) * 2)
     for k in np.flatnonzero(again):
         added += correlation[k] * _at_lag(jacobian, int(k))

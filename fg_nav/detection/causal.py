@@ -22,9 +22,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.footfalls import FreePass, choose_footfalls, too_close
+from fg_nav.detection.footfalls import (
+    REST_LEVEL,
+    ROUGH,
+    SHORTEST_SWING_S,
+    SWING_RATE_RAD_S,
+    WALKING,
+    FreePass,
+    choose_footfalls,
+    too_close,
+)
 from fg_nav.detection.sliding import Sliding
-from fg_nav.detection.stance import StanceParameters, shoe
+from fg_nav.detection.stance import SHORTEST_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
 from fg_nav.recording import MAX_GAP_S
 from fg_nav.stances import Stances
@@ -134,16 +143,15 @@ class _Search:
 
         self.period_s, self._p = period_s, p
         self.step = samples(p.step_s, 1)
-        self._shoe_window = samples(p.stance.window_s, 3)
+        self._shoe_window = samples(WINDOW_S, 3)
         self._reach = self._shoe_window - 1 - self._shoe_window // 2
         self._window = samples(p.window_s, 100)
         self._settle, self._edge = samples(p.settle_s, 1), samples(p.edge_s, 1)
         keep = self._window + self.step + 4 * self._shoe_window + FIRST_SAMPLES
         self._t, self._acc, self._gyr = Sliding(keep), Sliding(keep, (3,)), Sliding(keep, (3,))
         self._level = Sliding(keep)
-        links = (p.stance.footfalls.walking, p.stance.footfalls.rough)
-        self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in links]
-        self._velocity = [Sliding(keep, (3,)) for _ in links]
+        self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in (WALKING, ROUGH)]
+        self._velocity = [Sliding(keep, (3,)) for _ in self._passes]
         self._reported, self._stands = 0, False
 
     def advance(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
@@ -172,7 +180,7 @@ class _Search:
             return
         first = max(0, known - self._shoe_window)
         acc, gyr = self._acc.between(first, self._t.stop), self._gyr.between(first, self._t.stop)
-        statistic = shoe(acc, gyr, self._shoe_window, self._p.stance.noise)
+        statistic = shoe(acc, gyr, self._shoe_window)
         self._level.append(np.log10(statistic[known - first : stop - first] + 1e-3))
         t = self._t.between(known, min(stop + 1, self._t.stop))
         t = t if after_last is None else np.append(t, after_last)
@@ -198,7 +206,7 @@ class _Search:
         first = max(0, stop - self._window)
         t, acc, gyr, level = (x.between(first, stop) for x in (self._t, self._acc, self._gyr, self._level))
         velocity = [column.between(first, stop) for column in self._velocity]
-        found = choose_footfalls(t, acc, gyr, level, velocity, self._p.stance.footfalls)
+        found = choose_footfalls(t, acc, gyr, level, velocity)
         start, end, threshold = self._after_reported(found[0] + first, found[1] + first, found[2])
         if len(start) == 0:
             return []
@@ -208,32 +216,28 @@ class _Search:
 
     def _after_reported(self, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
         """Cut off, or leave out, what was reported or is too close to that; leave out what is too short."""
-        p, reported = self._p.stance, self._reported
+        reported = self._reported
         if reported and not self._stands:
             keep = start >= reported
         else:
             keep, start = stop > reported, np.maximum(start, reported)
-        keep &= (stop - 1 - start) * self.period_s >= p.shortest_s
+        keep &= (stop - 1 - start) * self.period_s >= SHORTEST_S
         keep[keep] = [not self._crowds(a, b) for a, b in zip(start[keep], stop[keep], strict=True)]
         return start[keep], stop[keep], threshold[keep]
 
     def _crowds(self, start: int, stop: int) -> bool:
         """Whether an interval is too close to the last footfall reported for a swing, and no rest."""
-        p, first = self._p.stance.footfalls, self._reported - 1
-        if (
-            self._reported == 0
-            or start <= first
-            or self._level.between(start, stop).min(initial=np.inf) <= p.rest_level
-        ):
+        first = self._reported - 1
+        if self._reported == 0 or start <= first or self._level.between(start, stop).min(initial=np.inf) <= REST_LEVEL:
             return False
-        if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= p.shortest_swing_s:
+        if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= SHORTEST_SWING_S:
             return False
-        return too_close(self._t.between(first, start + 1), self._gyr.between(first, start + 1), 1, start - first, p)
+        return too_close(self._t.between(first, start + 1), self._gyr.between(first, start + 1), 1, start - first)
 
     def _has_swung(self, start: int, stop: int) -> bool:
         """Whether the foot turns as in a swing in the samples `start <= i < stop`."""
         rate = np.linalg.norm(self._gyr.between(start, stop), axis=1)
-        return bool(rate.max(initial=0.0) > self._p.stance.footfalls.swing_rate_rad_s)
+        return bool(rate.max(initial=0.0) > SWING_RATE_RAD_S)
 
     def _has_ended(self, end: int, stop: int) -> bool:
         return stop - end >= self._settle and self._has_swung(end, stop)

@@ -4,8 +4,8 @@ Gait, shoe and sensor change how still a foot in stance is by a factor of a hund
 middle of a swing can look as still as the stance of a runner. But a foot in mid-swing moves at metres a second,
 and that shows in the integrated acceleration. So:
 
-1. Candidates are the local minima of L = log10(SHOE), at least `prominence` decades deep; a rest is one candidate,
-   from its first sample to its last. Both ends of the recording may cut a slope: they are minima only below `floor`.
+1. Candidates are the local minima of L = log10(SHOE), at least `PROMINENCE` decades deep; a rest is one candidate,
+   from its first sample to its last. Both ends of the recording may cut a slope: they are minima only below `FLOOR`.
 2. A free strapdown pass, both ways from the stillest candidate, gives the velocity V at each candidate, up to a slow
    drift. Between two true footfalls V hardly changes; between a footfall and a mid-swing it changes by the speed of
    the foot.
@@ -13,22 +13,22 @@ and that shows in the integrated acceleration. So:
        sum of u_i - c_ij,    u = reward - max(L - L_0, 0),
        c_ij = 2 log(1 + |V_j - V_i|^2 / (4 s^2)),   s^2 = s_0^2 + (s_a T_ij)^2,
    found by dynamic programming: still candidates earn, changes of velocity cost, with the tail of a Student t
-   (shocks and clipping spoil single strides). No link is longer than `longest_link_s`, unless nothing is between.
-   A recording may begin or end in a swing, so a chain may leave out its first or last `longest_swing_s`.
-4. A stance reaches from its minimum as far as L stays below a threshold of its own, `margin` above the minimum
-   but between `floor` and `ceiling`.
+   (shocks and clipping spoil single strides). No link is longer than `LONGEST_LINK_S`, unless nothing is between.
+   A recording may begin or end in a swing, so a chain may leave out its first or last `LONGEST_SWING_S`.
+4. A stance reaches from its minimum as far as L stays below a threshold of its own, `MARGIN` above the minimum
+   but between `FLOOR` and `CEILING`.
 5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
-6. No foot swings within `shortest_swing_s`: of two intervals closer than that, with the angular rate of a swing
+6. No foot swings within `SHORTEST_SWING_S`: of two intervals closer than that, with the angular rate of a swing
    between them, only the stiller is a stance: the other is the landing before it, or a mid-swing. Two rests stay two.
 
-Levels L are in decades of SHOE at the scale of `StillnessNoise`: L is reached by an angular rate of 0.2 deg/s, or a
-specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
+Levels L are in decades of SHOE at the noise of `fg_nav.detection.stance`: L is reached by an angular rate of 0.2 deg/s,
+or a specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -38,51 +38,54 @@ from fg_nav.frames import GRAVITY_M_S2, levelled
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 
 
-@dataclass(frozen=True)
-class LinkParameters:
-    """How much velocity may seem to change between two footfalls, and where tilt is corrected on the way."""
+class Link(NamedTuple):
+    """How much velocity may seem to change between two footfalls, and where tilt is corrected on the path.
+
+    Below `still_level` the specific force is taken for gravity, and the tilt corrected a little. `velocity_sigma`, s_0
+    in m/s, is the error of a stance's velocity and of one shock; `acc_sigma`, s_a in m/s^2, that of the acceleration by
+    tilt, bias and scale; `reward` the worth of a perfectly still candidate, in units of log likelihood.
+    """
 
     still_level: float
-    """Below this level the specific force is taken for gravity, and the tilt corrected a little."""
     velocity_sigma: float
-    """s_0, m/s: error of a stance's velocity and of one shock."""
     acc_sigma: float
-    """s_a, m/s^2: what tilt, bias and scale do to the acceleration."""
     reward: float
-    """Worth of a perfectly still candidate, in units of log likelihood."""
 
 
-@dataclass(frozen=True)
-class FootfallParameters:
-    """Found once by looking at gait, not at single walks: stride counts do not change over wide ranges of these."""
+# Found once by looking at gait, not at single walks: stride counts do not change over wide ranges of these.
 
-    prominence: float = 0.3
-    """Decades by which a minimum must lie below its surroundings."""
-    rest_level: float = 3.0
-    """L is cut off below: a foot this still rests, however its noise ripples."""
-    highest_level: float = 5.8
-    """A minimum above this is never a stance: 160 deg/s, or 16 m/s^2."""
-    easy_level: float = 3.5
-    """L_0: up to here a candidate earns the full reward."""
-    longest_link_s: float = 2.5
-    """A stride takes no longer."""
-    longest_swing_s: float = 1.2
-    """No foot of a walking or running person is in the air for longer ..."""
-    shortest_swing_s: float = 0.25
-    """... nor for shorter; sprinters need 0.35."""
-    swing_rate_rad_s: float = 2.0
-    """No swing without a peak rate above this."""
-    walking: LinkParameters = field(default_factory=lambda: LinkParameters(4.0, 0.2, 0.3, 3.0))
-    """For the first search."""
-    rough: LinkParameters = field(default_factory=lambda: LinkParameters(5.0, 0.3, 0.5, 4.0))
-    """For the gaps: running, with clipped peaks and no stance that levels the sensor."""
-    margin: float = 0.6
-    """A stance's own threshold above its minimum, decades."""
-    floor: float = 4.0
-    """Its threshold is not below this, 20 deg/s or 2 m/s^2 ..."""
-    ceiling: float = 5.3
-    """... nor above this, 90 deg/s or 9 m/s^2, unless the minimum itself is."""
+WALKING = Link(4.0, 0.2, 0.3, 3.0)
+"""For the first search."""
 
+ROUGH = Link(5.0, 0.3, 0.5, 4.0)
+"""For the gaps: running, with clipped peaks and no stance that levels the sensor."""
+
+PROMINENCE = 0.3
+"""Decades by which a minimum must lie below its surroundings."""
+
+REST_LEVEL = 3.0
+"""L is cut off below: a foot this still rests, however its noise ripples."""
+
+HIGHEST_LEVEL = 5.8
+"""A minimum above this is never a stance: 160 deg/s, or 16 m/s^2."""
+
+EASY_LEVEL = 3.5
+"""L_0: up to here a candidate earns the full reward."""
+
+LONGEST_LINK_S = 2.5
+"""A stride takes no longer."""
+
+LONGEST_SWING_S, SHORTEST_SWING_S = 1.2, 0.25
+"""No foot of a walking or running person is in the air for longer, nor for shorter; sprinters need 0.35."""
+
+SWING_RATE_RAD_S = 2.0
+"""No swing without a peak rate above this."""
+
+MARGIN = 0.6
+"""A stance's own threshold above its minimum, decades."""
+
+FLOOR, CEILING = 4.0, 5.3
+"""Its threshold is not below 20 deg/s or 2 m/s^2, nor above 90 deg/s or 9 m/s^2, unless the minimum itself is."""
 
 FREE_FALL_M_S2 = 1.0
 """A foot that stands feels gravity, and so more specific force than this."""
@@ -91,9 +94,7 @@ BROKEN = 24.0
 """Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
 
 
-def find_footfalls(
-    t: Floats, acc: Floats, gyr: Floats, level: Floats, parameters: FootfallParameters = FootfallParameters()
-) -> tuple[Ints, Ints, Floats]:
+def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[Ints, Ints, Floats]:
     """Find the stance intervals of a walk.
 
     Parameters
@@ -113,13 +114,14 @@ def find_footfalls(
         return _nothing()
     stillest = int(np.argmin(np.where(falls, np.inf, level)))
     up = levelled(acc[stillest])
-    links = (parameters.walking, parameters.rough)
-    velocity = [_free_velocity(t, acc, gyr, level < p.still_level, stillest, up, GRAVITY_M_S2) for p in links]
-    return choose_footfalls(t, acc, gyr, level, velocity, parameters)
+    velocity = [
+        _free_velocity(t, acc, gyr, level < link.still_level, stillest, up, GRAVITY_M_S2) for link in (WALKING, ROUGH)
+    ]
+    return choose_footfalls(t, acc, gyr, level, velocity)
 
 
 def choose_footfalls(
-    t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats], parameters: FootfallParameters
+    t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats]
 ) -> tuple[Ints, Ints, Floats]:
     """Find the stance intervals where the free velocities are known: all but step 2.
 
@@ -128,22 +130,21 @@ def choose_footfalls(
     t, acc, gyr, level
         As for `find_footfalls`.
     velocity
-        (N, 3) m/s of a free strapdown pass for `parameters.walking` and for `parameters.rough`, up to a slow drift.
+        (N, 3) m/s of a free strapdown pass for `WALKING` and for `ROUGH`, up to a slow drift.
 
     Returns
     -------
     start, stop, threshold
         As of `find_footfalls`.
     """
-    candidates = _candidates(acc, level, parameters)
+    candidates = _candidates(acc, level)
     if candidates.size == 0:
         return _nothing()
-    links = (parameters.walking, parameters.rough)
-    found = [_search(t, level, v, candidates, p, parameters) for v, p in zip(velocity, links, strict=True)]
-    stances, rough = (_grown(level, samples, parameters) for samples in found)
-    merged = _fill_gaps(t, stances, rough, parameters.longest_swing_s)
+    found = [_search(t, level, v, candidates, link) for v, link in zip(velocity, (WALKING, ROUGH), strict=True)]
+    stances, rough = (_grow_intervals(level, samples) for samples in found)
+    merged = _fill_gaps(t, stances, rough)
     start, stop, threshold = merged[0].astype(np.int64), merged[1].astype(np.int64), merged[2]
-    kept = _apart(t, gyr, level, start, stop, parameters)
+    kept = _choose_apart(t, gyr, level, start, stop)
     return start[kept], stop[kept], threshold[kept]
 
 
@@ -152,12 +153,12 @@ def _nothing() -> tuple[Ints, Ints, Floats]:
     return nothing, nothing, np.empty(0)
 
 
-def _candidates(acc: Floats, level: Floats, p: FootfallParameters) -> Ints:
+def _candidates(acc: Floats, level: Floats) -> Ints:
     """First and last sample (2, C) of the local minima: step 1. They differ where the foot rests."""
-    cut = np.maximum(level, p.rest_level)
-    first, last = _minima(cut, p.prominence)
+    cut = np.maximum(level, REST_LEVEL)
+    first, last = _minima(cut, PROMINENCE)
     at_an_end = (first == 0) | (last == len(level) - 1)
-    low = cut[first] < np.where(at_an_end, p.floor, p.highest_level)
+    low = cut[first] < np.where(at_an_end, FLOOR, HIGHEST_LEVEL)
     return np.stack([first, last])[:, low & ~_falls(acc[first])]
 
 
@@ -166,31 +167,29 @@ def _falls(acc: Floats) -> Bools:
     return np.asarray(np.linalg.norm(acc, axis=1) < FREE_FALL_M_S2)
 
 
-def _search(
-    t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: LinkParameters, p: FootfallParameters
-) -> Ints:
+def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: Link) -> Ints:
     """Samples of the footfalls: step 3."""
     first = candidates[0]
-    worth = link.reward - np.maximum(level[first] - p.easy_level, 0.0)
+    worth = link.reward - np.maximum(level[first] - EASY_LEVEL, 0.0)
     chain = _best_chain(
         t[candidates],
         worth,
         velocity[candidates],
         link.velocity_sigma,
         link.acc_sigma,
-        p.longest_link_s,
-        p.longest_swing_s,
+        LONGEST_LINK_S,
+        LONGEST_SWING_S,
     )
     return np.asarray(first[chain])
 
 
-def _grown(level: Floats, samples: Ints, p: FootfallParameters) -> Floats:
+def _grow_intervals(level: Floats, samples: Ints) -> Floats:
     """Intervals around footfalls (3, K): start, stop, threshold: step 4. Overlapping ones become one."""
-    own = np.clip(level[samples] + p.margin, p.floor, np.maximum(p.ceiling, level[samples] + 0.2))
+    own = np.clip(level[samples] + MARGIN, FLOOR, np.maximum(CEILING, level[samples] + 0.2))
     return np.array(_grow(level, samples, own))
 
 
-def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float) -> Floats:
+def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
     """Add those of the rough intervals (3, R) that lie in a gap too long for a swing: step 5."""
     if stances.shape[1] == 0:
         return rough
@@ -199,33 +198,33 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats, longest_swing_s: float
     gap = np.searchsorted(stances[0], rough[0], side="right")
     inside = (rough[0] >= before[gap]) & (rough[1] <= after[gap])
     edges = np.minimum(np.stack([before, after]), len(t) - 1).astype(np.int64)
-    wide = (t[edges[1]] - t[edges[0]])[gap] > longest_swing_s
+    wide = (t[edges[1]] - t[edges[0]])[gap] > LONGEST_SWING_S
     both = np.concatenate([stances, rough[:, inside & wide]], axis=1)
     return both[:, np.argsort(both[0], kind="stable")]
 
 
-def _apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints, p: FootfallParameters) -> Ints:
+def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints) -> Ints:
     """Intervals (K,) that stay when those too close for a swing have gone, but for rests: step 6."""
     least = np.array([level[a:b].min() for a, b in zip(start, stop, strict=True)])
     kept: list[int] = []
     for k in range(len(start)):
-        while kept and too_close(t, gyr, stop[kept[-1]], start[k], p) and least[k] <= least[kept[-1]] > p.rest_level:
+        while kept and too_close(t, gyr, stop[kept[-1]], start[k]) and least[k] <= least[kept[-1]] > REST_LEVEL:
             kept.pop()
-        if not kept or least[k] <= p.rest_level or not too_close(t, gyr, stop[kept[-1]], start[k], p):
+        if not kept or least[k] <= REST_LEVEL or not too_close(t, gyr, stop[kept[-1]], start[k]):
             kept.append(k)
     return np.array(kept, dtype=np.int64)
 
 
-def too_close(t: Floats, gyr: Floats, stop: int, start: int, p: FootfallParameters) -> bool:
+def too_close(t: Floats, gyr: Floats, stop: int, start: int) -> bool:
     """Whether from the end of one interval to the start of the next the foot turns as in a swing, but for less time."""
-    if t[start] - t[stop - 1] >= p.shortest_swing_s:
+    if t[start] - t[stop - 1] >= SHORTEST_SWING_S:
         return False
-    return bool(np.linalg.norm(gyr[stop : start + 1], axis=1).max() > p.swing_rate_rad_s)
+    return bool(np.linalg.norm(gyr[stop : start + 1], axis=1).max() > SWING_RATE_RAD_S)
 
 
 @njit(cache=True)
 def _minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
-    """First and last lowest sample of the minima from which the level rises by `prominence` before it falls lower.
+    """First and last lowest sample of the minima from which the level rises by `PROMINENCE` before it falls lower.
 
     Beyond both ends the level is high. (`scipy.signal.find_peaks` takes quadratic time where many minima are cut off
     at one level.)

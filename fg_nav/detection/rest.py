@@ -19,33 +19,36 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.recording import Recording
 from fg_nav.stances import runs
 
+BLOCK_S = 0.25
+"""Shorter than body sway (about 0.5 Hz), long enough to average sensor noise."""
+
+GYR_STD_DEG_S, ACC_STD_M_S2 = 0.5, 0.2
+"""Largest standard deviations within a block, per axis."""
+
+GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15
+"""Largest changes of the means from block to block, per axis; of the force 1 deg of tilt."""
+
+LARGEST_BIAS_DEG_S = 10.0
+"""A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s."""
+
+SWAY_DEG = 0.02
+"""Angle by which a resting foot sways, rms."""
+
+LEAST_SIGMA_DEG_S = 0.015
+"""No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
+
+MOST_APART_SIGMAS = 4.0
+"""A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance."""
+
 
 @dataclass(frozen=True)
 class RestParameters:
-    """When a stance is a rest, and how still a rest is."""
+    """When a stance is long enough for a rest."""
 
-    block_s: float = 0.25
-    """Shorter than body sway (about 0.5 Hz), long enough to average sensor noise."""
     shortest_s: float = 0.75
     """Shortest rest: the stance of a stride is not as still for as long."""
     shortest_at_end_s: float = 0.5
     """The same within a second of the start or the end of the recording, where people stand."""
-    gyr_std_deg_s: float = 0.5
-    """Largest standard deviation of the rate within a block, per axis."""
-    acc_std_m_s2: float = 0.2
-    """Largest standard deviation of the specific force within a block, per axis."""
-    gyr_step_deg_s: float = 0.5
-    """Largest change of the mean rate from block to block, per axis."""
-    acc_step_m_s2: float = 0.15
-    """Largest change of the mean specific force from block to block, per axis: 1 deg of tilt."""
-    largest_bias_deg_s: float = 10.0
-    """A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s."""
-    sway_deg: float = 0.02
-    """Angle by which a resting foot sways, rms."""
-    least_sigma_deg_s: float = 0.015
-    """No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
-    most_apart_sigmas: float = 4.0
-    """A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +68,10 @@ class Rest:
         """Whether it lasts that long, to the rounding of its samples."""
         return (self.stop - self.start) * period_s >= shortest_s * (1 - 1e-3)
 
-    def agrees_with(self, longest: Rest, p: RestParameters) -> bool:
+    def agrees_with(self, longest: Rest) -> bool:
         """Whether it shows the same bias as the longest rest."""
         apart = float(np.abs(self.rate - longest.rate).max())
-        return bool(apart <= p.most_apart_sigmas * np.hypot(self.sigma, longest.sigma))
+        return bool(apart <= MOST_APART_SIGMAS * np.hypot(self.sigma, longest.sigma))
 
     def beyond(self, before: Rest) -> Rest | None:
         """Return what this rest shows beyond what an earlier view of it showed; None if nothing.
@@ -83,52 +86,54 @@ class Rest:
 
 
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:
-    """Find the rests of a recording, in order; none where there are none."""
-    p = parameters
-    block = max(2, round(p.block_s / recording.period_s))
-    quiet, rate, force = _blocks(recording, block, p)
-    agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(p.gyr_step_deg_s)) & (
-        np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < p.acc_step_m_s2
+    """Find the rests of a recording that show one bias, in order; none where there are none."""
+    return _choose_in_agreement(find_still_stretches(recording, parameters))
+
+
+def find_still_stretches(recording: Recording, parameters: RestParameters) -> list[Rest]:
+    """Find the stretches that are still for long enough, whether or not they show the same bias."""
+    block = max(2, round(BLOCK_S / recording.period_s))
+    quiet, rate, force = _blocks(recording, block)
+    agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(GYR_STEP_DEG_S)) & (
+        np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < ACC_STEP_M_S2
     )
     first, last = runs(quiet[1:] & quiet[:-1] & agree)
-    rests = [_measured(recording, a * block, (b + 1) * block, p) for a, b in zip(first, last, strict=True)]
-    return _in_agreement([rest for rest in rests if _believable(recording, rest, p)], p)
+    rests = [_measure_rest(recording, a * block, (b + 1) * block) for a, b in zip(first, last, strict=True)]
+    return [rest for rest in rests if _is_long_and_slow(recording, rest, parameters)]
 
 
-def _blocks(recording: Recording, block: int, p: RestParameters) -> tuple[Bools, Floats, Floats]:
+def _blocks(recording: Recording, block: int) -> tuple[Bools, Floats, Floats]:
     """Of each block (n,): whether it is quiet within, its mean rate (n, 3) and its mean specific force (n, 3)."""
     n = len(recording) // block
     gyr, acc = (samples[: n * block].reshape(n, block, 3) for samples in (recording.gyr, recording.acc))
-    quiet = (gyr.std(axis=1).max(axis=1, initial=0.0) < np.radians(p.gyr_std_deg_s)) & (
-        acc.std(axis=1).max(axis=1, initial=0.0) < p.acc_std_m_s2
+    quiet = (gyr.std(axis=1).max(axis=1, initial=0.0) < np.radians(GYR_STD_DEG_S)) & (
+        acc.std(axis=1).max(axis=1, initial=0.0) < ACC_STD_M_S2
     )
     return quiet, gyr.mean(axis=1), acc.mean(axis=1)
 
 
-def _measured(recording: Recording, start: int, stop: int, p: RestParameters) -> Rest:
+def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
     t = recording.t[start:stop] - recording.t[start]
     gyr = recording.gyr[start:stop]
     steps = 0.5 * (gyr[1:] + gyr[:-1]) * np.diff(t)[:, None]
     angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     slope = np.polynomial.polynomial.polyfit(t, angle, 1)[1]
-    sway = np.radians(p.sway_deg) * np.sqrt(12.0) / t[-1]
+    sway = np.radians(SWAY_DEG) * np.sqrt(12.0) / t[-1]
     noise = np.sqrt(1.2 / len(t)) * gyr.std(axis=0).max()  # of a slope, 6/5 of that of a mean
-    sigma = float(np.sqrt(sway**2 + noise**2 + np.radians(p.least_sigma_deg_s) ** 2))
+    sigma = float(np.sqrt(sway**2 + noise**2 + np.radians(LEAST_SIGMA_DEG_S) ** 2))
     return Rest(start, stop, slope, sigma, recording.acc[start:stop].mean(axis=0))
 
 
-def _believable(recording: Recording, rest: Rest, p: RestParameters) -> bool:
+def _is_long_and_slow(recording: Recording, rest: Rest, p: RestParameters) -> bool:
     t = recording.t
     at_end = t[rest.start] - t[0] < 1.0 or t[-1] - t[rest.stop - 1] < 1.0
     shortest = p.shortest_at_end_s if at_end else p.shortest_s
-    return rest.lasts(recording.period_s, shortest) and bool(
-        np.abs(rest.rate).max() <= np.radians(p.largest_bias_deg_s)
-    )
+    return rest.lasts(recording.period_s, shortest) and bool(np.abs(rest.rate).max() <= np.radians(LARGEST_BIAS_DEG_S))
 
 
-def _in_agreement(rests: list[Rest], p: RestParameters) -> tuple[Rest, ...]:
+def _choose_in_agreement(rests: list[Rest]) -> tuple[Rest, ...]:
     """Rests that show the same bias as the longest of them."""
     if not rests:
         return ()
     longest = max(rests, key=lambda rest: rest.stop - rest.start)
-    return tuple(rest for rest in rests if rest.agrees_with(longest, p))
+    return tuple(rest for rest in rests if rest.agrees_with(longest))

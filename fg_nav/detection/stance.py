@@ -23,58 +23,59 @@ Source: Skog, Handel, Nilsson, Rantakokko (2010), "Zero-velocity detection - an 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.footfalls import FootfallParameters, find_footfalls
+from fg_nav.detection.footfalls import SWING_RATE_RAD_S, find_footfalls
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances, runs
 
+ACC_NOISE_M_S2 = 0.02
+"""s_a, of a sample of a sensor at rest; data sheets and the recordings at rest have 0.01 to 0.03."""
 
-@dataclass(frozen=True)
-class StillnessNoise:
-    """Scale of the statistics: the noise of a sensor at rest, and gravity."""
+GYR_NOISE_DEG_S = 0.2
+"""s_w, likewise; data sheets and the recordings at rest have 0.1 to 0.4."""
 
-    acc_m_s2: float = 0.02
-    """Of the specific force, per sample; data sheets and the recordings at rest have 0.01 to 0.03."""
-    gyr_deg_s: float = 0.2
-    """Of the angular rate, per sample; data sheets and the recordings at rest have 0.1 to 0.4."""
-    gravity_m_s2: float = GRAVITY_M_S2
+WINDOW_S = 0.05
+"""Length of the sliding window."""
+
+SHORTEST_S = 0.015
+"""Shorter stances are dropped; those of running last 50 ms and more."""
 
 
-def shoe(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = StillnessNoise()) -> Floats:
+def shoe(acc: Floats, gyr: Floats, window: int) -> Floats:
     """Stance hypothesis optimal estimation (the GLRT): (N,) from `acc` (N, 3) m/s^2 and `gyr` (N, 3) rad/s."""
     strength = np.linalg.norm(_mean(acc, window), axis=1)
-    g = noise.gravity_m_s2
+    g = GRAVITY_M_S2
     # sum |y - g ybar/|ybar||^2 = sum |y|^2 - 2 g W |ybar| + g^2 W, and rounding must not make it negative
     off_gravity: Floats = np.maximum(_mean((acc**2).sum(axis=1), window) - 2 * g * strength + g * g, 0.0)
-    return off_gravity / noise.acc_m_s2**2 + are(acc, gyr, window, noise)
+    return off_gravity / ACC_NOISE_M_S2**2 + are(acc, gyr, window)
 
 
-def are(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = StillnessNoise()) -> Floats:
+def are(acc: Floats, gyr: Floats, window: int) -> Floats:
     """Angular rate energy (N,); `acc` is not used."""
-    return _mean((gyr**2).sum(axis=1), window) / float(np.radians(noise.gyr_deg_s)) ** 2
+    return _mean((gyr**2).sum(axis=1), window) / float(np.radians(GYR_NOISE_DEG_S)) ** 2
 
 
-def mv(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = StillnessNoise()) -> Floats:
+def mv(acc: Floats, gyr: Floats, window: int) -> Floats:
     """Moving variance of the specific force (N,); `gyr` is not used."""
     spread: Floats = np.maximum(_mean((acc**2).sum(axis=1), window) - (_mean(acc, window) ** 2).sum(axis=1), 0.0)
-    return spread / noise.acc_m_s2**2
+    return spread / ACC_NOISE_M_S2**2
 
 
-def mag(acc: Floats, gyr: Floats, window: int, noise: StillnessNoise = StillnessNoise()) -> Floats:
+def mag(acc: Floats, gyr: Floats, window: int) -> Floats:
     """Magnitude of the specific force against gravity (N,); `gyr` is not used."""
-    off_gravity = np.linalg.norm(acc, axis=1) - noise.gravity_m_s2
-    return _mean(off_gravity**2, window) / noise.acc_m_s2**2
+    off_gravity = np.linalg.norm(acc, axis=1) - GRAVITY_M_S2
+    return _mean(off_gravity**2, window) / ACC_NOISE_M_S2**2
 
 
-Statistic = Callable[[Floats, Floats, int, StillnessNoise], Floats]
+Statistic = Callable[[Floats, Floats, int], Floats]
 
 STATISTICS: dict[str, Statistic] = {"shoe": shoe, "are": are, "mv": mv, "mag": mag}
 
@@ -106,12 +107,6 @@ class StanceParameters:
     """One threshold for the whole recording, in the statistic's units; None: automatic, each footfall its own."""
     false_alarm_rate: float | None = None
     """In place of a threshold: the probability a sample that a sensor at perfect rest is called moving."""
-    window_s: float = 0.05
-    """Length of the sliding window."""
-    shortest_s: float = 0.015
-    """Shorter stances are dropped; those of running last 50 ms and more."""
-    noise: StillnessNoise = field(default_factory=StillnessNoise)
-    footfalls: FootfallParameters = field(default_factory=FootfallParameters)
 
 
 def detect_stances(recording: Recording, parameters: StanceParameters = StanceParameters()) -> Stances:
@@ -126,10 +121,10 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     statistic = _statistic(recording, parameters)
     one = _one_threshold(recording, parameters)
     found = _automatic(recording, statistic, parameters) if one is None else _below(statistic, one)
-    start, stop, threshold = _long_enough(recording.t, *found, parameters.shortest_s)
+    start, stop, threshold = _long_enough(recording.t, *found)
     if len(start) == 0:
         raise DetectionError(_nothing_found(recording, statistic, parameters.detector, one))
-    footfall = _footfalls(recording.gyr, start, stop, parameters.footfalls.swing_rate_rad_s)
+    footfall = _footfalls(recording.gyr, start, stop)
     relative = statistic / _threshold_along(len(recording), start, stop, threshold)
     return Stances(
         start, stop, footfall, len(recording), parameters.detector, float(np.median(threshold)), statistic=relative
@@ -139,11 +134,11 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
 def _statistic(recording: Recording, p: StanceParameters) -> Floats:
     if p.detector not in STATISTICS:
         raise DetectionError(f"there is no stance detector '{p.detector}': choose one of {', '.join(STATISTICS)}.")
-    return STATISTICS[p.detector](recording.acc, recording.gyr, _window(recording, p), p.noise)
+    return STATISTICS[p.detector](recording.acc, recording.gyr, _window(recording))
 
 
-def _window(recording: Recording, p: StanceParameters) -> int:
-    return max(3, round(p.window_s / recording.period_s))
+def _window(recording: Recording) -> int:
+    return max(3, round(WINDOW_S / recording.period_s))
 
 
 def _automatic(recording: Recording, statistic: Floats, p: StanceParameters) -> tuple[Ints, Ints, Floats]:
@@ -152,7 +147,7 @@ def _automatic(recording: Recording, statistic: Floats, p: StanceParameters) -> 
             f"the automatic threshold works on shoe: give {p.detector} a threshold or a false-alarm rate."
         )
     level = np.log10(statistic + 1e-3)
-    start, stop, threshold = find_footfalls(recording.t, recording.acc, recording.gyr, level, p.footfalls)
+    start, stop, threshold = find_footfalls(recording.t, recording.acc, recording.gyr, level)
     return start, stop, 10.0**threshold
 
 
@@ -164,7 +159,7 @@ def _one_threshold(recording: Recording, p: StanceParameters) -> float | None:
         return p.threshold
     if not 0 < p.false_alarm_rate < 1:
         raise DetectionError(f"the false-alarm rate is {p.false_alarm_rate:g}: give a probability between 0 and 1.")
-    return threshold_at_rest(p.detector, _window(recording, p), p.false_alarm_rate)
+    return threshold_at_rest(p.detector, _window(recording), p.false_alarm_rate)
 
 
 def _below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]:
@@ -172,17 +167,17 @@ def _below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]:
     return start, stop, np.full(len(start), threshold)
 
 
-def _long_enough(t: Floats, start: Ints, stop: Ints, threshold: Floats, shortest_s: float) -> tuple[Ints, Ints, Floats]:
-    keep = t[stop - 1] - t[start] >= shortest_s
+def _long_enough(t: Floats, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
+    keep = t[stop - 1] - t[start] >= SHORTEST_S
     return start[keep], stop[keep], threshold[keep]
 
 
-def _footfalls(gyr: Floats, start: Ints, stop: Ints, swing_rate: float) -> Ints:
+def _footfalls(gyr: Floats, start: Ints, stop: Ints) -> Ints:
     """Number (K,) of the footfall of each interval: a new one after each swing."""
     rate = np.linalg.norm(gyr, axis=1)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
     peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
-    return np.concatenate([[0], np.cumsum(peak > swing_rate)])
+    return np.concatenate([[0], np.cumsum(peak > SWING_RATE_RAD_S)])
 
 
 def _threshold_along(n: int, start: Ints, stop: Ints, threshold: Floats) -> Floats:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-from fg_nav.calibration import rolling_lever
+from fg_nav.calibration import estimate_lever
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.parameters import STANCE_CORRELATION_S, IezParameters
 from fg_nav.magnetic import FootfallField
@@ -76,6 +76,6 @@ def run_matched(
     """Estimate the lever, and navigate a walk as `fg_nav.ekf.gated_compass.run_gated_compass` does."""
     core = parameters.inertial
     if core.rolling_lever_m is None:
-        x, y, z = rolling_lever(recording, stances).lever.tolist()
+        x, y, z = estimate_lever(recording, stances).lever.tolist()
         core = replace(core, rolling_lever_m=(x, y, z))
     return run_gated_compass(recording, stances, field, replace(parameters, inertial=core), heading, method)

@@ -252,7 +252,7 @@ class RestLedger:
             if ledger.longest is None or rest.stop - rest.start > ledger.longest.stop - ledger.longest.start:
                 ledger = replace(ledger, longest=rest)
             assert ledger.longest is not None
-            if rest.agrees_with(ledger.longest, p):
+            if rest.agrees_with(ledger.longest):
                 further, ledger = ledger._count(rest, window.first_sample)
                 new += [] if further is None else [further]
         return tuple(new), ledger

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration import RollingLever, rolling_lever
+from fg_nav.calibration import RollingLever, estimate_lever
 from fg_nav.detection import Rest
 from fg_nav.recording import Recording
 from fg_nav.smoother.noise_level import SwingNoise, swing_noise
@@ -38,7 +38,7 @@ def known_before(recording: Recording, stances: Stances, rests: tuple[Rest, ...]
     if p.known_lever is not None:
         lever = RollingLever(np.array(p.known_lever), np.zeros((3, 3)), 0)
     else:
-        lever = rolling_lever(recording, stances, p.lever)
+        lever = estimate_lever(recording, stances)
     swing = SwingNoise(p.gyr_relative_density, "swing noise as told")
     if p.choose_swing_noise:
         swing = swing_noise(recording, stances, bias, sigma, lever.lever, p)

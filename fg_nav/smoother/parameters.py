@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from fg_nav.calibration import RollingLeverParameters
 from fg_nav.detection import RestParameters
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.smoother.field_parameters import FieldParameters
@@ -52,7 +51,6 @@ class SmootherParameters:
     """Shortest time in which it does."""
     known_lever: tuple[float, float, float] | None = None
     """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
-    lever: RollingLeverParameters = field(default_factory=RollingLeverParameters)
 
     node_spacing_s: float = 0.2
     """Distance of the graph's nodes in a stance."""

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav.calibration import ellipse_fit
 from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, ellipse_as_printed, ellipse_by_extremes
 from fg_nav.calibration.ellipse_fit import (
-    EllipseParameters,
     ellipse_of_walk,
     fitted_ellipse,
 )
@@ -141,9 +141,10 @@ def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(
     assert last == pytest.approx(start_deg % 360.0, abs=5.0)
 
 
-def test_a_wider_gap_may_be_allowed():
+def test_a_wider_gap_may_be_allowed(monkeypatch):
+    monkeypatch.setattr(ellipse_fit, "LARGEST_GAP_RAD", np.deg2rad(130.0))
     readings = read(np.linspace(0.0, np.deg2rad(240.0), 60), noise_uT=0.05, rng=np.random.default_rng(4))
-    found = fitted_ellipse(readings, EllipseParameters(largest_gap_rad=np.deg2rad(130.0)))
+    found = fitted_ellipse(readings)
     assert found.offset_uT == pytest.approx(OFFSET, abs=0.2)
 
 
@@ -215,18 +216,19 @@ def on_floor(left, right, seed):
     return replace(field, body_field=field.body_field + np.column_stack([shift, np.zeros(86)]))
 
 
-def test_circles_to_the_left_and_to_the_right_show_what_the_floor_does():
+def test_circles_to_the_left_and_to_the_right_show_what_the_floor_does(monkeypatch):
     """Its share of the offset, over many floors, is about as large as the sigma says; scatter alone says a sixth."""
+    monkeypatch.setattr(ellipse_fit, "LARGEST_SIGMA", 1.0)
     errors, sigmas = [], []
     for seed in range(60):
         left, right = np.random.default_rng([seed, 1]).standard_normal((2, 2))
-        found, _ = ellipse_of_walk(on_floor(left, right, seed), EllipseParameters(largest_sigma=1.0))
+        found, _ = ellipse_of_walk(on_floor(left, right, seed))
         errors.append(found.offset_uT - OFFSET)
         sigmas.append(found.sigma[:2])
     rms = np.sqrt(np.mean(np.square(errors))), np.sqrt(np.mean(np.square(sigmas)))
     assert rms[0] == pytest.approx(np.sqrt(0.5), rel=0.25)
     assert 0.5 < rms[1] / rms[0] < 1.5
-    scatter = fitted_ellipse(on_floor(left, right, 0).level_field[:, :2], EllipseParameters(largest_sigma=1.0))
+    scatter = fitted_ellipse(on_floor(left, right, 0).level_field[:, :2])
     assert scatter.sigma[:2].max() < 0.4 * rms[0]
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration.ellipsoid import EllipsoidParameters, coverage_of, fitted_ellipsoid, symmetric, upper_triangular
+from fg_nav.calibration import ellipsoid
+from fg_nav.calibration.ellipsoid import coverage_of, fitted_ellipsoid, symmetric, upper_triangular
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.calibration.quadric import constrained_quadric
 from fg_nav.errors import CalibrationError
@@ -148,12 +149,12 @@ def test_a_field_that_changes_from_place_to_place_is_refused():
         fitted_ellipsoid(sensor(13, noise_uT=4.0, count=4000)[0])
 
 
-def test_how_much_may_stay_open_is_a_parameter():
+def test_how_much_may_stay_open_is_limited(monkeypatch):
     readings = sensor(11, within=np.deg2rad(60.0))[0]
     found = fitted_ellipsoid(readings)
-    strict = EllipsoidParameters(largest_sigma=0.5 * found.sigma[:3].max() / found.strength_uT)
+    monkeypatch.setattr(ellipsoid, "LARGEST_SIGMA", 0.5 * found.sigma[:3].max() / found.strength_uT)
     with pytest.raises(CalibrationError, match="open"):
-        fitted_ellipsoid(readings, parameters=strict)
+        fitted_ellipsoid(readings)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration import RollingLeverParameters, rolling_lever
+from fg_nav.calibration import estimate_lever
+from fg_nav.calibration import rolling_lever as lever_module
 from fg_nav.detection import detect_stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.person import INSTEP, Mount, Person
@@ -17,7 +18,7 @@ from tests.simulated import FIRM, PERSON, QUIET, RIGID, mounted, straight_walk, 
 
 LEVER = np.array([-0.03, 0.02, 0.11])
 STANCE_S, CYCLE_S = 0.4, 0.6
-PRIOR = RollingLeverParameters().prior_sigma_m
+PRIOR = lever_module.PRIOR_SIGMA_M
 
 
 def rolling(
@@ -52,7 +53,7 @@ def rolling(
 
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 800.0])
 def test_without_noise_the_lever_is_exact(rate_hz):
-    found = rolling_lever(*rolling(noise=0.0, acc_bias=0.05, rate_hz=rate_hz))
+    found = estimate_lever(*rolling(noise=0.0, acc_bias=0.05, rate_hz=rate_hz))
     np.testing.assert_allclose(found.lever, LEVER, atol=1e-3)
     assert found.stances_used == 40
 
@@ -61,17 +62,18 @@ def test_without_noise_the_lever_is_exact(rate_hz):
 def test_the_lever_is_known_to_within_its_sigma(gyr_bias_deg_s):
     errors = []
     for seed in range(25):
-        found = rolling_lever(*rolling(seed, acc_bias=0.05, gyr_bias_deg_s=gyr_bias_deg_s))
+        found = estimate_lever(*rolling(seed, acc_bias=0.05, gyr_bias_deg_s=gyr_bias_deg_s))
         errors.append(np.linalg.solve(np.linalg.cholesky(found.covariance), found.lever - LEVER))
     assert np.sqrt(np.mean(np.square(errors))) < 1.0  # cautious: real feet share their model error
     assert np.abs(errors).max() < 2.5
 
 
-def test_without_the_caution_the_scatter_of_stances_is_an_honest_sigma():
-    bold = RollingLeverParameters(error_correlation=1.0, prior_sigma_m=10.0)
+def test_without_the_caution_the_scatter_of_stances_is_an_honest_sigma(monkeypatch):
+    monkeypatch.setattr(lever_module, "ERROR_CORRELATION", 1.0)
+    monkeypatch.setattr(lever_module, "PRIOR_SIGMA_M", 10.0)
     errors, levers = [], []
     for seed in range(60):
-        found = rolling_lever(*rolling(seed, stances=60), bold)
+        found = estimate_lever(*rolling(seed, stances=60))
         errors.append((found.lever - LEVER) / np.sqrt(np.diag(found.covariance)))
         levers.append(found.lever)
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.6
@@ -82,14 +84,14 @@ def test_without_the_caution_the_scatter_of_stances_is_an_honest_sigma():
 def test_the_lever_turns_with_the_mounting(rotvec):
     turn = Rotation.from_rotvec(rotvec)
     recording, stances = rolling(seed=3)
-    asis, turned = rolling_lever(recording, stances), rolling_lever(mounted(recording, turn), stances)
+    asis, turned = estimate_lever(recording, stances), estimate_lever(mounted(recording, turn), stances)
     np.testing.assert_allclose(turned.lever, turn.inv().apply(asis.lever), atol=1e-9)
     R = turn.as_matrix()
     np.testing.assert_allclose(turned.covariance, R.T @ asis.covariance @ R, atol=1e-12)
 
 
 def test_more_stances_know_more():
-    sigma = [np.sqrt(rolling_lever(*rolling(stances=n)).covariance[2, 2]) for n in (10, 40, 160)]
+    sigma = [np.sqrt(estimate_lever(*rolling(stances=n)).covariance[2, 2]) for n in (10, 40, 160)]
     assert sigma[0] > 1.4 * sigma[1] > 2 * sigma[2]
 
 
@@ -97,7 +99,7 @@ def test_more_stances_know_more():
 def test_few_stances_leave_the_prior(count):
     recording, stances = rolling()
     few = replace(stances, start=stances.start[:count], stop=stances.stop[:count], footfall=stances.footfall[:count])
-    found = rolling_lever(recording, few)
+    found = estimate_lever(recording, few)
     np.testing.assert_array_equal(found.lever, 0.0)
     np.testing.assert_allclose(found.covariance, PRIOR**2 * np.eye(3))
     assert found.stances_used == count
@@ -105,7 +107,7 @@ def test_few_stances_leave_the_prior(count):
 
 def test_a_foot_that_does_not_roll_shows_nothing():
     """And the noise of the gyroscope is not taken for rolling that moves nothing, which would show a lever of zero."""
-    found = rolling_lever(*rolling(rise_deg=(0.0, 0.0, 0.0)))
+    found = estimate_lever(*rolling(rise_deg=(0.0, 0.0, 0.0)))
     np.testing.assert_array_equal(found.lever, 0.0)
     np.testing.assert_allclose(found.covariance, PRIOR**2 * np.eye(3))
 
@@ -113,7 +115,7 @@ def test_a_foot_that_does_not_roll_shows_nothing():
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_along_the_only_axis_of_rolling_the_lever_stays_unknown(noise):
     """A wheel does not show how wide it is."""
-    found = rolling_lever(*rolling(rise_deg=(0.0, 7.0, 0.0), noise=noise))
+    found = estimate_lever(*rolling(rise_deg=(0.0, 7.0, 0.0), noise=noise))
     np.testing.assert_allclose(found.lever, [-0.03, 0.0, 0.11], atol=0.01)
     sigma = np.sqrt(np.diag(found.covariance))
     assert sigma[1] == pytest.approx(PRIOR, rel=1e-3)
@@ -125,13 +127,13 @@ def test_a_stance_at_the_very_end_of_the_recording():
     end = int(stances.stop[-1])
     cut = recording.slice(0, end)
     stances = replace(stances, n_samples=end)
-    np.testing.assert_allclose(rolling_lever(cut, stances).lever, LEVER, atol=1e-3)
+    np.testing.assert_allclose(estimate_lever(cut, stances).lever, LEVER, atol=1e-3)
 
 
 def test_stances_of_two_samples_are_left_out():
     recording, stances = rolling()
     short = replace(stances, stop=np.where(np.arange(40) % 2 == 0, stances.start + 2, stances.stop))
-    assert rolling_lever(recording, short).stances_used == 20
+    assert estimate_lever(recording, short).stances_used == 20
 
 
 def test_uneven_stamps_and_fast_turning_are_no_obstacle():
@@ -143,7 +145,7 @@ def test_uneven_stamps_and_fast_turning_are_no_obstacle():
     for samples in (acc, gyr):
         samples[merged - 1] = (samples[merged - 1] + samples[merged]) / 2
     uneven = Recording(t=t, acc=acc[kept], gyr=gyr[kept])
-    found = rolling_lever(uneven, Stances.from_mask(stances.mask[kept]))
+    found = estimate_lever(uneven, Stances.from_mask(stances.mask[kept]))
     np.testing.assert_allclose(found.lever, LEVER, atol=2e-3)
 
 
@@ -159,7 +161,7 @@ def test_a_walk_shows_the_height_of_the_sensor(person: Person, mount: Mount, hei
     """
     for seed in range(4):
         walk = straight_walk(person, strides=40, seed=seed, mount=mount)
-        found = rolling_lever(walk.recording, detect_stances(walk.recording))
+        found = estimate_lever(walk.recording, detect_stances(walk.recording))
         foot_R_body = walk.motion.foot_R_body
         error = foot_R_body @ found.lever - walk.motion.lever_m
         assert abs(error[2]) < height_m
@@ -170,6 +172,6 @@ def test_gravity_alone_is_no_lever():
     n = 2000
     acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1))
     recording = Recording(t=np.arange(n) / 200, acc=acc, gyr=np.zeros((n, 3)))
-    found = rolling_lever(recording, Stances.from_mask(np.arange(n) % 100 < 60))
+    found = estimate_lever(recording, Stances.from_mask(np.arange(n) % 100 < 60))
     np.testing.assert_array_equal(found.lever, 0.0)
     np.testing.assert_allclose(found.covariance, PRIOR**2 * np.eye(3))

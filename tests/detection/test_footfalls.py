@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
-from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
@@ -328,7 +328,7 @@ def test_gaps_longer_than_a_swing_are_filled_from_the_rough_search():
     t = np.arange(1200) / 200
     found = intervals((100, 140), (500, 540), (700, 740))
     rough = intervals((10, 20), (130, 160), (300, 310), (560, 570), (900, 1200))
-    start, stop, _ = ff._fill_gaps(t, found, rough, 1.2)
+    start, stop, _ = ff._fill_gaps(t, found, rough)
     # filled: the gap of 1.8 s, and the end of 2.3 s; not: the start of 0.5 s, one that overlaps, a swing of 0.8 s
     np.testing.assert_array_equal(start, [100, 300, 500, 700, 900])
     np.testing.assert_array_equal(stop, [140, 310, 540, 740, 1200])
@@ -336,10 +336,10 @@ def test_gaps_longer_than_a_swing_are_filled_from_the_rough_search():
 
 def test_without_any_footfall_all_of_the_rough_search_is_taken():
     rough = intervals((10, 20))
-    np.testing.assert_array_equal(ff._fill_gaps(np.arange(50) / 200, np.empty((3, 0)), rough, 1.2), rough)
+    np.testing.assert_array_equal(ff._fill_gaps(np.arange(50) / 200, np.empty((3, 0)), rough), rough)
 
 
-def test_the_second_search_finds_what_tilt_hides_from_the_first():
+def test_the_second_search_finds_what_tilt_hides_from_the_first(monkeypatch):
     """Where the gyroscope clips, each stride leaves a change of velocity that the narrow links do not believe.
 
     A runner's foot turns by 850 to 900 degrees a second: here a fifth of each peak is cut off.
@@ -347,25 +347,22 @@ def test_the_second_search_finds_what_tilt_hides_from_the_first():
     walk = straight_walk(style=Style.RUN, strides=10, seed=1)
     clip = np.radians(700.0)
     recording = replace(walk.recording, gyr=np.clip(walk.recording.gyr, -clip, clip))
-    walking_only = replace(ff.FootfallParameters(), rough=ff.FootfallParameters().walking)
     with_both = detect_stances(recording).n_footfalls
-    with_one = detect_stances(recording, StanceParameters(footfalls=walking_only)).n_footfalls
+    monkeypatch.setattr(ff, "ROUGH", ff.WALKING)
+    with_one = detect_stances(recording).n_footfalls
     assert with_one < with_both
     assert with_both >= 10
 
 
-P = ff.FootfallParameters()
-
-
-def apart(pairs, levels, rate_rad_s, p=P):
-    """What `_apart` keeps of intervals with these least levels, the foot turning at a rate elsewhere."""
+def apart(pairs, levels, rate_rad_s):
+    """What `_choose_apart` keeps of intervals with these least levels, the foot turning at a rate elsewhere."""
     n = pairs[-1][1] + 20
     level, gyr = np.full(n, 6.0), np.zeros((n, 3))
     gyr[:, 1] = rate_rad_s
     for (a, b), least in zip(pairs, levels, strict=True):
         level[a:b], gyr[a:b] = least, 0.0
     start, stop = np.array(pairs).T
-    return ff._apart(np.arange(n) / 200, gyr, level, start, stop, p).tolist()
+    return ff._choose_apart(np.arange(n) / 200, gyr, level, start, stop).tolist()
 
 
 def test_of_two_stances_too_close_for_a_swing_the_stiller_stays():

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import RestParameters, find_rests
+from fg_nav.detection import rest as rest_module
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.footsteps import Style
@@ -63,12 +64,13 @@ def test_the_bias_is_known_to_within_its_sigma(seconds, gyr_noise_deg_s):
 
 
 @pytest.mark.parametrize(("sway_deg", "gyr_noise_deg_s"), [(0.02, 0.02), (0.0, 0.45)], ids=["sway", "noise"])
-def test_sway_and_noise_are_not_overrated(sway_deg, gyr_noise_deg_s):
+def test_sway_and_noise_are_not_overrated(sway_deg, gyr_noise_deg_s, monkeypatch):
     """Without the floor for what a bias does in time, the sigma is that of the errors, give or take a factor of two."""
-    p = RestParameters(least_sigma_deg_s=0.0, sway_deg=max(sway_deg, 1e-6), gyr_std_deg_s=1.0)
+    for name, value in (("LEAST_SIGMA_DEG_S", 0.0), ("SWAY_DEG", max(sway_deg, 1e-6)), ("GYR_STD_DEG_S", 1.0)):
+        monkeypatch.setattr(rest_module, name, value)
     errors = []
     for seed in range(30):
-        (rest,) = find_rests(standing(3.0, seed, sway_deg, gyr_noise_deg_s), p)
+        (rest,) = find_rests(standing(3.0, seed, sway_deg, gyr_noise_deg_s))
         errors.append((rest.rate - np.radians(BIAS_DEG_S)) / rest.sigma)
     assert 0.4 < np.sqrt(np.mean(np.square(errors))) < 1.3
 
@@ -76,7 +78,7 @@ def test_sway_and_noise_are_not_overrated(sway_deg, gyr_noise_deg_s):
 def test_a_longer_rest_knows_more():
     sigmas = [find_rests(standing(seconds))[0].sigma for seconds in (1.0, 4.0, 16.0, 120.0)]
     assert sigmas[0] > 2 * sigmas[1] > 2 * sigmas[2]
-    assert sigmas[2] > sigmas[3] > np.radians(RestParameters().least_sigma_deg_s)
+    assert sigmas[2] > sigmas[3] > np.radians(rest_module.LEAST_SIGMA_DEG_S)
 
 
 def test_a_rest_that_goes_on_counts_once():
@@ -147,7 +149,7 @@ def test_what_contradicts_the_longest_rest_is_none():
     recording = joined(rolled, shaken, standing(4.0, seed=1), shaken, standing(1.0, seed=2))
     rests = find_rests(recording)
     assert [round(rest.start / 200) for rest in rests] in ([2, 6], [1, 6])
-    assert len(find_rests(recording, RestParameters(most_apart_sigmas=100.0))) == 3
+    assert len(rest_module.find_still_stretches(recording, RestParameters())) == 3
 
 
 def in_strides_of(person, stride_s):

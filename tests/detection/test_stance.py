@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.stance import STATISTICS, StillnessNoise
+from fg_nav.detection import stance as stance_module
+from fg_nav.detection.stance import ACC_NOISE_M_S2, GYR_NOISE_DEG_S, STATISTICS
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.footsteps import Style
@@ -15,15 +16,13 @@ from fg_nav.recording import Recording
 from fg_nav.stances import runs
 from tests.simulated import WALKERS, straight_walk
 
-NOISE = StillnessNoise()
-
 
 def standing(seconds, seed=0):
     """A sensor at rest, with its nominal noise."""
     rng = np.random.default_rng(seed)
     n = round(seconds * 200)
-    acc = np.array([0.0, 0.0, GRAVITY_M_S2]) + NOISE.acc_m_s2 * rng.standard_normal((n, 3))
-    return Recording(t=np.arange(n) / 200, acc=acc, gyr=np.radians(NOISE.gyr_deg_s) * rng.standard_normal((n, 3)))
+    acc = np.array([0.0, 0.0, GRAVITY_M_S2]) + ACC_NOISE_M_S2 * rng.standard_normal((n, 3))
+    return Recording(t=np.arange(n) / 200, acc=acc, gyr=np.radians(GYR_NOISE_DEG_S) * rng.standard_normal((n, 3)))
 
 
 def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
@@ -38,48 +37,54 @@ def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
 
 
 @pytest.mark.parametrize("detector", STATISTICS)
-def test_one_threshold_cuts_the_statistic_at_that_level(detector):
+def test_one_threshold_cuts_the_statistic_at_that_level(detector, monkeypatch):
+    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
     recording = straight_walk(strides=3).recording
-    statistic = STATISTICS[detector](recording.acc, recording.gyr, 10, NOISE)
+    statistic = STATISTICS[detector](recording.acc, recording.gyr, 10)
     threshold = float(np.quantile(statistic, 0.4))
-    stances = detect_stances(recording, StanceParameters(detector, threshold=threshold, shortest_s=0.0))
+    stances = detect_stances(recording, StanceParameters(detector, threshold=threshold))
     np.testing.assert_array_equal(stances.mask, statistic < threshold)
     np.testing.assert_allclose(stances.statistic, statistic / threshold)
     assert (stances.detector, stances.threshold, stances.n_samples) == (detector, threshold, len(recording))
 
 
 @pytest.mark.parametrize("detector", STATISTICS)
-def test_a_false_alarm_rate_is_the_share_of_rest_called_motion(detector):
+def test_a_false_alarm_rate_is_the_share_of_rest_called_motion(detector, monkeypatch):
+    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
     recording = standing(100.0)
-    stances = detect_stances(recording, StanceParameters(detector, false_alarm_rate=0.1, shortest_s=0.0))
+    stances = detect_stances(recording, StanceParameters(detector, false_alarm_rate=0.1))
     assert np.mean(~stances.mask) == pytest.approx(0.1, abs=0.025)  # 2000 windows that share no sample: 0.007
 
 
-def test_the_window_is_a_time():
+def test_the_window_is_a_time(monkeypatch):
+    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
     for rate_hz in (100.0, 800.0):
         recording = straight_walk(strides=3, rate_hz=rate_hz).recording
         window = round(0.05 * rate_hz)
-        expected = STATISTICS["shoe"](recording.acc, recording.gyr, window, NOISE)
-        stances = detect_stances(recording, StanceParameters(threshold=1e4, window_s=0.05, shortest_s=0.0))
+        expected = STATISTICS["shoe"](recording.acc, recording.gyr, window)
+        stances = detect_stances(recording, StanceParameters(threshold=1e4))
         np.testing.assert_array_equal(stances.mask, expected < 1e4)
 
 
-def test_stances_shorter_than_the_shortest_are_dropped():
+def test_stances_shorter_than_the_shortest_are_dropped(monkeypatch):
+    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
     recording = with_turns(standing(4.0), 1.0, [0.5, 0.8, 2.0, 2.4])
-    found = detect_stances(recording, StanceParameters("are", threshold=100.0, shortest_s=0.0))
+    found = detect_stances(recording, StanceParameters("are", threshold=100.0))
     lasting = recording.t[found.stop - 1] - recording.t[found.start]
     assert np.count_nonzero(lasting < 0.3) == 2
-    kept = detect_stances(recording, StanceParameters("are", threshold=100.0, shortest_s=0.3))
+    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.3)
+    kept = detect_stances(recording, StanceParameters("are", threshold=100.0))
     np.testing.assert_array_equal(kept.start, found.start[lasting >= 0.3])
     np.testing.assert_array_equal(kept.stop, found.stop[lasting >= 0.3])
 
 
-def test_a_single_sample_is_no_stance():
+def test_a_single_sample_is_no_stance(monkeypatch):
+    monkeypatch.setattr(stance_module, "WINDOW_S", 0.005)
     recording = standing(1.0)
     shaken = recording.gyr + 1.0
     shaken[100] = 0.0
     with pytest.raises(DetectionError, match="no stance was found"):
-        detect_stances(replace(recording, gyr=shaken), StanceParameters("are", threshold=100.0, window_s=0.005))
+        detect_stances(replace(recording, gyr=shaken), StanceParameters("are", threshold=100.0))
 
 
 # footfalls

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from fg_nav.detection.stance import STATISTICS, StillnessNoise, threshold_at_rest
+from fg_nav.detection import stance
+from fg_nav.detection.stance import STATISTICS, threshold_at_rest
 from fg_nav.frames import GRAVITY_M_S2
 
-NOISE = StillnessNoise()
-S_A, S_W = NOISE.acc_m_s2, np.radians(NOISE.gyr_deg_s)
+S_A, S_W = stance.ACC_NOISE_M_S2, np.radians(stance.GYR_NOISE_DEG_S)
 
 
 def windowed(name, acc, gyr):
@@ -49,7 +49,7 @@ def resting(n, seed=0, tilt=(0.3, -0.5, 1.0)):
 @pytest.mark.parametrize("name", STATISTICS)
 def test_each_window_has_the_value_of_the_formula(name, window):
     acc, gyr = shaken(60)
-    ours = STATISTICS[name](acc, gyr, window, NOISE)
+    ours = STATISTICS[name](acc, gyr, window)
     padded = [np.pad(x, [(window // 2, window), (0, 0)], mode="edge") for x in (acc, gyr)]
     theirs = [windowed(name, *(x[i : i + window] for x in padded)) for i in range(len(acc))]
     np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-6)
@@ -61,8 +61,8 @@ def test_each_window_has_the_value_of_the_formula(name, window):
 def test_mounting_does_not_matter(name, rotvec, seed):
     acc, gyr = shaken(40, seed)
     turn = Rotation.from_rotvec(rotvec)
-    turned = STATISTICS[name](turn.apply(acc), turn.apply(gyr), 7, NOISE)
-    np.testing.assert_allclose(turned, STATISTICS[name](acc, gyr, 7, NOISE), rtol=1e-9, atol=1e-6)
+    turned = STATISTICS[name](turn.apply(acc), turn.apply(gyr), 7)
+    np.testing.assert_allclose(turned, STATISTICS[name](acc, gyr, 7), rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("rate", [0.5, 0.05, 0.002])
@@ -71,7 +71,7 @@ def test_mounting_does_not_matter(name, rotvec, seed):
 def test_a_threshold_is_a_false_alarm_rate(name, window, rate):
     windows = 8000
     acc, gyr = resting(windows * window, seed=window)
-    apart = STATISTICS[name](acc, gyr, window, NOISE)[window // 2 :: window]  # windows that share no sample
+    apart = STATISTICS[name](acc, gyr, window)[window // 2 :: window]  # windows that share no sample
     alarms = np.count_nonzero(apart > threshold_at_rest(name, window, rate))
     low, high = binom.interval(1 - 1e-5, len(apart), rate)
     assert low <= alarms <= high
@@ -82,20 +82,20 @@ def test_degrees_of_freedom(name, freedom):
     """A fitted direction of gravity costs SHOE two of its 30, a fitted mean costs MV three of its 15."""
     window, windows = 5, 20000
     acc, gyr = resting(windows * window, seed=3)
-    total = window * STATISTICS[name](acc, gyr, window, NOISE)[window // 2 :: window]
+    total = window * STATISTICS[name](acc, gyr, window)[window // 2 :: window]
     standard_error = np.sqrt(2 * freedom / windows)
     assert abs(total.mean() - freedom) < 4.5 * standard_error < 0.5
     assert total.var() == pytest.approx(2 * freedom, rel=0.1)
 
 
 @pytest.mark.parametrize("scale", [1, 10, 100])
-def test_the_law_of_the_fitted_direction_holds_far_beyond_sensor_noise(scale):
+def test_the_law_of_the_fitted_direction_holds_far_beyond_sensor_noise(scale, monkeypatch):
     """It is asymptotic in noise over gravity: at a hundred times the noise, a fifth of gravity, still good."""
     window, windows = 5, 20000
     rng = np.random.default_rng(4)
-    loud = StillnessNoise(acc_m_s2=scale * S_A)
+    monkeypatch.setattr(stance, "ACC_NOISE_M_S2", scale * S_A)
     acc = np.array([0.0, 0.0, GRAVITY_M_S2]) + scale * S_A * rng.standard_normal((windows * window, 3))
-    total = window * STATISTICS["shoe"](acc, np.zeros_like(acc), window, loud)[window // 2 :: window]
+    total = window * STATISTICS["shoe"](acc, np.zeros_like(acc), window)[window // 2 :: window]
     freedom = 3 * window - 2
     assert abs(total.mean() - freedom) < 4.5 * np.sqrt(2 * freedom / windows)
 
@@ -105,23 +105,23 @@ def test_what_a_statistic_does_not_use_does_not_matter(name, ignored):
     acc, gyr = shaken(40)
     other_acc, other_gyr = shaken(40, seed=9)
     changed = (other_acc, gyr) if ignored == "acc" else (acc, other_gyr)
-    np.testing.assert_array_equal(STATISTICS[name](*changed, 5, NOISE), STATISTICS[name](acc, gyr, 5, NOISE))
+    np.testing.assert_array_equal(STATISTICS[name](*changed, 5), STATISTICS[name](acc, gyr, 5))
 
 
 def test_the_moving_variance_does_not_see_a_steady_force_and_the_magnitude_does():
     acc, gyr = resting(200)
     pushed = acc + np.array([0.0, 0.0, 3.0])
-    np.testing.assert_allclose(STATISTICS["mv"](pushed, gyr, 9, NOISE), STATISTICS["mv"](acc, gyr, 9, NOISE), rtol=1e-6)
-    assert STATISTICS["mag"](pushed, gyr, 9, NOISE).min() > 100 * STATISTICS["mag"](acc, gyr, 9, NOISE).max()
+    np.testing.assert_allclose(STATISTICS["mv"](pushed, gyr, 9), STATISTICS["mv"](acc, gyr, 9), rtol=1e-6)
+    assert STATISTICS["mag"](pushed, gyr, 9).min() > 100 * STATISTICS["mag"](acc, gyr, 9).max()
 
 
 @pytest.mark.parametrize("name", STATISTICS)
 def test_a_shock_leaves_no_trace_behind(name):
     """Sliding sums must not carry the rounding of a large value along."""
     acc, gyr = resting(3000)
-    clean = STATISTICS[name](acc, gyr, 10, NOISE)
+    clean = STATISTICS[name](acc, gyr, 10)
     acc[100], gyr[100] = 2000.0, 70.0
-    np.testing.assert_allclose(STATISTICS[name](acc, gyr, 10, NOISE)[120:], clean[120:], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(STATISTICS[name](acc, gyr, 10)[120:], clean[120:], rtol=1e-4, atol=1e-4)
 
 
 def test_a_smaller_false_alarm_rate_has_a_higher_threshold():

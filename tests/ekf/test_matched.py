@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration import rolling_lever
+from fg_nav.calibration import estimate_lever
 from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.core import make_noise_models
 from fg_nav.ekf.matched import FACTOR_SPACING_S, FORCE_SHARE, MATCHED, MatchedParameters, run_matched
@@ -99,4 +99,4 @@ def test_it_needs_a_field_and_takes_the_lever_of_the_recording():
     recording, stances = Walk(strides=12, roll=0.4, height=0.09).recording()
     with pytest.raises(EstimationError, match="matched needs a magnetometer"):
         run_matched(recording, stances, None, MatchedParameters(find_parameters("ma2018").detector))
-    assert rolling_lever(recording, stances).lever[2] == pytest.approx(0.09, abs=0.02)
+    assert estimate_lever(recording, stances).lever[2] == pytest.approx(0.09, abs=0.02)

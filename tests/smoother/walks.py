@@ -10,7 +10,7 @@ import pytest
 from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration import rolling_lever
+from fg_nav.calibration import estimate_lever
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.factors import rolling_stance_factor
 from fg_nav.frames import levelled
@@ -122,7 +122,7 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: VelocityTies | No
     recording, stances = walk.recording, walk.stances
     rests = find_rests(recording, p.rest)
     bias = np.mean([rest.rate for rest in rests], axis=0) if rests else np.zeros(3)
-    lever = rolling_lever(recording, stances, p.lever).lever if p.known_lever is None else np.array(p.known_lever)
+    lever = estimate_lever(recording, stances).lever if p.known_lever is None else np.array(p.known_lever)
     nodes = place_nodes(recording, stances, p)
     start = levelled(recording.acc[stances.start[0] : stances.stop[0]].mean(axis=0))
     measurements = preintegrate(recording, nodes.sample, gtsam.imuBias.ConstantBias(np.zeros(3), bias), p)

@@ -7,8 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from fg_nav.calibration.ellipse_fit import EllipseParameters
-from fg_nav.calibration.walk_model import WalkCalibrationParameters
+from fg_nav.calibration.walk import WalkCalibrationParameters
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.lab.campaign.kept import Key
@@ -36,7 +35,7 @@ def settings_of(
 
     The walk is one of a scenario, perhaps the user's `own`, or `recorded` in files with sums and a way of `reading`.
     """
-    loop = reading.calibration if recorded else EllipseParameters()
+    loop = reading.calibration if recorded else None
     made_with: dict[str, Any] = {
         "method": parameters_of(key.method),
         "stances": StanceParameters(),
