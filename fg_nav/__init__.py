@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from fg_nav.errors import FgNavError
     from fg_nav.evaluation import evaluate
     from fg_nav.io import read
-    from fg_nav.magnetic.footfall_field import footfall_field
+    from fg_nav.magnetic.footfall_field import average_footfall_field
     from fg_nav.recording import Recording
     from fg_nav.smoother import smooth
     from fg_nav.solution import Solution
@@ -56,7 +56,7 @@ _HOME = {
     "Stances": "fg_nav.stances",
     "detect_stances": "fg_nav.detection",
     "evaluate": "fg_nav.evaluation",
-    "footfall_field": "fg_nav.magnetic.footfall_field",
+    "average_footfall_field": "fg_nav.magnetic.footfall_field",
     "read": "fg_nav.io",
     "run_iez": "fg_nav.ekf",
     "smooth": "fg_nav.smoother",
@@ -67,9 +67,9 @@ __all__ = [
     "Recording",
     "Solution",
     "Stances",
+    "average_footfall_field",
     "detect_stances",
     "evaluate",
-    "footfall_field",
     "read",
     "run_iez",
     "smooth",

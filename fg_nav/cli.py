@@ -556,10 +556,10 @@ def _options(
 ) -> Options:
     """What was asked for; refuses a preset or a detector that there is not, or that would have nothing to judge."""
     from fg_nav.ekf.presets import check_preset
-    from fg_nav.magnetic.quasi_static import DEFAULT, detector_named
+    from fg_nav.magnetic.quasi_static import DEFAULT, find_detector
     from fg_nav.session import Options
 
-    detector_named(detector or DEFAULT)
+    find_detector(detector or DEFAULT)
     check_preset(preset)
     if no_mag and detector is not None:
         raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")

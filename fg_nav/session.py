@@ -24,9 +24,8 @@ from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.evaluation.walked import WalkErrors, walk_errors
 from fg_nav.io import read, read_fixes, read_truth
-from fg_nav.magnetic import FieldVerdicts, FootfallField, footfall_field
-from fg_nav.magnetic.quasi_static import DEFAULT, detector_named, judge
-from fg_nav.magnetic.verdicts import QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
+from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, find_detector, judge_field
 from fg_nav.recording import Recording, Truth
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -190,13 +189,13 @@ def with_field(session: Session) -> Session:
     options = session.options
     if not options.use_magnetometer:
         return replace(session, unjudged="the magnetometer was left out, as told")
-    detector_named(options.field_detector)
+    find_detector(options.field_detector)
     try:
-        field = footfall_field(session.recording, session.stances, _heading(options) or 0.0)
+        field = average_footfall_field(session.recording, session.stances, _heading(options) or 0.0)
     except MagneticError as error:
         return replace(session, unjudged=str(error))
     try:
-        return replace(session, field=field, verdicts=judge(field, options.field_detector), unjudged="")
+        return replace(session, field=field, verdicts=judge_field(field, options.field_detector), unjudged="")
     except MagneticError as error:
         return replace(session, field=field, unjudged=str(error))
 

@@ -247,9 +247,9 @@ FILTER_MINUTES, FILTER_RATE_HZ = 30.0, 400.0
 def measure_filters(recording: Recording, repeats: int) -> list[Figure]:
     """Print what each filter costs, and return the figures."""
     stances = detect_stances(recording)
-    attitude = inertial_attitude(recording, stances)
+    attitude = integrate_attitude(recording, stances)
     mag = np.einsum("nji,j->ni", attitude, SITES["munich"].vector)
-    known = footfall_field(replace(recording, mag=mag), stances, nav_R_body=attitude)
+    known = average_footfall_field(replace(recording, mag=mag), stances, nav_R_body=attitude)
     figures = []
     for method in FILTERS:
         run = partial(run_filter, method, TUNED, recording, stances, known, 0.0)

@@ -62,8 +62,8 @@ from fg_nav.ekf import run_iez
 from fg_nav.errors import CalibrationError, OutputError
 from fg_nav.frames import wrap
 from fg_nav.io import read
-from fg_nav.magnetic import FieldVerdicts, FootfallField, footfall_field
-from fg_nav.magnetic.quasi_static import DETECTORS, judge
+from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
+from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
 from fg_nav.report import style
 
 OPENSHOE = ("openshoe 1", "openshoe 7", "openshoe 13")
@@ -132,8 +132,8 @@ def _judged(walk: walks.Walk) -> FieldWalk:
     recording = read(path)
     stances = detect_stances(recording)
     inertial = run_iez(walk.recording, walk.stances).nav_R_body
-    field = footfall_field(recording, stances, nav_R_body=inertial)
-    return FieldWalk(walk.name, field, {name: judge(field, name) for name in DETECTORS})
+    field = average_footfall_field(recording, stances, nav_R_body=inertial)
+    return FieldWalk(walk.name, field, {name: judge_field(field, name) for name in DETECTORS})
 
 
 def print_coverage(found: Sequence[FieldWalk]) -> None:
@@ -189,7 +189,7 @@ def shuffled(found: Sequence[FieldWalk], name: str, times: int, rng: np.random.G
         order = rng.permutation(len(walk.field))
         moved = (f.name for f in fields(walk.field) if f.name not in ("sample", "t"))
         mixed = {part: getattr(walk.field, part)[order] for part in moved}
-        passed.append(judge(replace(walk.field, **mixed), name).quasi_static)
+        passed.append(judge_field(replace(walk.field, **mixed), name).quasi_static)
         difference.append(walk.difference[order])
     return sum(p.sum() for p in passed) / times, _rms_deg(difference, passed)
 

@@ -49,7 +49,7 @@ from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters, sca
 from fg_nav.errors import OutputError
 from fg_nav.frames import heading_of
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -217,7 +217,7 @@ def _simulated(scenario: str, seed: int, rate_hz: float) -> Walked:
     at_footfalls = {}
     for name, recording in walks.items():
         assert np.array_equal(recording.gyr, first.gyr)  # a seed has the same steps and noise in every field
-        at_footfalls[name] = footfall_field(recording, stances, heading)
+        at_footfalls[name] = average_footfall_field(recording, stances, heading)
     there = truth.position[stances.stillest(first.gyr), :2]
     return Walked(replace(first, mag=None, truth=None), stances, at_footfalls, there, heading)
 

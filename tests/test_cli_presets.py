@@ -95,7 +95,7 @@ def test_as_printed_has_the_figures_of_the_papers() -> None:
     assert ma.compass_sigma_deg == pytest.approx(3.84, abs=0.01)  # 0.067 rad
     assert isinstance(zhang, AiezParameters)
     assert zhang.hdr_as_printed
-    assert not zhang.detector.laying.in_test
+    assert not zhang.detector.counts_drift
 
 
 def test_physical_believes_what_its_detector_of_the_same_name_passes() -> None:

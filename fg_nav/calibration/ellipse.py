@@ -23,7 +23,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
 from fg_nav.errors import CalibrationError
-from fg_nav.magnetic.compass import level_R_body
+from fg_nav.magnetic.compass import compute_level_R_body
 from fg_nav.wording import counted
 
 UNKNOWN_UT = 30.0
@@ -93,7 +93,7 @@ class Ellipse:
         """
         if not np.isfinite(self.covariance).all():
             raise CalibrationError(f"the ellipse {self.method} has no covariance: use fitted_ellipse.")
-        R = level_R_body(body_up)
+        R = compute_level_R_body(body_up)
         C = np.eye(3)
         C[:2, :2] = self.correction
         lift = self._lift(R)

@@ -32,7 +32,7 @@ from fg_nav.calibration.ellipse import Ellipse, footfalls_present, half_turn, ri
 from fg_nav.calibration.magnetometer import LEVEL_FIELD_UT, MagnetometerCalibration, check_strength, mean_up
 from fg_nav.calibration.quadric import LEAST_UT, Fit, distance, robust_fit, trimmed_quadric
 from fg_nav.errors import CalibrationError
-from fg_nav.magnetic.compass import heading_of_field
+from fg_nav.magnetic.compass import compute_field_heading
 from fg_nav.magnetic.footfall_field import FootfallField
 
 SIDE_FOOTFALLS = 5
@@ -130,7 +130,7 @@ def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
 
 def _check_round(corrected: Floats) -> None:
     """Refuse where no reading points over a wide arc, and name it by the headings that the foot did not have."""
-    heading = np.sort(heading_of_field(corrected))
+    heading = np.sort(compute_field_heading(corrected))
     gaps = np.diff(heading, append=heading[0] + 2 * np.pi)
     k = int(np.argmax(gaps))
     if gaps[k] > LARGEST_GAP_RAD:
@@ -194,7 +194,7 @@ def likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
     fit = _fit(readings)
     kept = readings[fit.kept]
     ellipse = _from_fit(fit.parameters, fit.covariance, fit.residual_uT, len(kept))
-    lack = _lack_of_fit(_distance(fit.parameters, kept), heading_of_field(ellipse.corrected(kept)))
+    lack = _lack_of_fit(_distance(fit.parameters, kept), compute_field_heading(ellipse.corrected(kept)))
     worse = max(1.0, lack / max(fit.residual_uT, LEAST_UT) ** 2)
     return replace(ellipse, covariance=worse * ellipse.covariance), fit.kept
 

@@ -29,7 +29,7 @@ from fg_nav.calibration.quadric import near
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 
 ON_FOOT = ("walk", "levelled")
@@ -128,7 +128,7 @@ def mean_direction_of_up(recording: Recording) -> float:
 
 
 def _on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
-    field = footfall_field(recording, detect_stances(recording))
+    field = average_footfall_field(recording, detect_stances(recording))
     found = calibrate_on_walk(field) if name == "walk" else ellipse_of_walk(field)[1]
     after = corrected_field(field, found)
     return found, Effect(_scatter(field.strength), _scatter(after.strength), _spread(field), _spread(after))

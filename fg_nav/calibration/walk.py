@@ -44,7 +44,7 @@ from fg_nav.calibration.walk_model import (
 )
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap
-from fg_nav.magnetic.compass import level_R_body
+from fg_nav.magnetic.compass import compute_level_R_body
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.wording import counted
 
@@ -331,7 +331,7 @@ def _mean_field(walk: Walk) -> Floats:
 def level_sum(up: Floats, vertical_uT: float) -> Floats:
     """(2, 9): what h and the six of S add up to over the ground, in levelled axes, where up is up in the body."""
     by_soft = np.stack([matrix_of(one) @ up for one in np.eye(6)], axis=1)
-    return np.asarray(level_R_body(up)[:2] @ np.hstack([np.eye(3), vertical_uT * by_soft]))
+    return np.asarray(compute_level_R_body(up)[:2] @ np.hstack([np.eye(3), vertical_uT * by_soft]))
 
 
 def _scales(residual: Floats, weight: Floats) -> Floats:

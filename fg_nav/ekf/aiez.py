@@ -48,7 +48,7 @@ from fg_nav.ekf.gated_compass import (
 from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import Detector, FieldVerdicts, FootfallField
-from fg_nav.magnetic.channels import OFFSET, Channel
+from fg_nav.magnetic.detectors import OFFSET, Channel
 from fg_nav.magnetic.quasi_static import DETECTORS, TOO_LITTLE
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
@@ -146,7 +146,7 @@ def make_aiez_measurements(field: FootfallField, steady: Floats, parameters: Aie
     return measure_compass(field, np.isfinite(steady), parameters)._replace(
         compass_limit=detector.threshold - steady,
         agreement=channel.sigma**2,
-        use_own_variance=detector.laying.in_test,
+        use_own_variance=detector.counts_drift,
         tilt_variance=np.full(n, np.radians(parameters.tilt_sigma_deg) ** 2),
         course_variance=np.full(n, np.radians(parameters.course_sigma_deg) ** 2),
         course_limit=float(np.radians(parameters.course_limit_deg)),

@@ -30,7 +30,7 @@ from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.quasi_static import Detector, judge
+from fg_nav.magnetic.quasi_static import Detector, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -83,7 +83,7 @@ def run_gated_compass(
     measured = require_field(field, method)
     compile_filter()
     began = perf_counter()
-    verdicts = judge(measured, parameters.detector)
+    verdicts = judge_field(measured, parameters.detector)
     pseudo = measure_compass(measured, verdicts.quasi_static, parameters)
     track, start = filter_with_compass(recording, stances, measured, parameters, heading, pseudo)
     return make_compass_solution(recording, stances, track, start, verdicts, parameters, method, began)

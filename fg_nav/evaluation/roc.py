@@ -50,7 +50,7 @@ from scipy.stats import t as student_t
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap
-from fg_nav.magnetic.compass import inclination_of
+from fg_nav.magnetic.compass import compute_inclination
 
 LEVEL = 0.9
 """Of bands, where nothing else is said."""
@@ -284,7 +284,7 @@ def field_change(nav_field: Floats, window: int) -> FieldChange:
     return FieldChange(
         vector_uT=_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1)),
         heading=_largest(_bearing(nav_field), window, lambda a, b: np.abs(wrap(a - b))),
-        inclination=_largest(inclination_of(nav_field), window, lambda a, b: np.abs(a - b)),
+        inclination=_largest(compute_inclination(nav_field), window, lambda a, b: np.abs(a - b)),
         strength_uT=_largest(strength, window, lambda a, b: np.abs(a - b)),
     )
 

@@ -16,8 +16,9 @@ With H the horizontal strength and psi the heading, north lies psi to the left o
 
     level_field = (H cos psi, H sin psi, -H tan I),    psi = atan2(y, x),    I = atan2(-z, H).
 
-This is what Ma et al. (2018, Eq. 1-5) and Zhang et al. (AIEZ, Eq. 19-25) mean, each in axes of its own;
-`tests.magnetic.printed` has their equations, as printed and as they must be.
+These are Ma (1)-(5) and AIEZ (19)-(25), each of which has axes of its own: the levelling of Ma (3)-(5) is right with an
+accelerometer that reads (0, 0, -g) at rest, that of AIEZ (19)-(24) with (0, 0, +g); the heading of Ma (1) and AIEZ (25)
+has the wrong sign, half of the circle, and for AIEZ the declination's sign. docs/equations.md lists them.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from fg_nav.arrays import Floats
 from fg_nav.frames import wrap
 
 
-def level_R_body(body_up: Floats) -> Floats:
-    """Turn (..., 3, 3) from the body frame to levelled axes, from the direction of up (..., 3) in the body frame.
+def compute_level_R_body(body_up: Floats) -> Floats:
+    """Rotation (..., 3, 3) to levelled axes from the body frame, by the direction of up (..., 3) in the body frame.
 
     The body's x axis must not be vertical: over the ground it then has no direction.
     """
@@ -39,21 +40,21 @@ def level_R_body(body_up: Floats) -> Floats:
     return np.stack([forward, np.cross(up, forward), up], axis=-2)
 
 
-def levelled_field(body_field: Floats, body_up: Floats) -> Floats:
-    """Field (..., 3) uT in levelled axes."""
-    return np.asarray(np.einsum("...ij,...j->...i", level_R_body(body_up), body_field))
+def rotate_to_level(body_field: Floats, body_up: Floats) -> Floats:
+    """Field (..., 3) uT in levelled axes: Ma (3), (5), AIEZ (23), (24)."""
+    return np.asarray(np.einsum("...ij,...j->...i", compute_level_R_body(body_up), body_field))
 
 
-def heading_of_field(level_field: Floats) -> Floats:
-    """Magnetic heading (...,) rad of the body's x axis, clockwise from magnetic north."""
+def compute_field_heading(level_field: Floats) -> Floats:
+    """Magnetic heading (...,) rad of the body's x axis, clockwise from magnetic north: Ma (1), AIEZ (25)."""
     return np.asarray(np.arctan2(level_field[..., 1], level_field[..., 0]))
 
 
-def true_heading(magnetic_heading: Floats, declination: float) -> Floats:
+def compute_true_heading(magnetic_heading: Floats, declination: float) -> Floats:
     """Heading (...,) rad clockwise from true north, from that of the compass; `declination` rad, east positive."""
     return wrap(magnetic_heading + declination)
 
 
-def inclination_of(up_field: Floats) -> Floats:
-    """Inclination (...,) rad of a field (..., 3) in any axes whose third is up."""
+def compute_inclination(up_field: Floats) -> Floats:
+    """Inclination (...,) rad of a field (..., 3) in any axes whose third is up: Ma (2)."""
     return np.asarray(np.arctan2(-up_field[..., 2], np.linalg.norm(up_field[..., :2], axis=-1)))

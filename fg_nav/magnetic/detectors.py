@@ -1,22 +1,43 @@
 r"""A detector of the quasi-static field: channels, a window, a form that makes one number of them, a threshold.
 
+Channels are signals, one value a footfall. A *value* is whatever it is, and its changes from footfall to footfall are
+tested; a *zero* should be zero at every footfall and is tested as it stands.
+
+====================== ===== ===== ==========================================================================
+signal                 kind  unit  definition
+====================== ===== ===== ==========================================================================
+strength               value uT    |B|                                              (Ma (13) s^B, QSF)
+inclination            value rad   of the field below the horizon                   (Ma (13) s^I)
+magnetic heading       value rad   of the body, by the compass                      (iQSF)
+gyro heading           value rad   of the body, by the gyroscope                    (iQSF)
+heading difference     value rad   compass minus gyroscope                          (Ma (13) s^theta)
+heading offset         zero  rad   compass minus inertial heading, that one aligned with the compass (AIEZ (9))
+strength rate          zero  uT/s  slope of |B| within the stance                   (AIEZ (9), QSF)
+====================== ===== ===== ==========================================================================
+
+Ma's text wants the *change* of the heading difference, the equation after Ma (13) the difference itself: the one is
+`heading difference`, the other `heading offset`. AIEZ (9) has the norm of the rate of the field *vector*, which is that
+of any turn of the sensor; the slope of its norm is none of that.
+
 At footfall k the window holds the last N changes of each channel c (the N + 1 last footfalls; of a *zero*, the N last):
-it ends at the footfall judged, so that a verdict never waits. With x the values, y the changes, all over sigma:
+it ends at the footfall tested, so that a verdict never waits. With x the values, y the changes, all over sigma:
 
 =============== ====================================================================== ==========================
 form            statistic T                                                            source
 =============== ====================================================================== ==========================
 chi squared     sum_c sum_k (x_k - mean x)^2                 (a zero: sum_k x_k^2)      ours
-sum of squares  (1/N) sum_c sum_k y_k^2                                                AIEZ Eq. 17; Afzal's QSF
-squared sums    (1/N) sum_c (sum_k |y_k|)^2                                            Ma Eq. 26, absolutes as printed
+sum of squares  (1/N) sum_c sum_k y_k^2                                                AIEZ (17); Afzal's QSF
+squared sums    (1/N) sum_c (sum_k |y_k|)^2                                            Ma (26), absolutes as printed
 =============== ====================================================================== ==========================
 
-The field passes where T < threshold.
+The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) and AIEZ (8), (10)-(18), whose densities
+Ma (16)-(21) and AIEZ (12)-(15) need powers of 1/2 and N/2 in place of those printed; the ratio is the same.
 
-Why another form. Changes of values that scatter independently are correlated by -1/2 from one to the next (MA(1)), so
-their squares do not add up to a chi squared: a sum of N of them has the variance of two values, not of 2 N. Testing
-the values themselves for being one and the same does: T is chi squared with N degrees of freedom a channel, exactly,
-while the field stands still. A slow change, missed by every single difference, is seen across the window.
+Reason for another form. Changes of values that scatter independently are correlated by -1/2 from one to the next
+(MA(1)), so their squares do not add up to a chi squared, against Ma (14): a sum of N of them has the variance of two
+values, not of 2 N. A test of the values themselves for being one and the same does: T is chi squared with N degrees of
+freedom a channel, exactly, while the field stands still. A slow change, missed by every single difference, is seen
+across the window.
 
 Threshold. Ma's P_FA is the probability that a field passes which is *not* quasi-static. It needs a meaning of "not": a
 channel's `matters`, the change spread evenly over the window that has to be rejected (of a zero: its lasting value).
@@ -25,17 +46,24 @@ T is then noncentral chi squared with
     lambda = min over channels of (matters / sigma)^2 s,   s = sum_j (j/N - 1/2)^2 = (N + 1)(N + 2) / (12 N);
                                                            of a zero, s = N;
 
-and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma's Eq. 23
-for P_FA cannot be computed: the density it integrates has the estimate of the very data in it.
+and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma (23)
+for P_FA cannot be computed: the density it integrates depends on the estimate from the same data.
 
 These rates are those of the channels' own sigmas. Where a footfall's is greater (the standard error of a short stance's
 slope, the drift of an inertial heading in the test of a heading offset), P_D is the same and more of what matters
 passes than the false-alarm rate says.
+
+Alignment of the heading, for a heading offset. The difference of inertial heading and compass is followed by a scalar
+Kalman filter: its first value is the mean of the first `ALIGNMENT_FOOTFALLS`, which are not tested, it is updated at
+each footfall that passes, and left alone where the field is rejected. Two limits follow. A walk that begins in a wrong
+field is tested against that field. And while the field is rejected the test widens with the drift, so that a lasting
+deviation is accepted in the end: the sooner, the less it exceeds what matters.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -43,34 +71,90 @@ from scipy.stats import chi2, ncx2
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
-from fg_nav.magnetic.channels import OFFSET, Channel
+from fg_nav.magnetic.footfall_field import FootfallField
+
+FALSE_ALARM_RATE = 0.05
+"""Share of the fields that change by what matters and pass all the same, where no threshold is fixed."""
+
+ALIGNMENT_FOOTFALLS = 3
+"""Footfalls whose mean aligns the inertial heading with the compass; they are not tested."""
+
+HEADING_DRIFT = float(np.deg2rad(0.2))
+"""Random walk of the inertial heading, rad/sqrt(s). 0.2 deg after 1 s is 1.5 deg after a minute: more than the
+gyroscopes of the simulated walks drift, whose bias a rest has shown."""
 
 Form: TypeAlias = Literal["chi squared", "sum of squares", "squared sums"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
+OFFSET = "heading offset"
+"""The one signal that depends on earlier verdicts."""
+
 
 @dataclass(frozen=True)
-class Laying:
-    """How the inertial heading is laid on the compass, and how far the test trusts it; for a heading offset only.
+class Signal:
+    """Quantity `of` a footfall field (F,), its `unit` for people and how many of these a unit is."""
 
-    Their difference is followed by a scalar Kalman filter: begun with the mean of the first footfalls, corrected at
-    each footfall that passes, and left alone where the field is rejected. Two limits follow. A walk that begins in a
-    field that is wrong is judged by that field. And while the field is rejected the test widens with the drift, so that
-    a lasting deviation is believed in the end: the sooner, the less it exceeds what matters.
+    of: Callable[[FootfallField], Floats]
+    unit: str
+    scale: float
+    angle: bool
+    value: bool
+
+
+def _make_angle(of: Callable[[FootfallField], Floats], value: bool = True) -> Signal:
+    return Signal(of, "deg", float(np.degrees(1.0)), True, value)
+
+
+SIGNALS: Mapping[str, Signal] = {
+    "strength": Signal(lambda field: field.strength, "uT", 1.0, False, True),
+    "inclination": _make_angle(lambda field: field.inclination),
+    "magnetic heading": _make_angle(lambda field: field.magnetic_heading),
+    "gyro heading": _make_angle(lambda field: field.gyro_heading),
+    "heading difference": _make_angle(lambda field: field.heading_difference),
+    OFFSET: _make_angle(lambda field: field.heading_difference, value=False),
+    "strength rate": Signal(lambda field: field.strength_rate, "uT/s", 1.0, False, False),
+}
+"""All signals by name."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A signal and what is expected of it.
 
     Attributes
     ----------
-    first : footfalls that begin it, which are not judged; 0 where the inertial heading is known and counted from
-        magnetic north, for the laying begins with no offset and no doubt of it.
-    drift : rad/sqrt(s), random walk of the inertial heading. 0.2 deg after 1 s is 1.5 deg after a minute: more than the
-        gyroscopes of the simulated walks drift, whose bias a rest has told.
-    in_test : test against S = P + sigma^2 (a Kalman filter's innovation); False for sigma^2 alone, as AIEZ prints it,
-        which rejects for ever once the drift exceeds sqrt(threshold) sigma.
+    name : of the signal, one of `SIGNALS`.
+    sigma : rad, uT or uT/s; of one footfall's value, or, in a form as printed, of what that form squares. To a strength
+        rate the standard error of each slope is added, as variances add.
+    matters : rad, uT or uT/s, the least change over the window (of a zero: the least lasting value) that a detector is
+        to reject; only needed for a threshold from a false-alarm rate.
     """
 
-    first: int = 3
-    drift: float = float(np.deg2rad(0.2))
-    in_test: bool = True
+    name: str
+    sigma: float
+    matters: float = float("nan")
+
+    def __post_init__(self) -> None:
+        if self.name not in SIGNALS:
+            raise MagneticError(f"there is no channel '{self.name}': choose one of {', '.join(SIGNALS)}.")
+        if not self.sigma > 0.0 or not np.isfinite(self.sigma):
+            raise MagneticError(f"the sigma of channel '{self.name}' must be positive, not {self.sigma}.")
+
+    @property
+    def signal(self) -> Signal:
+        """The signal of this name."""
+        return SIGNALS[self.name]
+
+    def values(self, field: FootfallField) -> Floats:
+        """(F,) rad, uT or uT/s; NaN where there was no field. Angles are not unwrapped."""
+        value = self.signal.of(field)
+        return np.asarray(np.where(np.isfinite(field.strength), value, np.nan))
+
+    def sigmas(self, field: FootfallField) -> Floats:
+        """(F,) standard deviation of each value; NaN where it is unknown."""
+        if self.name != "strength rate":
+            return np.full(len(field), self.sigma)
+        return np.asarray(np.hypot(self.sigma, field.strength_rate_sigma))
 
 
 @dataclass(frozen=True)
@@ -82,19 +166,18 @@ class Detector:
     name : for people and for `DETECTORS`.
     channels : at least one.
     form : how they become one statistic.
-    window : N, changes from footfall to footfall that are looked at; for zeros alone, footfalls.
-    false_alarm_rate : of a field that changes by what matters; not used where a threshold is fixed.
+    window : N, changes from footfall to footfall that are tested; for zeros alone, footfalls.
     fixed_threshold : of the statistic, or None for that of the false-alarm rate.
-    laying : of a heading offset.
+    counts_drift : of a heading offset: test against S = P + sigma^2 (a Kalman filter's innovation); False for sigma^2
+        alone, AIEZ (17) as printed, which rejects for ever once the drift exceeds sqrt(threshold) sigma.
     """
 
     name: str
     channels: tuple[Channel, ...]
     form: Form = "chi squared"
     window: int = 3
-    false_alarm_rate: float = 0.05
     fixed_threshold: float | None = None
-    laying: Laying = Laying()
+    counts_drift: bool = True
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -103,22 +186,8 @@ class Detector:
             raise MagneticError(f"there is no form '{self.form}' of a detector: choose one of {', '.join(FORMS)}.")
         if self.window < 1:
             raise MagneticError(f"the window of detector '{self.name}' must be at least 1, not {self.window}.")
-        if not 0.0 < self.false_alarm_rate < 1.0:
-            raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {self.false_alarm_rate}.")
         if self.fixed_threshold is not None and not self.fixed_threshold > 0.0:
             raise MagneticError(f"the threshold of a detector must be positive, not {self.fixed_threshold}.")
-
-    def with_false_alarm_rate(self, rate: float) -> Detector:
-        """Return the same detector with the threshold of this false-alarm rate; chi squared only."""
-        return replace(self, false_alarm_rate=rate, fixed_threshold=None)
-
-    def with_threshold(self, threshold: float) -> Detector:
-        """Return the same detector with this threshold."""
-        return replace(self, fixed_threshold=threshold)
-
-    def with_window(self, window: int) -> Detector:
-        """Return the same detector with a window of so many changes; a fixed threshold stays what it is."""
-        return replace(self, window=window)
 
     @property
     def changing(self) -> Bools:
@@ -127,7 +196,7 @@ class Detector:
 
     @property
     def rows(self) -> int:
-        """Footfalls that a verdict looks at."""
+        """Footfalls that a verdict uses."""
         return self.window + bool(self.changing.any())
 
     @property
@@ -136,9 +205,9 @@ class Detector:
         return next((c for c, channel in enumerate(self.channels) if channel.name == OFFSET), None)
 
     @property
-    def spent(self) -> int:
-        """Footfalls that only begin the laying of a heading offset, and are not judged."""
-        return 0 if self.offset_column is None else self.laying.first
+    def alignment_footfalls(self) -> int:
+        """Footfalls that only align the heading of a heading offset, and are not judged."""
+        return 0 if self.offset_column is None else ALIGNMENT_FOOTFALLS
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -160,32 +229,36 @@ class Detector:
         MagneticError
             Where none is fixed, for a form that is not chi squared or a channel that does not say what matters.
         """
-        if self.fixed_threshold is not None:
-            return self.fixed_threshold
-        self._must_be_chi_squared()
+        return self.find_threshold(FALSE_ALARM_RATE) if self.fixed_threshold is None else self.fixed_threshold
+
+    def find_threshold(self, false_alarm_rate: float) -> float:
+        """Threshold at which this share of the fields that change by what matters passes; raises as `threshold`."""
+        if not 0.0 < false_alarm_rate < 1.0:
+            raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {false_alarm_rate}.")
+        self._require_chi_squared()
         if not np.isfinite(self.noncentrality):
             raise MagneticError(f"detector '{self.name}' does not say which changes matter: fix its threshold.")
-        return float(ncx2.ppf(self.false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
+        return float(ncx2.ppf(false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
 
     @property
     def detection_rate(self) -> float:
         """P_D, the share of static fields that pass; raises `MagneticError` for a form that is not chi squared."""
-        self._must_be_chi_squared()
+        self._require_chi_squared()
         return float(chi2.cdf(self.threshold, self.degrees_of_freedom))
 
-    def _must_be_chi_squared(self) -> None:
+    def _require_chi_squared(self) -> None:
         if self.form != "chi squared":
             raise MagneticError(
                 f"the form '{self.form}' of detector '{self.name}' has no distribution to take a rate from: "
                 "fix its threshold, or choose 'chi squared'."
             )
 
-    def statistic(self, window: Floats) -> Floats:
+    def compute_statistic(self, window: Floats) -> Floats:
         """T (...,) of windows (..., C, rows) of the channels' values over their sigmas, angles unwrapped."""
-        return np.asarray(self.parts(window).sum(axis=-1))
+        return np.asarray(self.compute_parts(window).sum(axis=-1))
 
-    def parts(self, window: Floats) -> Floats:
-        """(..., C) what each channel adds to T; `window` as in `statistic`."""
+    def compute_parts(self, window: Floats) -> Floats:
+        """(..., C) each channel's part of T; `window` as in `compute_statistic`."""
         latest = window[..., -self.window :]
         if self.form == "chi squared":
             about_mean = window - window.mean(axis=-1, keepdims=True)

@@ -1,7 +1,7 @@
 """Where the field of a recording is disturbed, sample by sample: for a sensor that never stands, as in a pocket.
 
-Munoz Diaz (2017) gates the differential magnetic field update by a detector that she takes from her reference 26, which
-was not to be had. What follows is ours, on the one signal that an unknown attitude leaves: the strength |B|.
+MD (16) is gated by a detector of the paper's reference 26, which was not available. What follows is ours, on
+the one signal that an unknown attitude leaves: the strength |B|.
 
 Over a window that ends at the sample, of n samples of |B| with standard deviation sigma,
 
@@ -21,55 +21,55 @@ a gap, the window is shorter than it should be, and is judged as if all of a cha
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import chi2, ncx2
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import MagneticError
-from fg_nav.magnetic.verdicts import OverThreshold
+from fg_nav.magnetic.quasi_static import OverThreshold
 from fg_nav.recording import Recording
 
 FEWEST = 3
-"""Samples of the field in a window without which it is not judged."""
+"""Samples of the field in a window; with fewer it is not judged."""
 
 
-@dataclass(frozen=True)
-class DisturbanceParameters:
-    """What is taken for a disturbance.
+WINDOW_S = 1.0
+"""s; a walker passes a lamp or a car in one to three seconds."""
 
-    Attributes
-    ----------
-    window_s : s, the time looked back on; a walker passes a lamp or a car in one to three seconds.
-    sigma_uT : of one sample of |B|; noise and what a calibration leaves as the sensor turns. The simulated MTw has
-        0.11 uT of the one; a percent of soft iron would be 0.3 uT of the other, and has to be allowed for here.
-    matters_uT : least change over the window that is to be rejected; 0.5 uT across the field turns it by half a degree
-        in 48 uT.
-    false_alarm_rate : share of such changes that pass all the same.
-    """
+SIGMA_UT = 0.15
+"""uT, of one sample of |B|: noise and the residual of a calibration as the sensor turns. The simulated MTw has 0.11 uT
+of the one; a percent of soft iron would be 0.3 uT of the other, and has to be allowed for here."""
 
-    window_s: float = 1.0
-    sigma_uT: float = 0.15
-    matters_uT: float = 0.5
-    false_alarm_rate: float = 0.05
+MATTERS_UT = 0.5
+"""uT, least change over the window that is to be rejected; 0.5 uT across a field of 48 uT turns it by half a degree."""
 
-    def __post_init__(self) -> None:
-        for name in ("window_s", "sigma_uT", "matters_uT"):
-            value = getattr(self, name)
-            if not value > 0.0 or not np.isfinite(value):
-                raise MagneticError(f"{name} of the disturbance detector must be positive, not {value}.")
-        if not 0.0 < self.false_alarm_rate < 1.0:
-            raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {self.false_alarm_rate}.")
+FALSE_ALARM_RATE = 0.05
+"""Share of such changes that pass all the same."""
 
-    def threshold(self, count: int) -> float:
-        """Of the statistic, with so many samples in the window."""
-        noncentrality = (self.matters_uT / self.sigma_uT) ** 2 * count * (count + 1) / (12 * (count - 1))
-        return float(ncx2.ppf(self.false_alarm_rate, count - 1, noncentrality))
+SETTINGS: Mapping[str, float] = MappingProxyType(
+    {
+        "window_s": WINDOW_S,
+        "sigma_uT": SIGMA_UT,
+        "matters_uT": MATTERS_UT,
+        "false_alarm_rate": FALSE_ALARM_RATE,
+    }
+)
+"""These four for a file of results."""
 
-    def detection_rate(self, count: int) -> float:
-        """P_D, the share of still fields that pass, with so many samples in the window."""
-        return float(chi2.cdf(self.threshold(count), count - 1))
+
+def find_threshold(count: int) -> float:
+    """Threshold of the statistic with so many samples in the window."""
+    noncentrality = (MATTERS_UT / SIGMA_UT) ** 2 * count * (count + 1) / (12 * (count - 1))
+    return float(ncx2.ppf(FALSE_ALARM_RATE, count - 1, noncentrality))
+
+
+def compute_detection_rate(count: int) -> float:
+    """P_D, the share of still fields that pass, with so many samples in the window."""
+    return float(chi2.cdf(find_threshold(count), count - 1))
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Disturbance(OverThreshold):
     statistic: Floats
 
 
-def judge_samples(recording: Recording, parameters: DisturbanceParameters = DisturbanceParameters()) -> Disturbance:
+def judge_samples(recording: Recording) -> Disturbance:
     """Judge the field at each sample by the window that ends there.
 
     Raises
@@ -94,27 +94,25 @@ def judge_samples(recording: Recording, parameters: DisturbanceParameters = Dist
     """
     if recording.mag is None:
         raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
-    scatter, count = _scatter(recording.t, np.linalg.norm(recording.mag, axis=1), parameters.window_s)
+    scatter, count = _compute_scatter(recording.t, np.linalg.norm(recording.mag, axis=1))
     if not (count >= FEWEST).any():
-        raise MagneticError(
-            f"no {parameters.window_s:g} s of the recording have {FEWEST} samples of the field: make the window longer."
-        )
+        raise MagneticError(f"no {WINDOW_S:g} s of the recording have {FEWEST} samples of the field: record it faster.")
     threshold = np.full(count.max() + 1, np.nan)
     for n in np.unique(count[count >= FEWEST]):
-        threshold[n] = parameters.threshold(int(n))
-    return Disturbance(scatter / parameters.sigma_uT**2 / threshold[count])
+        threshold[n] = find_threshold(int(n))
+    return Disturbance(scatter / SIGMA_UT**2 / threshold[count])
 
 
-def _scatter(t: Floats, strength: Floats, window_s: float) -> tuple[Floats, Ints]:
+def _compute_scatter(t: Floats, strength: Floats) -> tuple[Floats, Ints]:
     """Sum of squares about the mean (N,) uT^2 of the window that ends at each sample, and its samples (N,)."""
     fresh = np.isfinite(strength)
     value = np.where(fresh, strength - (np.median(strength[fresh]) if fresh.any() else 0.0), 0.0)
-    count, total, squares = (_sums(x, t, window_s) for x in (fresh.astype(np.float64), value, value**2))
+    count, total, squares = (_sum_windows(x, t) for x in (fresh.astype(np.float64), value, value**2))
     scatter = squares - total**2 / np.maximum(count, 1.0)
     return np.maximum(scatter, 0.0), np.rint(count).astype(np.int64)
 
 
-def _sums(x: Floats, t: Floats, window_s: float) -> Floats:
-    """Sum over the samples later than `window_s` before each, itself included."""
+def _sum_windows(x: Floats, t: Floats) -> Floats:
+    """Sum over the samples later than `WINDOW_S` before each, itself included."""
     total = np.concatenate([[0.0], np.cumsum(x)])
-    return np.asarray(total[1:] - total[np.searchsorted(t, t - window_s, side="right")])
+    return np.asarray(total[1:] - total[np.searchsorted(t, t - WINDOW_S, side="right")])

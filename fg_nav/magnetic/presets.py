@@ -27,17 +27,16 @@ from types import MappingProxyType
 import numpy as np
 from scipy.stats import chi2
 
-from fg_nav.magnetic.channels import OFFSET, Channel
-from fg_nav.magnetic.detectors import Detector, Form, Laying
+from fg_nav.magnetic.detectors import OFFSET, Channel, Detector, Form
 
 
-def _degrees(name: str, sigma: float, matters: float) -> Channel:
+def _make_channel(name: str, sigma: float, matters: float) -> Channel:
     return Channel(name, float(np.deg2rad(sigma)), float(np.deg2rad(matters)))
 
 
 _STRENGTH = Channel("strength", sigma=0.375, matters=3.0)
-_INCLINATION = _degrees("inclination", sigma=0.5, matters=4.0)
-_DIFFERENCE = _degrees("heading difference", sigma=1.0, matters=8.0)
+_INCLINATION = _make_channel("inclination", sigma=0.5, matters=4.0)
+_DIFFERENCE = _make_channel("heading difference", sigma=1.0, matters=8.0)
 _STRENGTH_RATE = Channel("strength rate", sigma=0.5, matters=2.5)
 
 MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH = 0.067, 0.054, 0.535
@@ -47,23 +46,30 @@ _MA_STRENGTH = Channel("strength", MA_SIGMA_STRENGTH)
 _MA_INCLINATION = Channel("inclination", MA_SIGMA_INCLINATION)
 
 
-def _printed(name: str, form: Form, window: int, channels: tuple[Channel, ...], laying: Laying = Laying()) -> Detector:
+def _make_printed(
+    name: str, form: Form, window: int, channels: tuple[Channel, ...], counts_drift: bool = True
+) -> Detector:
     """As printed, with a threshold at the 99 % quantile of N C independent squares."""
     quantile = float(chi2.ppf(0.99, window * len(channels))) / window
-    return Detector(name, channels, form, window, fixed_threshold=quantile, laying=laying)
+    return Detector(name, channels, form, window, fixed_threshold=quantile, counts_drift=counts_drift)
 
 
 _ALL = (
     Detector("qsf", (_STRENGTH,)),
     Detector(
         "iqsf",
-        (_STRENGTH, _INCLINATION, _degrees("magnetic heading", 3.0, 20.0), _degrees("gyro heading", 3.0, 20.0)),
+        (
+            _STRENGTH,
+            _INCLINATION,
+            _make_channel("magnetic heading", 3.0, 20.0),
+            _make_channel("gyro heading", 3.0, 20.0),
+        ),
     ),
     Detector("ma2018", (_DIFFERENCE, _INCLINATION, _STRENGTH)),
-    Detector("aiez", (_degrees(OFFSET, 2.5, 10.0), _STRENGTH_RATE), window=1),
+    Detector("aiez", (_make_channel(OFFSET, 2.5, 10.0), _STRENGTH_RATE), window=1),
     Detector("qsf-stance", (_STRENGTH_RATE,), window=1),
-    _printed("qsf-printed", "sum of squares", 3, (_MA_STRENGTH,)),
-    _printed(
+    _make_printed("qsf-printed", "sum of squares", 3, (_MA_STRENGTH,)),
+    _make_printed(
         "iqsf-printed",
         "sum of squares",
         3,
@@ -81,12 +87,12 @@ _ALL = (
         window=3,
         fixed_threshold=170.0,
     ),
-    _printed(
+    _make_printed(
         "aiez-printed",
         "sum of squares",
         1,
         (Channel(OFFSET, float(np.deg2rad(10.0))), Channel("strength rate", 0.5)),
-        Laying(in_test=False),
+        counts_drift=False,
     ),
 )
 

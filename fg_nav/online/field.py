@@ -24,8 +24,7 @@ from gtsam.symbol_shorthand import M, X
 from fg_nav.arrays import Floats
 from fg_nav.factors import guarded_factor
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.quasi_static import NO_FIELD
-from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN
 from fg_nav.smoother.field_noise import FieldRoughness, robust_sigma
 from fg_nav.smoother.field_parameters import FieldParameters
 from fg_nav.smoother.field_rounds import LEAST_SIGMA_UT, reason_of, roughness_of

@@ -1,7 +1,7 @@
 """What a stride of a walk in progress shows of the field: footfall and way, on the window of the stride.
 
-By `footfall_field` and `field_way`, as in batch. Their trajectory is that of the stride as it is known without its
-field: where it is and which way it heads makes no difference.
+By `average_footfall_field` and `field_way`, as in batch. Their trajectory is that of the stride as it is known without
+its field: where it is and which way it heads makes no difference.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
-from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.online.field import Seen
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense import Trajectory
@@ -42,6 +42,6 @@ def seen_on(recording: Recording, stances: Stances, track: Trajectory, up_uT: fl
 
 def _at_footfall(recording: Recording, stances: Stances, track: Trajectory) -> Floats:
     try:
-        return np.asarray(footfall_field(recording, stances, nav_R_body=track.nav_R_body).body_field[1])
+        return np.asarray(average_footfall_field(recording, stances, nav_R_body=track.nav_R_body).body_field[1])
     except MagneticError:
         return np.full(3, np.nan)

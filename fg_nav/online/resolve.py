@@ -17,8 +17,8 @@ from gtsam.symbol_shorthand import M, X
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
 from fg_nav.errors import MagneticError
-from fg_nav.magnetic import FootfallField, footfall_field
-from fg_nav.magnetic.verdicts import UNKNOWN
+from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.online.field import OnlineField, field_factors, turned
 from fg_nav.online.ties import GraphTies
 from fg_nav.recording import Recording
@@ -138,7 +138,7 @@ def field_seen(
     if not use_field or recording.mag is None:
         return None, ""
     try:
-        return footfall_field(recording, stances, heading or 0.0), ""
+        return average_footfall_field(recording, stances, heading or 0.0), ""
     except MagneticError as error:
         return None, str(error)
 

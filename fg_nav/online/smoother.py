@@ -23,7 +23,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.frames import heading_of
-from fg_nav.magnetic.verdicts import UNKNOWN
+from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.backend import Backend
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar

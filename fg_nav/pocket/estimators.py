@@ -26,7 +26,7 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.dead_reckoning import ReckoningParameters, Way, directions, reckon
 from fg_nav.pocket.ekf import estimate_pocket
 from fg_nav.pocket.parameters import PocketParameters

@@ -14,7 +14,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import levelled
-from fg_nav.magnetic.compass import heading_of_field, true_heading
+from fg_nav.magnetic.compass import compute_field_heading, compute_true_heading
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.recording import Recording
 from fg_nav.start import LEAST_FORCE_M_S2
@@ -84,8 +84,8 @@ def compass_start(
         )
     east, north, up = start.nav_R_body @ np.nanmean(mag, axis=0)
     # levelled with heading 0 the axis that tells the heading points north: x is ahead, and y to its left is west
-    heading = heading_of_field(np.array([north, -east, up]))
-    return level_start(recording, parameters, float(true_heading(heading, declination)), heading_sigma)
+    heading = compute_field_heading(np.array([north, -east, up]))
+    return level_start(recording, parameters, float(compute_true_heading(heading, declination)), heading_sigma)
 
 
 def field_noise_uT(recording: Recording, least_uT: float = PocketParameters().mag_sigma_uT) -> float:

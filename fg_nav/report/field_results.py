@@ -18,8 +18,8 @@ from rich.table import Table
 
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import FieldVerdicts
-from fg_nav.magnetic.disturbance import DisturbanceParameters
-from fg_nav.magnetic.quasi_static import detector_named
+from fg_nav.magnetic.disturbance import SETTINGS
+from fg_nav.magnetic.quasi_static import find_detector
 from fg_nav.report.field_survey import SAMPLEWISE, Coverage, FieldSurvey
 from fg_nav.report.results import recording_facts, remarks, write_json
 from fg_nav.report.terminal import console, print_place, ruled_table
@@ -80,7 +80,7 @@ def _of_detector(found: Coverage, verdicts: FieldVerdicts) -> dict[str, object]:
         "longest_run": found.longest_run,
         "change_deg": found.change_deg,
         "change_all_deg": found.change_all_deg,
-        "parameters": DisturbanceParameters() if found.detector == SAMPLEWISE else detector_named(found.detector),
+        "parameters": SETTINGS if found.detector == SAMPLEWISE else find_detector(found.detector),
     }
 
 

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.magnetic.disturbance import Disturbance, DisturbanceParameters, judge_samples
+from fg_nav.magnetic.disturbance import SETTINGS, WINDOW_S, Disturbance, judge_samples
 from fg_nav.recording import Recording
 from fg_nav.report import style
 from fg_nav.report.field import LEAST_SPAN_UT, span_at_least
@@ -41,13 +41,11 @@ class SampleSurvey:
     t : (N,) s.
     strength : (N,) uT; NaN where it was not measured.
     verdicts : of N samples.
-    parameters : of the detector.
     """
 
     t: Floats
     strength: Floats
     verdicts: Disturbance
-    parameters: DisturbanceParameters
 
     @property
     def share(self) -> float:
@@ -64,10 +62,9 @@ class SampleSurvey:
 
 def sampled(recording: Recording) -> SampleSurvey:
     """Judge every sample; raises `MagneticError` without a field, or with too few samples of it."""
-    parameters = DisturbanceParameters()
-    verdicts = judge_samples(recording, parameters)
+    verdicts = judge_samples(recording)
     assert recording.mag is not None  # or it would have been refused
-    return SampleSurvey(recording.t, np.linalg.norm(recording.mag, axis=1), verdicts, parameters)
+    return SampleSurvey(recording.t, np.linalg.norm(recording.mag, axis=1), verdicts)
 
 
 def write_samples(folder: Path, session: Session, survey: SampleSurvey) -> None:
@@ -83,7 +80,7 @@ def sample_facts(session: Session, survey: SampleSurvey) -> dict[str, object]:
         "quasi_static": int(survey.verdicts.quasi_static.sum()),
         "share": survey.share,
         "longest_s": survey.longest_s,
-        "parameters": survey.parameters,
+        "parameters": SETTINGS,
     }
     return {**recording_facts(session), "notes": remarks(session), "sample_detectors": {SAMPLEWISE: found}}
 
@@ -122,4 +119,4 @@ def _draw_statistic(axes: Axes, survey: SampleSurvey) -> None:
     axes.axhline(1.0, color=style.VERMILION, linewidth=1.1, label="threshold: below it the field passes")
     axes.set_yscale("log")
     axes.set_ylabel("statistic / threshold")
-    style.head(axes, f"Scatter of the strength over the {survey.parameters.window_s:g} s before")
+    style.head(axes, f"Scatter of the strength over the {WINDOW_S:g} s before")

@@ -17,9 +17,9 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.compass import true_heading
-from fg_nav.magnetic.disturbance import FEWEST, DisturbanceParameters, judge_samples
-from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge
+from fg_nav.magnetic.compass import compute_true_heading
+from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, find_threshold, judge_samples
+from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import runs
@@ -71,7 +71,7 @@ class FieldSurvey:
     @property
     def compass_heading(self) -> Floats:
         """(F,) rad clockwise from true north, or from magnetic north where the place is not known."""
-        return true_heading(self.field.magnetic_heading, self.declination)
+        return compute_true_heading(self.field.magnetic_heading, self.declination)
 
     @property
     def difference(self) -> Floats:
@@ -129,17 +129,18 @@ def surveyed(
             f"more, or look at the samples with --detector {SAMPLEWISE}."
         )
     ordered = [name for name in SURVEYED if name in detectors]
-    verdicts = {name: _of_samples(recording, field) if name == SAMPLEWISE else judge(field, name) for name in ordered}
+    verdicts = {
+        name: _of_samples(recording, field) if name == SAMPLEWISE else judge_field(field, name) for name in ordered
+    }
     return FieldSurvey(field, verdicts, detectors[0], solution, earth)
 
 
 def _of_samples(recording: Recording, field: FootfallField) -> FieldVerdicts:
     """Verdicts of the sample-wise detector where the footfalls are; its threshold is that of a full window."""
-    p = DisturbanceParameters()
-    statistic = judge_samples(recording, p).statistic[field.sample]
-    reason = f"scatter of the strength over {p.window_s:g} s"
-    full = max(round(p.window_s / recording.period_s), FEWEST)
-    return FieldVerdicts(SAMPLEWISE, statistic, p.threshold(full), (reason,) * len(field))
+    statistic = judge_samples(recording).statistic[field.sample]
+    reason = f"scatter of the strength over {WINDOW_S:g} s"
+    full = max(round(WINDOW_S / recording.period_s), FEWEST)
+    return FieldVerdicts(SAMPLEWISE, statistic, find_threshold(full), (reason,) * len(field))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.magnetic.verdicts import OverThreshold
+from fg_nav.magnetic.quasi_static import OverThreshold
 from fg_nav.report import style
 
 ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID

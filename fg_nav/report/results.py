@@ -23,7 +23,7 @@ import pandas as pd
 
 from fg_nav.frames import heading_of
 from fg_nav.io import write_tum
-from fg_nav.magnetic.quasi_static import detector_named
+from fg_nav.magnetic.quasi_static import find_detector
 from fg_nav.plain import plain
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.version import version
@@ -173,7 +173,7 @@ def field_detector(session: Session) -> dict[str, object] | None:
         "threshold": verdicts.threshold,
         "judged": int(verdicts.judged.sum()),
         "quasi_static": int(verdicts.quasi_static.sum()),
-        "parameters": detector_named(session.options.field_detector),
+        "parameters": find_detector(session.options.field_detector),
     }
 
 

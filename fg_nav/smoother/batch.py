@@ -25,7 +25,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.verdicts import UNKNOWN
+from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.recording import Recording
 from fg_nav.smoother.covariances import in_nav, marginal_covariances, turned_about_start
 from fg_nav.smoother.dense import trajectory_of

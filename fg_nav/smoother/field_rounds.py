@@ -33,8 +33,7 @@ from gtsam.symbol_shorthand import X
 from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.quasi_static import NO_FIELD, judge
-from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, judge_field
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field_noise import FieldRoughness, Roughness, regional, robust_sigma, roughness
@@ -302,7 +301,7 @@ def _seen(problem: FieldProblem, look: _Look, p: FieldParameters) -> FieldSeen:
     disturbed = usable & (look.statistic >= 1.0)
     sigma = np.where(usable & ~disturbed, p.compass_sigma_uT, np.inf)
     if p.gate is not None:
-        passed = judge(replace(problem.field, nav_R_body=look.nav_R_body), p.gate).quasi_static
+        passed = judge_field(replace(problem.field, nav_R_body=look.nav_R_body), p.gate).quasi_static
         sigma = np.where(passed, sigma, p.outside_gate * sigma)
     body_field = np.where(usable[:, None], problem.field.body_field, 0.0)
     return FieldSeen(problem.nodes.result, body_field, sigma, disturbed)

@@ -15,7 +15,7 @@ from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.compass import heading_of_field, level_R_body, levelled_field
+from fg_nav.magnetic.compass import compute_field_heading, compute_level_R_body, rotate_to_level
 
 OFFSET, ETA, TAU = np.array([13.795, 7.526]), 0.973, 0.896  # Ma et al. 2018, Table 1
 HORIZONTAL = 20.0
@@ -166,16 +166,16 @@ def test_what_is_no_ellipse_is_refused(readings, words):
 
 
 def test_in_the_body_it_corrects_footfalls_at_the_tilt_it_was_found_at():
-    R = level_R_body(np.array([-0.4, 0.15, 0.9]))
+    R = compute_level_R_body(np.array([-0.4, 0.15, 0.9]))
     ellipse, calibration = ellipse_of_walk(footfalls(R))
-    level = levelled_field(calibration.corrected(footfalls(R).body_field), R[2])
+    level = rotate_to_level(calibration.corrected(footfalls(R).body_field), R[2])
     assert level[:, :2] == pytest.approx(HORIZONTAL * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1), abs=1e-6)
     assert level[:, 2] == pytest.approx(-43.0)
     assert calibration.strength_uT == pytest.approx(ellipse.radius_uT)
     assert "24 deg" in calibration.notes[-2]  # asin(0.4 / |up|) below level
-    elsewhere = level_R_body(np.array([0.0, 0.15, 0.9]))
-    wrong = levelled_field(calibration.corrected(footfalls(elsewhere).body_field), elsewhere[2])
-    assert np.abs(heading_of_field(wrong) - heading_of_field(level)).max() > np.deg2rad(5.0)
+    elsewhere = compute_level_R_body(np.array([0.0, 0.15, 0.9]))
+    wrong = rotate_to_level(calibration.corrected(footfalls(elsewhere).body_field), elsewhere[2])
+    assert np.abs(compute_field_heading(wrong) - compute_field_heading(level)).max() > np.deg2rad(5.0)
 
 
 def test_the_covariance_in_the_body_is_that_of_the_ellipse_turned():
@@ -200,7 +200,7 @@ def test_a_steady_error_of_levelling_is_in_the_covariance_of_a_walk():
     """A tilt of 3 mrad turns 43 uT of vertical field into 0.13 uT of offset, and no footfall tells."""
     ellipse, _ = ellipse_of_walk(footfalls(np.eye(3)))
     assert ellipse.sigma[:2] == pytest.approx(0.003 * 43.0, rel=1e-3)
-    tilted = level_R_body(np.array([0.003, 0.0, 1.0]))
+    tilted = compute_level_R_body(np.array([0.003, 0.0, 1.0]))
     found = fitted_ellipse((footfalls(np.eye(3)).body_field @ tilted.T)[:, :2])
     assert abs(found.offset_uT[0] - OFFSET[0]) == pytest.approx(ellipse.sigma[0], rel=0.1)
 
@@ -275,14 +275,14 @@ BODY_FIELD = np.array([18.0, 5.0, -30.0])
 
 
 def test_eq_5_holds_with_specific_force_in_forward_right_down_and_not_in_our_axes():
-    ours = levelled_field(BODY_FIELD, UP)[:2]
+    ours = rotate_to_level(BODY_FIELD, UP)[:2]
     assert ma_level(UP * FLU_TO_FRD, BODY_FIELD * FLU_TO_FRD) == pytest.approx(ours * FLU_TO_FRD[:2])
     printed = ma_level(UP, BODY_FIELD)
-    assert np.degrees(abs(heading_of_field(printed) - heading_of_field(ours))) > 20.0
+    assert np.degrees(abs(compute_field_heading(printed) - compute_field_heading(ours))) > 20.0
 
 
 def test_eq_4_divides_where_a_product_is_printed():
-    ours = levelled_field(BODY_FIELD, UP)[:2] * FLU_TO_FRD[:2]
+    ours = rotate_to_level(BODY_FIELD, UP)[:2] * FLU_TO_FRD[:2]
     printed = ma_level(UP * FLU_TO_FRD, BODY_FIELD * FLU_TO_FRD, divided=False)
     assert np.abs(printed - ours).max() > 1.0
 
@@ -323,7 +323,7 @@ def test_eq_9_to_12_are_our_correction():
     rotated = (read(ROUND) - found.offset_uT) @ R.T
     scaled = rotated * [found.tau, 1.0]
     assert found.corrected(read(ROUND)) == pytest.approx(scaled @ R)
-    about = np.degrees(np.std(heading_of_field(scaled @ R) - np.arctan2(np.sin(ROUND), np.cos(ROUND))))
+    about = np.degrees(np.std(compute_field_heading(scaled @ R) - np.arctan2(np.sin(ROUND), np.cos(ROUND))))
     assert about < 0.01
 
 

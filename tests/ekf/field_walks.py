@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import heading_of, wrap
-from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from tests.ekf.motion import Walk
 
@@ -29,7 +29,7 @@ def walked(walk, turned_deg=None, gyro_bias_deg_s=0.0, from_s=0.0):
         mag=np.einsum("nji,nj->ni", attitude, field),
     )
     headings = heading_of(attitude)
-    return recording, stances, footfall_field(recording, stances, float(headings[0])), headings
+    return recording, stances, average_footfall_field(recording, stances, float(headings[0])), headings
 
 
 def off_deg(solution, headings):

@@ -9,7 +9,7 @@ from fg_nav.ekf.gated_compass import find_first_heading, run_gated_compass
 from fg_nav.ekf.iez import run_iez
 from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter, scale_detector
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic import average_footfall_field
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
 DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}
@@ -47,7 +47,7 @@ def test_without_a_heading_and_a_footfall_to_believe_it_is_the_iez_turned_and_sa
     recording, stances, _, _ = walked(walk)
     rng = np.random.default_rng(2)
     recording = replace(recording, acc=recording.acc + 0.5 * rng.standard_normal(recording.acc.shape))
-    field = footfall_field(recording, stances)
+    field = average_footfall_field(recording, stances)
     solution = run_gated_compass(recording, stances, field, NOTHING_PASSES)
     plain = run_iez(recording, stances, heading=find_first_heading(field))
     assert "quasi-static" not in solution.stances.field
@@ -68,7 +68,7 @@ def test_the_compass_that_told_the_start_is_not_taken_in_a_second_time(name, bac
     for known in (1, 2):
         mag = np.where((recording.t < 2.0 + known - 0.8)[:, None], recording.mag, np.nan)
         seen = replace(recording, mag=mag)
-        field = footfall_field(seen, stances)
+        field = average_footfall_field(seen, stances)
         assert np.isfinite(field.strength).sum() == known
         solution = run_filter(name + back, PHYSICAL, seen, stances, field, None)
         assert solution.stances.field[0] == ("none" if name == "aiez" else "quasi-static")

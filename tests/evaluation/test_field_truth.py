@@ -7,7 +7,7 @@ from fg_nav.errors import EvaluationError
 from fg_nav.evaluation import compass_deviation, course_change, field_change
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation import simulate
-from fg_nav.magnetic.compass import heading_of_field, levelled_field
+from fg_nav.magnetic.compass import compute_field_heading, rotate_to_level
 
 NORTH = np.array([0.0, 21.0, -43.0])
 
@@ -72,7 +72,7 @@ def test_deviation_is_the_error_of_a_perfect_compass():
     earth = turned([4.0])[0]
     field = turned([4.0, 14.0, -20.0, 179.0])
     nav_R_body = yaw_rotation(0.8)
-    shown = [heading_of_field(levelled_field(nav_R_body.T @ b, nav_R_body[2])) for b in (earth, *field)]
+    shown = [compute_field_heading(rotate_to_level(nav_R_body.T @ b, nav_R_body[2])) for b in (earth, *field)]
     error = np.array(shown[1:]) - shown[0]
     np.testing.assert_allclose(np.sin(compass_deviation(field, earth)), np.sin(error), atol=1e-12)
     np.testing.assert_allclose(np.cos(compass_deviation(field, earth)), np.cos(error), atol=1e-12)

@@ -39,14 +39,14 @@ def off_deg(heading, truth=HEADINGS):
 def test_ours_gives_heading_and_inclination_in_any_attitude():
     attitudes = Rotation.random(300, random_state=0).as_matrix()
     field, acc = sensed(attitudes)
-    level = compass.levelled_field(field, acc)
-    np.testing.assert_allclose(wrap(compass.heading_of_field(level) - heading_of(attitudes)), 0.0, atol=1e-9)
-    np.testing.assert_allclose(compass.inclination_of(level), INCLINATION, atol=1e-12)
+    level = compass.rotate_to_level(field, acc)
+    np.testing.assert_allclose(wrap(compass.compute_field_heading(level) - heading_of(attitudes)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(compass.compute_inclination(level), INCLINATION, atol=1e-12)
 
 
 def test_levelling_lays_the_sensor_flat_without_turning_it():
     attitudes = Rotation.random(300, random_state=1).as_matrix()
-    level_R_body = compass.level_R_body(attitudes[:, 2])
+    level_R_body = compass.compute_level_R_body(attitudes[:, 2])
     np.testing.assert_allclose(np.linalg.det(level_R_body), 1.0)
     np.testing.assert_allclose(
         np.einsum("nij,nj->ni", level_R_body, attitudes[:, 2]), np.tile([0, 0, 1], (300, 1)), atol=1e-12
@@ -58,10 +58,12 @@ def test_levelling_lays_the_sensor_flat_without_turning_it():
 
 def test_declination_leads_from_the_compass_to_true_north():
     field, acc = sensed(tilted(), EAST_OF_NORTH)
-    magnetic = compass.heading_of_field(compass.levelled_field(field, acc))
+    magnetic = compass.compute_field_heading(compass.rotate_to_level(field, acc))
     np.testing.assert_allclose(off_deg(magnetic), np.degrees(DECLINATION))
-    assert off_deg(compass.true_heading(magnetic, DECLINATION)).max() < 1e-9
-    np.testing.assert_allclose(off_deg(compass.true_heading(magnetic, -DECLINATION)), 2 * np.degrees(DECLINATION))
+    assert off_deg(compass.compute_true_heading(magnetic, DECLINATION)).max() < 1e-9
+    np.testing.assert_allclose(
+        off_deg(compass.compute_true_heading(magnetic, -DECLINATION)), 2 * np.degrees(DECLINATION)
+    )
 
 
 @pytest.mark.parametrize("theirs", [printed.ma_heading, printed.aiez_heading])
@@ -73,7 +75,7 @@ def test_both_papers_agree_with_ours_once_their_signs_are_right(theirs):
 
 def test_both_papers_level_as_we_do():
     field, acc = sensed(Rotation.random(100, random_state=3).as_matrix())
-    ours, frd = compass.levelled_field(field, acc), printed.FRD_FROM_FLU
+    ours, frd = compass.rotate_to_level(field, acc), printed.FRD_FROM_FLU
     np.testing.assert_allclose(printed.aiez_levelled(field, printed.aiez_tilt(acc)), ours, atol=1e-9)
     down = printed.ma_levelled(field * frd, printed.ma_tilt(acc * frd))
     np.testing.assert_allclose(down * frd, ours, atol=1e-9)
@@ -109,7 +111,7 @@ def test_a_compass_with_the_printed_sign_counts_the_heading_twice():
 def test_an_arctangent_of_a_quotient_takes_south_for_north():
     """Ma Eq. 1 and AIEZ Eq. 25: even with its sign right, the quotient forgets which way round the sensor is."""
     field, acc = sensed(tilted())
-    level = compass.levelled_field(field, acc)
+    level = compass.rotate_to_level(field, acc)
     quotient = off_deg(np.arctan(level[:, 1] / level[:, 0]))
     behind = np.abs(HEADINGS) > np.pi / 2
     np.testing.assert_allclose(quotient[behind], 180.0)

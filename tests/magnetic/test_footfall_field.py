@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EstimationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, wrap
-from fg_nav.magnetic import footfall_field
-from fg_nav.magnetic.attitude import inertial_attitude
-from fg_nav.magnetic.footfall_field import HALF_WINDOW_S
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.magnetic.footfall_field import HALF_WINDOW_S, integrate_attitude
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from tests.magnetic.fields import DIP, EARTH
@@ -55,7 +54,7 @@ def at_start(nav_R_body):
 
 def test_field_and_headings_are_the_true_ones():
     recording, nav_R_body, stances = walk()
-    field = footfall_field(recording, stances, at_start(nav_R_body))
+    field = average_footfall_field(recording, stances, at_start(nav_R_body))
     true = nav_R_body[field.sample]
     assert len(field) == STRIDES
     np.testing.assert_array_equal(field.t, recording.t[field.sample])
@@ -72,8 +71,8 @@ def test_field_and_headings_are_the_true_ones():
 
 def test_a_wrong_heading_to_begin_with_stays_in_the_difference_and_nowhere_else():
     recording, nav_R_body, stances = walk()
-    right = footfall_field(recording, stances, at_start(nav_R_body))
-    wrong = footfall_field(recording, stances, at_start(nav_R_body) + 0.3)
+    right = average_footfall_field(recording, stances, at_start(nav_R_body))
+    wrong = average_footfall_field(recording, stances, at_start(nav_R_body) + 0.3)
     np.testing.assert_allclose(wrong.heading_difference, -0.3, atol=1e-4)
     np.testing.assert_allclose(wrong.magnetic_heading, right.magnetic_heading, atol=1e-9)
     np.testing.assert_allclose(wrong.level_field, right.level_field, atol=1e-9)
@@ -82,7 +81,7 @@ def test_a_wrong_heading_to_begin_with_stays_in_the_difference_and_nowhere_else(
 @pytest.mark.parametrize("angles", [(0, 0, 130), (20, 0, 0), (-10, 25, 70)])
 def test_how_the_sensor_sits_changes_neither_difference_nor_inclination_nor_strength(angles):
     mount = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
-    plain, turned = (footfall_field(*_without_truth(walk(m))) for m in (np.eye(3), mount))
+    plain, turned = (average_footfall_field(*_without_truth(walk(m))) for m in (np.eye(3), mount))
     np.testing.assert_allclose(turned.inclination, plain.inclination, atol=1e-4)
     np.testing.assert_allclose(turned.strength, plain.strength, atol=1e-6)
     np.testing.assert_allclose(np.diff(np.unwrap(turned.heading_difference)), 0.0, atol=1e-4)
@@ -95,7 +94,7 @@ def _without_truth(made):
 
 def test_a_foot_that_rolls_in_stance_loses_nothing_by_the_mean():
     recording, nav_R_body, stances = walk(rolling=0.8)
-    field = footfall_field(recording, stances, at_start(nav_R_body))
+    field = average_footfall_field(recording, stances, at_start(nav_R_body))
     true = np.einsum("nji,j->ni", nav_R_body[field.sample], EARTH)
     np.testing.assert_allclose(field.body_field, true, atol=1e-5)
     assert np.nanmax(field.scatter_uT) < 1e-4
@@ -109,7 +108,7 @@ def test_the_rate_of_the_vector_is_that_of_rolling_and_the_rate_of_the_strength_
     recording, _, stances = walk(rolling=0.2)
     printed_rate = np.linalg.norm(np.diff(recording.mag[:STAND], axis=0), axis=1) * RATE_HZ
     assert printed_rate.min() / 0.5 > 8.0
-    assert np.abs(footfall_field(recording, stances).strength_rate).max() < 1e-6
+    assert np.abs(average_footfall_field(recording, stances).strength_rate).max() < 1e-6
 
 
 def test_the_strength_rate_is_the_slope_and_its_sigma_is_honest():
@@ -117,12 +116,12 @@ def test_the_strength_rate_is_the_slope_and_its_sigma_is_honest():
     t = np.arange(STRIDES * STRIDE) / RATE_HZ
     field = EARTH * (1.0 + 0.05 * (t % 1.0))[:, None]  # 2.4 uT/s within each second
     recording, _, stances = walk(nav_field=field)
-    exact = footfall_field(recording, stances)
+    exact = average_footfall_field(recording, stances)
     np.testing.assert_allclose(exact.strength_rate, 2.4, atol=1e-6)
     errors = []
     for _ in range(40):
         noisy = replace(recording, mag=recording.mag + 0.3 * rng.standard_normal(recording.mag.shape))
-        found = footfall_field(noisy, stances)
+        found = average_footfall_field(noisy, stances)
         errors.append((found.strength_rate - 2.4) / found.strength_rate_sigma)
         along = 2.4 * STAND / RATE_HZ / np.sqrt(12.0)  # the slope scatters too, on one axis of three
         assert np.median(found.scatter_uT) == pytest.approx(np.hypot(0.3, along / np.sqrt(3.0)), rel=0.15)
@@ -138,7 +137,7 @@ def test_the_sigma_of_the_strength_rate_is_that_of_few_samples():
     t = np.arange(8) * 5 / RATE_HZ
     true = 0.3**2 / ((t - t.mean()) ** 2).sum()
     noisy = [replace(recording, mag=slow + 0.3 * rng.standard_normal(slow.shape)) for _ in range(60)]
-    found = [footfall_field(one, stances).strength_rate_sigma ** 2 for one in noisy]
+    found = [average_footfall_field(one, stances).strength_rate_sigma ** 2 for one in noisy]
     assert np.mean(found) == pytest.approx(true, rel=0.08)
 
 
@@ -147,7 +146,7 @@ def test_of_a_slower_magnetometer_only_what_it_measured_counts(every):
     recording, nav_R_body, stances = walk(rolling=0.5)
     slow = recording.mag.copy()
     slow[np.arange(len(slow)) % every != 0] = np.nan
-    field = footfall_field(replace(recording, mag=slow), stances, at_start(nav_R_body))
+    field = average_footfall_field(replace(recording, mag=slow), stances, at_start(nav_R_body))
     np.testing.assert_array_equal(field.count, STAND // every)
     np.testing.assert_allclose(field.body_field, np.einsum("nji,j->ni", nav_R_body[field.sample], EARTH), atol=1e-5)
 
@@ -157,7 +156,10 @@ def test_a_footfall_without_a_field_is_none_and_the_others_stay():
     mag = recording.mag.copy()
     mag[2 * STRIDE : 3 * STRIDE] = np.nan
     mag[5 * STRIDE + 1 : 6 * STRIDE] = np.nan  # leaves a single sample
-    holed, whole = footfall_field(replace(recording, mag=mag), stances), footfall_field(recording, stances)
+    holed, whole = (
+        average_footfall_field(replace(recording, mag=mag), stances),
+        average_footfall_field(recording, stances),
+    )
     assert len(holed) == len(whole)
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(holed.strength)), [2, 5])
     there = np.isfinite(holed.strength)
@@ -174,7 +176,9 @@ def test_of_a_long_standing_only_the_second_about_its_stillest_instant_is_averag
     far = np.abs(recording.t - recording.t[600]) > HALF_WINDOW_S + 1e-9
     gyr, acc = np.zeros_like(recording.gyr), np.tile(recording.acc[0], (len(recording), 1))
     mag = np.where(far[:, None], 1000.0, recording.mag[0])
-    field = footfall_field(Recording(recording.t, acc, gyr, mag), replace(Stances.from_mask(stands), statistic=unrest))
+    field = average_footfall_field(
+        Recording(recording.t, acc, gyr, mag), replace(Stances.from_mask(stands), statistic=unrest)
+    )
     assert field.sample.tolist() == [600]
     assert field.count[0] == 101
     np.testing.assert_allclose(field.body_field[0], recording.mag[0], atol=1e-9)
@@ -186,7 +190,7 @@ def test_of_two_stances_that_touch_each_keeps_its_own_samples():
     unrest[[10, 15]] = 0.0  # the second is the first sample of its stance
     ends = np.array([0, 15, STAND])
     touching = Stances(ends[:-1], ends[1:], np.arange(2), len(recording), statistic=unrest)
-    field = footfall_field(recording, touching)
+    field = average_footfall_field(recording, touching)
     assert field.sample.tolist() == [10, 15]
     assert field.count.tolist() == [15, STAND - 15]
 
@@ -197,7 +201,7 @@ def test_what_comes_before_the_first_stance_is_reached_by_stepping_back():
     recording, true = whole.slice(cut, len(whole)), nav_R_body[cut:]
     row = STRIDE - cut
     stances = Stances.from_mask((np.arange(len(recording)) + cut) % STRIDE < STAND)
-    found = inertial_attitude(recording, stances, float(heading_of(true[row])))
+    found = integrate_attitude(recording, stances, float(heading_of(true[row])))
     np.testing.assert_allclose(found[: row + 1], true[: row + 1], atol=1e-6)
 
 
@@ -206,14 +210,14 @@ def test_the_stances_hold_the_attitude_upright():
     recording, nav_R_body, stances = walk(turning=0.0)
     ahead = nav_R_body[0].T @ levelled(UP, 0.4)[:, 0]
     tipping = replace(recording, gyr=recording.gyr + np.deg2rad(1.0) * ahead)
-    found = inertial_attitude(tipping, stances, at_start(nav_R_body))
+    found = integrate_attitude(tipping, stances, at_start(nav_R_body))
     tilt = np.degrees(np.arccos(np.clip((found[:, 2] * nav_R_body[:, 2]).sum(axis=1), -1.0, 1.0)))
     assert 0.5 < tilt[stances.stop - 1].max() < 1.5
 
 
 def test_an_attitude_that_is_given_is_used():
     recording, nav_R_body, stances = walk(tipping=0.5)
-    field = footfall_field(recording, stances, nav_R_body=nav_R_body)
+    field = average_footfall_field(recording, stances, nav_R_body=nav_R_body)
     np.testing.assert_array_equal(field.nav_R_body, nav_R_body[field.sample])
     np.testing.assert_allclose(field.nav_field, np.tile(EARTH, (STRIDES, 1)), atol=1e-9)
     np.testing.assert_allclose(field.body_force, GRAVITY_M_S2 * nav_R_body[field.sample, 2], atol=1e-9)
@@ -222,10 +226,10 @@ def test_an_attitude_that_is_given_is_used():
 def test_better_attitudes_of_the_footfalls_can_be_put_in_later():
     """What a smoother does that has the field judged again: on stances in which the foot is still, nothing is lost."""
     recording, nav_R_body, stances = walk()
-    drifting = footfall_field(recording, stances, at_start(nav_R_body) + 0.3)
+    drifting = average_footfall_field(recording, stances, at_start(nav_R_body) + 0.3)
     assert np.abs(drifting.heading_difference).min() > 0.29  # looked at, and so kept, before it is replaced
     better = replace(drifting, nav_R_body=nav_R_body[drifting.sample])
-    given = footfall_field(recording, stances, nav_R_body=nav_R_body)
+    given = average_footfall_field(recording, stances, nav_R_body=nav_R_body)
     for name in ("heading_difference", "inclination", "nav_field"):
         np.testing.assert_allclose(getattr(better, name), getattr(given, name), atol=1e-6)
 
@@ -241,15 +245,17 @@ def test_a_constant_bias_that_a_rest_has_told_does_not_turn_the_inertial_heading
     )
     bias, noise = np.deg2rad([0.5, -1.0, 1.0]), 1e-4 * np.random.default_rng(1).standard_normal(gyr.shape)
     standing = Stances.from_mask(np.concatenate([np.ones(rest, dtype=bool), stances.mask]))
-    field = footfall_field(Recording(t, acc + 10 * noise, gyr + bias + noise, mag), standing, at_start(nav_R_body))
+    field = average_footfall_field(
+        Recording(t, acc + 10 * noise, gyr + bias + noise, mag), standing, at_start(nav_R_body)
+    )
     assert np.degrees(np.abs(field.heading_difference)).max() < 0.5
 
 
 def test_without_a_magnetometer_or_a_sample_of_it_it_says_so():
     recording, _, stances = walk()
     with pytest.raises(MagneticError, match="no magnetometer"):
-        footfall_field(replace(recording, mag=None), stances)
+        average_footfall_field(replace(recording, mag=None), stances)
     with pytest.raises(MagneticError, match=f"none of the {STRIDES} footfalls"):
-        footfall_field(replace(recording, mag=np.full_like(recording.mag, np.nan)), stances)
+        average_footfall_field(replace(recording, mag=np.full_like(recording.mag, np.nan)), stances)
     with pytest.raises(EstimationError):
-        footfall_field(recording, Stances.from_mask(np.zeros(len(recording), dtype=bool)))
+        average_footfall_field(recording, Stances.from_mask(np.zeros(len(recording), dtype=bool)))

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.detection import detect_stances
 from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
 from fg_nav.estimators import ESTIMATORS, Given
-from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
@@ -61,7 +61,7 @@ def test_it_ends_where_the_batch_ends(whole):
     navigator, _ = whole
     recording = short_walk()
     stances = detect_stances(recording)
-    batch = smooth(recording, stances, heading=0.0, field=footfall_field(recording, stances))
+    batch = smooth(recording, stances, heading=0.0, field=average_footfall_field(recording, stances))
     found = navigator.finish()
     assert np.abs(found.position - batch.position).max() < 0.02
     assert found.method == "online"

@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import X
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation.alignment import align
-from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.fixed_lag import FixedLagBackend
@@ -75,7 +75,7 @@ def polished(walk: Walk, options: OnlineOptions = OnlineOptions()):
     """The batch on the same footfalls."""
     cut = part(walk, FOOTFALLS)
     recording, stances = cut.recording, cut.stances
-    field = None if recording.mag is None else footfall_field(recording, stances)
+    field = None if recording.mag is None else average_footfall_field(recording, stances)
     return smooth(recording, stances, options.parameters, options.heading_rad, None, field)
 
 

@@ -84,8 +84,8 @@ def test_an_allowance_lets_pass_what_is_that_many_times_larger():
     window = np.random.default_rng(1).normal(size=(50, 3, detector.rows)) * 3.0
     wider = scale_detector(detector, 2.0)
     sigma, wide = (np.array([c.sigma for c in d.channels])[:, None] for d in (detector, wider))
-    passes = detector.statistic(window / sigma) < detector.threshold
-    assert np.array_equal(passes, wider.statistic(2.0 * window / wide) < wider.threshold)
+    passes = detector.compute_statistic(window / sigma) < detector.threshold
+    assert np.array_equal(passes, wider.compute_statistic(2.0 * window / wide) < wider.threshold)
     assert scale_detector(detector, 1.0, 5).window == 5
 
 

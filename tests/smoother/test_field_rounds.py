@@ -16,9 +16,8 @@ from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.lab.simulation.fields.dipole import Dipoles
-from fg_nav.magnetic import FootfallField, footfall_field
-from fg_nav.magnetic.quasi_static import NO_FIELD
-from fg_nav.magnetic.verdicts import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.field_parameters import FieldParameters
@@ -65,7 +64,9 @@ def smoothed(
     field: FootfallField | None = None,
 ) -> Solution:
     stances = demo(seed).stances
-    return smooth(recording, stances, p, heading, field=footfall_field(recording, stances) if field is None else field)
+    return smooth(
+        recording, stances, p, heading, field=average_footfall_field(recording, stances) if field is None else field
+    )
 
 
 def inertial(recording: Recording, heading: float = 0.0, p: SmootherParameters = DEFAULT, seed: int = 0) -> Solution:
@@ -157,7 +158,7 @@ def field_in_notes(found: Solution) -> tuple[float, float]:
 
 def roughened(recording: Recording, seed: int) -> FootfallField:
     """The field at its footfalls, and 3 uT a component that are new at each of them."""
-    field, rng = footfall_field(recording, demo(seed).stances), np.random.default_rng(seed)
+    field, rng = average_footfall_field(recording, demo(seed).stances), np.random.default_rng(seed)
     return replace(field, body_field=field.body_field + 3.0 * rng.standard_normal(field.body_field.shape))
 
 
@@ -332,7 +333,7 @@ def test_a_foot_that_only_stands_keeps_its_heading() -> None:
     still = Recording(np.arange(n) / 100.0, acc, gyr, np.tile(body_field, (n, 1)))
     stances = Stances.from_mask(np.arange(n) % 300 < 250)
     assert stances.n_footfalls >= FEWEST
-    found = smooth(still, stances, heading=None, field=footfall_field(still, stances))
+    found = smooth(still, stances, heading=None, field=average_footfall_field(still, stances))
     np.testing.assert_allclose(np.degrees(heading_of(found.nav_R_body)), np.degrees(np.arctan2(16, 12)), atol=0.2)
     assert np.isfinite(found.stances.heading_sigma).all()
 
@@ -384,7 +385,7 @@ def test_a_detector_that_does_not_exist_is_refused() -> None:
 
 def test_a_field_of_another_walk_or_without_a_magnetometer_is_refused() -> None:
     recording, stances = in_field(earth()), demo().stances
-    field = footfall_field(recording, stances)
+    field = average_footfall_field(recording, stances)
     with pytest.raises(EstimationError, match="no magnetometer"):
         smooth(replace(recording, mag=None), stances, field=field)
     fewer = replace(field, **{name: value[1:] for name, value in vars(field).items()})
@@ -397,7 +398,7 @@ def test_north_on_a_rough_floor_is_found_within_its_sigma(seed: int) -> None:
     """A minute over a reinforced floor, iron on the shoe, nobody tells the heading: the mean field is all there is."""
     walk = simulate("demo", seed).recording
     stances = detect_stances(walk)
-    found = smooth(walk, stances, heading=None, field=footfall_field(walk, stances)).stances
+    found = smooth(walk, stances, heading=None, field=average_footfall_field(walk, stances)).stances
     truth = truth_of(walk)
     assert truth.nav_R_body is not None
     off = wrap(heading_of(found.nav_R_body) - heading_of(truth.nav_R_body[found.sample]))

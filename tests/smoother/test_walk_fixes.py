@@ -13,7 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
 from fg_nav.frames import yaw_rotation
-from fg_nav.magnetic import FootfallField, footfall_field
+from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.nodes import place_nodes
@@ -123,7 +123,7 @@ def test_field_and_fixes_agree_on_north(told: bool) -> None:
     """The field points to the truth's north, and fixes are in the truth's frame: 0.2 m at 25 m were half a degree."""
     walk, table = with_field(demo().recording), inertial().stances
     truth = walk.truth
-    field = footfall_field(walk, demo().stances)
+    field = average_footfall_field(walk, demo().stances)
     place = truth.position - truth.position[table.sample[0]]
     x_axis = truth.nav_R_body[table.sample[0]][:, 0]
     heading = float(np.arctan2(x_axis[0], x_axis[1])) if told else None
@@ -140,7 +140,7 @@ def test_where_fixes_tell_north_the_direction_of_the_field_is_found() -> None:
     """
     west_deg = 1.5
     walk = with_field(demo().recording)
-    field = footfall_field(walk, demo().stances)
+    field = average_footfall_field(walk, demo().stances)
     table, turn = inertial().stances, yaw_rotation(np.radians(west_deg))
     place = (walk.truth.position - walk.truth.position[table.sample[0]])[table.sample] @ turn.T
     fixes = [Fix(float(table.t[k]), place[k], 0.02) for k in (20, 30)]
@@ -152,7 +152,7 @@ def test_where_fixes_tell_north_the_direction_of_the_field_is_found() -> None:
 
 def test_ties_of_the_walk_hold_in_the_solution_with_the_field_too() -> None:
     walk = with_field(demo().recording)
-    field = footfall_field(walk, demo().stances)
+    field = average_footfall_field(walk, demo().stances)
     p = replace(DEFAULT, walk=WalkParameters(straight=True, floors=True))
     free, tied = (smooth(walk, demo().stances, q, None, field=field) for q in (DEFAULT, p))
     assert np.ptp(tied.stances.position[:, 2]) < min(0.02, 0.5 * np.ptp(free.stances.position[:, 2]))

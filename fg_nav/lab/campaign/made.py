@@ -32,7 +32,7 @@ from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.own import Own
 from fg_nav.lab.campaign.reading import AS_IT_IS, Reading
 from fg_nav.lab.campaign.sources import Recorded, Simulated, Source
-from fg_nav.magnetic.verdicts import QUASI_STATIC
+from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.session import Outcome, Session, solve
 

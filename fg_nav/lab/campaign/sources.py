@@ -35,7 +35,7 @@ from fg_nav.io import read, read_truth
 from fg_nav.lab.campaign.own import Own
 from fg_nav.lab.campaign.reading import AS_IT_IS, Reading
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
-from fg_nav.magnetic import footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.session import Options, Session, prepare
 
@@ -114,7 +114,7 @@ def loop_calibration(name: str | Scenario, seed: int) -> Calibration:
     one = scenario(name) if isinstance(name, str) else name
     loop = replace(scenario("calibration-loop"), sensor=one.sensor, worn=one.worn)
     recording = simulate(loop, seed).recording
-    _, magnetometer = ellipse_of_walk(footfall_field(recording, detect_stances(recording)))
+    _, magnetometer = ellipse_of_walk(average_footfall_field(recording, detect_stances(recording)))
     return Calibration(magnetometer=magnetometer)
 
 

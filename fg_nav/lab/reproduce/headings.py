@@ -14,7 +14,7 @@ from fg_nav.frames import heading_of
 from fg_nav.lab.campaign.made import solved
 from fg_nav.lab.campaign.sources import LOOP, Simulated
 from fg_nav.lab.reproduce.parts import Arrays, Part
-from fg_nav.magnetic.verdicts import QUASI_STATIC
+from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import TrajectoryTruth
 
 STRENGTH_HZ = 5.0

@@ -29,7 +29,7 @@ from fg_nav.lab.reproduce.parts import Arrays, Part
 from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk, simulate
 from fg_nav.lab.simulation.fields import Sum
 from fg_nav.lab.simulation.scenarios import Choices
-from fg_nav.magnetic import DETECTORS, FootfallField, footfall_field, judge
+from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
 from fg_nav.recording import TrajectoryTruth
 
 SCENARIO = SCENARIOS["magnet-corridor"]
@@ -63,12 +63,12 @@ def walked_past(strength: int, calibrated: bool, seed: int) -> tuple[SimulatedWa
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     start = float(heading_of(truth.nav_R_body[0]))
-    return walk, footfall_field(walk.recording, detect_stances(walk.recording), start)
+    return walk, average_footfall_field(walk.recording, detect_stances(walk.recording), start)
 
 
 def judged_field(walk: SimulatedWalk, field: FootfallField) -> Judged:
     """How far the magnet turns the field, and what each detector makes of it."""
-    statistic = {name: judge(field, name).statistic for name in DETECTORS}
+    statistic = {name: judge_field(field, name).statistic for name in DETECTORS}
     return Judged(np.degrees(np.abs(turned_by_magnet(walk, field))), statistic)
 
 

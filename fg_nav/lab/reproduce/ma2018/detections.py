@@ -54,9 +54,9 @@ from fg_nav.lab.campaign.sources import LOOP, RAW, Simulated
 from fg_nav.lab.reproduce.parts import Arrays, Part
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
-from fg_nav.magnetic import DETECTORS, FootfallField, footfall_field, judge
-from fg_nav.magnetic.attitude import inertial_attitude
-from fg_nav.magnetic.compass import heading_of_field, inclination_of, levelled_field
+from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
+from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
+from fg_nav.magnetic.footfall_field import integrate_attitude
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
 
@@ -172,7 +172,7 @@ def judged(wanted: tuple[str, int], fields: Sequence[str] | None = None) -> dict
     """Simulate a scenario with a seed and judge it in these fields, or in every one."""
     smooth, indoor = (simulate(*wanted, Choices(field=level)) for level in ("smooth", "indoor"))
     stances = detect_stances(smooth.recording)
-    attitude = inertial_attitude(smooth.recording, stances)
+    attitude = integrate_attitude(smooth.recording, stances)
     return {name: _judged_in(smooth, indoor, name, stances, attitude) for name in fields or by_steel()}
 
 
@@ -184,8 +184,10 @@ def _judged_in(smooth: SimulatedWalk, indoor: SimulatedWalk, name: str, stances:
     assert isinstance(recording.truth, TrajectoryTruth)
     nav_field = (1 - share) * smooth.nav_field(sample) + share * indoor.nav_field(sample)
     mixed = replace(recording, mag=_mixed(recording.mag, indoor.recording.mag, share))
-    fields = [footfall_field(heard, stances, nav_R_body=attitude) for heard in (_without_iron(mixed, smooth), mixed)]
-    statistics = [{which: judge(field, which).statistic for which in detectors} for field in fields]
+    fields = [
+        average_footfall_field(heard, stances, nav_R_body=attitude) for heard in (_without_iron(mixed, smooth), mixed)
+    ]
+    statistics = [{which: judge_field(field, which).statistic for which in detectors} for field in fields]
     return Judged(
         field_change(nav_field, WINDOW),
         course_change(recording.truth.position[sample], WINDOW),
@@ -274,7 +276,7 @@ def noise(seed: int, rest_s: float) -> Arrays:
         except CalibrationError:
             found[name] = np.full(3, np.inf)
             continue
-        found[name] = _sigmas(*_seen(footfall_field(recording, detect_stances(recording))))
+        found[name] = _sigmas(*_seen(average_footfall_field(recording, detect_stances(recording))))
     if rest_s:
         found[AT_REST] = _sigmas(*_lying(seed, rest_s))
     return found
@@ -293,8 +295,8 @@ def _lying(seed: int, rest_s: float) -> tuple[Floats, Floats, Floats]:
     assert recording.mag is not None
     mag = recording.mag[np.isfinite(recording.mag).all(axis=1)]
     up = np.nanmean(recording.acc, axis=0)
-    level = levelled_field(mag, np.broadcast_to(up, mag.shape))
-    return heading_of_field(level), inclination_of(level), np.linalg.norm(mag, axis=1)
+    level = rotate_to_level(mag, np.broadcast_to(up, mag.shape))
+    return compute_field_heading(level), compute_inclination(level), np.linalg.norm(mag, axis=1)
 
 
 def _sigmas(heading: Floats, inclination: Floats, strength: Floats) -> Floats:

@@ -52,8 +52,8 @@ from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, fixed_iron, ma_table_1, preset
 from fg_nav.lab.simulation.sensors.iron import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 from fg_nav.lab.simulation.streams import Streams
-from fg_nav.magnetic import FootfallField, footfall_field
-from fg_nav.magnetic.compass import heading_of_field, level_R_body, levelled_field
+from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.compass import compute_field_heading, compute_level_R_body, rotate_to_level
 from fg_nav.recording import TrajectoryTruth
 
 LOOP = "calibration-loop"
@@ -192,7 +192,7 @@ def standing_attitude(walk: SimulatedWalk) -> Floats:
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     sample = detect_stances(walk.recording).stillest(walk.recording.gyr)
-    return level_R_body(truth.nav_R_body[sample, 2].mean(axis=0))
+    return compute_level_R_body(truth.nav_R_body[sample, 2].mean(axis=0))
 
 
 def bare_of_table_1(R: Floats) -> IronPrior:
@@ -202,7 +202,7 @@ def bare_of_table_1(R: Floats) -> IronPrior:
 
 def field_of(walk: SimulatedWalk) -> FootfallField:
     """Field at the footfalls, all by our own stances and attitude."""
-    return footfall_field(walk.recording, detect_stances(walk.recording))
+    return average_footfall_field(walk.recording, detect_stances(walk.recording))
 
 
 def readings_of(walk: SimulatedWalk) -> Floats:
@@ -261,7 +261,7 @@ def shape_of(ellipse: Ellipse | None) -> Floats:
 def difference(field: FootfallField, level_field: Floats) -> Floats:
     """Magnetic minus gyro heading (F,) rad of footfalls with a field, less the mean direction."""
     known = np.isfinite(level_field).all(axis=1)
-    turned = wrap(heading_of_field(level_field) - field.gyro_heading)[known]
+    turned = wrap(compute_field_heading(level_field) - field.gyro_heading)[known]
     return wrap(turned - np.angle(np.exp(1j * turned).mean()))
 
 
@@ -274,7 +274,7 @@ def lifted_difference(field: FootfallField, correct: Correct | None) -> Floats:
     """Heading difference by a calibration of the body's readings."""
     if correct is None:
         return np.empty(0)
-    return difference(field, levelled_field(correct(field.body_field), field.nav_R_body[:, 2]))
+    return difference(field, rotate_to_level(correct(field.body_field), field.nav_R_body[:, 2]))
 
 
 def symmetric_of(calibration: MagnetometerCalibration | None) -> Correct | None:
