@@ -56,8 +56,8 @@ from fg_nav.errors import SimulationError
 from fg_nav.evaluation import evaluate
 from fg_nav.io import read
 from fg_nav.lab.simulation.fields import SITES
-from fg_nav.magnetic import footfall_field
-from fg_nav.magnetic.attitude import inertial_attitude
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.magnetic.footfall_field import integrate_attitude
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import Recording

@@ -70,9 +70,9 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
 from fg_nav.lab.simulation.sensors import Iron, IronPrior, ma_table_1, preset
 from fg_nav.lab.simulation.sensors.triad import TriadPrior
-from fg_nav.magnetic import FootfallField, footfall_field
-from fg_nav.magnetic.channels import SIGNALS
-from fg_nav.magnetic.compass import level_R_body
+from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.compass import compute_level_R_body
+from fg_nav.magnetic.detectors import SIGNALS
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -209,7 +209,7 @@ class Walked:
         """True (2,) uT over the ground in levelled axes: what `fg_nav.calibration.walk.level_iron` estimates."""
         up = self.field.nav_R_body[:, 2].mean(axis=0)
         added = self.iron.hard_uT + EARTH.vector[2] * (self.iron.soft - np.eye(3)) @ up
-        return np.asarray(level_R_body(up)[:2] @ added)
+        return np.asarray(compute_level_R_body(up)[:2] @ added)
 
     def spread_deg(self, body_field: Floats) -> float:
         """Circular sd of compass minus true heading."""
@@ -366,7 +366,7 @@ def measure_scatter(sensor: str, calibrated: bool, seeds: Sequence[int]) -> list
     found = []
     for seed in seeds:
         walk = simulate(BUILDING, seed, Choices(sensor=sensor, field="homogeneous", calibrated=calibrated))
-        field = footfall_field(walk.recording, detect_stances(walk.recording))
+        field = average_footfall_field(walk.recording, detect_stances(walk.recording))
         found.append([_scatter_of(signal.of(field), signal.angle, signal.scale) for signal in SIGNALS.values()])
     return [f"{straights:.2g} / {everything:.2g}" for straights, everything in np.median(found, axis=0)]
 
