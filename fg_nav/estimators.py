@@ -38,7 +38,7 @@ class Given:
         the compass says.
     preset : of a filter's parameters (`fg_nav.ekf.presets`).
     fixes : positions known from elsewhere; of use to the smoother only.
-    step_constant_m, known_distance_m : of one who walks with the sensor in a pocket (`fg_nav.pocket.step_length`).
+    step_constant_m, known_distance_m : of one who walks with the sensor in a pocket (`fg_nav.pocket.dead_reckoning`).
     changes : of the method's parameters; of use to those on a foot only.
     """
 
@@ -128,7 +128,7 @@ def _swing_density(given: Given) -> float:
 
 def _pocket(method: str) -> Estimator:
     def run(given: Given, progress: Progress | None) -> Solution:
-        from fg_nav.pocket.estimators import navigate_pocket
+        from fg_nav.pocket.navigate import navigate_pocket
 
         lengths = (given.step_constant_m, given.known_distance_m)
         return navigate_pocket(given.recording, method, given.heading, *lengths, progress)

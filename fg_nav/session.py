@@ -48,7 +48,7 @@ class Options:
     fixes_path : file with fixes of the position for the smoother; None without.
     mount : where the sensor is worn, to be held against the recording; None for a foot that nobody doubts.
     step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
-        (`fg_nav.pocket.step_length`).
+        (`fg_nav.pocket.dead_reckoning`).
     changes : of the method's parameters, on a foot.
     """
 

@@ -46,11 +46,10 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError, OutputError
 from fg_nav.io import read
 from fg_nav.io.content import load_mat, mat_array
-from fg_nav.pocket.ekf import estimate_pocket
-from fg_nav.pocket.graph_parameters import PocketGraphParameters
+from fg_nav.pocket.filter import estimate_pocket
+from fg_nav.pocket.iterated_smoother import smooth_pocket
 from fg_nav.pocket.online import follow_pocket
-from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.smoother import smooth_pocket
+from fg_nav.pocket.parameters import PocketParameters, PocketSmootherParameters
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
 
@@ -146,7 +145,7 @@ def measure_trial(trial: Trial) -> dict[str, dict[str, float]]:
 def run_methods(trial: Trial) -> dict[str, Estimate]:
     """Run all methods."""
     sigma = field_sigma_uT(trial)
-    graph, paper = PocketGraphParameters(mag_sigma_uT=sigma), PocketParameters(mag_sigma_uT=sigma)
+    graph, paper = PocketSmootherParameters(mag_sigma_uT=sigma), PocketParameters(mag_sigma_uT=sigma)
     held = hold_rates(trial.recording)
     return {
         **run_vqf(trial),

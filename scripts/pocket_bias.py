@@ -42,19 +42,20 @@ import numpy as np
 from harness import FIRST_SEED, Figure, option, spread
 
 from fg_nav.arrays import Floats
+from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT
 from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.emulation import with_field
 from fg_nav.lab.simulation.fields import Field, Homogeneous, street
 from fg_nav.pocket import (
-    PocketGraphParameters,
     PocketParameters,
+    PocketSmootherParameters,
     PocketStart,
     PocketTrack,
     estimate_pocket,
     follow_pocket,
     smooth_pocket,
 )
-from fg_nav.pocket.paper import FIELDS_UT
+from fg_nav.pocket.parameters import GYR_DENSITY_DEG
 from fg_nav.recording import Recording, TrajectoryTruth
 
 NOISE_UT = 0.5
@@ -116,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def methods_at(noise_uT: float) -> Mapping[str, Estimate]:
     """Return the methods, each told the noise of the magnetometer."""
-    graph, paper = PocketGraphParameters(mag_sigma_uT=noise_uT), PocketParameters(mag_sigma_uT=noise_uT)
+    graph, paper = PocketSmootherParameters(mag_sigma_uT=noise_uT), PocketParameters(mag_sigma_uT=noise_uT)
     quarter = replace(paper, shortest_difference_s=0.25)
     wide = replace(quarter, gyro_bias_sigma_deg_s=graph.gyro_bias_sigma_deg_s)
     return {
@@ -221,7 +222,7 @@ def above_paper(ours: Sequence[Found], theirs: Sequence[Found]) -> tuple[float, 
 
 def bounds(noise_uT: float) -> list[Figure]:
     """Least standard deviation of the bias about up after a minute."""
-    gyr = PocketGraphParameters().gyr_density_deg
+    gyr = GYR_DENSITY_DEG
     return [
         Figure("bound", f"{name}: bound after {FROM_S:.0f} s, deg/s", "", bound, pattern="{:.4f}")
         for name in ("equator", "munich")

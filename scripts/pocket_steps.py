@@ -33,8 +33,8 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation import evaluate
 from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
-from fg_nav.pocket.estimators import METHODS, navigate_pocket
-from fg_nav.pocket.step_length import DEFAULT_CONSTANT_M
+from fg_nav.pocket.dead_reckoning import DEFAULT_CONSTANT_M
+from fg_nav.pocket.navigate import METHODS, navigate_pocket
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution

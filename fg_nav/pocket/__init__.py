@@ -1,24 +1,22 @@
-"""Sensor in a trouser pocket: no stance to lean on, so orientation and gyro bias come from gravity and from the field.
+"""Sensor in a trouser pocket: no stance to use, so orientation and gyro bias come from gravity and the magnetic field.
 
 `estimate_pocket` is the filter of Munoz Diaz et al. (2017) in full, by default with its misprints corrected.
-`smooth_pocket` (all of a recording) and `OnlinePocket` (as it comes) are a graph with a local field as a variable.
+`smooth_pocket` (all of a recording) and `OnlinePocket` (a stream) are an iterated Kalman smoother with the local field
+in its state. `fg_nav.pocket.navigate` adds steps and dead reckoning.
 """
 
-from fg_nav.pocket.ekf import estimate_pocket
-from fg_nav.pocket.graph_parameters import PocketGraphParameters
+from fg_nav.pocket.filter import estimate_pocket
+from fg_nav.pocket.iterated_smoother import smooth_pocket
 from fg_nav.pocket.online import OnlinePocket, PocketEstimate, follow_pocket
-from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.presets import PRESETS, pocket_parameters
-from fg_nav.pocket.smoother import smooth_pocket
-from fg_nav.pocket.start import PocketStart, compass_start, level_start
-from fg_nav.pocket.track import PocketTrack
+from fg_nav.pocket.parameters import PRESETS, PocketParameters, PocketSmootherParameters, pocket_parameters
+from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, level_start
 
 __all__ = [
     "PRESETS",
     "OnlinePocket",
     "PocketEstimate",
-    "PocketGraphParameters",
     "PocketParameters",
+    "PocketSmootherParameters",
     "PocketStart",
     "PocketTrack",
     "compass_start",

@@ -1,17 +1,32 @@
-"""Where somebody is by steps alone: each a length along the way, in the direction in which the thigh swings.
+"""Dead reckoning by steps alone: each a length along the path, in the direction in which the thigh swings.
 
     p_k+1 = p_k + l_k d_k,     d_k level and forward: the mean of the thigh's left over a stride, turned to the front
 
-Over a stride the twist of the pelvis goes to and fro, and leaves nothing. Height is not seen, and stays what it was.
+Over a stride the twist of the pelvis goes to and fro, and cancels. Height is not observed, and stays what it was.
 
-Its covariance has four parts, l being the lengths, n the left of the directions d, sums over all steps so far:
+Length of a step from the angle by which the legs open. MD takes it from its reference 22 (Munoz Diaz and Mendiguchia
+Gonzalez 2014, and 2015), where the length of a step grows with the opening angle of the leg, whatever the speed, and
+each person has his own figures. Here one such figure suffices, so that one known distance calibrates it: two straight
+legs of length c, open by the angle a,
+
+    length = 2 c sin(a / 2),
+
+c being the step constant of the person, m. It is no leg to be measured: knees bend, the pelvis turns along, heel and
+toe add to the length, and a sensor in a pocket moves more than the bone.
+
+Default: c is the leg of an adult, 0.90 m, for a hip is 0.53 of the height over the floor, and the height 1.70 m. Then a
+usual step of 0.70 m opens the legs by 46 deg. Two real thighs (`qmt_fullbody`) were in view when it was chosen, so
+their distance by it is no check; simulated legs need 0.78. Between persons, trousers and the two legs of one person
+the constant differs by a tenth and more, which is the sigma of all lengths alike.
+
+The position's covariance has four parts, l being the lengths, n the left of the directions d, sums over all steps:
 
 ======= =============================== ==============================================================================
 scale   (s sum l d)(..)^T               the constant of the length, the same always
 heading sum_m dv_m (J r_m)(J r_m)^T     v_m the track's variance of heading at step m, never falling, dv_m by how much
-                                        it grew, r_m the way from there to here, J a quarter turn: what a heading loses
-                                        it loses for the rest of the walk. dv_0 is that of the start and the axis's,
-                                        which is not quite across the way
+                                        it grew, r_m the path from there to here, J a quarter turn: a lost heading
+                                        stays lost for the rest of the walk. dv_0 is that of the start and of the
+                                        axis, which is not quite across the path
 steps   sum l^2 (q^2 d d^T + r^2 n n^T) length and direction of each on its own
 slope   (g sum l)^2 on the vertical     stairs and ramps
 ======= =============================== ==============================================================================
@@ -24,33 +39,101 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.pocket.step_length import StepLength
-from fg_nav.pocket.steps import Steps
-from fg_nav.pocket.swing_axis import ThighSwing
+from fg_nav.errors import EstimationError
+from fg_nav.pocket.steps import Steps, ThighSwing
 from fg_nav.pocket.track import PocketTrack
 
+DEFAULT_CONSTANT_M = 0.90
+"""Step constant of an adult, m."""
+
+DEFAULT_SIGMA = 0.12
+"""Relative, of the default constant: what persons and trousers differ by."""
+
+CALIBRATED_SIGMA = 0.03
+"""Relative, of a constant by a known distance: another pace, other trousers, the tape."""
+
+STEP_SIGMA = 0.06
+"""Relative, of each step on its own: steps of one opening differ by so much. Assumed; it averages out."""
+
+PLAUSIBLE_M = (0.3, 1.5)
+"""No person's constant is outside."""
+
+MOUNTING_SIGMA_DEG = 4.0
+"""Axis of the swing against the path, deg: a leg that abducts while it swings turns it by 2 in the simulator, and toes
+that point out by some more. Assumed."""
+
+STEP_HEADING_SIGMA_DEG = 4.0
+"""Direction of each step on its own, deg. Assumed."""
+
+SLOPE_SIGMA = 0.03
+"""Rise over run: floors, streets and ramps. Stairs are ten times that, and not detected. Assumed."""
+
 
 @dataclass(frozen=True)
-class ReckoningParameters:
-    """Sigmas of the directions. Of the lengths they are those of `StepLength`."""
+class StepLength:
+    """The length of a step as a function of its opening.
 
-    mounting_sigma_deg: float = 4.0
-    """Axis of the swing against the way, deg: a leg that abducts while it swings turns it by 2 in the simulator, and
-    toes that point out by some more. Assumed."""
-    step_heading_sigma_deg: float = 4.0
-    """Direction of each step on its own, deg. Assumed."""
-    slope_sigma: float = 0.03
-    """Rise over way: floors, streets and ramps. Stairs are ten times that, and not told. Assumed."""
+    Attributes
+    ----------
+    constant_m : c.
+    sigma : relative, one standard deviation, of all lengths alike.
+    source : of the constant, in words.
+    """
+
+    constant_m: float = DEFAULT_CONSTANT_M
+    sigma: float = DEFAULT_SIGMA
+    source: str = "default"
+
+    def __post_init__(self) -> None:
+        low, high = PLAUSIBLE_M
+        if not low <= self.constant_m <= high:
+            raise EstimationError(
+                f"a step constant of {self.constant_m:.3g} m is no person's ({low:g} to {high:g} m): check the known "
+                "distance, or give a step constant in between."
+            )
+
+    def predict(self, opening: Floats) -> Floats:
+        """Lengths (S,) m of steps of these openings (S,) rad."""
+        return self.constant_m * compute_chords(opening)
+
+
+def compute_chords(opening: Floats) -> Floats:
+    """Lengths (S,) of steps of these openings (S,) rad, in step constants."""
+    return np.asarray(2.0 * np.sin(opening / 2.0))
+
+
+def calibrate_step_length(opening: Floats, known_distance_m: float) -> StepLength:
+    """Find the constant of a person who made steps of these openings (S,) rad over a known distance, m, along the path.
+
+    Raises
+    ------
+    EstimationError
+        Without a step, with no such distance, or if the constant that comes out is no person's.
+    """
+    if not (np.isfinite(known_distance_m) and known_distance_m > 0):
+        raise EstimationError(f"a known distance of {known_distance_m:g} m is none: give the metres walked.")
+    if not len(opening):
+        raise EstimationError("there is no step to calibrate the step length by: record a walk.")
+    constant = float(known_distance_m / compute_chords(opening).sum())
+    return StepLength(constant, CALIBRATED_SIGMA, source="known distance")
+
+
+def use_step_constant(constant_m: float) -> StepLength:
+    """Return the length by a constant that was calibrated before; raises `EstimationError` if it is no person's."""
+    return StepLength(constant_m, CALIBRATED_SIGMA, source="given")
+
+
+# the path
 
 
 @dataclass(frozen=True)
-class Way:
-    """What the steps add up to.
+class SteppedPath:
+    """The path of the steps.
 
     Attributes
     ----------
     sample : (P,) at the start of the walk, and at both ends of each step.
-    position : (P, 3) m, from the first at nought.
+    position : (P, 3) m, relative to the first.
     covariance : (P, 3, 3) m^2.
     length : (S,) m of each step.
     heading : (S,) rad clockwise from north, of each step.
@@ -63,22 +146,16 @@ class Way:
     heading: Floats
 
 
-def reckon(
-    track: PocketTrack,
-    swing: ThighSwing,
-    steps: Steps,
-    law: StepLength,
-    parameters: ReckoningParameters = ReckoningParameters(),
-) -> Way:
+def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length: StepLength) -> SteppedPath:
     """Add up the steps of a track."""
-    forward = directions(track, swing, steps)
-    length = law.of(steps.opening)
+    forward = estimate_directions(track, swing, steps)
+    length = step_length.predict(steps.opening)
     sigma = track.sigma[(steps.start + steps.stop) // 2, 2]
     after = np.cumsum(length[:, None] * forward, axis=0)
     position = np.concatenate([np.zeros((1, 2)), after])
-    covariance = _covariance(forward, length, sigma, law, parameters)
+    covariance = _propagate_covariance(forward, length, sigma, step_length.sigma)
     ends = np.repeat(np.arange(len(steps) + 1), 2)[1:-1]  # before and after each step
-    return Way(
+    return SteppedPath(
         sample=np.stack([steps.start, steps.stop], axis=1).ravel(),
         position=np.pad(position, ((0, 0), (0, 1)))[ends],
         covariance=covariance[ends],
@@ -87,7 +164,7 @@ def reckon(
     )
 
 
-def directions(track: PocketTrack, swing: ThighSwing, steps: Steps) -> Floats:
+def estimate_directions(track: PocketTrack, swing: ThighSwing, steps: Steps) -> Floats:
     """Directions (S, 2) east and north, of length 1, in which the thigh swings over the stride about each step."""
     left = track.nav_R_body[:, :2] @ swing.left
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(left, axis=0)])
@@ -98,28 +175,30 @@ def directions(track: PocketTrack, swing: ThighSwing, steps: Steps) -> Floats:
     return np.stack([mean[:, 1], -mean[:, 0]], axis=1)
 
 
-def _covariance(forward: Floats, length: Floats, sigma: Floats, law: StepLength, p: ReckoningParameters) -> Floats:
+def _propagate_covariance(forward: Floats, length: Floats, sigma: Floats, scale_sigma: float) -> Floats:
     """Covariance (S + 1, 3, 3) m^2 before and after each step."""
     along, left = length[:, None] * forward, np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     after = np.cumsum(along, axis=0)
-    own = _outer(law.step_sigma * along) + _outer(np.radians(p.step_heading_sigma_deg) * length[:, None] * left)
-    variance = np.maximum.accumulate(sigma**2) + np.radians(p.mounting_sigma_deg) ** 2
+    own = _outer(STEP_SIGMA * along) + _outer(np.radians(STEP_HEADING_SIGMA_DEG) * length[:, None] * left)
+    variance = np.maximum.accumulate(sigma**2) + np.radians(MOUNTING_SIGMA_DEG) ** 2
     covariance = np.zeros((len(length) + 1, 3, 3))
-    covariance[1:, :2, :2] = _outer(law.sigma * after) + np.cumsum(own, axis=0) + _by_heading(after, along, variance)
-    covariance[1:, 2, 2] = (p.slope_sigma * np.cumsum(length)) ** 2
+    covariance[1:, :2, :2] = (
+        _outer(scale_sigma * after) + np.cumsum(own, axis=0) + _propagate_heading(after, along, variance)
+    )
+    covariance[1:, 2, 2] = (SLOPE_SIGMA * np.cumsum(length)) ** 2
     return covariance
 
 
-def _by_heading(after: Floats, along: Floats, variance: Floats) -> Floats:
+def _propagate_heading(after: Floats, along: Floats, variance: Floats) -> Floats:
     """Covariance (S, 2, 2) by a heading of this variance (S,): sum over m of dv_m (J (p - p_m))(J (p - p_m))^T."""
     grown = np.diff(variance, prepend=0.0)
     before = after - along
     once = np.cumsum(grown[:, None] * before, axis=0)
     twice = np.cumsum(grown[:, None, None] * _outer(before), axis=0)
     mixed = once[:, :, None] * after[:, None, :]
-    ways = variance[:, None, None] * _outer(after) - mixed - np.swapaxes(mixed, 1, 2) + twice
+    total = variance[:, None, None] * _outer(after) - mixed - np.swapaxes(mixed, 1, 2) + twice
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-    return np.asarray(quarter @ ways @ quarter.T)
+    return np.asarray(quarter @ total @ quarter.T)
 
 
 def _outer(vectors: Floats) -> Floats:

@@ -1,8 +1,8 @@
-"""The paper's Euler angles: roll, pitch and yaw, and what small errors of them are as a rotation.
+"""MD's Euler angles: roll, pitch and yaw, and their small errors as a rotation.
 
     nav_R_body = Rz(yaw) Ry(pitch) Rx(roll)         nav East-North-Up, so yaw is that of the x axis, counter-clockwise
                                                     from east: pi / 2 - heading
-    gravity at rest = g (-sin pitch, sin roll cos pitch, cos roll cos pitch)                          (Eq. 12, 13)
+    gravity at rest = g (-sin pitch, sin roll cos pitch, cos roll cos pitch)                          MD (12), (13)
 
 Errors e of the angles, estimate minus truth, turn about the axes of the three rotations,
 
@@ -19,11 +19,11 @@ from numba import njit
 from fg_nav.arrays import Floats
 
 LEAST_COSINE = float(np.sin(np.radians(1.0)))
-"""Within a degree of a pitch of +-90 deg the angles say nothing that could be used."""
+"""Within a degree of a pitch of +-90 deg roll and yaw are not usable."""
 
 
 @njit(cache=True)
-def angles_of(nav_R_body: Floats) -> Floats:
+def angles_of_rotation(nav_R_body: Floats) -> Floats:
     """Roll, pitch, yaw (3,) rad."""
     R = nav_R_body
     pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
@@ -31,7 +31,7 @@ def angles_of(nav_R_body: Floats) -> Floats:
 
 
 @njit(cache=True)
-def rotation_of(angles: Floats) -> Floats:
+def rotation_of_angles(angles: Floats) -> Floats:
     """nav_R_body (3, 3) of roll, pitch, yaw (3,) rad."""
     cr, sr = np.cos(angles[0]), np.sin(angles[0])
     cp, sp = np.cos(angles[1]), np.sin(angles[1])
@@ -46,7 +46,7 @@ def rotation_of(angles: Floats) -> Floats:
 
 
 @njit(cache=True)
-def axes(nav_R_body: Floats) -> Floats:
+def error_axes(nav_R_body: Floats) -> Floats:
     """E (3, 3): from errors of the angles to the rotation in nav."""
     x, y = nav_R_body[0, 0], nav_R_body[1, 0]
     cosine = np.hypot(x, y)
@@ -54,7 +54,7 @@ def axes(nav_R_body: Floats) -> Floats:
 
 
 @njit(cache=True)
-def inverse_axes(nav_R_body: Floats) -> Floats:
+def inverse_error_axes(nav_R_body: Floats) -> Floats:
     """E^-1 (3, 3): from a small rotation in nav to errors of the angles."""
     x, y, sine = nav_R_body[0, 0], nav_R_body[1, 0], -nav_R_body[2, 0]
     square = x * x + y * y
@@ -69,13 +69,13 @@ def inverse_axes(nav_R_body: Floats) -> Floats:
 
 
 @njit(cache=True)
-def levelling_angles(force: Floats) -> tuple[float, float]:
-    """Roll and pitch, rad, that a specific force (3,) of gravity alone tells (Eq. 12, 13), in all quadrants."""
+def angles_of_up(force: Floats) -> tuple[float, float]:
+    """Roll and pitch, rad, of a specific force (3,) of gravity alone, MD (12), (13), in all quadrants."""
     roll = np.arctan2(force[1], force[2])
     return roll, np.arctan2(-force[0], np.hypot(force[1], force[2]))
 
 
 @njit(cache=True)
-def degenerate(nav_R_body: Floats) -> bool:
+def is_degenerate(nav_R_body: Floats) -> bool:
     """Whether the x axis is within a degree of vertical, where Euler angles end."""
     return bool(nav_R_body[0, 0] ** 2 + nav_R_body[1, 0] ** 2 < LEAST_COSINE**2)

@@ -1,7 +1,7 @@
-"""The pocket's graph while the walk goes on: orientation and gyro bias at the moment, from the past alone.
+"""The pocket's smoother while the walk goes on: orientation and gyro bias at the moment, from the past alone.
 
-Samples are kept until the next nodes are complete, made into links (`graph_links`), and the end of the graph is solved
-anew (`graph_window`). Between, the last node is carried on by the gyroscope. A rate's change within its sample (coning,
+Samples are stored until the next nodes are complete, preintegrated (`links`), and smoothed with a fixed lag
+(`fixed_lag`). Between, the last node is propagated by the gyroscope. A rate's change within its sample (coning,
 `fg_nav.samples.coning`) is known one sample late, and so is a node.
 """
 
@@ -12,19 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.factors.rotation import rotation_exp
-from fg_nav.pocket.graph_links import Links, links_between, node_samples
-from fg_nav.pocket.graph_parameters import PocketGraphParameters
-from fg_nav.pocket.graph_solution import Prior, after_gap, prior_of
-from fg_nav.pocket.graph_track import causal_track
-from fg_nav.pocket.graph_window import Window
-from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.start import PocketStart, level_start
-from fg_nav.pocket.track import PocketTrack
+from fg_nav.pocket.fixed_lag import FixedLagSmoother, Prior, build_prior, propagate_gap
+from fg_nav.pocket.iterated_smoother import propagate_track
+from fg_nav.pocket.links import NODE_S, place_nodes, preintegrate_links
+from fg_nav.pocket.parameters import PocketSmootherParameters
+from fg_nav.pocket.track import STILL_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 from fg_nav.samples.coning import compensated
+
+UPDATE_S = 1.0
+"""Estimates are made so often, s."""
+
+_EVERY = max(round(UPDATE_S / NODE_S), 1)
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,9 @@ class PocketEstimate:
 class OnlinePocket:
     """Orientation and gyro bias from samples as they come.
 
-    A sample that is not finite is left out. Where more than `fg_nav.recording.MAX_GAP_S` is missing, the graph goes on
-    behind the gap from what is then still known (`graph_solution.after_gap`); shorter gaps hold the last rate. Unlike
-    in a `Recording`, clipped peaks are not rebuilt.
+    A sample that is not finite is left out. Where more than `fg_nav.recording.MAX_GAP_S` is missing, the smoother
+    starts again after the gap from the prior of `fixed_lag.propagate_gap`; shorter gaps hold the last rate. Unlike in a
+    `Recording`, clipped peaks are not rebuilt.
 
     Attributes
     ----------
@@ -51,7 +53,7 @@ class OnlinePocket:
     """
 
     def __init__(
-        self, parameters: PocketGraphParameters = PocketGraphParameters(), start: PocketStart | None = None
+        self, parameters: PocketSmootherParameters = PocketSmootherParameters(), start: PocketStart | None = None
     ) -> None:
         self._p = parameters
         self._start = start
@@ -59,13 +61,13 @@ class OnlinePocket:
         self._origin = np.nan
         self._made = 0
         self._before = 0
-        self._window: Window | None = None
+        self._window: FixedLagSmoother | None = None
         self._resumed: Prior | None = None
         self.left_out = 0
         self.gaps: list[tuple[float, float]] = []
 
     def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> PocketEstimate | None:
-        """Take in samples and return the estimate at the last one; None until there is the first second.
+        """Add samples and return the estimate at the last one; None until there is the first second.
 
         Parameters
         ----------
@@ -77,16 +79,16 @@ class OnlinePocket:
             If a stamp is not after the one before, or it cannot be levelled.
         """
         new = np.column_stack([t, acc, gyr, np.full((len(t), 3), np.nan) if mag is None else mag])
-        for part in self._parts(new):
+        for part in self._split_at_gaps(new):
             if self._is_behind_gap(part):
-                self._lose(float(part[0, 0]))
-            self._take(part)
+                self._restart(float(part[0, 0]))
+            self._store(part)
             if self._has_begun():
                 self._make_nodes()
-        return self._now() if len(self._samples) and self._start is not None else None
+        return self._estimate_now() if len(self._samples) and self._start is not None else None
 
-    def _parts(self, new: Floats) -> list[Floats]:
-        """Samples (n, 10) that are finite, parted at gaps; raises if a stamp goes back."""
+    def _split_at_gaps(self, new: Floats) -> list[Floats]:
+        """Samples (n, 10) that are finite, split at gaps; raises if a stamp goes back."""
         finite = np.isfinite(new[:, :7]).all(axis=1)
         new = new[finite]
         if not (np.diff(np.append(self._samples[-1:, 0], new[:, 0])) > 0).all():
@@ -97,17 +99,16 @@ class OnlinePocket:
     def _is_behind_gap(self, part: Floats) -> bool:
         return len(self._samples) > 0 and part[0, 0] - self._samples[-1, 0] > MAX_GAP_S
 
-    def _lose(self, stamp: float) -> None:
-        """Go on at a stamp behind a gap; a beginning that was too short for a start is begun anew."""
+    def _restart(self, stamp: float) -> None:
+        """Restart at a stamp after a gap; a beginning that was too short for a start is dropped."""
         last = float(self._samples[-1, 0])
         self.gaps.append((last, stamp))
         if self._start is not None:
-            known = self._carried()
-            self._resumed = after_gap(known, stamp - last, self._p)
+            self._resumed = propagate_gap(self._propagate_last(), stamp - last)
         self._samples, self._window = np.empty((0, 10)), None
         self._origin, self._made, self._before = np.nan, 0, 0
 
-    def _take(self, new: Floats) -> None:
+    def _store(self, new: Floats) -> None:
         self._samples = np.concatenate([self._samples, new])
         if np.isnan(self._origin):
             self._origin = float(new[0, 0])
@@ -115,99 +116,91 @@ class OnlinePocket:
     def _has_begun(self) -> bool:
         """Whether there is a start, making it of the first second if there is enough of it."""
         if self._start is None:
-            p, (t, acc, gyr, mag) = PocketParameters(gravity=self._p.gravity), self._columns()
-            if len(t) < MIN_SAMPLES or t[-1] - t[0] < p.still_s:
+            t, acc, gyr, mag = self._split_columns()
+            if len(t) < MIN_SAMPLES or t[-1] - t[0] < STILL_S:
                 return False
-            self._start = level_start(Recording(t=t, acc=acc, gyr=gyr, mag=mag), p)
+            self._start = level_start(Recording(t=t, acc=acc, gyr=gyr, mag=mag))
         return True
 
-    def _columns(self) -> tuple[Floats, Floats, Floats, Floats]:
+    def _split_columns(self) -> tuple[Floats, Floats, Floats, Floats]:
         s = self._samples
         return s[:, 0], s[:, 1:4], s[:, 4:7], s[:, 7:]
 
     def _make_nodes(self) -> None:
-        """Make links of whole half seconds, once there are enough; one sample beyond is needed, and one before kept."""
-        p, (t, acc, gyr, mag) = self._p, self._columns()
-        every = max(round(p.push_s / p.node_s), 1)
-        ticks = self._origin + p.node_s * np.arange(self._made, self._made + every + 1)
+        """Make links of whole half seconds, if complete; one sample beyond is needed, and one before stays stored."""
+        t, acc, gyr, mag = self._split_columns()
+        ticks = self._origin + NODE_S * np.arange(self._made, self._made + _EVERY + 1)
         node = np.searchsorted(t, ticks - 1e-6)
         if node[-1] >= len(t) - 1:
             return
+        # preintegrate
         acc, gyr = compensated(acc, gyr, np.append(np.diff(t), t[-1] - t[-2]))
         node = np.unique(node).astype(np.int64)
-        links = links_between(node, t, acc, gyr, mag, np.zeros(3))
+        links = preintegrate_links(node, t, acc, gyr, mag, np.zeros(3))
+        # smooth
         assert self._start is not None
         if self._window is None:
-            self._window = Window(self._resumed or prior_of(self._start, links, p), links, p)
+            prior = self._resumed or build_prior(self._start, links, self._p)
+            self._window = FixedLagSmoother(prior, links, self._p)
         else:
             self._window.extend(links)
-        self._made += every
+        # drop the samples used, and look for more
+        self._made += _EVERY
         self._before = min(int(node[-1]), 1)
         self._samples = self._samples[node[-1] - self._before :]
         self._make_nodes()
 
-    def _now(self) -> PocketEstimate:
-        """The last node, carried on to the last sample."""
-        known = self._carried()
+    def _estimate_now(self) -> PocketEstimate:
+        """The last node, propagated to the last sample."""
+        known = self._propagate_last()
         return PocketEstimate(float(self._samples[-1, 0]), known.R, known.y[:3], np.sqrt(np.diag(known.P)[:6]))
 
-    def _carried(self) -> Prior:
-        """What is known of the last node, its attitude carried on to the last sample by the gyroscope."""
-        t, _, gyr, _ = self._columns()
-        known = self._known()
+    def _propagate_last(self) -> Prior:
+        """Estimate and covariance of the last node, its attitude propagated to the last sample by the gyroscope."""
+        t, _, gyr, _ = self._split_columns()
+        known = self._last_node()
         R, part = known.R, slice(self._before, -1)
         for turn in rotation_exp((gyr[part] - known.y[:3]) * np.diff(t)[self._before :, None]):
             R = R @ turn
         return known._replace(R=R)
 
-    def _known(self) -> Prior:
+    def _last_node(self) -> Prior:
         if self._window is not None:
             return self._window.last
         assert self._start is not None
-        return self._resumed or prior_of(self._start, None, self._p)
+        return self._resumed or build_prior(self._start, None, self._p)
 
 
 def follow_pocket(
     recording: Recording,
-    parameters: PocketGraphParameters = PocketGraphParameters(),
+    parameters: PocketSmootherParameters = PocketSmootherParameters(),
     start: PocketStart | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> PocketTrack:
-    """What `OnlinePocket` says at each sample of a recording: each estimate is made of what was there until then.
+    """Estimates of `OnlinePocket` at each sample of a recording: each uses the data until then.
 
-    Parameters and errors as in `fg_nav.pocket.smoother.smooth_pocket`.
+    Parameters and errors as in `fg_nav.pocket.iterated_smoother.smooth_pocket`.
     """
-    p = parameters
-    begun = level_start(recording, PocketParameters(gravity=p.gravity)) if start is None else start
+    start = level_start(recording) if start is None else start
     acc, gyr = recording.integrable
-    node = node_samples(recording.t, p.node_s)
-    links = links_between(node, recording.t, acc, gyr, recording.mag, np.zeros(3))
-    return _followed(recording, node, links, begun, p, progress)
-
-
-def _followed(
-    recording: Recording,
-    node: Ints,
-    links: Links,
-    start: PocketStart,
-    p: PocketGraphParameters,
-    progress: Callable[[float], None] | None,
-) -> PocketTrack:
-    every = max(round(p.push_s / p.node_s), 1)
-    ends = np.unique(np.append(np.arange(every, len(links), every), len(links)))
-    window = Window(prior_of(start, links, p), links.part(0, ends[0]), p)
-    R, b, P = [window.nodes.R[0]], [np.zeros(3)], [window.solved.P_ahead[0, :6, :6]]
+    node = place_nodes(recording.t)
+    links = preintegrate_links(node, recording.t, acc, gyr, recording.mag, np.zeros(3))
+    ends = np.unique(np.append(np.arange(_EVERY, len(links), _EVERY), len(links)))
+    window = FixedLagSmoother(build_prior(start, links, parameters), links.slice(0, ends[0]), parameters)
+    R, b, P = [window.nodes.R[0]], [np.zeros(3)], [window.smoothed.P_ahead[0, :6, :6]]
     nis = []
     for first, last in zip(np.append(0, ends[:-1]), ends, strict=True):
+        # smooth with the new links
         if first:
-            window.extend(links.part(first, last))
+            window.extend(links.slice(first, last))
+        # the last node is the estimate
         R.append(window.nodes.R[-1])
         b.append(window.nodes.b[-1])
-        P.append(window.solved.P[-1, :6, :6])
+        P.append(window.smoothed.P[-1, :6, :6])
         new = slice(-(last - first) - 1, -1)
-        nis.append(np.stack([window.solved.swing_nis[new], window.solved.field_nis[new]], axis=1))
+        nis.append(np.stack([window.smoothed.swing_nis[new], window.smoothed.field_nis[new]], axis=1))
         if progress is not None:
             progress(last / len(links))
     at = node[np.append(0, ends)]
     R[0] = start.nav_R_body
-    return causal_track(recording, at, np.array(R), np.array(b), np.array(P), node[:-1], np.concatenate(nis))
+    return propagate_track(recording, at, np.array(R), np.array(b), np.array(P), node[:-1], np.concatenate(nis))

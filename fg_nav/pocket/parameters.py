@@ -1,89 +1,99 @@
-"""What the pocket's filter believes of sensor and leg.
+"""Parameters of the pocket's two estimators of orientation, and the filter's presets.
 
-The paper prints the noises of its emulated sensor (Table 2) and the form of everything, but no prior, no figures of
-the bias model, none of the accelerometer, and no threshold: what is chosen here says why.
+MD prints the noises of its emulated sensor (Table 2) and the form of the equations, but no prior, no figures of the
+bias model, none of the accelerometer and no threshold: each value chosen here gives its reason.
+
+The gyroscope's noises are densities, so that results do not depend on the sampling rate; filter and smoother share
+them.
+
+====================== ============================================================================================
+munoz-diaz2017         MD's filter with its misprints corrected; the default
+munoz-diaz2017-printed the equations as printed (`fg_nav.pocket.filter_equations`), and gravity by single samples, with
+                       the noise of an accelerometer of 0.003 m/s^2/sqrt(Hz): it does not work, and shows why
+====================== ============================================================================================
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
+import numpy as np
+
+from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.frames import GRAVITY_M_S2
 
-_ABOVE_ZERO = (
-    "gyro_bias_sigma_deg_s", "bias_time_s", "acc_sigma_m_s2", "zero_acceleration_m_s2", "gravity",
-    "mag_sigma_uT", "field_window_s", "field_false_alarm", "longest_difference_s", "still_s",
-)  # fmt: skip
-_NOT_BELOW_ZERO = (
-    "gyr_density_deg", "bias_instability_deg_h", "gravity_window_s", "zero_acceleration_s",
-    "shortest_difference_s", "field_drift_uT_s", "tilt_sigma_deg",
-)  # fmt: skip
+GYR_DENSITY_DEG = 0.01
+"""White error of the rate, deg/s/sqrt(Hz): a MEMS sensor's; MD Table 2, 0.1 deg/s a sample, taken at 100 Hz."""
+
+BIAS_INSTABILITY_DEG_H = 10.0
+"""B of MD (24), deg/h; its stationary standard deviation is B / sqrt(2). Not printed: usual for a good MEMS."""
+
+BIAS_TIME_S = 200.0
+"""t_B of MD (25), s, where the Allan deviation is lowest. Not printed: such sensors have 100 to 300."""
+
+EARTH_RATE_RAD_S = 7.29e-5
+"""Rotation rate of the Earth, MD (27)."""
+
+_ABOVE_ZERO = ("gyro_bias_sigma_deg_s", "acc_sigma_m_s2", "mag_sigma_uT")
+_NOT_BELOW_ZERO = ("gravity_window_s", "shortest_difference_s")
+
+
+def compute_bias_walk() -> float:
+    """Random walk of the bias, rad/s/sqrt(s): sigma_n of MD (24) over the root of a sample's period."""
+    return float(np.radians(BIAS_INSTABILITY_DEG_H / 3600.0 / BIAS_TIME_S**0.5))
+
+
+def compute_bias_decay(returns_to_zero: bool) -> float:
+    """Decay rate of the bias, 1/s: that of MD (10), or zero for a random walk."""
+    return 1.0 / BIAS_TIME_S if returns_to_zero else 0.0
+
+
+def compute_earth_rate(latitude_deg: float | None) -> Floats:
+    """Rotation rate of the Earth (3,) rad/s in nav, MD (27); zero for None, where it is not removed."""
+    if latitude_deg is None:
+        return np.zeros(3)
+    latitude = np.radians(latitude_deg)
+    return EARTH_RATE_RAD_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
 
 @dataclass(frozen=True)
 class PocketParameters:
-    """Of the filter of Munoz Diaz et al. (2017); `fg_nav.pocket.presets` has them by name.
+    """Of the filter of Munoz Diaz et al. (2017)."""
 
-    Noises of the gyroscope are densities, so that the result does not hang on the sampling rate.
-    """
-
-    gyr_density_deg: float = 0.01
-    """White error of the rate, deg/s/sqrt(Hz): Table 2, 0.1 deg/s a sample, taken to be at 100 Hz."""
     gyro_bias_sigma_deg_s: float = 0.035
-    """Bias before anything is known, deg/s. Not printed. It alone sets how soon the z bias is found, as its inverse
-    square; with this one the simulated street has the minutes of Figure 9. A MEMS sensor's own is 0.1 to 0.5."""
-    bias_instability_deg_h: float = 10.0
-    """B of Eq. 24, deg/h; its stationary standard deviation is B / sqrt(2). Not printed: usual for a good MEMS."""
-    bias_time_s: float = 200.0
-    """t_B of Eq. 25, s, where the Allan deviation is lowest. Not printed: of such sensors 100 to 300."""
+    """Prior sigma of the bias, deg/s. Not printed. It alone sets how soon the z bias is found, as its inverse square;
+    with this one the simulated street has the minutes of MD Figure 9. A MEMS sensor's own is 0.1 to 0.5."""
     bias_returns_to_zero: bool = False
-    """Eq. 10 as printed, b <- c b with c = exp(-h / t_B). Otherwise c = 1, a random walk of the same steps."""
+    """MD (10) as printed, b <- c b with c = exp(-h / t_B). Otherwise c = 1, a random walk of the same steps."""
     latitude_deg: float | None = None
-    """Latitude, deg north, to take the Earth's rate off (Eq. 26-27); None as in the paper's filter, which does not."""
+    """Latitude, deg north, to remove the Earth's rate, MD (26), (27); None as in MD's filter, which does not."""
     gravity_window_s: float = 2.0
-    """Specific force is a weighted mean over so long, two strides, taken in every half of it (`fg_nav.pocket.gravity`);
-    0 as in the paper, the sample's own. Not printed; in the simulated pocket the paper's way does not hold the tilt."""
+    """The specific force is a weighted mean over two strides, used once every half window (`average_force`); 0 as in
+    MD, the sample's own. Not printed; in the simulated pocket single samples do not hold the tilt."""
     acc_sigma_m_s2: float = 0.3
-    """What a specific force that looks like gravity alone still has of motion, m/s^2 an axis: 0.1 to 0.25, and 0.03 of
-    accelerometer. The paper says the accelerometer's noise, and not how much it is."""
-    zero_acceleration_m_s2: float = 0.3
-    """Zero-acceleration detector: how far the strength of the specific force may be off gravity, m/s^2. Not printed."""
-    zero_acceleration_s: float = 0.05
-    """... and for how long it must have been so, s. Not printed."""
-    gravity: float = GRAVITY_M_S2
-    """m/s^2 (2.1.3 has 9.8)."""
+    """Motion left in a specific force that looks like gravity alone, m/s^2 an axis: 0.1 to 0.25, and 0.03 of
+    accelerometer. MD uses the accelerometer's noise without its value."""
     gravity_update: bool = True
     """Whether the absolute gravity update is used."""
     mag_sigma_uT: float = 0.015
-    """White error of the magnetometer, uT an axis and sample (Table 2)."""
+    """White error of the magnetometer, uT an axis and sample (MD Table 2)."""
     field_update: bool = True
     """Whether the differential magnetic field update is used, where there is a magnetometer."""
     field_gated: bool = True
-    """Whether it waits for the disturbance detector; the paper leaves it on in homogeneous fields."""
-    field_window_s: float = 0.5
-    """Disturbance detector: over how long the strength must keep still, s: half a stride. Not printed."""
-    field_drift_uT_s: float = 0.5
-    """... and the steady change of it that may pass, uT/s. Not printed: it may turn the field by some 1 deg/s."""
-    field_false_alarm: float = 0.01
-    """... and how often noise alone may fail."""
+    """Whether it waits for the disturbance detector; MD leaves it on in homogeneous fields."""
     shortest_difference_s: float = 0.0
-    """Fields at least so far apart are compared, s; 0 as in the paper, from each sample to the next. The noise of a
-    difference does not grow with the time that the bias had to turn it: 0.25 s finds the z bias in 1.5 min, not 13."""
-    longest_difference_s: float = 0.25
-    """... but none that are farther apart than the shortest and this, s: a gap in the magnetometer."""
+    """Fields at least so far apart are compared, s; 0 as in MD, from each sample to the next. The noise of a
+    difference does not grow with the time over which the bias turns it: 0.25 s finds the z bias in 1.5 min, not 13."""
     difference_as_printed: bool = False
-    """Eq. 15 as printed, A mu, where A^T mu must stand."""
+    """MD (15) as printed, A mu, where A^T mu must stand."""
     arctangent_as_printed: bool = False
-    """Eq. 12 as printed: the arctangent of one argument, which knows no sensor upside down."""
+    """MD (12) as printed: the arctangent of one argument, which fails for a sensor upside down."""
     euler_state: bool = False
-    """State and covariance in Euler angles as printed (Eq. 1), which end at a pitch of +-90 deg. Otherwise the error is
-    a small rotation in nav: the same filter to first order, in any position."""
-    still_s: float = 1.0
-    """The attitude at the start is levelled by the mean over this, s (2.1)."""
-    tilt_sigma_deg: float = 0.5
-    """Tilt after levelling at rest, deg: a MEMS accelerometer's bias. Not printed."""
+    """State and covariance in Euler angles as printed, MD (1), which end at a pitch of +-90 deg. Otherwise the error is
+    a small rotation in nav: the same filter to first order, in any attitude."""
 
     def __post_init__(self) -> None:
         for name in _ABOVE_ZERO:
@@ -92,12 +102,53 @@ class PocketParameters:
         for name in _NOT_BELOW_ZERO:
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise EstimationError(f"{name} of {getattr(self, name):g} cannot be: give zero or more.")
-        if not self.field_false_alarm < 1.0:
-            raise EstimationError(f"field_false_alarm of {self.field_false_alarm:g} is no share: give one below 1.")
         if self.latitude_deg is not None and not abs(self.latitude_deg) <= 90.0:
             raise EstimationError(f"latitude_deg of {self.latitude_deg:g} is none: give -90 to 90, or None.")
 
-    @property
-    def bias_walk_deg_s(self) -> float:
-        """Random walk of the bias, deg/s/sqrt(s): sigma_n of Eq. 24 over the root of a sample's period."""
-        return float(self.bias_instability_deg_h / 3600.0 / self.bias_time_s**0.5)
+
+@dataclass(frozen=True)
+class PocketSmootherParameters:
+    """Of `smooth_pocket` and `OnlinePocket`: errors of the sensors, which differ from one to the next."""
+
+    gyro_bias_sigma_deg_s: float = 0.3
+    """Prior sigma of the bias, deg/s: a MEMS sensor's is 0.1 to 0.5."""
+    gyr_scale_sigma: float = 0.002
+    """Prior sigma of scale and misalignment, a fraction of the rate: a sensor calibrated by its maker, 0.1 deg of axes.
+    Assumed; chosen with the BROAD trials in view (docs/pocket.md). 0.01 for a bare chip."""
+    bias_returns_to_zero: bool = False
+    """AR(1) as in MD (10); otherwise a random walk of the same steps."""
+    latitude_deg: float | None = None
+    """Latitude, deg north, to remove the Earth's rate; None to leave it."""
+    mag_sigma_uT: float = 0.5
+    """White error of the magnetometer, uT an axis and sample: a MEMS one's at 100 Hz."""
+    mag_left_uT: float = 0.5
+    """Error left by the calibration of the magnetometer, uT an axis: 1 % of the field, different at each attitude."""
+
+
+PRESETS: Mapping[str, PocketParameters] = MappingProxyType(
+    {
+        "munoz-diaz2017": PocketParameters(),
+        "munoz-diaz2017-printed": PocketParameters(
+            bias_returns_to_zero=True,
+            gravity_window_s=0.0,
+            acc_sigma_m_s2=0.03,
+            difference_as_printed=True,
+            arctangent_as_printed=True,
+            euler_state=True,
+        ),
+    }
+)
+"""Of the filter by name, the default first."""
+
+
+def pocket_parameters(name: str) -> PocketParameters:
+    """Return the parameters of a preset.
+
+    Raises
+    ------
+    EstimationError
+        If there is none of that name.
+    """
+    if name not in PRESETS:
+        raise EstimationError(f"there is no preset '{name}' for the pocket: choose from {', '.join(PRESETS)}.")
+    return PRESETS[name]

@@ -1,4 +1,4 @@
-"""Dead reckoning by steps: ways that are known, and a covariance that draws bear out."""
+"""Dead reckoning by steps: paths that are known, and a covariance that draws bear out."""
 
 from dataclasses import replace
 
@@ -6,17 +6,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.pocket.dead_reckoning import ReckoningParameters, reckon
-from fg_nav.pocket.step_length import StepLength
-from fg_nav.pocket.steps import Steps
-from fg_nav.pocket.swing_axis import ThighSwing
+from fg_nav.pocket.dead_reckoning import (
+    MOUNTING_SIGMA_DEG,
+    SLOPE_SIGMA,
+    STEP_HEADING_SIGMA_DEG,
+    STEP_SIGMA,
+    StepLength,
+    reckon_path,
+)
+from fg_nav.pocket.steps import Steps, ThighSwing
 from fg_nav.pocket.track import PocketTrack
 
 RATE_HZ = 20
 STEP = 10
 """Samples to a step."""
 
-LAW = StepLength(0.9, sigma=0.05, step_sigma=0.1)
+LAW = StepLength(0.9, sigma=0.05)
 
 
 def given(headings, twist_deg=0.0, sigma=None, mounting=(0.3, -0.8, 2.0)):
@@ -40,28 +45,28 @@ def given(headings, twist_deg=0.0, sigma=None, mounting=(0.3, -0.8, 2.0)):
     return track, swing, steps
 
 
-def test_a_way_north_and_then_east():
+def test_a_path_north_and_then_east():
     track, swing, steps = given([0.0] * 30 + [np.pi / 2] * 20)
-    way = reckon(track, swing, steps, LAW)
-    length = LAW.of(np.radians([46.0]))[0]
-    np.testing.assert_allclose(way.length, length)
-    np.testing.assert_allclose(way.position[59], [0.0, 30 * length, 0.0], atol=0.5 * length)
-    np.testing.assert_allclose(way.position[-1], [20 * length, 30 * length, 0.0], atol=length)
-    np.testing.assert_allclose(way.heading[[0, 20, 40]], [0.0, 0.0, np.pi / 2], atol=1e-9)
-    assert (way.sample[1::2] == steps.stop).all()
-    slope = ReckoningParameters().slope_sigma * 50 * length
-    assert np.sqrt(way.covariance[-1, 2, 2]) == pytest.approx(slope)
+    path = reckon_path(track, swing, steps, LAW)
+    length = LAW.predict(np.radians([46.0]))[0]
+    np.testing.assert_allclose(path.length, length)
+    np.testing.assert_allclose(path.position[59], [0.0, 30 * length, 0.0], atol=0.5 * length)
+    np.testing.assert_allclose(path.position[-1], [20 * length, 30 * length, 0.0], atol=length)
+    np.testing.assert_allclose(path.heading[[0, 20, 40]], [0.0, 0.0, np.pi / 2], atol=1e-9)
+    assert (path.sample[1::2] == steps.stop).all()
+    slope = SLOPE_SIGMA * 50 * length
+    assert np.sqrt(path.covariance[-1, 2, 2]) == pytest.approx(slope)
 
 
 def test_the_twist_of_the_pelvis_leaves_nothing():
-    plain = reckon(*given([0.4] * 40), LAW)
-    twisted = reckon(*given([0.4] * 40, twist_deg=12.0), LAW)
+    plain = reckon_path(*given([0.4] * 40), LAW)
+    twisted = reckon_path(*given([0.4] * 40, twist_deg=12.0), LAW)
     assert np.degrees(np.abs(twisted.heading - plain.heading)).max() < 0.5
 
 
-def test_turned_about_up_it_is_the_same_way_turned():
+def test_turned_about_up_it_is_the_same_path_turned():
     headings = np.linspace(0.0, 3.0, 40)
-    one, other = reckon(*given(headings), LAW), reckon(*given(headings + 1.1), LAW)
+    one, other = reckon_path(*given(headings), LAW), reckon_path(*given(headings + 1.1), LAW)
     turn = Rotation.from_euler("z", -1.1).as_matrix()
     np.testing.assert_allclose(other.position, one.position @ turn.T, atol=1e-9)
     np.testing.assert_allclose(other.covariance, turn @ one.covariance @ turn.T, atol=1e-9)
@@ -76,43 +81,40 @@ def test_the_covariance_is_that_of_the_draws(course):
         "to and fro": np.where(np.arange(count) < count // 2, 0.0, np.pi),
         "round": np.linspace(0.0, 2 * np.pi, count),
     }[course]
-    parameters = ReckoningParameters(mounting_sigma_deg=2.0, step_heading_sigma_deg=5.0)
     sigma = np.radians(3.0 + 5.0 * np.arange(STEP * (count + 4)) / (STEP * (count + 4)))
     track, swing, steps = given(true, sigma=sigma)
-    claimed = reckon(track, swing, steps, LAW, parameters)
-    ends = draws(claimed, track.sigma[(steps.start + steps.stop) // 2, 2], parameters, 4000)
+    claimed = reckon_path(track, swing, steps, LAW)
+    ends = draws(claimed, track.sigma[(steps.start + steps.stop) // 2, 2], 4000)
     found, said = np.cov(ends.T), claimed.covariance[-1, :2, :2]
     ratio = np.linalg.eigvals(np.linalg.solve(said, found)).real
     assert ratio.min() > 0.85
     assert ratio.max() < 1.15
 
 
-def draws(way, sigma, parameters, number):
-    """Ends (number, 2) of ways with errors of scale, heading, mounting and each step."""
+def draws(path, sigma, number):
+    """Ends (number, 2) of paths with errors of scale, heading, mounting and each step."""
     rng = np.random.default_rng(3)
-    size = (number, len(way.length))
+    size = (number, len(path.length))
     growth = np.sqrt(np.diff(sigma**2, prepend=0.0))
     drift = np.cumsum(growth * rng.standard_normal(size), axis=1)
-    drift += np.radians(parameters.mounting_sigma_deg) * rng.standard_normal((number, 1))
-    drift += np.radians(parameters.step_heading_sigma_deg) * rng.standard_normal(size)
-    length = way.length * (
-        1 + LAW.sigma * rng.standard_normal((number, 1)) + LAW.step_sigma * rng.standard_normal(size)
-    )
-    forward = np.stack([np.sin(way.heading), np.cos(way.heading)], axis=1)
+    drift += np.radians(MOUNTING_SIGMA_DEG) * rng.standard_normal((number, 1))
+    drift += np.radians(STEP_HEADING_SIGMA_DEG) * rng.standard_normal(size)
+    length = path.length * (1 + LAW.sigma * rng.standard_normal((number, 1)) + STEP_SIGMA * rng.standard_normal(size))
+    forward = np.stack([np.sin(path.heading), np.cos(path.heading)], axis=1)
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
-    return np.einsum("ns,sj->nj", length, forward) + np.einsum("ns,sj->nj", way.length * drift, left)
+    return np.einsum("ns,sj->nj", length, forward) + np.einsum("ns,sj->nj", path.length * drift, left)
 
 
 def test_a_sigma_of_heading_that_falls_does_not_take_back_what_was_lost():
     track, swing, steps = given(np.zeros(40), sigma=np.radians(5.0))
     falling = replace(track, sigma=track.sigma * np.linspace(1.0, 0.1, len(track))[:, None])
-    one, other = (reckon(given_track, swing, steps, LAW).covariance[-1] for given_track in (track, falling))
+    one, other = (reckon_path(given_track, swing, steps, LAW).covariance[-1] for given_track in (track, falling))
     np.testing.assert_allclose(other, one, rtol=0.3)
 
 
-def test_doubt_grows_along_the_way_and_begins_at_nought():
-    way = reckon(*given(np.zeros(30), sigma=0.05), LAW)
-    sizes = np.trace(way.covariance, axis1=1, axis2=2)
+def test_the_covariance_grows_along_the_path_from_zero():
+    path = reckon_path(*given(np.zeros(30), sigma=0.05), LAW)
+    sizes = np.trace(path.covariance, axis1=1, axis2=2)
     assert sizes[0] == 0.0
     assert (np.diff(sizes) >= 0).all()
-    np.testing.assert_array_equal(way.covariance, np.swapaxes(way.covariance, 1, 2))
+    np.testing.assert_array_equal(path.covariance, np.swapaxes(path.covariance, 1, 2))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.pocket.gravity import force_at_stamps, mean_force, thinned
+from fg_nav.pocket.filter import average_force, interpolate_force, thin_flags
 from tests.pocket.leg import Leg, walking
 
 LEG = walking(10.0)
@@ -12,12 +12,12 @@ GRAVITY = GRAVITY_M_S2 * LEG.attitude[:-1, 2]
 
 def test_a_sample_is_gravity_at_its_stamp():
     acc = LEG.recording().acc
-    assert np.abs(force_at_stamps(acc) - GRAVITY)[1:].max() < 0.02
+    assert np.abs(interpolate_force(acc) - GRAVITY)[1:].max() < 0.02
     assert np.abs(acc - GRAVITY).max() > 0.15  # half a period late
 
 
 def test_a_mean_is_gravity_in_the_body_at_its_end():
-    force = mean_force(LEG.recording(bias=np.zeros(3)), 100)
+    force = average_force(LEG.recording(bias=np.zeros(3)), 100)
     assert np.isnan(force[:100]).all()
     assert np.abs(force - GRAVITY)[100:].max() < 0.005
 
@@ -27,14 +27,14 @@ def test_a_velocity_that_comes_back_to_itself_leaves_the_mean_alone():
     recording = LEG.recording(bias=np.zeros(3))
     push = 5.0 * np.sin(2 * np.pi * recording.t)[:, None] * np.array([1.0, 0.5, 0.3])
     recording.acc[:] += np.einsum("nji,nj->ni", LEG.attitude[:-1], push)
-    assert np.abs(mean_force(recording, 200) - GRAVITY)[200:].max() < 0.1
-    assert np.abs(force_at_stamps(recording.acc) - GRAVITY).max() > 4.0
+    assert np.abs(average_force(recording, 200) - GRAVITY)[200:].max() < 0.1
+    assert np.abs(interpolate_force(recording.acc) - GRAVITY).max() > 4.0
 
 
 def test_a_bias_turns_the_mean_by_half_its_window():
     bias = np.array([0.02, -0.01, 0.02])
     pitched = Leg(np.tile(LEG.attitude[200], (1001, 1, 1)), 0.01)
-    force, up = mean_force(pitched.recording(bias=bias), 100)[-1], GRAVITY_M_S2 * LEG.attitude[200, 2]
+    force, up = average_force(pitched.recording(bias=bias), 100)[-1], GRAVITY_M_S2 * LEG.attitude[200, 2]
     assert np.allclose(force, up - 0.5 * np.cross(bias, up), atol=2e-3)
     assert np.abs(force - up).max() > 0.01
 
@@ -43,5 +43,5 @@ def test_flags_are_thinned_to_a_period():
     t = np.arange(100) * 0.1
     flags = np.ones(100, dtype=bool)
     flags[15:17] = False
-    assert np.array_equal(np.flatnonzero(thinned(t, flags, 0.5))[:5], [0, 5, 10, 17, 22])
-    assert thinned(t, flags, 0.0).sum() == 98
+    assert np.array_equal(np.flatnonzero(thin_flags(t, flags, 0.5))[:5], [0, 5, 10, 17, 22])
+    assert thin_flags(t, flags, 0.0).sum() == 98

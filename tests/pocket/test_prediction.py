@@ -6,30 +6,41 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.pocket.belief import PocketState, belief_of, blank_chain
-from fg_nav.pocket.difference import begin
-from fg_nav.pocket.euler import angles_of, rotation_of
+from fg_nav.pocket.euler import angles_of_rotation, rotation_of_angles
+from fg_nav.pocket.filter_equations import (
+    PocketState,
+    build_model,
+    create_reference,
+    predict_field,
+    predict_state,
+    set_reference,
+)
 from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.prediction import predict
-from fg_nav.pocket.updates import expected_field
 
 H = 0.01
 RATE = np.array([0.4, -3.1, 0.9])
 BIAS = np.array([0.02, -0.03, 0.01])
-QUIET = PocketParameters(gyr_density_deg=0.0, bias_instability_deg_h=0.0, latitude_deg=48.0)
+QUIET = PocketParameters(latitude_deg=48.0)
 KINDS = {
     "rotation": QUIET,
     "angles": replace(QUIET, euler_state=True),
-    "returning": replace(QUIET, bias_returns_to_zero=True, bias_time_s=1.0),
+    "returning": replace(QUIET, bias_returns_to_zero=True),
     "on a faster Earth": QUIET,
 }
 
 
+def quiet_model(parameters):
+    """Without noise; a bias that returns to zero does so within a second."""
+    model = build_model(parameters)
+    decay = 1.0 if parameters.bias_returns_to_zero else 0.0
+    return model._replace(gyr_density=0.0, bias_density=0.0, bias_decay_per_s=decay)
+
+
 def state_with(error, parameters, P=None):
     """State whose estimate is off by `error` (6,) from a fixed truth."""
-    R = rotation_of(np.array([0.3, -0.7, 2.0]))
+    R = rotation_of_angles(np.array([0.3, -0.7, 2.0]))
     if parameters.euler_state:
-        R = rotation_of(angles_of(R) + error[:3])
+        R = rotation_of_angles(angles_of_rotation(R) + error[:3])
     else:
         R = Rotation.from_rotvec(error[:3]).as_matrix() @ R
     return PocketState(R, BIAS + error[3:], np.zeros((6, 6)) if P is None else P)
@@ -37,30 +48,30 @@ def state_with(error, parameters, P=None):
 
 def error_between(state, truth, parameters):
     if parameters.euler_state:
-        attitude = angles_of(state.nav_R_body) - angles_of(truth.nav_R_body)
+        attitude = angles_of_rotation(state.nav_R_body) - angles_of_rotation(truth.nav_R_body)
     else:
         attitude = Rotation.from_matrix(state.nav_R_body @ truth.nav_R_body.T).as_rotvec()
     return np.concatenate([attitude, state.gyro_bias - truth.gyro_bias])
 
 
-def moved(state, belief):
-    predict(state, blank_chain(), RATE, H, belief)
+def moved(state, model):
+    predict_state(state, create_reference(), RATE, H, model)
     return state
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_errors_move_as_finite_differences_say(kind):
     parameters = KINDS[kind]
-    belief = belief_of(parameters)
+    model = quiet_model(parameters)
     if kind == "on a faster Earth":
-        belief = belief._replace(earth_rate=1e3 * belief.earth_rate)
+        model = model._replace(earth_rate=1e3 * model.earth_rate)
     step = 1e-6
     for axis in range(6):
-        ends = [moved(state_with(sign * step * np.eye(6)[axis], parameters), belief) for sign in (1, -1)]
+        ends = [moved(state_with(sign * step * np.eye(6)[axis], parameters), model) for sign in (1, -1)]
         column = error_between(*ends, parameters) / (2 * step)
         start = state_with(np.zeros(6), parameters, np.outer(np.eye(6)[axis], np.eye(6)[axis]))
         # without noise P' is the column of F times itself
-        assert np.allclose(moved(start, belief).P, np.outer(column, column), atol=2e-5 if "Earth" in kind else 1e-8)
+        assert np.allclose(moved(start, model).P, np.outer(column, column), atol=2e-5 if "Earth" in kind else 1e-8)
 
 
 def test_the_attitude_turns_by_the_rate_less_bias_and_earth():
@@ -69,42 +80,42 @@ def test_the_attitude_turns_by_the_rate_less_bias_and_earth():
     before = state.nav_R_body.copy()
     earth = 7.29e-5 * np.array([0.0, np.cos(np.radians(48)), np.sin(np.radians(48))])
     turned = Rotation.from_rotvec((RATE - BIAS - before.T @ earth) * H).as_matrix()
-    assert np.allclose(moved(state, belief_of(parameters)).nav_R_body, before @ turned, atol=1e-13)
+    assert np.allclose(moved(state, quiet_model(parameters)).nav_R_body, before @ turned, atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["rotation", "angles"])
 def test_noise_of_the_gyroscope_adds_up_as_it_does(kind):
     """Monte Carlo over one step: the spread of attitudes is the covariance that is added."""
-    parameters = replace(KINDS[kind], gyr_density_deg=1.0)
-    rng, belief, draws = np.random.default_rng(3), belief_of(parameters), 4000
-    calm = moved(state_with(np.zeros(6), parameters), belief)
+    parameters, rng, draws = KINDS[kind], np.random.default_rng(3), 4000
+    model = quiet_model(parameters)._replace(gyr_density=np.radians(1.0) ** 2)
+    calm = moved(state_with(np.zeros(6), parameters), model)
     errors = []
     for noise in rng.standard_normal((draws, 3)) * np.radians(1.0) / np.sqrt(H):
         state = state_with(np.zeros(6), parameters)
-        predict(state, blank_chain(), RATE + noise, H, belief)
+        predict_state(state, create_reference(), RATE + noise, H, model)
         errors.append(error_between(state, calm, parameters)[:3])
     assert np.allclose(np.cov(np.array(errors).T), calm.P[:3, :3], atol=6 * calm.P[:3, :3].max() / np.sqrt(draws))
 
 
 def test_the_bias_walks_by_the_printed_steps_whatever_the_rate():
-    """Eq. 24 and 25: sigma_n = B / sqrt(t_B f) a sample."""
-    parameters = PocketParameters(bias_instability_deg_h=10.0, bias_time_s=200.0)
+    """MD (24), (25): sigma_n = B / sqrt(t_B f) a sample."""
+    parameters = PocketParameters()
     state = state_with(np.zeros(6), parameters)
-    predict(state, blank_chain(), RATE, H, belief_of(parameters))
+    predict_state(state, create_reference(), RATE, H, build_model(parameters))
     assert state.P[3, 3] == pytest.approx(np.radians(10 / 3600) ** 2 / (200.0 / H))
 
 
 @pytest.mark.parametrize("printed", [False, True])
-def test_what_the_chain_expects_hangs_on_the_bias_as_finite_differences_say(printed):
+def test_what_the_reference_predicts_hangs_on_the_bias_as_finite_differences_say(printed):
     rates = np.random.default_rng(4).normal(0.0, 3.0, (12, 3))
 
     def expected(bias):
-        state, chain = PocketState(np.eye(3), bias.copy(), np.zeros((6, 6))), blank_chain()
-        begin(chain, np.array([12.0, -20.0, -40.0]))
+        state, reference = PocketState(np.eye(3), bias.copy(), np.zeros((6, 6))), create_reference()
+        set_reference(reference, np.array([12.0, -20.0, -40.0]))
         for rate in rates:
-            predict(state, chain, rate, H, belief_of(replace(QUIET, latitude_deg=None)))
-        assert chain.age[0] == pytest.approx(0.12)
-        return expected_field(chain, printed)
+            predict_state(state, reference, rate, H, quiet_model(replace(QUIET, latitude_deg=None)))
+        assert reference.age[0] == pytest.approx(0.12)
+        return predict_field(reference, printed)
 
     field, per_bias = expected(BIAS)
     for axis in np.eye(3):

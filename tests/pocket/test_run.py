@@ -17,7 +17,7 @@ from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand, TurnOnSpot, Walk
 from fg_nav.lab.simulation.scenarios import scenario
-from fg_nav.pocket.estimators import METHODS, navigate_pocket
+from fg_nav.pocket.navigate import METHODS, navigate_pocket
 from fg_nav.recording import RawRecording, Recording
 
 PAPER = METHODS[1]

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.errors import EstimationError
 from fg_nav.frames import heading_of
 from fg_nav.pocket import compass_start, level_start
-from fg_nav.pocket.start import field_noise_uT
+from fg_nav.pocket.track import estimate_field_noise_uT
 from tests.pocket.leg import resting, walking
 
 
@@ -31,18 +31,18 @@ def test_the_heading_given_is_that_of_the_x_axis():
 
 
 @pytest.mark.parametrize("sigma_uT", [0.05, 0.5])
-def test_the_noise_of_the_magnetometer_is_told_at_rest_and_while_the_leg_swings(sigma_uT):
+def test_the_noise_of_the_magnetometer_is_estimated_at_rest_and_while_the_leg_swings(sigma_uT):
     rng = np.random.default_rng(4)
     for leg in (resting(30.0), walking(30.0)):
         recording = leg.recording()
         noisy = recording.mag + sigma_uT * rng.standard_normal(recording.mag.shape)
-        found = field_noise_uT(replace(recording, mag=noisy))
+        found = estimate_field_noise_uT(replace(recording, mag=noisy))
         assert 0.85 * sigma_uT < found < 1.3 * np.hypot(sigma_uT, 0.1)
 
 
-def test_without_noise_or_field_the_magnetometer_is_not_believed_without_end():
+def test_without_noise_or_field_the_sigma_of_the_magnetometer_has_a_floor():
     recording = resting(5.0).recording()
-    assert field_noise_uT(recording) == field_noise_uT(replace(recording, mag=None)) == 0.015
+    assert estimate_field_noise_uT(recording) == estimate_field_noise_uT(replace(recording, mag=None)) == 0.015
 
 
 def test_who_starts_on_the_move_knows_less_of_the_tilt():

@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import EstimationError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pocket import estimate_pocket
-from fg_nav.pocket.steps import find_steps, turning_points
-from fg_nav.pocket.swing_axis import thigh_swing
+from fg_nav.pocket.steps import estimate_swing, find_steps, find_turning_points
 from fg_nav.recording import Recording
 
 RATE_HZ = 50.0
@@ -103,9 +102,9 @@ def test_a_leg_that_gives_way_at_the_footfall_makes_one_step():
 
 
 def test_no_sample_no_turn():
-    assert turning_points(np.zeros(100), 0.1).size == 0
-    assert turning_points(np.array([0.0, 1.0, 0.0, 2.0, 0.0]), 0.5).tolist() == [0, 1, 2, 3, 4]
-    assert turning_points(np.array([0.0, 1.0, 0.7, 2.0, 0.0]), 0.5).tolist() == [0, 3, 4]
+    assert find_turning_points(np.zeros(100), 0.1).size == 0
+    assert find_turning_points(np.array([0.0, 1.0, 0.0, 2.0, 0.0]), 0.5).tolist() == [0, 1, 2, 3, 4]
+    assert find_turning_points(np.array([0.0, 1.0, 0.7, 2.0, 0.0]), 0.5).tolist() == [0, 3, 4]
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +122,7 @@ def mounted(recording, turn):
 def test_axes_and_steps_do_not_hang_on_the_mounting(walk, rotvec):
     turn = Rotation.from_rotvec(rotvec)
     recording = mounted(walk.recording, turn)
-    swing = thigh_swing(recording, estimate_pocket(recording))
+    swing = estimate_swing(recording, estimate_pocket(recording))
     thigh_R_body = walk.recording.truth.nav_R_body  # true attitudes, of the sensor as it was
     left = np.einsum("nij,j->ni", thigh_R_body, turn.apply(swing.left))
     heading = np.arctan2(left[:, 1], -left[:, 0])  # of forward, clockwise from north
@@ -142,7 +141,7 @@ def test_a_sensor_that_lies_still_has_no_swing(walk):
     rng = np.random.default_rng(0)
     still = Recording(np.arange(n) / 100, [0, 0, 9.8] + 0.01 * rng.standard_normal((n, 3)), np.zeros((n, 3)) + 1e-4)
     with pytest.raises(EstimationError, match="no walk in it"):
-        thigh_swing(still, estimate_pocket(still))
+        estimate_swing(still, estimate_pocket(still))
 
 
 def test_a_sensor_that_is_turned_every_way_has_no_axis():
@@ -150,4 +149,4 @@ def test_a_sensor_that_is_turned_every_way_has_no_axis():
     gyr = 3.0 * np.stack([np.sin(3 * t), np.sin(4.1 * t + 1), np.sin(5.3 * t + 2)], axis=1)
     recording = Recording(t, np.tile([0, 0, 9.8], (3000, 1)), gyr)
     with pytest.raises(EstimationError, match="no level axis"):
-        thigh_swing(recording, estimate_pocket(recording))
+        estimate_swing(recording, estimate_pocket(recording))

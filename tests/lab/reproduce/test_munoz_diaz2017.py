@@ -14,6 +14,7 @@ from fg_nav.lab.reproduce.file import written
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import runs as measures
 from fg_nav.lab.reproduce.munoz_diaz2017 import seed as of_seed
+from fg_nav.lab.reproduce.munoz_diaz2017.paper import PUBLISHED
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import ESTIMATORS, Run, run_of
 from fg_nav.lab.reproduce.munoz_diaz2017.seed import Wanted, name_of
@@ -22,7 +23,6 @@ from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, Setting, cases, setti
 from fg_nav.lab.simulation import SCENARIOS, Choices, courses, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.pocket import PocketTrack
-from fg_nav.pocket.paper import PUBLISHED
 from fg_nav.report import style
 
 SHORT_M = 6.0

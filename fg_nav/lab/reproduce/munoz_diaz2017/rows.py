@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fg_nav.lab.reproduce.munoz_diaz2017.paper import PUBLISHED
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import (
     Measure,
     X,
@@ -48,7 +49,6 @@ from fg_nav.lab.reproduce.munoz_diaz2017.text import (
 )
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, BATCH, FILTER, ONLINE, SECOND_NOISES_UT
 from fg_nav.lab.reproduce.results import TOLERANCE, Row
-from fg_nav.pocket.paper import PUBLISHED
 
 OURS, EXPECTED = "ours", "by the field"
 """Columns of what no estimator has a hand in."""

@@ -1,10 +1,10 @@
 """What the estimators make of the walks of Munoz Diaz et al. (2017): orientation, bias, and the way by dead reckoning.
 
 ========== =========================================================================================================
-as printed the paper's filter, its equations as they stand, misprints and all (`fg_nav.pocket.printed`)
+as printed the paper's filter, its equations as they stand, misprints and all (`fg_nav.pocket.filter_equations`)
 filter     with these corrected; gravity by a mean over two strides
-batch      `fg_nav.pocket.smooth_pocket`, the graph of the whole walk: no minutes pass until it knows a bias
-online     `fg_nav.pocket.follow_pocket`, the same graph: each estimate is made of what was there until then
+batch      `fg_nav.pocket.smooth_pocket`, an iterated Kalman smoother of the whole walk
+online     `fg_nav.pocket.follow_pocket`, the same with a fixed lag: each estimate is made of what was there until then
 ========== =========================================================================================================
 
 The graph is told what the filter takes for granted: that the emulated sensor of the first walk has no errors of scale
@@ -31,13 +31,11 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import heading_of
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, ONLINE, PRINTED, Case, Setting
-from fg_nav.pocket import PRESETS, PocketGraphParameters, PocketTrack, estimate_pocket, level_start
-from fg_nav.pocket.dead_reckoning import reckon
+from fg_nav.pocket import PRESETS, PocketSmootherParameters, PocketTrack, estimate_pocket, level_start
+from fg_nav.pocket.dead_reckoning import calibrate_step_length, reckon_path
+from fg_nav.pocket.iterated_smoother import smooth_pocket
 from fg_nav.pocket.online import follow_pocket
-from fg_nav.pocket.smoother import smooth_pocket
-from fg_nav.pocket.step_length import calibrate_step_length
-from fg_nav.pocket.steps import find_steps
-from fg_nav.pocket.swing_axis import thigh_swing
+from fg_nav.pocket.steps import estimate_swing, find_steps
 from fg_nav.recording import Recording, TrajectoryTruth
 
 
@@ -67,7 +65,7 @@ class Run:
 Estimate: TypeAlias = Callable[[Recording, Case, float], PocketTrack]
 """Of a recording, what it is told of it, and the heading at the start."""
 
-GRAPHS = {True: PocketGraphParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3), False: PocketGraphParameters()}
+GRAPHS = {True: PocketSmootherParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3), False: PocketSmootherParameters()}
 """Parameters of the graph, by whether the sensor is emulated; a thousandth of what a real one has stands for none."""
 
 PRESET_NAMES = {PRINTED: "munoz-diaz2017-printed", FILTER: "munoz-diaz2017"}
@@ -75,12 +73,12 @@ PRESET_NAMES = {PRINTED: "munoz-diaz2017-printed", FILTER: "munoz-diaz2017"}
 
 def _filtered(preset: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
     parameters = replace(PRESETS[preset], field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
-    return estimate_pocket(recording, parameters, level_start(recording, parameters, heading))
+    return estimate_pocket(recording, parameters, level_start(recording, heading))
 
 
 def _graph(graph: Callable[..., PocketTrack], recording: Recording, case: Case, heading: float) -> PocketTrack:
     parameters = replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT)
-    return graph(recording, parameters, level_start(recording, heading=heading))
+    return graph(recording, parameters, level_start(recording, heading))
 
 
 ESTIMATORS: Mapping[str, Estimate] = MappingProxyType(
@@ -131,12 +129,12 @@ def dead_reckoned(track: PocketTrack, recording: Recording, setting: Setting) ->
     NaN where there is no step to be found.
     """
     try:
-        swing = thigh_swing(recording, track)
+        swing = estimate_swing(recording, track)
         steps = find_steps(recording.t, swing.flexion, swing.up_now)
-        way = reckon(track, swing, steps, calibrate_step_length(steps.opening, setting.length_m))
+        path = reckon_path(track, swing, steps, calibrate_step_length(steps.opening, setting.length_m))
     except EstimationError:
         return np.full((len(setting.ends), 2), np.nan)
-    return np.stack([np.interp(setting.ends, track.t[way.sample], axis) for axis in way.position.T[:2]], axis=1)
+    return np.stack([np.interp(setting.ends, track.t[path.sample], axis) for axis in path.position.T[:2]], axis=1)
 
 
 Measure: TypeAlias = Callable[[Run, Setting], float]

@@ -22,6 +22,7 @@ from fg_nav.calibration.allan import AllanCurve
 from fg_nav.lab.campaign.kept import sum_over
 from fg_nav.lab.reproduce.file import from_json, in_json, write_whole
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
+from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import (
     AT_A_SECOND,
     AXES,
@@ -62,7 +63,6 @@ from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
 )
 from fg_nav.plain import plain
 from fg_nav.pocket import PRESETS
-from fg_nav.pocket.paper import FIELDS_UT
 
 FORM = 1
 

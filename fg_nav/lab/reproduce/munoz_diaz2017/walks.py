@@ -27,6 +27,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.calibration.allan import AllanCurve, allan_curve
 from fg_nav.calibration.ellipsoid import fitted_ellipsoid
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT, PUBLISHED
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, courses, simulate
 from fg_nav.lab.simulation.emulation import with_field
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
@@ -34,8 +35,7 @@ from fg_nav.lab.simulation.footsteps import Style
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PRESETS, estimate_pocket, level_start
-from fg_nav.pocket.belief import earth_rate
-from fg_nav.pocket.paper import FIELDS_UT, PUBLISHED
+from fg_nav.pocket.parameters import compute_earth_rate
 from fg_nav.recording import Recording, TrajectoryTruth
 
 PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"
@@ -247,12 +247,12 @@ def fog_errors(seed: int, hours: float) -> dict[str, float]:
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
-    turning = np.einsum("nji,j->ni", truth.nav_R_body, earth_rate(LATITUDE_DEG))
+    turning = np.einsum("nji,j->ni", truth.nav_R_body, compute_earth_rate(LATITUDE_DEG))
     seen = replace(recording, gyr=recording.gyr + turning)
     found = {}
     for name, latitude in (("compensated", LATITUDE_DEG), ("not compensated", None)):
         parameters = replace(PRESETS["munoz-diaz2017"], gravity_update=False, latitude_deg=latitude)
-        start = replace(level_start(seen, parameters), nav_R_body=truth.nav_R_body[0])
+        start = replace(level_start(seen), nav_R_body=truth.nav_R_body[0])
         R = estimate_pocket(seen, parameters, start).nav_R_body
         turned = Rotation.from_matrix(R @ truth.nav_R_body.transpose(0, 2, 1)).as_rotvec(degrees=True)
         found[name] = float(np.abs(turned).max())

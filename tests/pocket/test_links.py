@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from fg_nav.factors.rotation import rotation_exp
-from fg_nav.pocket.graph_links import links_between, node_samples
-from fg_nav.pocket.graph_motion import REST_LINKS, rests_of
-from fg_nav.pocket.graph_parameters import PocketGraphParameters
+from fg_nav.pocket.links import REST_LINKS, detect_rests, place_nodes, preintegrate_links
 from tests.pocket.leg import BIAS, MUNICH, resting, walking
 
 
@@ -19,13 +17,13 @@ def leg():
 
 
 def links_of(recording, bias=np.zeros(3), node_s=0.5):
-    node = node_samples(recording.t, node_s)
-    return node, links_between(node, recording.t, recording.acc, recording.gyr, recording.mag, bias)
+    node = place_nodes(recording.t, node_s)
+    return node, preintegrate_links(node, recording.t, recording.acc, recording.gyr, recording.mag, bias)
 
 
 def test_nodes_are_where_they_should_be_and_the_last_sample_is_one():
     t = np.delete(np.arange(1234) * 0.01, slice(301, 330))
-    node = node_samples(t, 0.5)
+    node = place_nodes(t, 0.5)
     assert node[0] == 0
     assert node[-1] == len(t) - 1
     at = t[node[:-1]]
@@ -80,8 +78,8 @@ def test_rows_without_a_field_are_left_out(leg):
     mag[::3] = np.nan
     mag[200:260] = np.nan
     mag[260:320] = 0.0
-    node = node_samples(recording.t, 0.5)
-    links = links_between(node, recording.t, recording.acc, recording.gyr, mag, np.zeros(3))
+    node = place_nodes(recording.t, 0.5)
+    links = preintegrate_links(node, recording.t, recording.acc, recording.gyr, mag, np.zeros(3))
     assert (links.count[4:6] == 0).all()
     assert np.isnan(links.strength[4:6]).all()
     full = links.count > 0
@@ -98,13 +96,13 @@ def test_no_magnetometer_is_no_field(leg):
 def test_parts_of_links_are_links_of_parts(leg):
     recording = leg.recording()
     _, links = links_of(recording)
-    joined = links.part(0, 7).then(links.part(7, len(links)))
+    joined = links.slice(0, 7).append(links.slice(7, len(links)))
     assert len(joined) == len(links)
     assert np.array_equal(joined.turn, links.turn)
     node = np.arange(350, 651, 50)
-    there = links_between(node, recording.t, recording.acc, recording.gyr, recording.mag, np.zeros(3))
+    there = preintegrate_links(node, recording.t, recording.acc, recording.gyr, recording.mag, np.zeros(3))
     assert np.allclose(there.field, links.field[7:13])
-    assert np.allclose(there.push, links.push[7:13])
+    assert np.allclose(there.delta_v, links.delta_v[7:13])
 
 
 def test_a_constant_rate_and_force_gain_what_they_should():
@@ -115,9 +113,9 @@ def test_a_constant_rate_and_force_gain_what_they_should():
     force = np.array([1.0, 2.0, 9.0])
     body = np.einsum("nji,j->ni", R, force).reshape(n, 20, 3).mean(axis=1)
     acc = np.concatenate([body, body[-1:]])
-    links = links_between(np.array([0, n]), t, acc, np.tile(rate, (n + 1, 1)), None, np.zeros(3))
-    assert np.allclose(links.push[0], force * n * h, atol=1e-3)
-    assert np.allclose(links.shift[0], force * (n * h) ** 2 / 2, atol=1e-3)
+    links = preintegrate_links(np.array([0, n]), t, acc, np.tile(rate, (n + 1, 1)), None, np.zeros(3))
+    assert np.allclose(links.delta_v[0], force * n * h, atol=1e-3)
+    assert np.allclose(links.delta_p[0], force * (n * h) ** 2 / 2, atol=1e-3)
 
 
 @pytest.mark.parametrize("element", range(9))
@@ -132,7 +130,7 @@ def test_a_scale_error_changes_a_link_as_the_derivatives_say(leg, element):
     turned = np.swapaxes(less.turn, 1, 2) @ more.turn
     rate = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1) / (2 * step)
     assert np.allclose(rate, links.per_sensor[:, :, 3 + element], atol=1e-4)
-    for moved, by in (("push", "push_per_sensor"), ("shift", "shift_per_sensor")):
+    for moved, by in (("delta_v", "delta_v_per_sensor"), ("delta_p", "delta_p_per_sensor")):
         change = (getattr(more, moved) - getattr(less, moved)) / (2 * step)
         assert np.allclose(change, getattr(links, by)[:, :, 3 + element], atol=0.02)
 
@@ -143,7 +141,7 @@ def test_rest_is_seen_in_the_links():
     assert np.allclose(links.rate, BIAS, atol=np.radians(0.1) / np.sqrt(25) * 5)
     assert np.allclose(links.rate_spread, np.radians(0.1) * np.sqrt(3), rtol=0.5)
     assert np.allclose(links.force_spread, 0.05 * np.sqrt(3), rtol=0.5)
-    assert np.isfinite(rests_of(links, PocketGraphParameters()).variance).sum() == len(links) - REST_LINKS + 1
+    assert np.isfinite(detect_rests(links).variance).sum() == len(links) - REST_LINKS + 1
 
 
 def test_what_sways_does_not_rest():
@@ -151,4 +149,4 @@ def test_what_sways_does_not_rest():
     recording = resting(60.0).recording(sigma=(np.radians(0.1), 0.05, 0.5))
     sway = np.radians(0.2) * np.sin(2 * np.pi * recording.t / 3.0)
     _, links = links_of(replace(recording, gyr=recording.gyr + sway[:, None]))
-    assert not np.isfinite(rests_of(links, PocketGraphParameters()).variance).any()
+    assert not np.isfinite(detect_rests(links).variance).any()

@@ -7,29 +7,34 @@ from gtsam.symbol_shorthand import B, X
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.rotation import rotation_exp
-from fg_nav.pocket import PocketGraphParameters, PocketStart
-from fg_nav.pocket.graph_chain import (
+from fg_nav.pocket import PocketSmootherParameters, PocketStart
+from fg_nav.pocket.fixed_lag import (
+    assemble_inputs,
+    build_noise,
+    build_prior,
+    inject_correction,
+    predict_nodes,
+)
+from fg_nav.pocket.kalman_smoother import (
     BIAS,
     BODY,
     FIELD,
-    PLACE,
     REGION,
     SCALE,
     SENSOR,
     SIZE,
+    SWING,
     VELOCITY,
     Nodes,
-    _between,
-    field_rows,
-    solve,
+    linearize_field,
+    linearize_transition,
+    smooth_nodes,
 )
-from fg_nav.pocket.graph_field import walk_of_strength
-from fg_nav.pocket.graph_links import links_between, node_samples
-from fg_nav.pocket.graph_motion import rests_of
-from fg_nav.pocket.graph_solution import beliefs_of, factors_of, moved, predicted, prior_of, unweighed
+from fg_nav.pocket.links import NODE_S, detect_rests, place_nodes, preintegrate_links
+from fg_nav.pocket.robust_variances import estimate_field_walk, initialize_variances
 from tests.pocket.leg import walking
 
-P = PocketGraphParameters(latitude_deg=48.0, bias_returns_to_zero=True)
+P = PocketSmootherParameters(latitude_deg=48.0, bias_returns_to_zero=True)
 NOISE = (np.radians(0.1), 0.03, 0.5)
 UNITS = np.repeat([1e-2, 1e-3, 1.0, 0.5], [3, 12, 6, 6])
 """Of x: rad, rad/s and parts, uT, m and m/s."""
@@ -41,20 +46,20 @@ class Problem:
     def __init__(self, seconds=4.0):
         leg = walking(seconds, still_s=0.2)
         recording = leg.recording(sigma=NOISE)
-        node = node_samples(recording.t, P.node_s)
+        node = place_nodes(recording.t, NODE_S)
         r = recording
         self.bias0 = np.array([1e-3, -2e-3, 5e-4])
-        self.links = links_between(node, r.t, r.acc, r.gyr, r.mag, self.bias0)
-        self.beliefs = beliefs_of(P, self.bias0)
-        self.prior = prior_of(PocketStart(leg.attitude[0], 0.01, 0.02), self.links, P)
-        walk = walk_of_strength(self.links, P)
-        rests = rests_of(self.links, P)
+        self.links = preintegrate_links(node, r.t, r.acc, r.gyr, r.mag, self.bias0)
+        self.noise = build_noise(P, self.bias0)
+        self.prior = build_prior(PocketStart(leg.attitude[0], 0.01, 0.02), self.links, P)
+        walk = estimate_field_walk(self.links, P.mag_sigma_uT)
+        rests = detect_rests(self.links)
         rests.variance[3] = 1e-6  # one that is said to be
         rests.rate[3] = [2e-3, 0.0, -1e-3]
-        self.factors = factors_of(self.links, P, unweighed(walk, self.links, P), rests)
-        nodes = predicted(self.prior, self.links, self.beliefs)
+        self.inputs = assemble_inputs(self.links, initialize_variances(walk, self.links), rests)
+        nodes = predict_nodes(self.prior, self.links, self.noise)
         rng = np.random.default_rng(3)
-        self.nodes = moved(nodes, UNITS * rng.standard_normal((len(nodes.b), SIZE)))
+        self.nodes = inject_correction(nodes, UNITS * rng.standard_normal((len(nodes.b), SIZE)))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +71,7 @@ def one(nodes, k, x):
     """Nodes with the k-th changed by x (27,)."""
     all_x = np.zeros((len(nodes.b), SIZE))
     all_x[k] = x
-    return moved(nodes, all_x)
+    return inject_correction(nodes, all_x)
 
 
 def differences(of, step=1e-6):
@@ -75,8 +80,8 @@ def differences(of, step=1e-6):
 
 def test_rows_of_a_field_are_its_derivatives(problem):
     q, H = problem, np.zeros((3, SIZE))
-    rows = differences(lambda x: -field_rows(2, one(q.nodes, 2, x), q.factors, q.beliefs, np.zeros((3, SIZE))))
-    field_rows(2, q.nodes, q.factors, q.beliefs, H)
+    rows = differences(lambda x: -linearize_field(2, one(q.nodes, 2, x), q.inputs, q.noise, np.zeros((3, SIZE))))
+    linearize_field(2, q.nodes, q.inputs, q.noise, H)
     assert np.allclose(rows, H, atol=1e-5)
     assert np.abs(H[:, BIAS:SCALE]).max() > 5.0
     assert np.abs(H[:, SCALE:FIELD]).max() > 5.0
@@ -86,19 +91,19 @@ def test_the_step_from_node_to_node_is_its_derivative(problem):
     q, k = problem, 1
 
     def ahead(x):
-        offset, _ = _between(k, one(q.nodes, k, x), q.factors, q.beliefs, np.zeros((SIZE, SIZE)))
+        offset, _ = linearize_transition(k, one(q.nodes, k, x), q.inputs, q.noise, np.zeros((SIZE, SIZE)))
         return offset
 
     F = np.zeros((SIZE, SIZE))
-    _, noise = _between(k, q.nodes, q.factors, q.beliefs, F)
+    _, variance = linearize_transition(k, q.nodes, q.inputs, q.noise, F)
     # the offset of the attitude is a logarithm about 0.01 rad, whose derivative is the identity but for half of that
     assert np.allclose(differences(ahead), F, atol=0.02)
     # what the errors do to the attitude is in the way gone, to second order with the turn
     assert np.allclose(differences(ahead)[BIAS:], F[BIAS:], atol=1e-4)
-    assert np.abs(F[VELOCITY:PLACE, :3]).max() > 4.0  # half a second of gravity
+    assert np.abs(F[VELOCITY:SWING, :3]).max() > 4.0  # half a second of gravity
     constant = np.r_[SCALE:FIELD, REGION:VELOCITY]
-    assert (np.delete(noise, constant) > 0).all()
-    assert not noise[constant].any()
+    assert (np.delete(variance, constant) > 0).all()
+    assert not variance[constant].any()
 
 
 def test_the_step_of_the_attitude_is_gtsam_s_factor(problem):
@@ -115,12 +120,12 @@ def test_the_step_of_the_attitude_is_gtsam_s_factor(problem):
     values.insert(X(1), gtsam.Rot3(q.nodes.R[k + 1]))
     values.insert(B(0), q.nodes.b[k])
     F = np.zeros((SIZE, SIZE))
-    still = q.beliefs._replace(earth_rate=np.zeros(3))
+    still = q.noise._replace(earth_rate=np.zeros(3))
     y = q.nodes.y.copy()
     y[:, SCALE - 3 : FIELD - 3] = 0.0  # theirs knows no scale
     nodes = Nodes(q.nodes.R, y)
-    offset, _ = _between(k, nodes, q.factors, still, F)
-    # theirs is Log(R_1^T predicted) or its inverse, in the body; ours Log(R_1 predicted^T) in nav
+    offset, _ = linearize_transition(k, nodes, q.inputs, still, F)
+    # theirs is Log(R_1^T predict_nodes) or its inverse, in the body; ours Log(R_1 predict_nodes^T) in nav
     theirs = factor.unwhitenedError(values)
     ours = q.nodes.R[k + 1].T @ -offset[:3]
     assert min(np.abs(theirs - ours).max(), np.abs(theirs + ours).max()) < 1e-9
@@ -140,7 +145,7 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
     q = problem
     n = len(q.nodes.b)
     x0 = np.concatenate([np.zeros(3), q.prior.y - q.nodes.y[0]])
-    solved = solve(q.nodes, q.factors, q.beliefs, x0, q.prior.P)
+    solved = smooth_nodes(q.nodes, q.inputs, q.noise, x0, q.prior.P)
     rows, right = [], []
 
     def add(k, H, z, variance, k2=None, H2=None):
@@ -157,22 +162,22 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
     for k in range(n):
         if k < n - 1:
             F = np.zeros((SIZE, SIZE))
-            offset, noise = _between(k, q.nodes, q.factors, q.beliefs, F)
-            noise = np.maximum(noise, 1e-8 * UNITS**2)
-            add(k + 1, np.eye(SIZE), offset, noise, k, -F)
+            offset, variance = linearize_transition(k, q.nodes, q.inputs, q.noise, F)
+            variance = np.maximum(variance, 1e-8 * UNITS**2)
+            add(k + 1, np.eye(SIZE), offset, variance, k, -F)
         unit, y = np.eye(SIZE), q.nodes.y[k]
-        add(k, unit[PLACE:BODY], -y[PLACE - 3 : BODY - 3], q.factors.swing[k])
-        if np.isfinite(q.factors.rest[k]):
-            rate = q.factors.rate[k] - q.nodes.R[k].T @ q.beliefs.earth_rate
-            add(k, unit[BIAS:SCALE], rate - y[:3], q.factors.rest[k])
-            add(k, unit[VELOCITY:PLACE], -y[VELOCITY - 3 : PLACE - 3], q.beliefs.rest_velocity)
-        if q.factors.samples[k] > 0:
-            z = field_rows(k, q.nodes, q.factors, q.beliefs, H)
-            walked = q.factors.walk[min(k, n - 2)] / 3  # mean of a walk over its link, against its start
-            add(k, H.copy(), z, q.beliefs.mag / q.factors.samples[k] + q.beliefs.mag_left + walked)
+        add(k, unit[SWING:BODY], -y[SWING - 3 : BODY - 3], q.inputs.swing[k])
+        if np.isfinite(q.inputs.rest[k]):
+            rate = q.inputs.rate[k] - q.nodes.R[k].T @ q.noise.earth_rate
+            add(k, unit[BIAS:SCALE], rate - y[:3], q.inputs.rest[k])
+            add(k, unit[VELOCITY:SWING], -y[VELOCITY - 3 : SWING - 3], q.noise.rest_velocity)
+        if q.inputs.samples[k] > 0:
+            z = linearize_field(k, q.nodes, q.inputs, q.noise, H)
+            walked = q.inputs.walk[min(k, n - 2)] / 3  # mean of a walk over its link, against its start
+            add(k, H.copy(), z, q.noise.mag / q.inputs.samples[k] + q.noise.mag_left + walked)
             tie = np.zeros((3, SIZE))
             tie[:, FIELD:REGION], tie[:, REGION:VELOCITY] = np.eye(3), -np.eye(3)
-            add(k, tie, -tie[:, 3:] @ y, q.factors.deviation[k])
+            add(k, tie, -tie[:, 3:] @ y, q.inputs.deviation[k])
     A, b = np.concatenate(rows), np.concatenate(right)
     unit = np.tile(UNITS, n)
     R = np.linalg.qr(A * unit, mode="r")
@@ -194,12 +199,14 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
 def test_nodes_without_any_error_want_no_change():
     leg = walking(4.0, still_s=0.2)
     recording = leg.recording(bias=np.zeros(3))
-    node = node_samples(recording.t, P.node_s)
-    p = PocketGraphParameters()
-    links = links_between(node, recording.t, recording.acc, recording.gyr, recording.mag, np.zeros(3))
-    beliefs, prior = beliefs_of(p, np.zeros(3)), prior_of(PocketStart(leg.attitude[0], 0.01), links, p)
-    factors = factors_of(links, p, unweighed(walk_of_strength(links, p), links, p), rests_of(links, p))
-    solved = solve(predicted(prior, links, beliefs), factors, beliefs, np.zeros(SIZE), prior.P)
+    node = place_nodes(recording.t, NODE_S)
+    p = PocketSmootherParameters()
+    links = preintegrate_links(node, recording.t, recording.acc, recording.gyr, recording.mag, np.zeros(3))
+    noise, prior = build_noise(p, np.zeros(3)), build_prior(PocketStart(leg.attitude[0], 0.01), links, p)
+    inputs = assemble_inputs(
+        links, initialize_variances(estimate_field_walk(links, p.mag_sigma_uT), links), detect_rests(links)
+    )
+    solved = smooth_nodes(predict_nodes(prior, links, noise), inputs, noise, np.zeros(SIZE), prior.P)
     assert np.abs(solved.x[:, :3]).max() < 1e-4
     assert np.abs(solved.x[:, SENSOR]).max() < 1e-5
     assert Rotation.from_matrix(rotation_exp(solved.x[:, :3])).magnitude().max() < 1e-4

@@ -6,13 +6,10 @@ Fields are in East-North-Up. Sensor axes: z along the thigh, up when standing; i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
-
-EARTH_RATE_RAD_S = 7.29e-5
-"""Turn of the Earth (Eq. 27)."""
 
 _DIP = np.radians(64.0)
 
@@ -23,27 +20,22 @@ FIELDS_UT: Mapping[str, tuple[float, float, float]] = MappingProxyType(
         "munich": (0.0, 48.0 * float(np.cos(_DIP)), -48.0 * float(np.sin(_DIP))),
     }
 )
-"""Homogeneous fields in nav, uT (Table 1)."""
+"""Homogeneous fields in nav, uT (MD Table 1)."""
 
 
-@dataclass(frozen=True)
-class Published:
+class Published(NamedTuple):
     """The figures of the paper; what is not here is not printed."""
 
     gyr_noise_deg_s: float = 0.1
-    """White error of a rate sample, deg/s (Table 2); at which sampling rate is not said."""
+    """White error of a rate sample, deg/s (MD Table 2); at which sampling rate is not said."""
     gyro_bias_deg_s: tuple[float, float, float] = (-0.1, 0.1, -0.1)
-    """Added to the error-free rates, deg/s (Table 2)."""
+    """Added to the error-free rates, deg/s (MD Table 2)."""
     mag_noise_uT: float = 0.015
-    """White error of a magnetometer sample, uT (Table 2)."""
+    """White error of a magnetometer sample, uT (MD Table 2)."""
     mtw_bias_start_deg_s: tuple[float, float, float] = (-0.12, 0.06, -0.12)
-    """Of the MTw before the second walk, deg/s (Table 3)."""
+    """Of the MTw before the second walk, deg/s (MD Table 3)."""
     mtw_bias_end_deg_s: tuple[float, float, float] = (-0.13, 0.05, -0.22)
-    """The same after it, deg/s (Table 3)."""
-    still_s: float = 1.0
-    """Mean over which the filter is begun, s (2.1)."""
-    reached_deg_s: float = -0.08
-    """The z bias at which convergence is read off, deg/s (3.1.2)."""
+    """The same after it, deg/s (MD Table 3)."""
     minutes_north_pole: float = 29.0
     """When the z bias is there, by the field, min (3.1.2, Figure 9)."""
     minutes_equator: float = 10.0

@@ -1,0 +1,314 @@
+"""The equations of Munoz Diaz et al. (2017): state, prediction, and the two updates, compiled.
+
+State: R = nav_R_body and the gyro bias b. The error is estimate minus truth, in this order:
+
+======= ========== ==================================================================================
+0       attitude   a small rotation in nav, R_estimate = Exp(dphi) R_true; or of the Euler angles, rad
+3       bias       gyro bias, rad/s, body
+======= ========== ==================================================================================
+
+Prediction over a sample: a rate w held for h seconds, the Earth's rate W in nav, Jr the right Jacobian of SO(3),
+
+    theta = (w - b - R^T W) h,    A = Exp(theta)                                     MD (3), (5), (6), (26)
+    R' = R A                                                                         MD (4)
+    b' = c b,    c = exp(-h / t_B), or 1                                             MD (10)
+
+A bias too high by db turns A by -Jr h db in the body at the end, so that errors propagate as
+
+    dphi' = (I - h [W]) dphi - R' Jr h db,    db' = c db                             MD (7)-(9), (11)
+
+and, in Euler angles with dphi = E e, by E'^-1 (I - h [W]) E and E'^-1 R' Jr h. Noise enters at the end of the step: the
+gyroscope's rotates the attitude by the same about all axes, and the bias walks by sigma_n of MD (24) a sample.
+
+Reference of the field: while the body rotates by A = A_1 A_2 ... since the last field mu that was measured, a field
+that does not change in nav becomes, in the body,
+
+    A^T mu                                                                           MD (15), read with MD (4)
+
+A depends on the gyro bias: each A_i is rotated by -Jr h db at its end, and so with S as A is A Exp(S db),
+
+    A <- A A_i,    S <- A_i^T S - Jr h.
+
+With a magnetometer slower than the gyroscope A spans several samples; in MD it spans one. When an update in between
+changes the bias, A is rotated along.
+
+Absolute gravity update, of a specific force a that is gravity alone
+    in nav       u = R a / |a| is up but for the tilt: (u_x, u_y) = (dphi_y, -dphi_x), each with variance s^2 / |a|^2.
+                 A mean over T is T / 2 old: with a + (T / 2) b x a for a, u gains (T / 2) R (db x a) / |a|
+    in angles    roll and pitch of MD (12), (13), innovations MD (14); the accelerometer's noise through them has the
+                 variances s^2 / (a_y^2 + a_z^2) and s^2 / |a|^2, and no covariance. The same to first order.
+
+Differential magnetic field update, of the field m measured now, against m' = A^T mu predicted
+    z = m' - m,    H = [0, [m'] S]                                                   MD (15), (16)
+    N = 2 s_m^2 I + q [m'] [m']^T,    q = variance of the gyroscope's angle since then
+Along m' H is zero, for no rotation changes a strength; and N is 2 s_m^2 + q |m'|^2 across it. So it is two rows: with
+u, v and m' / |m'| a right-handed set, |m'| v^T S and -|m'| u^T S about u and v. The noise of each field enters two
+differences, once with either sign; the filter takes them as independent, as MD does.
+
+What MD prints that does not work, and what must stand there
+========= ============================================ ============================================================
+MD        printed                                      read
+========= ============================================ ============================================================
+(10) (11) b = c b + n, about zero                      right for the part that wanders, but a turn-on bias of 0.1
+                                                       deg/s is no draw from it (B / sqrt(2) = 0.002) and fades with
+                                                       t_B: c = 1 (`bias_returns_to_zero`)
+(12)      roll = arctan(a_y / a_z)                     both signs: atan2, or a sensor upside down is turned by pi
+                                                       (`arctangent_as_printed`)
+(14)      innovations of angles                        wrapped to +-pi; not said, done in both
+(15)      mu = A mu, and so -A S for S                 A^T mu: by MD (4), A rotates from the body now to the body before
+                                                       (`difference_as_printed`)
+(16)      "the covariance of mu-bar"                   that of the difference: the new sample has noise too
+(1) (7)   Euler angles                                 fine until the pitch is +-90 deg, a thigh lying level when
+(14)                                                   its wearer sits (`euler_state`)
+========= ============================================ ============================================================
+
+MD (21)'s (r_c / r) in place of its square concerns the field (`fg_nav.lab.simulation`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats
+from fg_nav.ekf.attitude_updates import wrap_angle
+from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
+from fg_nav.mechanisation import cross_matrix, right_jacobian, rotate_in_body
+from fg_nav.pocket.euler import (
+    angles_of_rotation,
+    angles_of_up,
+    error_axes,
+    inverse_error_axes,
+    rotation_of_angles,
+)
+from fg_nav.pocket.parameters import (
+    GYR_DENSITY_DEG,
+    PocketParameters,
+    compute_bias_decay,
+    compute_bias_walk,
+    compute_earth_rate,
+)
+
+ATTITUDE, GYRO_BIAS, SIZE = 0, 3, 6
+
+LONGEST_DIFFERENCE_S = 0.25
+"""Fields farther apart than the shortest difference and this, s, are not compared: a gap in the magnetometer."""
+
+
+class PocketState(NamedTuple):
+    """State of the filter: `nav_R_body` (3, 3), `gyro_bias` (3,) rad/s and `P` (6, 6), changed in place."""
+
+    nav_R_body: Floats
+    gyro_bias: Floats
+    P: Floats
+
+
+class FieldReference(NamedTuple):
+    """The last field that was measured, propagated to now, changed in place.
+
+    `field` (3,) uT; `turn` (3, 3), A, from the body now to the body then; `per_bias` (3, 3) s, S: with a bias higher by
+    db, A is A Exp(S db); `age` (1,) s, NaN where no field was measured yet.
+    """
+
+    field: Floats
+    turn: Floats
+    per_bias: Floats
+    age: Floats
+
+
+class FilterModel(NamedTuple):
+    """The parameters in SI units, variances in place of sigmas; `earth_rate` (3,) rad/s in nav.
+
+    `gravity_age_s` is half the window over which the specific force is averaged.
+    """
+
+    gyr_density: float
+    bias_density: float
+    bias_decay_per_s: float
+    earth_rate: Floats
+    acc_variance: float
+    gravity_age_s: float
+    mag_variance: float
+    shortest_s: float
+    longest_s: float
+    euler: bool
+    printed_difference: bool
+    printed_arctangent: bool
+
+
+def build_model(p: PocketParameters) -> FilterModel:
+    """Convert parameters for the compiled filter."""
+    return FilterModel(
+        gyr_density=float(np.radians(GYR_DENSITY_DEG)) ** 2,
+        bias_density=compute_bias_walk() ** 2,
+        bias_decay_per_s=compute_bias_decay(p.bias_returns_to_zero),
+        earth_rate=compute_earth_rate(p.latitude_deg),
+        acc_variance=p.acc_sigma_m_s2**2,
+        gravity_age_s=p.gravity_window_s / 2.0,
+        mag_variance=p.mag_sigma_uT**2,
+        shortest_s=p.shortest_difference_s,
+        longest_s=p.shortest_difference_s + LONGEST_DIFFERENCE_S,
+        euler=p.euler_state,
+        printed_difference=p.difference_as_printed,
+        printed_arctangent=p.arctangent_as_printed,
+    )
+
+
+# prediction: MD (3)-(11), (26)
+
+
+@njit(cache=True)
+def predict_state(state: PocketState, reference: FieldReference, rate: Floats, h: float, model: FilterModel) -> None:
+    """Propagate state and reference over a sample of `rate` (3,) rad/s held for `h` seconds."""
+    R, bias, P = state
+    before = error_axes(R) if model.euler else np.eye(3)
+    theta = (rate - bias - R.T @ model.earth_rate) * h
+    rotate_in_body(R, theta[0], theta[1], theta[2])
+    per_bias = -h * right_jacobian(theta)
+    propagate_reference(reference, theta, per_bias, h)
+    after = inverse_error_axes(R) if model.euler else np.eye(3)
+    decay = np.exp(-h * model.bias_decay_per_s)
+    bias *= decay
+    F = np.zeros((6, 6))
+    F[:3, :3] = after @ (np.eye(3) - h * cross_matrix(model.earth_rate)) @ before
+    F[:3, 3:] = after @ (R @ per_bias)
+    for i in range(3, 6):
+        F[i, i] = decay
+    P[:] = F @ P @ F.T
+    P[:3, :3] += model.gyr_density * h * (after @ after.T)
+    for i in range(3, 6):
+        P[i, i] += model.bias_density * h
+
+
+# reference of the field: MD (15)
+
+
+def create_reference() -> FieldReference:
+    """Return the reference before the first field."""
+    return FieldReference(np.zeros(3), np.eye(3), np.zeros((3, 3)), np.full(1, np.nan))
+
+
+@njit(cache=True)
+def set_reference(reference: FieldReference, field: Floats) -> None:
+    """Start again from a field (3,) uT just measured."""
+    reference.field[:] = field
+    reference.turn[:] = np.eye(3)
+    reference.per_bias[:] = 0.0
+    reference.age[0] = 0.0
+
+
+@njit(cache=True)
+def propagate_reference(reference: FieldReference, theta: Floats, per_bias: Floats, h: float) -> None:
+    """Rotate by `theta` (3,) rad over `h` seconds; `per_bias` (3, 3) s is its derivative by the bias."""
+    S = reference.per_bias.T.copy()
+    rotate_in_body(S, theta[0], theta[1], theta[2])  # S^T A_i is (A_i^T S)^T
+    reference.per_bias[:] = S.T + per_bias
+    rotate_in_body(reference.turn, theta[0], theta[1], theta[2])
+    reference.age[0] += h
+
+
+@njit(cache=True)
+def predict_field(reference: FieldReference, printed: bool) -> tuple[Floats, Floats]:
+    """Field (3,) uT predicted now, m', and G (3, 3) s so that a bias higher by db moves it by m' x (G db)."""
+    if printed:
+        return reference.turn @ reference.field, -(reference.turn @ reference.per_bias)
+    return reference.turn.T @ reference.field, reference.per_bias.copy()
+
+
+# absolute gravity update: MD (12)-(14)
+
+
+@njit(cache=True)
+def update_gravity(state: PocketState, reference: FieldReference, force: Floats, model: FilterModel) -> float:
+    """Correct by a specific force (3,) m/s^2 that is gravity alone; returns the NIS, of two."""
+    square = (force**2).sum()
+    force = force + model.gravity_age_s * np.cross(state.gyro_bias, force)
+    x = np.zeros(SIZE)
+    if model.euler:
+        first, second = _correct_angles(state, x, force, square, model)
+    else:
+        first, second = _correct_up(state, x, force / np.sqrt(square), model.acc_variance / square, model.gravity_age_s)
+    inject_error(state, reference, x, model.euler)
+    return first**2 + second**2
+
+
+@njit(cache=True)
+def _correct_up(state: PocketState, x: Floats, body_up: Floats, variance: float, age: float) -> tuple[float, float]:
+    R = state.nav_R_body
+    up = R @ body_up
+    h = np.zeros((2, SIZE))
+    h[0, ATTITUDE + 1], h[1, ATTITUDE] = 1.0, -1.0
+    for row in range(2):  # R (db x up), row by row: r . (db x up) = db . (up x r)
+        h[row, GYRO_BIAS:] = age * np.cross(body_up, R[row])
+    first = update_row(state.P, x, h[0], up[0], variance)
+    return first, update_row(state.P, x, h[1], up[1], variance)
+
+
+@njit(cache=True)
+def _correct_angles(
+    state: PocketState, x: Floats, force: Floats, square: float, model: FilterModel
+) -> tuple[float, float]:
+    roll, pitch = angles_of_up(force)
+    if model.printed_arctangent:
+        roll = roll_as_printed(force)
+    angles = angles_of_rotation(state.nav_R_body)
+    across = max(force[1] ** 2 + force[2] ** 2, 1e-12 * square)
+    first = update_component(state.P, x, ATTITUDE, wrap_angle(angles[0] - roll), model.acc_variance / across)
+    second = update_component(state.P, x, ATTITUDE + 1, angles[1] - pitch, model.acc_variance / square)
+    return first, second
+
+
+@njit(cache=True)
+def roll_as_printed(force: Floats) -> float:
+    """Roll, rad within +-pi/2, of a specific force (3,) by MD (12) as printed."""
+    return float(np.arctan(force[1] / force[2])) if force[2] != 0.0 else float(np.sign(force[1]) * np.pi / 2)
+
+
+# differential magnetic field update: MD (15), (16)
+
+
+@njit(cache=True)
+def update_field(state: PocketState, reference: FieldReference, field: Floats, model: FilterModel) -> float:
+    """Correct by a field (3,) uT in the body, against the reference; returns the NIS, of two."""
+    expected, per_bias = predict_field(reference, model.printed_difference)
+    strength = np.sqrt((expected**2).sum())
+    u, v = _span_across(expected / strength)
+    variance = 2.0 * model.mag_variance + model.gyr_density * reference.age[0] * strength**2
+    x, h = np.zeros(SIZE), np.zeros(SIZE)
+    h[GYRO_BIAS:] = -strength * (v @ per_bias)
+    first = update_row(state.P, x, h, -(u * field).sum(), variance)
+    h[GYRO_BIAS:] = strength * (u @ per_bias)
+    second = update_row(state.P, x, h, -(v * field).sum(), variance)
+    inject_error(state, reference, x, model.euler)
+    return first**2 + second**2
+
+
+@njit(cache=True)
+def _span_across(along: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors u, v so that u, v, along (3,) are a right-handed set."""
+    other = np.zeros(3)
+    other[np.argmin(np.abs(along))] = 1.0
+    u = np.cross(other, along)
+    u /= np.sqrt((u**2).sum())
+    return u, np.cross(along, u)
+
+
+@njit(cache=True)
+def inject_error(state: PocketState, reference: FieldReference, x: Floats, euler: bool) -> None:
+    """Subtract the estimated error `x` (6,) from the state, and rotate the reference along with the bias."""
+    if euler:
+        state.nav_R_body[:] = rotation_of_angles(angles_of_rotation(state.nav_R_body) - x[:GYRO_BIAS])
+    else:
+        rotate_in_nav(state.nav_R_body, -x[0], -x[1], -x[2])
+    change = -x[GYRO_BIAS:]
+    state.gyro_bias[:] += change
+    shift_reference_bias(reference, change)
+
+
+@njit(cache=True)
+def shift_reference_bias(reference: FieldReference, change: Floats) -> None:
+    """Rotate A along with a change (3,) rad/s of the bias."""
+    theta = reference.per_bias @ change
+    rotate_in_body(reference.turn, theta[0], theta[1], theta[2])

@@ -1,0 +1,309 @@
+"""A Kalman smoother over the nodes: linearized about an estimate, forward and back.
+
+Each node k has an attitude R_k and y_k = (b, S, m, E, v, p, u): bias b of the gyroscope, rad/s, and its scale and
+misalignment S (9,); the local field m and that of the region E, both in nav, uT; and of the level motion the velocity
+v of the sensor, m/s, its displacement p from its place on the body, m, and the velocity u of the body that wears it.
+The correction x = (phi, dy), with R <- Exp(phi) R, is truth less estimate. Between nodes, with c = (b, S),
+
+    R_k+1 = Exp(-W h) R_k dR_k(c_k)       (+ gyroscope)      b_k+1 = e b_k (+ walk),    S_k+1 = S_k
+    m_k+1 = m_k (+ a step)                                   E_k+1 = E_k
+    v_k+1 = v_k + R_k s_k(c_k) - g h      (+ accelerometer)  u_k+1 = a u_k (+ a step)
+    p_k+1 = p_k + (v_k - u_k) h + R_k r_k(c_k) - g h^2 / 2
+
+s and r the delta velocity and delta position of the force (`links`), of v, u and p the two level parts. And at a node,
+each if there is one,
+
+    field     m_k - R_k (z - [z]x K (c_k - c0))   is the noise of a mean of n, the calibration's error, and the mean of
+                                                  the field's walk since
+    region    m_k - E_k                           is the deviation of a place (`robust_variances`)
+    swing     p_k                                 is as large as a leg or an arm swings (`robust_variances`)
+    rest      b_k + R_k^T W - w_k, and v_k        are zero but for noise (`links`)
+
+Each equation relates a node to itself or to the next one: a Kalman filter from the first node to the last, and the
+smoother of Rauch, Tung and Striebel back, solve all of them exactly, with all marginals, in a time that grows with the
+number of nodes. That is the Gauss-Newton step of the whole factor graph; iterated (`iterated_smoother`) it is an
+iterated Kalman smoother.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats
+from fg_nav.ekf.update import update_component, update_row
+from fg_nav.mechanisation import cross_matrix, rotation_about, rotation_vector
+
+ATTITUDE, BIAS, SCALE, FIELD, REGION, VELOCITY, SWING, BODY, SIZE = 0, 3, 6, 15, 18, 21, 23, 25, 27
+"""Where the parts of x begin; y lacks the first."""
+
+SENSOR = slice(BIAS, FIELD)
+"""Errors of the gyroscope in x."""
+
+
+class Nodes(NamedTuple):
+    """N nodes: `R` (N, 3, 3), and `y` (N, 24)."""
+
+    R: Floats
+    y: Floats
+
+    @property
+    def b(self) -> Floats:
+        """Bias (N, 3) rad/s."""
+        return self.y[:, :3]
+
+    @property
+    def m(self) -> Floats:
+        """Local field (N, 3) uT in nav."""
+        return self.y[:, FIELD - 3 : REGION - 3]
+
+
+class Inputs(NamedTuple):
+    """Transitions between N nodes and measurements at them, for the compiled pass; symbols above.
+
+    Of links: `h` (N-1,), `turn` (N-1, 3, 3), `per_sensor` (N-1, 3, 12); `delta_v` and `delta_p` (N-1, 3), with
+    `delta_v_per_sensor` and `delta_p_per_sensor`; `walk` (N-1,) uT^2 and `pace` (N-1,) (m/s)^2, variances of the steps
+    of field and body. At nodes: `deviation` (N,) uT^2, the variance of m - E; `field` and `lever` (N, ...) with
+    `samples` (N,), the number of fields in the mean, 0 for none; `swing` (N,) m^2, the variance of p; `rate` (N, 3)
+    rad/s where it rests, with `rest` (N,) (rad/s)^2, inf where it does not.
+    """
+
+    h: Floats
+    turn: Floats
+    per_sensor: Floats
+    delta_v: Floats
+    delta_v_per_sensor: Floats
+    delta_p: Floats
+    delta_p_per_sensor: Floats
+    walk: Floats
+    pace: Floats
+    deviation: Floats
+    field: Floats
+    lever: Floats
+    samples: Floats
+    swing: Floats
+    rate: Floats
+    rest: Floats
+
+
+class Noise(NamedTuple):
+    """Noises in SI units as variances per second, but `mag` and `mag_left`, uT^2 a sample and a node.
+
+    `earth_rate` (3,) rad/s in nav; `bias0` (3,) rad/s, b0; `rest_velocity` (m/s)^2, and `pace_decay` 1/s of u.
+    """
+
+    gyr: float
+    bias: float
+    bias_decay: float
+    mag: float
+    mag_left: float
+    acc: float
+    rest_velocity: float
+    pace_decay: float
+    earth_rate: Floats
+    bias0: Floats
+
+
+class Smoothed(NamedTuple):
+    """Of each node: x (N, 27) and its covariance `P` (N, 27, 27), given all; predicted from the nodes before, `ahead`.
+
+    Expected squares: `step_square` (N-1,) uT^2 of a field's step, `pace_square` (N-1,) (m/s)^2 of the body's,
+    `deviation_square` (N,) uT^2 of it less the region's, `swing_square` (N,) m^2 of p. `swing_nis`,
+    `field_nis` (N,): normalized innovations squared, of two and three.
+    """
+
+    x: Floats
+    P: Floats
+    x_ahead: Floats
+    P_ahead: Floats
+    step_square: Floats
+    pace_square: Floats
+    deviation_square: Floats
+    swing_square: Floats
+    swing_nis: Floats
+    field_nis: Floats
+
+
+@njit(cache=True)
+def smooth_nodes(nodes: Nodes, inputs: Inputs, noise: Noise, x0: Floats, P0: Floats) -> Smoothed:
+    """Filter forward and smooth back about an estimate, given `x0` (27,) and `P0` (27, 27) of the first node."""
+    n = len(nodes.y)
+    out = Smoothed(
+        np.zeros((n, SIZE)),
+        np.zeros((n, SIZE, SIZE)),
+        np.zeros((n, SIZE)),
+        np.zeros((n, SIZE, SIZE)),
+        np.zeros(n - 1),
+        np.zeros(n - 1),
+        np.zeros(n),
+        np.zeros(n),
+        np.full(n, np.nan),
+        np.full(n, np.nan),
+    )
+    F = np.zeros((n - 1, SIZE, SIZE))
+    out.x_ahead[0], out.P_ahead[0] = x0, P0
+    for k in range(n):
+        # update by the measurements at the node
+        out.x[k], out.P[k] = out.x_ahead[k], out.P_ahead[k]
+        _update_node(k, nodes, inputs, noise, out)
+        # predict the next node
+        if k < n - 1:
+            offset, variance = linearize_transition(k, nodes, inputs, noise, F[k])
+            out.x_ahead[k + 1] = F[k] @ out.x[k] + offset
+            out.P_ahead[k + 1] = F[k] @ out.P[k] @ F[k].T
+            for i in range(SIZE):
+                out.P_ahead[k + 1, i, i] += variance[i]
+    _smooth_backward(nodes, F, out)
+    return out
+
+
+@njit(cache=True)
+def _error_change(y: Floats, noise: Noise) -> Floats:
+    """Errors of the gyroscope (12,) less those that the links were made with."""
+    c = y[: FIELD - 3].copy()
+    c[:3] -= noise.bias0
+    return c
+
+
+@njit(cache=True)
+def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: Floats) -> tuple[Floats, Floats]:
+    """Write F (27, 27); returns the offset (27,) and the variances (27,) of x_k+1 = F x_k + offset + noise."""
+    h = inputs.h[k]
+    y, then, c = nodes.y[k], nodes.y[k + 1], _error_change(nodes.y[k], noise)
+    turned = rotation_about(-noise.earth_rate * h) @ nodes.R[k] @ inputs.turn[k]
+    predicted = turned @ rotation_about(inputs.per_sensor[k] @ c)
+    F[: ATTITUDE + 3, : ATTITUDE + 3] = np.eye(3) - h * cross_matrix(noise.earth_rate)
+    F[: ATTITUDE + 3, BIAS:FIELD] = predicted @ inputs.per_sensor[k]
+    offset, variance = np.zeros(SIZE), np.zeros(SIZE)
+    offset[:3] = -rotation_vector(nodes.R[k + 1] @ predicted.T)
+    for i in range(3, SIZE):
+        F[i, i] = 1.0
+    for i in range(BIAS, BIAS + 3):
+        F[i, i] = np.exp(-h * noise.bias_decay)
+        variance[i - BIAS] = noise.gyr * h
+        variance[i] = noise.bias * h
+        variance[FIELD + i - BIAS] = inputs.walk[k]
+    gained = _apply_force(nodes.R[k], inputs.delta_v[k], inputs.delta_v_per_sensor[k], c, F[VELOCITY:SWING])
+    gone = _apply_force(nodes.R[k], inputs.delta_p[k], inputs.delta_p_per_sensor[k], c, F[SWING:BODY])
+    for i in range(2):
+        F[SWING + i, VELOCITY + i], F[SWING + i, BODY + i] = h, -h
+        F[BODY + i, BODY + i] = np.exp(-h * noise.pace_decay)
+        variance[VELOCITY + i] = noise.acc * h
+        variance[SWING + i] = noise.acc * h**3 / 3.0
+        variance[BODY + i] = inputs.pace[k]
+    offset[3:] = np.ascontiguousarray(F[3:, 3:]) @ y - then
+    # velocity and swing depend on the attitude: their offset is the predicted value, not the linear part
+    for i in range(2):
+        offset[VELOCITY + i] = y[VELOCITY - 3 + i] + gained[i] - then[VELOCITY - 3 + i]
+        path = h * (y[VELOCITY - 3 + i] - y[BODY - 3 + i]) + gone[i]
+        offset[SWING + i] = y[SWING - 3 + i] + path - then[SWING - 3 + i]
+    return offset, variance
+
+
+@njit(cache=True)
+def _apply_force(R: Floats, delta: Floats, per_sensor: Floats, c: Floats, F: Floats) -> Floats:
+    """Change of velocity or position by a force, (3,) in nav; writes the derivatives of its two level parts."""
+    out = R @ (delta + per_sensor @ c)
+    F[:, : ATTITUDE + 3] = -cross_matrix(out)[:2]
+    F[:, BIAS:FIELD] = (R @ per_sensor)[:2]
+    return out
+
+
+@njit(cache=True)
+def _update_node(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smoothed) -> None:
+    """Update x and P by the measurements at a node."""
+    x, P, H, y = out.x[k], out.P[k], np.zeros((3, SIZE)), nodes.y[k]
+    nis = 0.0
+    for i in range(2):
+        nis += update_component(P, x, SWING + i, -y[SWING - 3 + i], inputs.swing[k]) ** 2
+    out.swing_nis[k] = nis
+    if np.isfinite(inputs.rest[k]):
+        _update_rest(k, nodes, inputs, noise, out)
+    if inputs.samples[k] > 0:
+        z = linearize_field(k, nodes, inputs, noise, H)
+        nis = 0.0
+        walked = inputs.walk[min(k, len(inputs.walk) - 1)] / 3.0
+        variance = noise.mag / inputs.samples[k] + noise.mag_left + walked
+        for row in range(3):
+            nis += update_row(P, x, H[row], z[row], variance) ** 2
+        out.field_nis[k] = nis
+        for row in range(3):
+            H[row] = 0.0
+            H[row, FIELD + row], H[row, REGION + row] = 1.0, -1.0
+            update_row(P, x, H[row], y[REGION - 3 + row] - y[FIELD - 3 + row], inputs.deviation[k])
+
+
+@njit(cache=True)
+def _update_rest(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smoothed) -> None:
+    """Update by a rest: the rate is the bias, and the velocity zero."""
+    observed = inputs.rate[k] - nodes.R[k].T @ noise.earth_rate
+    for i in range(3):
+        update_component(out.P[k], out.x[k], BIAS + i, observed[i] - nodes.y[k, i], inputs.rest[k])
+    for i in range(2):
+        v = nodes.y[k, VELOCITY - 3 + i]
+        update_component(out.P[k], out.x[k], VELOCITY + i, -v, noise.rest_velocity)
+
+
+@njit(cache=True)
+def linearize_field(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, H: Floats) -> Floats:
+    """Write the rows (3, 27) of a node's field, in nav; returns (3,) so that H x is it but for noise."""
+    R, z = nodes.R[k], inputs.field[k]
+    per_sensor = -cross_matrix(z) @ inputs.lever[k]
+    observed = R @ (z + per_sensor @ _error_change(nodes.y[k], noise))
+    H[:] = 0.0
+    H[:, ATTITUDE : ATTITUDE + 3] = cross_matrix(observed)  # it changes by phi x observed
+    H[:, BIAS:FIELD] = -R @ per_sensor
+    for i in range(3):
+        H[i, FIELD + i] = 1.0
+    return np.asarray(observed - nodes.y[k, FIELD - 3 : REGION - 3])
+
+
+@njit(cache=True)
+def _smooth_backward(nodes: Nodes, F: Floats, out: Smoothed) -> None:
+    """Rauch-Tung-Striebel: x and P given all, and the expected squares of steps, deviations and swings."""
+    n = len(out.x)
+    for k in range(n - 1, -1, -1):
+        if k < n - 1:
+            G = _smoother_gain(out.P[k] @ F[k].T, out.P_ahead[k + 1])
+            out.x[k] += G @ (out.x[k + 1] - out.x_ahead[k + 1])
+            out.P[k] += G @ (out.P[k + 1] - out.P_ahead[k + 1]) @ G.T
+            out.P[k] = (out.P[k] + out.P[k].T) / 2
+            out.step_square[k] = _expect_step(k, FIELD, FIELD + 3, nodes, F[k], out, G)
+            out.pace_square[k] = _expect_step(k, BODY, BODY + 2, nodes, F[k], out, G)
+        out.deviation_square[k] = _expect_deviation(k, nodes, out)
+        for i in range(SWING, BODY):
+            out.swing_square[k] += (nodes.y[k, i - 3] + out.x[k, i]) ** 2 + out.P[k, i, i]
+
+
+@njit(cache=True)
+def _expect_step(k: int, first: int, stop: int, nodes: Nodes, F: Floats, out: Smoothed, G: Floats) -> float:
+    """Expected square of a step after node k, of those parts of x that otherwise only decay."""
+    now, then = out.P[k], out.P[k + 1]
+    between = then @ G.T  # covariance of x_k+1 with x_k
+    total = 0.0
+    for i in range(first, stop):
+        e = F[i, i]
+        step = nodes.y[k + 1, i - 3] + out.x[k + 1, i] - e * (nodes.y[k, i - 3] + out.x[k, i])
+        total += step**2 + max(e**2 * now[i, i] + then[i, i] - 2 * e * between[i, i], 0.0)
+    return total
+
+
+@njit(cache=True)
+def _expect_deviation(k: int, nodes: Nodes, out: Smoothed) -> float:
+    """Expected square of the local field less the region's, uT^2."""
+    P, total = out.P[k], 0.0
+    for i in range(3):
+        m, e = FIELD + i, REGION + i
+        off = nodes.y[k, m - 3] + out.x[k, m] - nodes.y[k, e - 3] - out.x[k, e]
+        total += off**2 + max(P[m, m] + P[e, e] - 2 * P[m, e], 0.0)
+    return total
+
+
+@njit(cache=True)
+def _smoother_gain(A: Floats, P: Floats) -> Floats:
+    """A P^-1, P scaled to a diagonal of ones first: its units differ."""
+    scale = 1.0 / np.sqrt(np.diag(P))
+    scaled = P * scale.reshape(-1, 1) * scale
+    return np.ascontiguousarray(np.linalg.solve(scaled, (A * scale).T).T) * scale

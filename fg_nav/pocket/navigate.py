@@ -1,0 +1,233 @@
+"""From a recording in a trouser pocket to a `Solution`: orientation, steps, their length, dead reckoning.
+
+A row of its table is the beginning of a stride (`fg_nav.pocket.steps`), that is of a swing of the leg that wears the
+sensor, and one more the end of the last: rows less one are strides, as on a foot. In between, the position moves evenly
+along each step.
+
+================ =====================================================================
+pocket           orientation by the iterated Kalman smoother (`iterated_smoother`); the default
+munoz-diaz2017   orientation by MD's filter (`filter`), its misprints corrected
+================ =====================================================================
+
+A given heading is that of the path, over the first two strides. Without one, the compass gives that of the sensor at
+the start; without a magnetometer it is 0. The white error of the magnetometer, on which MD's filter depends most, is
+estimated from the recording (`fg_nav.pocket.track`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.mount import TurnSigns, refuse_foot
+from fg_nav.errors import EstimationError
+from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.pocket.dead_reckoning import (
+    StepLength,
+    SteppedPath,
+    calibrate_step_length,
+    estimate_directions,
+    reckon_path,
+    use_step_constant,
+)
+from fg_nav.pocket.filter import estimate_pocket
+from fg_nav.pocket.parameters import PocketParameters
+from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_steps
+from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimate_field_noise_uT, level_start
+from fg_nav.recording import Recording
+from fg_nav.samples.saturation import saturated
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.wording import counted
+
+Progress: TypeAlias = Callable[[float], None]
+
+METHODS = ("pocket", "munoz-diaz2017")
+"""By name, the default first."""
+
+MOST_SLIPPED_DEG = 15.0
+"""A pelvis that turns, and a leg that abducts, turn the axis of a walk's halves by a few deg."""
+
+LEAST_CLIPPED_PERCENT = 0.5
+"""A peak of a stride is some samples of a hundred."""
+
+LEAST_USED = 0.05
+"""Of the strides; in fewer the field is practically unused."""
+
+FIRST_STEPS = 4
+"""Two strides, so that the pelvis's turning to and fro cancels."""
+
+
+def navigate_pocket(
+    recording: Recording,
+    method: str = "pocket",
+    heading: float | None = None,
+    step_constant_m: float | None = None,
+    known_distance_m: float | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Estimate the path of a person with a sensor in a trouser pocket.
+
+    Parameters
+    ----------
+    recording : Recording
+    method : one of `METHODS`.
+    heading : rad clockwise from north, of the first two strides; None if unknown.
+    step_constant_m : of the person, from an earlier calibration (`fg_nav.pocket.dead_reckoning`).
+    known_distance_m : meters walked along the path in this recording, to calibrate the constant by.
+    progress : is called with the fraction done.
+
+    Raises
+    ------
+    EstimationError
+        If there is no such method, the heading is no number, both a constant and a distance are given, the sensor was
+        on a foot, or there is no step.
+    """
+    began = time.perf_counter()
+    if step_constant_m is not None and known_distance_m is not None:
+        raise EstimationError("a step constant and a known distance both give the length of a step: give one of them.")
+    if heading is not None and not np.isfinite(heading):
+        raise EstimationError(f"a heading of {heading:g} is none: give an angle, or leave it out.")
+    # orientation
+    signs = refuse_foot(recording)
+    start, start_notes = _choose_start(recording, heading)
+    track = _estimate_track(recording, method, start, progress)
+    # steps of the thigh
+    swing = estimate_swing(recording, track)
+    steps = find_steps(recording.t, swing.flexion, swing.up_now)
+    if not len(steps):
+        raise EstimationError(
+            f"no step was found: the thigh does not swing to and fro by {LEAST_OPENING_DEG:g} deg or "
+            "more, three times in a row; was it walked with, in a trouser pocket?"
+        )
+    step_length = _choose_step_length(steps, step_constant_m, known_distance_m)
+    # the given heading is that of the first strides
+    if heading is not None:
+        track = track.rotate(heading - _first_heading(track, swing, steps))
+    # dead reckoning
+    path = reckon_path(track, swing, steps, step_length)
+    position, velocity = _interpolate_path(recording.t, path)
+    table = _make_table(recording, track, steps, path)
+    notes = (*start_notes, *_describe(swing, steps, step_length), *_warn(recording, signs, swing, table.field))
+    return Solution(
+        method=method,
+        t=recording.t,
+        position=position,
+        velocity=velocity,
+        nav_R_body=track.nav_R_body,
+        stances=table,
+        runtime_s=time.perf_counter() - began,
+        parameters={"step_length": asdict(step_length)},
+        notes=notes,
+    )
+
+
+def _choose_start(recording: Recording, heading: float | None) -> tuple[PocketStart, list[str]]:
+    if heading is not None:
+        return level_start(recording), []
+    try:
+        return compass_start(recording), ["the heading at the start is the compass's, from magnetic north"]
+    except EstimationError:
+        start = level_start(recording)  # without gravity this says so
+    return start, ["the heading at the start is unknown and set to 0: give it with --heading"]
+
+
+def _first_heading(track: PocketTrack, swing: ThighSwing, steps: Steps) -> float:
+    """Direction of the first strides, rad clockwise from north."""
+    east, north = estimate_directions(track, swing, steps)[:FIRST_STEPS].sum(axis=0)
+    return float(np.arctan2(east, north))
+
+
+def _estimate_track(recording: Recording, method: str, start: PocketStart, progress: Progress | None) -> PocketTrack:
+    if method not in METHODS:
+        raise EstimationError(f"there is no method '{method}' for the pocket: choose one of {', '.join(METHODS)}.")
+    if method == METHODS[0]:
+        from fg_nav.pocket.iterated_smoother import smooth_pocket
+
+        return smooth_pocket(recording, start=start, progress=progress)
+    return estimate_pocket(recording, PocketParameters(mag_sigma_uT=estimate_field_noise_uT(recording)), start)
+
+
+def _choose_step_length(steps: Steps, constant_m: float | None, distance_m: float | None) -> StepLength:
+    if distance_m is not None:
+        return calibrate_step_length(steps.opening, distance_m)
+    return StepLength() if constant_m is None else use_step_constant(constant_m)
+
+
+def _describe(swing: ThighSwing, steps: Steps, step_length: StepLength) -> list[str]:
+    bouts = int(steps.bout[-1]) + 1
+    pauses = f", in {bouts} stretches" if bouts > 1 else ""
+    notes = [f"{counted(len(steps), 'step')} of both legs{pauses}; height is not estimated"]
+    if step_length.source == "default":
+        notes.append(
+            f"step constant {step_length.constant_m:.2f} m by default, good to {100 * step_length.sigma:.0f} % "
+            "(one sigma): calibrate it once with --known-distance"
+        )
+    else:
+        notes.append(f"step constant {step_length.constant_m:.4g} m ({step_length.source})")
+    if not swing.is_forward_known:
+        notes.append("the swing hardly distinguishes forward from backward: the path may be turned by 180 deg")
+    return notes
+
+
+def _warn(recording: Recording, signs: TurnSigns, swing: ThighSwing, verdicts: tuple[str, ...]) -> list[str]:
+    """Notes on what makes the recording questionable."""
+    notes = []
+    if signs.wearing is None:
+        notes.append("the sensor turns neither as on a thigh nor as on a foot: was it in a trouser pocket?")
+    if swing.slipped_deg > MOST_SLIPPED_DEG:
+        notes.append(
+            f"the axis of the swing turns by {swing.slipped_deg:.0f} deg from one half of the walk to the other, so "
+            "the sensor turned in the pocket and the path is bent: wear it tighter"
+        )
+    clipped = 100.0 * float(saturated(recording.gyr, recording.clipping[1]).any(axis=1).mean())
+    if clipped >= LEAST_CLIPPED_PERCENT:
+        notes.append(f"the gyroscope is clipped in {clipped:.2g} % of the samples: openings and lengths are too small")
+    strides = np.array(verdicts) == QUASI_STATIC
+    if recording.mag is not None and strides.mean() < LEAST_USED:
+        notes.append(
+            f"the field was used in {int(strides.sum())} of {counted(len(strides), 'stride')}: calibrate the "
+            "magnetometer, as iron about the sensor turns with it"
+        )
+    return notes
+
+
+def _interpolate_path(t: Floats, path: SteppedPath) -> tuple[Floats, Floats]:
+    """Position and velocity (N, 3) at all samples, even along each step."""
+    at, first = np.unique(t[path.sample], return_index=True)
+    position = np.stack([np.interp(t, at, axis) for axis in path.position[first].T], axis=1)
+    return position, np.gradient(position, t, axis=0)
+
+
+def _make_table(recording: Recording, track: PocketTrack, steps: Steps, path: SteppedPath) -> StanceTable:
+    rows = np.append(2 * steps.strides, 2 * len(steps) - 1)  # where strides begin, and the last
+    sample = path.sample[rows]
+    verdicts, reasons = _judge_field(recording, track, sample)
+    return StanceTable(
+        sample=sample,
+        t=recording.t[sample],
+        position=path.position[rows],
+        nav_R_body=track.nav_R_body[sample],
+        gyro_bias=track.gyro_bias[sample],
+        position_cov=path.covariance[rows],
+        heading_sigma=track.sigma[sample, 2],
+        gyro_bias_sigma=track.sigma[sample, 3:],
+        field=verdicts,
+        field_reason=reasons,
+    )
+
+
+def _judge_field(recording: Recording, track: PocketTrack, sample: Ints) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Whether the field was used in the stride up to each row."""
+    if recording.mag is None:
+        return (UNKNOWN,) * len(sample), ("no magnetometer",) * len(sample)
+    used = np.concatenate([[0], np.cumsum(track.field_used)])
+    fresh = np.concatenate([[0], np.cumsum(np.isfinite(recording.mag).all(axis=1))])
+    before = np.append(0, sample[:-1])
+    count, whole = used[sample + 1] - used[before], fresh[sample + 1] - fresh[before]
+    verdicts = tuple(QUASI_STATIC if c else DISTURBED if w else UNKNOWN for c, w in zip(count, whole, strict=True))
+    return verdicts, tuple(f"{c} of {w} samples used" for c, w in zip(count, whole, strict=True))
