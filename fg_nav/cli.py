@@ -384,11 +384,11 @@ def allan(
     from fg_nav.report.folder import ALLAN_FILES
 
     _check_free(out, force, ALLAN_FILES)
-    from fg_nav.calibration.at_rest import recording_noise
+    from fg_nav.calibration.at_rest import measure_recording_noise
     from fg_nav.io import read
     from fg_nav.report.allan import print_allan, write_allan
 
-    noise = recording_noise(read(file, format))
+    noise = measure_recording_noise(read(file, format))
     with _folder(out, force, f"{file.stem}-allan", ALLAN_FILES) as (place, folder):
         write_allan(folder, noise, file)
     print_allan(noise, place)
@@ -567,9 +567,9 @@ def _options(
 
 
 def _earth(place: str | None) -> EarthField | None:
-    from fg_nav.earth import Place, field_at
+    from fg_nav.earth import Place, compute_field
 
-    return None if place is None else field_at(Place.written(place))
+    return None if place is None else compute_field(Place.parse(place))
 
 
 def _strength(strength_uT: float | None, place: str | None) -> float | None:

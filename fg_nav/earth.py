@@ -62,7 +62,7 @@ class Place:
             )
 
     @classmethod
-    def written(cls, words: str) -> Place:
+    def parse(cls, words: str) -> Place:
         """Read a place from `PLACE_FORM`; raises `EarthError` for anything else."""
         parts = [part.strip() for part in words.split(",")]
         if len(parts) == 3 and re.fullmatch(r"\d{4}-\d{2}-\d{2}", parts[2]):  # Python takes more than that for a date
@@ -104,7 +104,7 @@ class EarthField:
         return float(np.arctan2(east, north))
 
 
-def field_at(place: Place) -> EarthField:
+def compute_field(place: Place) -> EarthField:
     """Field of the World Magnetic Model at a place and day.
 
     Raises

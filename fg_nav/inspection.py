@@ -15,10 +15,10 @@ from fg_nav.detection import detect_stances, find_rests
 from fg_nav.detection.mount import measure_turning
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, usable_samples
+from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, find_usable_samples
 from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import GravityTransport
-from fg_nav.samples.saturation import saturated
+from fg_nav.samples.saturation import find_saturated
 from fg_nav.samples.timing import fit_clock
 from fg_nav.wording import counted
 
@@ -85,7 +85,7 @@ class StanceShare:
 class Facts:
     """A recording in numbers.
 
-    `refusal` is why it cannot be navigated with, None if it can; `unit_problems` name wrong units and axes;
+    `refusal` is why it cannot be navigated with, None if it can; `find_unit_problems` name wrong units and axes;
     `field` is None without a magnetometer; `wearing` is "foot" or "pocket" where the turning is clearly that of one
     (`fg_nav.detection.mount`), else None; `notes` are the remarks of reader and admission.
     """
@@ -128,7 +128,7 @@ def inspect(raw: RawRecording) -> Inspection:
 
 def _facts(raw: RawRecording) -> Facts:
     recording, refusal = _judged(raw)
-    usable = usable_samples(raw)
+    usable = find_usable_samples(raw)
     t, acc, gyr = raw.t[usable], raw.acc[usable], raw.gyr[usable]
     duration = float(np.ptp(t)) if len(t) else 0.0
     rising = _rising(raw, usable)
@@ -142,13 +142,13 @@ def _facts(raw: RawRecording) -> Facts:
         acc_range=_range(acc),
         gyr_range=_range(gyr),
         rest=_rest(raw, rising),
-        gravity=plausibility.gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
+        gravity=plausibility.measure_gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
         field=None if raw.mag is None else _field(raw.mag, duration),
         stance=_stance_share(recording),
         wearing=None if recording is None else measure_turning(recording).wearing,
         truth=_described(raw.truth),
         refusal=refusal,
-        unit_problems=plausibility.unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
+        unit_problems=plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
         notes=(recording or raw).provenance.notes,
     )
 
@@ -191,7 +191,7 @@ def _stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
 
 
 def _range(samples: Floats) -> Range:
-    flags = saturated(samples)
+    flags = find_saturated(samples)
     level = np.full(3, np.nan)
     for axis in np.flatnonzero(flags.any(axis=0)):
         level[axis] = np.abs(samples[flags[:, axis], axis]).min()
@@ -202,10 +202,10 @@ def _rest(raw: RawRecording, rising: Ints) -> Rest:
     """Measure the rests among samples in order of time, even if the recording is refused."""
     t, acc, gyr = raw.t[rising], raw.acc[rising], raw.gyr[rising]
     period = plausibility.median_period_s(t)
-    orderly = len(t) >= MIN_SAMPLES and plausibility.stamp_problem(period) is None
+    orderly = len(t) >= MIN_SAMPLES and plausibility.find_stamp_problem(period) is None
     rests = find_rests(Recording(t, acc, gyr)) if orderly else ()
     if not rests:
-        return Rest(0.0, plausibility.rest_acc(acc, period), np.full(3, np.nan))
+        return Rest(0.0, plausibility.measure_rest_acc(acc, period), np.full(3, np.nan))
     weight = np.array([t[rest.stop - 1] - t[rest.start] for rest in rests])
     acc_at_rest = [float(np.linalg.norm(rest.force)) for rest in rests]
     rate_at_rest = np.average([rest.rate for rest in rests], axis=0, weights=weight)
@@ -213,7 +213,7 @@ def _rest(raw: RawRecording, rising: Ints) -> Rest:
 
 
 def _field(mag: Floats, duration: float) -> MagneticField:
-    strength = plausibility.field_strength(mag)
+    strength = plausibility.measure_field_strength(mag)
     strength = strength[np.isfinite(strength)]
     if not strength.size:
         return MagneticField(np.nan, np.nan, 0.0)

@@ -33,11 +33,11 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
-from fg_nav.samples.coning import integrable
-from fg_nav.samples.gaps import Gaps, bridged
-from fg_nav.samples.peaks import Peaks, rebuilt
-from fg_nav.samples.saturation import clipping_levels
-from fg_nav.samples.timing import dejittered
+from fg_nav.samples.coning import prepare_samples
+from fg_nav.samples.gaps import Gaps, fill_gaps
+from fg_nav.samples.peaks import Peaks, rebuild_peaks
+from fg_nav.samples.saturation import find_clipping_levels
+from fg_nav.samples.timing import remove_jitter
 from fg_nav.wording import counted
 
 MIN_SAMPLES = 20
@@ -169,27 +169,27 @@ class Recording:
     @cached_property
     def gaps(self) -> Gaps:
         """Where samples are missing, and what lies there as far as the recording tells."""
-        return bridged(self.t, self.acc, self.gyr)
+        return fill_gaps(self.t, self.acc, self.gyr)
 
     @cached_property
     def integrable(self) -> tuple[Floats, Floats]:
         """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.samples.coning`)."""
         h = np.append(np.diff(self.t), self.period_s)
         acc, gyr = self.peaks
-        return integrable(acc.whole, gyr.whole, h, self.gaps)
+        return prepare_samples(acc.whole, gyr.whole, h, self.gaps)
 
     @cached_property
     def peaks(self) -> tuple[Peaks, Peaks]:
         """Specific force and rate with the peaks rebuilt that the sensor cut."""
         acc, gyr = self.clipping
-        return rebuilt(self.acc, self.period_s, acc), rebuilt(self.gyr, self.period_s, gyr)
+        return rebuild_peaks(self.acc, self.period_s, acc), rebuild_peaks(self.gyr, self.period_s, gyr)
 
     @cached_property
     def clipping(self) -> tuple[Floats, Floats]:
         """Levels (2, 3) from which on specific force and rate are clipped, as in `fg_nav.samples.saturation`."""
-        return clipping_levels(self.acc), clipping_levels(self.gyr)
+        return find_clipping_levels(self.acc), find_clipping_levels(self.gyr)
 
-    def known_by(self, period_s: float, clipping: tuple[Floats, Floats]) -> Recording:
+    def assume(self, period_s: float, clipping: tuple[Floats, Floats]) -> Recording:
         """Return the same samples with what a longer recording of the same sensor tells of it."""
         same = replace(self)
         same.__dict__.update(period_s=period_s, clipping=clipping)
@@ -226,7 +226,7 @@ class Recording:
         return cut
 
 
-def usable_samples(raw: RawRecording) -> Bools:
+def find_usable_samples(raw: RawRecording) -> Bools:
     """(N,) True where stamp, acc and gyr are finite and within what any sensor can read.
 
     A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
@@ -242,9 +242,9 @@ def usable_samples(raw: RawRecording) -> Bools:
 def _admitted(raw: RawRecording) -> Recording:
     _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
     _check_count(len(raw.t))
-    for problem in plausibility.unit_problems(raw.t, raw.acc, raw.gyr, raw.mag):
+    for problem in plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag):
         raise RecordingError(f"{problem}.")
-    usable = usable_samples(raw)
+    usable = find_usable_samples(raw)
     notes = [*raw.provenance.notes, *_judge_missing(raw, usable)]
     kept = np.flatnonzero(usable)
     _check_count(len(kept))
@@ -264,7 +264,7 @@ def _admitted(raw: RawRecording) -> Recording:
 
 def _evened(t: Floats) -> tuple[Floats, list[str]]:
     """Stamps without transport jitter: a sensor samples evenly, however its samples were stamped on the way."""
-    even = dejittered(t)
+    even = remove_jitter(t)
     if np.array_equal(even, t):
         return t, []
     worst_ms = 1e3 * float(np.abs(even - t).max())

@@ -15,7 +15,7 @@ from fg_nav.arrays import Floats
 from fg_nav.recording import Recording
 
 
-def doubts(recording: Recording, saturated_share: float) -> tuple[Floats, Floats]:
+def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Floats, Floats]:
     """Find the standard deviations (N, 3) of single samples on top of the densities: zero for most.
 
     Parameters

@@ -22,7 +22,7 @@ from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.estimators import WITH_FIXES, Given, Mount, Progress, estimator
 from fg_nav.evaluation import Metrics, evaluate
 from fg_nav.evaluation.comparison import Comparison, compare
-from fg_nav.evaluation.walked import WalkErrors, walk_errors
+from fg_nav.evaluation.walked import WalkErrors, measure_walk
 from fg_nav.io import read, read_fixes, read_truth
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, find_detector, judge_field
@@ -236,7 +236,7 @@ def measured(session: Session, found: Solution) -> Outcome:
         moment = None
         if solution.moment is not None:
             told = replace(solution, stances=solution.moment)
-            moment = walk_errors(told, session.truth, session.options.alignment)
+            moment = measure_walk(told, session.truth, session.options.alignment)
         return Outcome(solution, metrics, comparison, used, moment)
     except EvaluationError as error:
         if session.options.truth_path is not None:
@@ -266,9 +266,9 @@ def _corrected(recording: Recording, options: Options, calibration: Calibration 
 
 def _calibrated(recording: Recording, calibration: Calibration, options: Options) -> Recording:
     if calibration.magnetometer is not None and options.use_magnetometer:
-        recording = calibration.magnetometer.applied_to(recording)
+        recording = calibration.magnetometer.apply_to(recording)
     if calibration.accelerometer is not None and calibration.accelerometer.separable:
-        recording = calibration.accelerometer.applied_to(recording)
+        recording = calibration.accelerometer.apply_to(recording)
     return recording
 
 

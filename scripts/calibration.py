@@ -53,12 +53,12 @@ from fg_nav.calibration import (
     WalkCalibrationParameters,
     calibrate_on_walk,
     circular_sd_deg,
-    corrected_field,
-    level_iron,
+    correct_field,
+    find_level_iron,
 )
 from fg_nav.calibration.allan import NoiseFit
-from fg_nav.calibration.at_rest import SensorNoise, recording_noise
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid, symmetric, unit_sphere
+from fg_nav.calibration.at_rest import SensorNoise, measure_recording_noise
+from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere, symmetric
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
@@ -134,7 +134,7 @@ def standardize_errors(seed: int, way: str, strength_uT: float | None, algebraic
     if strength_uT is None:
         C = C / np.cbrt(np.linalg.det(C))
     try:
-        found = unit_sphere(readings, STRENGTH_UT) if algebraic else fitted_ellipsoid(readings, strength_uT)
+        found = fit_unit_sphere(readings, STRENGTH_UT) if algebraic else fit_ellipsoid(readings, strength_uT)
     except CalibrationError:
         return None
     return np.asarray((found.parameters - np.concatenate([hard, C[UPPER]])) / found.sigma)
@@ -205,7 +205,7 @@ class Walked:
     drift: Floats
 
     @property
-    def level_iron(self) -> Floats:
+    def find_level_iron(self) -> Floats:
         """True (2,) uT over the ground in levelled axes: what `fg_nav.calibration.walk.level_iron` estimates."""
         up = self.field.nav_R_body[:, 2].mean(axis=0)
         added = self.iron.hard_uT + EARTH.vector[2] * (self.iron.soft - np.eye(3)) @ up
@@ -280,9 +280,9 @@ def calibrate_walk(walk: Walked) -> Outcome:
     except CalibrationError as error:
         refused = str(error)
     found = calibrate_on_walk(walk.field, willing)
-    offset, covariance = level_iron(found, walk.field)
+    offset, covariance = find_level_iron(found, walk.field)
     wrong = offset - walk.level_iron
-    after = corrected_field(walk.field, found).body_field
+    after = correct_field(walk.field, found).body_field
     return Outcome(
         refused,
         wrong,
@@ -326,7 +326,7 @@ def print_noise(chosen: argparse.Namespace) -> None:
 def measure_noise(sensor: str, seed: int, minutes: float) -> tuple[SensorNoise, ...]:
     """Noise of the sensors of a preset that lies still for so long."""
     scenario = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(60.0 * minutes)])
-    return recording_noise(simulate(scenario, seed, Choices(sensor=sensor)).recording).sensors
+    return measure_recording_noise(simulate(scenario, seed, Choices(sensor=sensor)).recording).sensors
 
 
 def _noise_row(fits: Sequence[NoiseFit], prior: TriadPrior) -> tuple[str, str, str, str]:

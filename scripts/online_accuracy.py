@@ -31,7 +31,7 @@ import numpy as np
 from harness import FIRST_SEED, Figure, option, spread
 from walks import GDIN, OPENSHOE, REAL_WALKS, data_folder, real_path
 
-from fg_nav.evaluation.walked import AS_STARTED, at_footfalls
+from fg_nav.evaluation.walked import AS_STARTED, compare_at_footfalls
 from fg_nav.lab.campaign.made import solved
 from fg_nav.lab.campaign.sources import LOOP, Recorded, Simulated, Source
 from fg_nav.online import OnlineNavigator
@@ -144,7 +144,7 @@ def gap_between(one: StanceTable, other: StanceTable) -> tuple[float, float]:
 
 def rms_error(solution: Solution, table: StanceTable, truth: Truth) -> float:
     """Over the ground, laid as started, m."""
-    laid = at_footfalls(replace(solution, stances=table), truth, AS_STARTED)
+    laid = compare_at_footfalls(replace(solution, stances=table), truth, AS_STARTED)
     return float(np.sqrt(np.mean((laid.error[:, :2] ** 2).sum(axis=1))))
 
 

@@ -34,7 +34,7 @@ from walks import Walk
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.calibration import estimate_lever
 from fg_nav.evaluation.alignment import align
-from fg_nav.evaluation.comparison import interpolated
+from fg_nav.evaluation.comparison import interpolate_truth
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN
@@ -122,7 +122,7 @@ def measure_trial(walk: Walk) -> Foot | None:
 
 
 def _seen(walk: Walk, solution: Solution, truth: TrajectoryTruth) -> Seen:
-    row, marker = interpolated(truth, solution.t)
+    row, marker = interpolate_truth(truth, solution.t)
     alignment = align(solution.position[row], marker)
     still = walk.stances.stillest(walk.recording.gyr)
     return Seen(
@@ -165,7 +165,7 @@ def _sinking(seen: Seen, offset: Floats) -> float:
 
 
 def _climb(solution: Solution, truth: TrajectoryTruth) -> float:
-    row, marker = interpolated(truth, solution.stances.t)
+    row, marker = interpolate_truth(truth, solution.stances.t)
     error = solution.stances.position[row, 2] - marker[:, 2]
     return float(error[-1] - error[0]) / max(len(row) - 1, 1)
 

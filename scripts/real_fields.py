@@ -52,9 +52,9 @@ from fg_nav.calibration import (
     WalkCalibrationParameters,
     calibrate_on_walk,
     circular_sd_deg,
-    corrected_field,
-    level_iron,
-    spread_out_of_sample,
+    correct_field,
+    find_level_iron,
+    measure_spread,
 )
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
@@ -234,9 +234,9 @@ def calibrated(walk: FieldWalk) -> Calibrated:
     except CalibrationError as error:
         refused = str(error)
     found = calibrate_on_walk(walk.field, ANYWAY)
-    itself = circular_sd_deg(corrected_field(walk.field, found).heading_difference)
+    itself = circular_sd_deg(correct_field(walk.field, found).heading_difference)
     return Calibrated(
-        found, refused, circular_sd_deg(walk.field.heading_difference), itself, spread_out_of_sample(walk.field)
+        found, refused, circular_sd_deg(walk.field.heading_difference), itself, measure_spread(walk.field)
     )
 
 
@@ -270,9 +270,9 @@ def _middle(name: str, figures: Sequence[tuple[float, ...]], chosen: Sequence[bo
 
 
 def _level_iron(walk: FieldWalk, c: Calibrated) -> tuple[str, str, str, str]:
-    offset, covariance = level_iron(c.calibration, walk.field)
+    offset, covariance = find_level_iron(c.calibration, walk.field)
     sigma = np.sqrt(np.trace(covariance) / 2)
-    strength = np.linalg.norm(np.nanmean(corrected_field(walk.field, c.calibration).nav_field, axis=0)[:2])
+    strength = np.linalg.norm(np.nanmean(correct_field(walk.field, c.calibration).nav_field, axis=0)[:2])
     alone = np.degrees(np.linalg.norm(offset) / strength / np.sqrt(2))
     verdict = "refused" if c.refused else "found"
     return f"{offset[0]:+.1f} {offset[1]:+.1f}", f"{sigma:.1f}", f"{alone:.0f}", verdict

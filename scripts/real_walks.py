@@ -36,7 +36,7 @@ from walks import GDIN, OPENSHOE, REAL_WALKS, Walk
 from fg_nav.arrays import Floats
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
-from fg_nav.evaluation import Consistency, Metrics, evaluate, stance_nees
+from fg_nav.evaluation import Consistency, Metrics, compute_stance_nees, evaluate
 from fg_nav.lab.campaign.sources import RAW, WALK, Recorded
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console, progress
@@ -205,7 +205,7 @@ def measured(section: str, walk: Walk, method: str, estimate: Estimate) -> Resul
     try:
         solution = estimate(walk.recording, walk.stances)
         metrics = evaluate(solution, truth)
-        consistency = stance_nees(solution.stances, truth) if isinstance(truth, TrajectoryTruth) else None
+        consistency = compute_stance_nees(solution.stances, truth) if isinstance(truth, TrajectoryTruth) else None
     except (EstimationError, EvaluationError) as error:
         return Result(section, walk.name, method, None, failure=str(error))
     return Result(section, walk.name, method, metrics, consistency)

@@ -62,9 +62,9 @@ from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import INSTEP, MOUNTS, Mount, Person, mount_named
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.samples.coning import compensated
-from fg_nav.samples.gaps import bridged
-from fg_nav.samples.peaks import rebuilt
+from fg_nav.samples.coning import compensate_coning
+from fg_nav.samples.gaps import fill_gaps
+from fg_nav.samples.peaks import rebuild_peaks
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -135,7 +135,7 @@ def integration_errors(motion: FootMotion, strides: Strides, rate_hz: float, cor
 def _error_over(motion: FootMotion, t: Floats, period_s: float, corrected: bool) -> Floats:
     rate, force = motion.sampled(t[:-1], period_s)
     if corrected:
-        force, rate = compensated(force, rate, np.full(len(rate), period_s))
+        force, rate = compensate_coning(force, rate, np.full(len(rate), period_s))
     ends = motion.at(t[[0, -1]])
     state = NavState(ends.position[0], ends.velocity[0], ends.nav_R_body[0], np.zeros(3), np.zeros(3))
     integrate(state, force, rate, period_s)
@@ -289,7 +289,7 @@ def bridge_gaps(
 ) -> tuple[Mapping[str, tuple[Floats, Floats]], Floats]:
     """Means of acc and gyr (G, 3) in the gaps, by each bridge; and the last one's errors over its sigmas (G, 6)."""
     after = before + lost + 1
-    gaps = bridged(walked.t[kept], walked.acc[kept], walked.gyr[kept])
+    gaps = fill_gaps(walked.t[kept], walked.acc[kept], walked.gyr[kept])
     both = np.hstack([walked.acc, walked.gyr])
     truth = np.mean([both[before + k] for k in range(1, lost + 1)], axis=0)
     z = (np.hstack([gaps.acc, gaps.gyr]) - truth) / np.hstack([gaps.acc_sigma, gaps.gyr_sigma])
@@ -323,7 +323,7 @@ def _error_behind(walked: Samples, i: int, lost: int, acc: Floats, gyr: Floats) 
     around = [i - 1, i, j]
     f, w, h = walked.acc[around], walked.gyr[around], period * np.array([1.0, lost + 1.0, 1.0])
     f[1], w[1] = (f[1] + lost * acc) / (lost + 1), (w[1] + lost * gyr) / (lost + 1)
-    f, w = compensated(f, w, h)
+    f, w = compensate_coning(f, w, h)
     ends = walked.motion.at(walked.t[[i, j]])
     state = NavState(ends.position[0], ends.velocity[0], ends.nav_R_body[0], np.zeros(3), np.zeros(3))
     strapdown(state, f[1], w[1], h[1], GRAVITY_M_S2, np.empty((3, 3)), np.empty(3))
@@ -364,7 +364,7 @@ def peak_rows(name: str, samples: Floats, period_s: float) -> list[list[str]]:
     for share in SHARES:
         cut = samples.copy()
         cut[:, axis] = np.clip(samples[:, axis], -share * median, share * median)
-        found = rebuilt(cut, period_s)
+        found = rebuild_peaks(cut, period_s)
         hidden = missed_of_peaks(samples[:, axis], cut[:, axis], cut[:, axis], period_s)
         left = missed_of_peaks(samples[:, axis], found.whole[:, axis], cut[:, axis], period_s)
         variance = missed_of_peaks(found.sigma[:, axis] ** 2, np.zeros(len(cut)), cut[:, axis], period_s) * period_s

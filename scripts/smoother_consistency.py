@@ -34,7 +34,7 @@ from compare_tables import BUILDING, MALL, OFFICE, OFFICE_OPEN, print_remarks
 from harness import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.evaluation.consistency import PARTS, PLACES, band, freedom_of_mean, inside
+from fg_nav.evaluation.consistency import PARTS, PLACES, estimate_freedom_of_mean, nees_band, share_in_band
 from fg_nav.lab.campaign.kept import Result
 from fg_nav.lab.campaign.sources import LOOP, PERFECT
 
@@ -91,13 +91,13 @@ def whitened(some: Sequence[Result]) -> dict[str, Floats]:
 def share_at_end(z: Floats) -> float:
     """Share of seeds whose NEES at the last footfall is inside the band; z (S, M, n)."""
     n = z.shape[2]
-    return inside((z[:, -1] ** 2).sum(axis=1), n, n)
+    return share_in_band((z[:, -1] ** 2).sum(axis=1), n, n)
 
 
 def share_above(z: Floats) -> float:
     """Share of seeds whose NEES at the last footfall is above the band."""
     n = z.shape[2]
-    return float(np.mean((z[:, -1] ** 2).sum(axis=1) > band(n, n)[1]))
+    return float(np.mean((z[:, -1] ** 2).sum(axis=1) > nees_band(n, n)[1]))
 
 
 def share_of_mean(z: Floats) -> float:
@@ -105,7 +105,7 @@ def share_of_mean(z: Floats) -> float:
     seeds, _, n = z.shape
     if seeds < FEWEST:
         return math.nan
-    return inside((z**2).sum(axis=2).mean(axis=1), freedom_of_mean(z), n)
+    return share_in_band((z**2).sum(axis=2).mean(axis=1), estimate_freedom_of_mean(z), n)
 
 
 def share_table(cases: Mapping[str, Sequence[Result]]) -> tuple[list[str], list[list[str]]]:

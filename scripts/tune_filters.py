@@ -214,12 +214,12 @@ def _simulated(scenario: str, seed: int, rate_hz: float) -> Walked:
     assert truth.nav_R_body is not None
     stances = detect_stances(first)
     heading = float(heading_of(truth.nav_R_body[0]))
-    at_footfalls = {}
+    compare_at_footfalls = {}
     for name, recording in walks.items():
         assert np.array_equal(recording.gyr, first.gyr)  # a seed has the same steps and noise in every field
-        at_footfalls[name] = average_footfall_field(recording, stances, heading)
+        compare_at_footfalls[name] = average_footfall_field(recording, stances, heading)
     there = truth.position[stances.stillest(first.gyr), :2]
-    return Walked(replace(first, mag=None, truth=None), stances, at_footfalls, there, heading)
+    return Walked(replace(first, mag=None, truth=None), stances, compare_at_footfalls, there, heading)
 
 
 def averaged(recording: Recording, rate_hz: float) -> Recording:
@@ -261,8 +261,10 @@ def _read(path: Path) -> Walked:
         intervals = {name: kept[name] for name in ("start", "stop", "footfall", "statistic")}
         stances = Stances(n_samples=len(recording), **intervals)
         columns = [column.name for column in fields(FootfallField)]
-        at_footfalls = {name: FootfallField(*(kept[f"{name}.{column}"] for column in columns)) for name in FIELDS}
-        return Walked(recording, stances, at_footfalls, kept["truth"], float(kept["heading"]))
+        compare_at_footfalls = {
+            name: FootfallField(*(kept[f"{name}.{column}"] for column in columns)) for name in FIELDS
+        }
+        return Walked(recording, stances, compare_at_footfalls, kept["truth"], float(kept["heading"]))
 
 
 # --- one run ---------------------------------------------------------------------------------------------------------

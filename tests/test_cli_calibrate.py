@@ -110,7 +110,7 @@ def test_a_known_strength_gives_the_scale(fg_nav: FgNav, files: Path, method: st
     assert found is not None
     mag = read(files / "tumbled.csv").mag
     assert mag is not None
-    assert np.linalg.norm(found.corrected(mag), axis=1).mean() == pytest.approx(strength, abs=0.1)
+    assert np.linalg.norm(found.correct(mag), axis=1).mean() == pytest.approx(strength, abs=0.1)
     assert np.linalg.inv(found.correction) == pytest.approx(SOFT_IRON, abs=0.01)
 
 

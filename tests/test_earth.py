@@ -6,7 +6,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from fg_nav.earth import EarthField, Place, field_at
+from fg_nav.earth import EarthField, Place, compute_field
 from fg_nav.errors import EarthError
 from fg_nav.lab.simulation.fields import earth_field
 
@@ -29,14 +29,14 @@ def test_strength_inclination_and_declination_are_those_that_a_field_was_made_of
 def test_the_model_of_2025_agrees_with_another_implementation():
     """Natick, 1000 m, 4 July 2028, as MathWorks' `wrldmagm` gives it (documentation of the Aerospace Toolbox)."""
     needs_wmm()
-    field = field_at(Place(42.283, -71.35, date(2028, 7, 4), height_m=1000.0))
+    field = compute_field(Place(42.283, -71.35, date(2028, 7, 4), height_m=1000.0))
     np.testing.assert_allclose(field.vector, [-4.905, 20.139, -46.532], atol=0.001)
 
 
 def test_munich_in_april_2015_was_as_the_observatory_reported():
     """Strength, dip and declination as told by Munoz Diaz et al. (2017); crust and rounding make the rest."""
     needs_wmm()
-    field = field_at(Place(48.165, 11.277, date(2015, 4, 15), height_m=572.0))
+    field = compute_field(Place(48.165, 11.277, date(2015, 4, 15), height_m=572.0))
     assert field.strength_uT == pytest.approx(48.0, abs=0.4)
     assert np.degrees(field.inclination) == pytest.approx(64.23, abs=0.3)
     assert np.degrees(field.declination) == pytest.approx(2.57, abs=0.3)
@@ -45,8 +45,8 @@ def test_munich_in_april_2015_was_as_the_observatory_reported():
 def test_the_model_covers_today_and_the_poles():
     needs_wmm()
     for latitude in (-90.0, 0.0, 90.0):
-        assert 22 < field_at(Place(latitude, 11.6, TODAY)).strength_uT < 68
-    ground, above = (field_at(Place(48.0, 11.6, TODAY, height_m)).strength_uT for height_m in (0.0, 400_000.0))
+        assert 22 < compute_field(Place(latitude, 11.6, TODAY)).strength_uT < 68
+    ground, above = (compute_field(Place(48.0, 11.6, TODAY, height_m)).strength_uT for height_m in (0.0, 400_000.0))
     assert above < 0.9 * ground
 
 
@@ -54,11 +54,11 @@ def test_the_model_covers_today_and_the_poles():
 def test_a_date_of_no_edition_is_refused(year):
     needs_wmm()
     with pytest.raises(EarthError, match="2010 to 2029"):
-        field_at(Place(48.0, 11.6, date(year, 6, 1)))
+        compute_field(Place(48.0, 11.6, date(year, 6, 1)))
 
 
 def test_a_place_is_read_as_it_is_written():
-    assert Place.written(" -33.9, 18.4 ,2026-11-21") == Place(-33.9, 18.4, TODAY)
+    assert Place.parse(" -33.9, 18.4 ,2026-11-21") == Place(-33.9, 18.4, TODAY)
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_a_place_is_read_as_it_is_written():
 )
 def test_what_is_no_place_is_refused(words):
     with pytest.raises(EarthError, match="latitude,longitude,YYYY-MM-DD"):
-        Place.written(words)
+        Place.parse(words)
 
 
 @pytest.mark.parametrize(
@@ -87,4 +87,4 @@ def test_a_place_off_the_earth_is_refused(where, words):
 def test_without_the_extra_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygeomag", None)
     with pytest.raises(EarthError, match=r"pip install 'fg-nav\[wmm\]'"):
-        field_at(Place(48.1, 11.6, TODAY))
+        compute_field(Place(48.1, 11.6, TODAY))

@@ -4,29 +4,29 @@ In order: all at once and its file; the magnetometer, turned over, on a loop, on
 where it sits on the shoe.
 """
 
-from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart, allan_curve, fit_noise
+from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart, compute_allan_curve, fit_noise
 from fg_nav.calibration.at_rest import (
     AccelerometerCalibration,
     GyroscopeCalibration,
     RecordingNoise,
     SensorNoise,
-    accelerometer_at_rest,
-    gyroscope_at_rest,
-    recording_noise,
+    calibrate_accelerometer,
+    calibrate_gyroscope,
+    measure_recording_noise,
 )
 from fg_nav.calibration.ellipse import Ellipse
-from fg_nav.calibration.ellipse_fit import ellipse_of_walk, fitted_ellipse
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid, unit_sphere
+from fg_nav.calibration.ellipse_fit import calibrate_on_loop, fit_ellipse
+from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
-from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, corrected_field
-from fg_nav.calibration.of_recording import METHODS, Effect, Found, calibrate
+from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
+from fg_nav.calibration.of_recording import METHODS, CalibrationResult, Effect, calibrate
 from fg_nav.calibration.rolling_lever import RollingLever, estimate_lever
 from fg_nav.calibration.walk import (
     Spread,
     WalkCalibrationParameters,
     calibrate_on_walk,
-    level_iron,
-    spread_out_of_sample,
+    find_level_iron,
+    measure_spread,
 )
 
 __all__ = [
@@ -34,9 +34,9 @@ __all__ = [
     "AccelerometerCalibration",
     "AllanCurve",
     "Calibration",
+    "CalibrationResult",
     "Effect",
     "Ellipse",
-    "Found",
     "GyroscopeCalibration",
     "MagnetometerCalibration",
     "NoiseFit",
@@ -46,22 +46,22 @@ __all__ = [
     "SensorNoise",
     "Spread",
     "WalkCalibrationParameters",
-    "accelerometer_at_rest",
-    "allan_curve",
     "calibrate",
+    "calibrate_accelerometer",
+    "calibrate_gyroscope",
+    "calibrate_on_loop",
     "calibrate_on_walk",
     "circular_sd_deg",
-    "corrected_field",
-    "ellipse_of_walk",
+    "compute_allan_curve",
+    "correct_field",
     "estimate_lever",
+    "find_level_iron",
+    "fit_ellipse",
+    "fit_ellipsoid",
     "fit_noise",
-    "fitted_ellipse",
-    "fitted_ellipsoid",
-    "gyroscope_at_rest",
-    "level_iron",
+    "fit_unit_sphere",
+    "measure_recording_noise",
+    "measure_spread",
     "read_calibration",
-    "recording_noise",
-    "spread_out_of_sample",
-    "unit_sphere",
     "write_calibration",
 ]

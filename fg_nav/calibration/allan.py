@@ -155,14 +155,14 @@ class NoiseFit:
         return np.asarray(np.sqrt(N**2 / tau_s + (FLOOR * B) ** 2 + K**2 * tau_s / 3))
 
 
-def averaging_factors(count: int) -> Ints:
+def choose_averaging_factors(count: int) -> Ints:
     """Averaging times (F,) in samples, evenly spaced on a logarithmic scale where that leaves whole numbers."""
     longest = max(1.0, LONGEST_SHARE * count)
     steps = 1 + int(np.log10(longest) * PER_DECADE)
     return np.unique(np.round(np.geomspace(1.0, longest, max(2, steps)))).astype(np.int64)
 
 
-def allan_curve(readings: Floats, period_s: float, factors: Ints | None = None) -> AllanCurve:
+def compute_allan_curve(readings: Floats, period_s: float, factors: Ints | None = None) -> AllanCurve:
     """Overlapping Allan deviation of evenly sampled readings (n,), in time linear in n for each averaging time.
 
     Raises
@@ -175,7 +175,7 @@ def allan_curve(readings: Floats, period_s: float, factors: Ints | None = None) 
         raise CalibrationError("readings are missing or not finite: give a stretch without gaps to an Allan deviation.")
     if n < MIN_READINGS:
         raise CalibrationError(f"{n} readings make no Allan deviation: record at least {MIN_READINGS}.")
-    chosen = averaging_factors(n) if factors is None else np.asarray(factors, dtype=np.int64)
+    chosen = choose_averaging_factors(n) if factors is None else np.asarray(factors, dtype=np.int64)
     if chosen.min() < 1 or 2 * chosen.max() > n:
         raise CalibrationError(f"averages of {chosen.max()} samples do not fit into {n} twice: choose shorter ones.")
     whole = np.concatenate([[0.0], np.cumsum(readings - readings.mean())])
@@ -190,7 +190,7 @@ def fit_noise(curve: AllanCurve) -> NoiseFit:
         return _fit_silence(curve)
     scale, m = float(observed.max()), curve.factors.astype(np.float64)
     laws = np.column_stack([1 / m, np.full(len(m), FLOOR**2), m / 3])  # for a sampling period of 1
-    products = covariance_products(curve.count, tuple(int(f) for f in curve.factors))
+    products = compute_covariance_products(curve.count, tuple(int(f) for f in curve.factors))
     whole = _Laws(observed / scale, laws, products)
     first, all_three = _fit_from_start(whole)
     found = _drop_unseen(whole.beginning(first), all_three)
@@ -306,7 +306,7 @@ _COEFFICIENT = np.array([1.0, -2.0, 1.0])
 
 
 @lru_cache(maxsize=16)
-def covariance_products(count: int, factors: tuple[int, ...]) -> Floats:
+def compute_covariance_products(count: int, factors: tuple[int, ...]) -> Floats:
     """Matrices (3, 3, F, F) in which the covariance of the Allan variances is quadratic.
 
     Parameters

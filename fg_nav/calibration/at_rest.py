@@ -30,8 +30,8 @@ from fg_nav.calibration.allan import (
     MIN_READINGS,
     AllanCurve,
     NoiseFit,
-    allan_curve,
-    averaging_factors,
+    choose_averaging_factors,
+    compute_allan_curve,
     fit_noise,
 )
 from fg_nav.detection import Rest, RestParameters, find_rests
@@ -78,7 +78,7 @@ class GyroscopeCalibration:
     rests: int
     seconds: float
 
-    def applied_to(self, recording: Recording) -> Recording:
+    def apply_to(self, recording: Recording) -> Recording:
         """Return the recording with the bias taken off its rates."""
         return replace(recording, gyr=recording.gyr - self.bias)
 
@@ -107,21 +107,21 @@ class AccelerometerCalibration:
     seconds: float
     separable: bool
 
-    def corrected(self, acc: Floats) -> Floats:
+    def correct(self, acc: Floats) -> Floats:
         """Return specific forces (n, 3) m/s^2 with bias and scale taken off; nothing is, where not separable."""
         return np.asarray((acc - self.bias) / self.scale) if self.separable else acc
 
-    def applied_to(self, recording: Recording) -> Recording:
+    def apply_to(self, recording: Recording) -> Recording:
         """Return the recording with bias and scale taken off; raises `CalibrationError` if they are not separable."""
         if not self.separable:
             raise CalibrationError(
                 f"rests in {counted(self.attitudes, 'attitude')} do not tell the accelerometer's scale "
                 f"from its bias: let it lie for {SHORTEST_ATTITUDE_S:g} s on each of its six faces."
             )
-        return replace(recording, acc=self.corrected(recording.acc))
+        return replace(recording, acc=self.correct(recording.acc))
 
 
-def gyroscope_at_rest(recording: Recording) -> GyroscopeCalibration | None:
+def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
     """Bias from all rests, weighted by what each is worth; None where nothing rests.
 
     Its sigma is not below `fg_nav.detection.rest.LEAST_SIGMA_DEG_S`, however many rests there are, and grows where they
@@ -139,7 +139,7 @@ def gyroscope_at_rest(recording: Recording) -> GyroscopeCalibration | None:
     return GyroscopeCalibration(bias, np.maximum(spread, least), len(rests), _seconds(recording, rests))
 
 
-def accelerometer_at_rest(recording: Recording) -> AccelerometerCalibration | None:
+def calibrate_accelerometer(recording: Recording) -> AccelerometerCalibration | None:
     """Scale and bias from rests in several attitudes, or ||acc|| / g from fewer; None where nothing rests."""
     long = RestParameters(shortest_s=SHORTEST_ATTITUDE_S, shortest_at_end_s=SHORTEST_ATTITUDE_S)
     rests = find_still_stretches(recording, long) or find_rests(recording)
@@ -244,7 +244,7 @@ class RecordingNoise:
     sensors: tuple[SensorNoise, ...]
 
 
-def recording_noise(recording: Recording) -> RecordingNoise:
+def measure_recording_noise(recording: Recording) -> RecordingNoise:
     """Allan deviations over the longest stretch at rest.
 
     Raises
@@ -252,7 +252,7 @@ def recording_noise(recording: Recording) -> RecordingNoise:
     CalibrationError
         If the sensor does not lie still, or not for long enough.
     """
-    start, stop = longest_stillness(recording)
+    start, stop = find_longest_stillness(recording)
     seconds = (stop - start) * recording.period_s
     if seconds < SHORTEST_S * (1 - 1e-3):
         raise CalibrationError(
@@ -264,7 +264,7 @@ def recording_noise(recording: Recording) -> RecordingNoise:
     return RecordingNoise(float(rest.t[0]), seconds, tuple(sensors))
 
 
-def longest_stillness(recording: Recording) -> tuple[int, int]:
+def find_longest_stillness(recording: Recording) -> tuple[int, int]:
     """Find the samples `start <= i < stop` of the longest stretch at rest; none, 0 and 0, where nothing rests."""
     block = max(2, round(BLOCK_S / recording.period_s))
     count = len(recording) // block
@@ -313,8 +313,8 @@ def _readings(rest: Recording) -> Iterator[tuple[str, Floats, Floats]]:
 
 def _sensor(name: str, t: Floats, readings: Floats) -> SensorNoise:
     even, period_s = _evenly(t, readings)
-    factors = averaging_factors(len(even))
-    curves = tuple(allan_curve(axis, period_s, factors) for axis in even.T)
+    factors = choose_averaging_factors(len(even))
+    curves = tuple(compute_allan_curve(axis, period_s, factors) for axis in even.T)
     fits = tuple(fit_noise(curve) for curve in curves)
     return SensorNoise(name, 1 / period_s, curves, fits)
 

@@ -9,9 +9,9 @@ so the corrected field lies on a circle whose radius is the short axis. The offs
 hard iron as long as the foot stands at the same tilt, plus what vertical field the soft iron and a steady error of
 levelling turn into the plane. eta is a direction without an arrow, modulo pi.
 
-`ellipse_by_extremes` and `ellipse_as_printed` find it as the paper does, Ma (6)-(8), without a covariance: single
-readings decide, so a wild one spoils it, and so does an end of the ellipse that no footfall reached. The least squares
-fit is in `fg_nav.calibration.ellipse_fit`.
+`find_ellipse_by_extremes` and `find_ellipse_as_printed` find it as the paper does, Ma (6)-(8), without a covariance:
+single readings decide, so a wild one spoils it, and so does an end of the ellipse that no footfall reached. The least
+squares fit is in `fg_nav.calibration.ellipse_fit`.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Ellipse:
         long_axis = along(self.eta_rad)
         return np.asarray(np.eye(2) - (1.0 - self.tau) * np.outer(long_axis, long_axis))
 
-    def corrected(self, level_xy: Floats) -> Floats:
+    def correct(self, level_xy: Floats) -> Floats:
         """Horizontal field (..., 2) uT on the circle, from levelled readings (..., 2) uT."""
         return np.asarray((level_xy - self.offset_uT) @ self.correction)
 
@@ -92,7 +92,7 @@ class Ellipse:
             If the ellipse has no covariance.
         """
         if not np.isfinite(self.covariance).all():
-            raise CalibrationError(f"the ellipse {self.method} has no covariance: use fitted_ellipse.")
+            raise CalibrationError(f"the ellipse {self.method} has no covariance: use fit_ellipse.")
         R = compute_level_R_body(body_up)
         C = np.eye(3)
         C[:2, :2] = self.correction
@@ -146,7 +146,7 @@ def rise_deg(body_up: Floats) -> float:
     return float(np.degrees(np.arctan2(body_up[0], np.linalg.norm(body_up[1:]))))
 
 
-def footfalls_present(level_xy: Floats, fewest: int) -> Floats:
+def select_levelled(level_xy: Floats, fewest: int) -> Floats:
     """Readings (F, 2) without NaN rows; `CalibrationError` for too few."""
     readings = level_xy[np.isfinite(level_xy).all(axis=1)]
     if len(readings) < fewest:
@@ -156,7 +156,7 @@ def footfalls_present(level_xy: Floats, fewest: int) -> Floats:
     return np.asarray(readings)
 
 
-def ellipse_by_extremes(level_xy: Floats) -> Ellipse:
+def find_ellipse_by_extremes(level_xy: Floats) -> Ellipse:
     """Find the ellipse from extremes: Ma Eq. 6-8 with eta = atan2(m_y1, m_x1) modulo pi. No covariance.
 
     Parameters
@@ -168,7 +168,7 @@ def ellipse_by_extremes(level_xy: Floats) -> Ellipse:
     return _of_extremes("by extremes", centred, offset, half_turn(float(np.arctan2(y1, x1))))
 
 
-def ellipse_as_printed(level_xy: Floats) -> Ellipse:
+def find_ellipse_as_printed(level_xy: Floats) -> Ellipse:
     """Find the ellipse as the paper prints it: Ma Eq. 6-8 with eta = asin(m_y1 / max r), mirrored where m_x1 < 0.
 
     Parameters
@@ -182,7 +182,7 @@ def ellipse_as_printed(level_xy: Floats) -> Ellipse:
 
 def _about_extremes(level_xy: Floats) -> tuple[Floats, Floats]:
     """Readings about (max + min) / 2 of each axis, and that: Ma Eq. 6."""
-    readings = footfalls_present(level_xy, 3)
+    readings = select_levelled(level_xy, 3)
     offset = (readings.max(axis=0) + readings.min(axis=0)) / 2
     return readings - offset, offset
 
@@ -192,5 +192,5 @@ def _of_extremes(method: str, centred: Floats, offset: Floats, eta: float) -> El
     found = Ellipse(
         method, offset, eta, float(r.min() / r.max()), float(r.min()), np.full((4, 4), np.nan), np.nan, len(centred)
     )
-    spread = np.linalg.norm(found.corrected(centred + offset), axis=1) - found.radius_uT
+    spread = np.linalg.norm(found.correct(centred + offset), axis=1) - found.radius_uT
     return replace(found, residual_uT=float(np.sqrt((spread**2).mean())))

@@ -10,7 +10,7 @@ ellipse, or, if larger, that which the means of the distances over `SECTORS` of 
     s^2 = max(sum r^2 / (F - 5), sum n_j mean_j(r)^2 / (sectors - 5)).
 
 Two sides. What the floor does with one or two periods in the round is an ellipse itself: no residual shows it. But
-circles to the left stand elsewhere than circles to the right, and theirs is another ellipse. `ellipse_of_walk` fits
+circles to the left stand elsewhere than circles to the right, and theirs is another ellipse. `calibrate_on_loop` fits
 both apart; half the difference D of their (o_x, o_y, eta, tau) is as uncertain as the ellipse of all, whose covariance
 P grows by
 
@@ -28,9 +28,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.ellipse import Ellipse, footfalls_present, half_turn, rise_deg
+from fg_nav.calibration.ellipse import Ellipse, half_turn, rise_deg, select_levelled
 from fg_nav.calibration.magnetometer import LEVEL_FIELD_UT, MagnetometerCalibration, check_strength, mean_up
-from fg_nav.calibration.quadric import LEAST_UT, Fit, distance, robust_fit, trimmed_quadric
+from fg_nav.calibration.quadric import LEAST_UT, Fit, distance, fit_robustly, fit_trimmed_quadric
 from fg_nav.errors import CalibrationError
 from fg_nav.magnetic.compass import compute_field_heading
 from fg_nav.magnetic.footfall_field import FootfallField
@@ -62,7 +62,7 @@ field it brings into the plane looks like an offset, and belongs to it as long a
 hard iron it is an error."""
 
 
-def fitted_ellipse(level_xy: Floats) -> Ellipse:
+def fit_ellipse(level_xy: Floats) -> Ellipse:
     """Fit an ellipse to levelled readings by robust least squares of their distances from it.
 
     Parameters
@@ -79,7 +79,7 @@ def fitted_ellipse(level_xy: Floats) -> Ellipse:
     return replace(ellipse, notes=(*ellipse.notes, *_note_on_eta(ellipse)))
 
 
-def ellipse_of_walk(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibration]:
+def calibrate_on_loop(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibration]:
     """Fit the ellipse of a walk's footfalls, and lift it into the body at their mean tilt.
 
     The covariance has in it by how much circles to the left and to the right disagree, and that of the offset a steady
@@ -88,7 +88,7 @@ def ellipse_of_walk(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibrat
     Raises
     ------
     CalibrationError
-        As `fitted_ellipse`, and for an x axis that stands upright.
+        As `fit_ellipse`, and for an x axis that stands upright.
     """
     body_up = mean_up(field.nav_R_body)
     _check_x_axis(body_up)
@@ -105,9 +105,9 @@ def ellipse_of_walk(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibrat
 
 def _fit_round(level_xy: Floats) -> Ellipse:
     """Fit; refuse only where there is no ellipse or the headings do not go round."""
-    readings = footfalls_present(level_xy, FEWEST_FOOTFALLS)
-    ellipse, kept = likeliest_ellipse(readings)
-    _check_round(ellipse.corrected(readings[kept]))
+    readings = select_levelled(level_xy, FEWEST_FOOTFALLS)
+    ellipse, kept = fit_likeliest_ellipse(readings)
+    _check_round(ellipse.correct(readings[kept]))
     left_out = int((~kept).sum())
     notes = (f"{left_out} of {len(readings)} footfalls left out as outliers",) if left_out else ()
     return replace(ellipse, notes=notes)
@@ -183,7 +183,7 @@ _SIZES = np.array([0.01, 0.01, 30.0, 30.0, 30.0])
 """Brings uT and 1/uT to numbers about 1, as fields on Earth have them."""
 
 
-def likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
+def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
     """Fit readings (F, 2) uT, all finite; returns the ellipse and which of them were kept (F,).
 
     Raises
@@ -194,7 +194,7 @@ def likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
     fit = _fit(readings)
     kept = readings[fit.kept]
     ellipse = _from_fit(fit.parameters, fit.covariance, fit.residual_uT, len(kept))
-    lack = _lack_of_fit(_distance(fit.parameters, kept), compute_field_heading(ellipse.corrected(kept)))
+    lack = _lack_of_fit(_distance(fit.parameters, kept), compute_field_heading(ellipse.correct(kept)))
     worse = max(1.0, lack / max(fit.residual_uT, LEAST_UT) ** 2)
     return replace(ellipse, covariance=worse * ellipse.covariance), fit.kept
 
@@ -202,8 +202,8 @@ def likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
 def _fit(readings: Floats) -> Fit:
     """Centre and matrix of the ellipse, scaled; a refusal is in words for somebody who walks."""
     try:
-        centre, C = trimmed_quadric(readings)
-        return robust_fit(_distance, readings, np.array([*centre, C[0, 0], C[0, 1], C[1, 1]]) * _SIZES)
+        centre, C = fit_trimmed_quadric(readings)
+        return fit_robustly(_distance, readings, np.array([*centre, C[0, 0], C[0, 1], C[1, 1]]) * _SIZES)
     except CalibrationError:
         raise CalibrationError(NO_ELLIPSE) from None
 

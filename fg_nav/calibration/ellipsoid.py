@@ -2,7 +2,7 @@
 
     |C (m - h)| = F,    C symmetric (3, 3), h hard iron, m the readings with white noise of equal strength on each axis
 
-`fitted_ellipsoid`. Start: least squares constrained to an ellipsoid (`fg_nav.calibration.quadric`, as Fang et al. 2011
+`fit_ellipsoid`. Start: least squares constrained to an ellipsoid (`fg_nav.calibration.quadric`, as Fang et al. 2011
 and Ma et al. 2018 use it: CLSEF). Then the likeliest parameters, a few wild readings left out: the residual is the
 distance of the reading from the ellipsoid, uT, to first order in the noise,
 
@@ -11,7 +11,7 @@ distance of the reading from the ellipsoid, uT, to first order in the noise,
 Readings alone do not show F: C and F can be scaled together. With the strength unknown det C = 1, which leaves volumes
 as they are, and F is estimated; the covariance of C then has rank 5. With the strength given, F counts as exact.
 
-`unit_sphere` (Munoz Diaz et al. 2017, section 3.2, whose algebra the paper does not print): plain least squares about
+`fit_unit_sphere` (Munoz Diaz et al. 2017, section 3.2; the paper does not print its algebra): plain least squares about
 the readings' mean and in units of their spread,
 
     a . (squares and products of x) + b . x = 1        N equations, nine numbers.
@@ -37,13 +37,13 @@ from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration, chec
 from fg_nav.calibration.quadric import (
     NO_ELLIPSOID,
     Fit,
-    about_centre,
     design,
     distance,
-    robust_fit,
-    scaled,
-    trimmed_quadric,
-    unscaled,
+    find_centre,
+    fit_robustly,
+    fit_trimmed_quadric,
+    scale_readings,
+    unscale,
 )
 from fg_nav.errors import CalibrationError
 from fg_nav.wording import counted
@@ -65,7 +65,7 @@ LARGEST_RESIDUAL = 0.05
 that changes from place to place, which sigma does not include."""
 
 
-def fitted_ellipsoid(readings: Floats, strength_uT: float | None = None) -> MagnetometerCalibration:
+def fit_ellipsoid(readings: Floats, strength_uT: float | None = None) -> MagnetometerCalibration:
     """Calibrate from readings of a sensor turned about in a homogeneous field.
 
     Parameters
@@ -79,15 +79,15 @@ def fitted_ellipsoid(readings: Floats, strength_uT: float | None = None) -> Magn
         Where the directions covered leave a parameter open, naming the weakest direction, or the field was not the
         same throughout, or is none that Earth has.
     """
-    present = readings_present(readings)
+    present = select_readings(readings)
     if strength_uT is not None:
         check_given(strength_uT)
-    h, unit_C = trimmed_quadric(present)
+    h, unit_C = fit_trimmed_quadric(present)
     size = float(np.mean(np.diag(unit_C)))
     sizes = np.concatenate([np.full(3, 0.1 / size), np.full(6, size)])
-    fit = robust_fit(_distances(sizes), present, np.concatenate([h, unit_C[UPPER]]) / sizes)
+    fit = fit_robustly(_distances(sizes), present, np.concatenate([h, unit_C[UPPER]]) / sizes)
     found = _calibration(fit, sizes, strength_uT)
-    coverage = coverage_of(present[fit.kept] - found.hard_iron_uT)  # not corrected: a bad C would blow a plane up
+    coverage = measure_coverage(present[fit.kept] - found.hard_iron_uT)  # not corrected: a bad C would blow a plane up
     check_fit(found, found.residual_uT, coverage)
     return _with_notes(found, coverage, len(present))
 
@@ -106,7 +106,7 @@ def symmetric(matrix: Floats) -> Floats:
     return np.asarray((right.T * size) @ right)
 
 
-def readings_present(readings: Floats) -> Floats:
+def select_readings(readings: Floats) -> Floats:
     """Readings (N, 3) without NaN rows; `CalibrationError` for too few, or of a sensor that nobody turned."""
     present = readings[np.isfinite(readings).all(axis=1)]
     if len(present) < FEWEST_READINGS:
@@ -205,7 +205,7 @@ def _with_notes(found: MagnetometerCalibration, coverage: Coverage, readings: in
     return replace(found, notes=notes if left_out else notes[:1])
 
 
-def unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerCalibration:
+def fit_unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerCalibration:
     """Calibrate from readings of a sensor turned about in a homogeneous field.
 
     Parameters
@@ -216,17 +216,17 @@ def unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerCalib
     Raises
     ------
     CalibrationError
-        Where the readings are too few or lie on no ellipsoid, and as `fitted_ellipsoid`.
+        Where the readings are too few or lie on no ellipsoid, and as `fit_ellipsoid`.
     """
     check_given(strength_uT)
-    present = readings_present(readings)
-    x, middle, scale = scaled(present)
+    present = select_readings(readings)
+    x, middle, scale = scale_readings(present)
     p, covariance = _plain_least_squares(_columns(x))
     to_strength = np.repeat([1.0, strength_uT], [3, 6])
     J = to_strength[:, None] * np.stack([_slope(p, k, middle, scale) for k in range(9)], axis=1)
     parts = to_strength * _parameters(p, middle, scale)
     found = _sphere_calibration(parts, J @ covariance @ J.T, strength_uT, present)
-    coverage = coverage_of(present - found.hard_iron_uT)
+    coverage = measure_coverage(present - found.hard_iron_uT)
     check_fit(found, float(np.sqrt((_sphere_distances(found, present) ** 2).mean())), coverage)
     return replace(found, notes=(coverage.words, f"corrected readings have length {strength_uT:g}"))
 
@@ -269,7 +269,7 @@ def _plain_least_squares(columns: Floats) -> tuple[Floats, Floats]:
 
 def _parameters(p: Floats, middle: Floats, scale: float) -> Floats:
     """Centre and the upper half of C (9,) of |C (m - h)| = 1."""
-    h, C = unscaled(*about_centre(p[:6], np.append(p[6:], -1.0)), middle, scale)
+    h, C = unscale(*find_centre(p[:6], np.append(p[6:], -1.0)), middle, scale)
     return np.concatenate([h, C[UPPER]])
 
 
@@ -309,7 +309,7 @@ class Coverage:
         )
 
 
-def coverage_of(body_field: Floats) -> Coverage:
+def measure_coverage(body_field: Floats) -> Coverage:
     """Coverage by readings (N, 3) less hard iron: soft iron is mild enough to be left in."""
     direction = body_field / np.linalg.norm(body_field, axis=1, keepdims=True)
     cell = np.argmax(direction @ _lattice().T, axis=1)

@@ -77,9 +77,9 @@ def read_calibration(path: Path) -> Calibration:
     recording = content.get("recording")
     return Calibration(
         recording if isinstance(recording, str) else None,
-        _part(path, content, "magnetometer", MagnetometerCalibration),
-        _checked(path, "gyroscope", _part(path, content, "gyroscope", GyroscopeCalibration)),
-        _checked(path, "accelerometer", _part(path, content, "accelerometer", AccelerometerCalibration)),
+        _read_part(path, content, "magnetometer", MagnetometerCalibration),
+        _checked(path, "gyroscope", _read_part(path, content, "gyroscope", GyroscopeCalibration)),
+        _checked(path, "accelerometer", _read_part(path, content, "accelerometer", AccelerometerCalibration)),
     )
 
 
@@ -111,7 +111,7 @@ def _parsed(path: Path) -> object:
         raise CalibrationError(f"{path.name} is no JSON, or damaged: calibrate again.") from None
 
 
-def _part(path: Path, content: Mapping[str, Any], name: str, kind: type[Part]) -> Part | None:
+def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Part]) -> Part | None:
     part = content.get(name)
     if part is None:
         return None

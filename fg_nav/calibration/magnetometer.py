@@ -35,7 +35,7 @@ def matrix_of(upper: Floats) -> Floats:
     return matrix + np.triu(matrix, 1).T
 
 
-def slope_of_inverse(matrix: Floats) -> Floats:
+def differentiate_inverse(matrix: Floats) -> Floats:
     """Derivatives (6, 6) of the inverse of a symmetric matrix (3, 3) by its six numbers: -M^-1 dM M^-1."""
     inverse = np.linalg.inv(matrix)
     return np.stack([-(inverse @ matrix_of(one) @ inverse)[UPPER] for one in np.eye(6)], axis=1)
@@ -105,25 +105,25 @@ class MagnetometerCalibration:
         """(9,) standard deviations of the parameters."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
-    def corrected(self, reading: Floats) -> Floats:
+    def correct(self, reading: Floats) -> Floats:
         """Field (..., 3) uT in the body frame, from readings (..., 3) uT; NaN rows stay."""
         return np.asarray((reading - self.hard_iron_uT) @ self.correction)
 
-    def applied_to(self, recording: Recording) -> Recording:
+    def apply_to(self, recording: Recording) -> Recording:
         """Return the recording with its magnetometer corrected; raises `CalibrationError` if it has none."""
         if recording.mag is None:
             raise CalibrationError("the recording has no magnetometer that a calibration could correct.")
-        return replace(recording, mag=self.corrected(recording.mag))
+        return replace(recording, mag=self.correct(recording.mag))
 
 
-def some_of(field: FootfallField, chosen: Bools) -> FootfallField:
+def select_footfalls(field: FootfallField, chosen: Bools) -> FootfallField:
     """Those footfalls for which `chosen` (F,) holds."""
     return FootfallField(*(getattr(field, f.name)[chosen] for f in fields(field)))
 
 
-def corrected_field(field: FootfallField, calibration: MagnetometerCalibration) -> FootfallField:
+def correct_field(field: FootfallField, calibration: MagnetometerCalibration) -> FootfallField:
     """Return the field at the footfalls as a corrected magnetometer would have it; its scatter and slope stay."""
-    return replace(field, body_field=calibration.corrected(field.body_field))
+    return replace(field, body_field=calibration.correct(field.body_field))
 
 
 def circular_sd_deg(angle: Floats) -> float:

@@ -20,12 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.at_rest import accelerometer_at_rest, gyroscope_at_rest
-from fg_nav.calibration.ellipse_fit import ellipse_of_walk
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid, unit_sphere
+from fg_nav.calibration.at_rest import calibrate_accelerometer, calibrate_gyroscope
+from fg_nav.calibration.ellipse_fit import calibrate_on_loop
+from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.file import Calibration
-from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, corrected_field
-from fg_nav.calibration.quadric import near
+from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
+from fg_nav.calibration.quadric import is_near
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
@@ -59,7 +59,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Found:
+class CalibrationResult:
     """A calibration, why its method was taken, and what it does to its own readings."""
 
     calibration: Calibration
@@ -67,7 +67,7 @@ class Found:
     effect: Effect
 
 
-def calibrate(recording: Recording, method: str | None = None, strength_uT: float | None = None) -> Found:
+def calibrate(recording: Recording, method: str | None = None, strength_uT: float | None = None) -> CalibrationResult:
     """Calibrate what can be calibrated from a recording.
 
     Parameters
@@ -95,10 +95,10 @@ def calibrate(recording: Recording, method: str | None = None, strength_uT: floa
     calibration = Calibration(
         None if path is None else path.name,
         magnetometer,
-        gyroscope_at_rest(recording),
-        accelerometer_at_rest(recording),
+        calibrate_gyroscope(recording),
+        calibrate_accelerometer(recording),
     )
-    return Found(calibration, choice, effect)
+    return CalibrationResult(calibration, choice, effect)
 
 
 def check_method(method: str) -> None:
@@ -129,26 +129,26 @@ def mean_direction_of_up(recording: Recording) -> float:
 
 def _on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
     field = average_footfall_field(recording, detect_stances(recording))
-    found = calibrate_on_walk(field) if name == "walk" else ellipse_of_walk(field)[1]
-    after = corrected_field(field, found)
+    found = calibrate_on_walk(field) if name == "walk" else calibrate_on_loop(field)[1]
+    after = correct_field(field, found)
     return found, Effect(_scatter(field.strength), _scatter(after.strength), _spread(field), _spread(after))
 
 
 def _tumbled(recording: Recording, name: str, strength_uT: float | None) -> tuple[MagnetometerCalibration, Effect]:
     assert recording.mag is not None
-    find = fitted_ellipsoid if name == "ellipsoid" else _sphere
+    find = fit_ellipsoid if name == "ellipsoid" else _sphere
     found = find(recording.mag, strength_uT)
     readings = recording.mag[np.isfinite(recording.mag).all(axis=1)]
-    before, after = (np.linalg.norm(mag, axis=1) for mag in (readings, found.corrected(readings)))
-    kept = near(after - found.strength_uT)
+    before, after = (np.linalg.norm(mag, axis=1) for mag in (readings, found.correct(readings)))
+    kept = is_near(after - found.strength_uT)
     return found, Effect(_scatter(before[kept]), _scatter(after[kept]))
 
 
 def _sphere(readings: Floats, strength_uT: float | None) -> MagnetometerCalibration:
     """To the unit sphere, and from it to the strength; if that is not known det C = 1, as for the ellipsoid."""
     if strength_uT is None:
-        strength_uT = float(np.linalg.det(unit_sphere(readings).correction) ** (-1 / 3))
-    return unit_sphere(readings, strength_uT)
+        strength_uT = float(np.linalg.det(fit_unit_sphere(readings).correction) ** (-1 / 3))
+    return fit_unit_sphere(readings, strength_uT)
 
 
 def _scatter(values: Floats) -> float:

@@ -10,8 +10,8 @@ Least squares under a constraint cannot end in a hyperboloid: in the plane 4ac -
 4J - I^2 = 1 with I and J the sum of the eigenvalues of A and that of their products by pairs (Li and Griffiths 2004;
 Fang et al. 2011 calibrate with it). The latter holds of all ellipsoids whose short axis is more than half the long one.
 
-`robust_fit` then fits the distances, uT: Cauchy's loss finds the bulk of them, what lies beyond `OUTLIER_SIGMAS` of it
-is left out, and the rest is fitted plainly, until nothing changes:
+`fit_robustly` then fits the distances, uT: Cauchy's loss finds the bulk of them, what lies beyond `OUTLIER_SIGMAS`
+of it is left out, and the rest is fitted plainly, until nothing changes:
 
     covariance = s^2 (J^T J)^-1,   s^2 = sum r^2 / (kept - parameters).
 """
@@ -40,7 +40,7 @@ LEAST_UT = 1e-6
 NO_ELLIPSOID = "the readings lie on no ellipsoid: turn the sensor in more directions, away from iron that stays behind."
 
 
-def constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
+def fit_constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
     """Centre (n,) and symmetric C (n, n) of the ellipse or ellipsoid through readings (N, n).
 
     Raises
@@ -48,7 +48,7 @@ def constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
     CalibrationError
         Where the readings do not determine one, as on a plane or along too short an arc.
     """
-    x, middle, scale = scaled(readings)
+    x, middle, scale = scale_readings(readings)
     n = readings.shape[1]
     quadratic, rest = design(x)
     scatter, mixed, low = quadratic.T @ quadratic, quadratic.T @ rest, rest.T @ rest
@@ -62,18 +62,18 @@ def constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
     if not allowed.any():
         raise CalibrationError(NO_ELLIPSOID)
     best = vectors[:, np.argmin(np.where(allowed, np.abs(values), np.inf))]
-    return unscaled(*about_centre(best, elimination @ best), middle, scale)
+    return unscale(*find_centre(best, elimination @ best), middle, scale)
 
 
-def trimmed_quadric(readings: Floats) -> tuple[Floats, Floats]:
-    """Centre (n,) and C (n, n) as `constrained_quadric` has them, of readings whose farthest are left out by steps.
+def fit_trimmed_quadric(readings: Floats) -> tuple[Floats, Floats]:
+    """Centre (n,) and C (n, n) as `fit_constrained_quadric` has them, of readings whose farthest are left out by steps.
 
     Far is what lies more than `TRIM_SIGMAS` from the ellipsoid, as the bulk of the distances scatters. This is a start
     that a few wild readings do not spoil; a fit decides on them again.
     """
     kept = np.ones(len(readings), dtype=np.bool_)
     for _ in range(TRIMS):
-        h, C = constrained_quadric(readings[kept])
+        h, C = fit_constrained_quadric(readings[kept])
         far = np.abs(distance(h, C, readings))
         before, kept = kept, far <= TRIM_SIGMAS * MAD_TO_SD * np.median(far) + LEAST_UT
         if (kept == before).all():
@@ -88,7 +88,7 @@ def distance(h: Floats, C: Floats, readings: Floats) -> Floats:
     return np.asarray((length - 1.0) * length / np.linalg.norm(v @ C, axis=1))
 
 
-def scaled(readings: Floats) -> tuple[Floats, Floats, float]:
+def scale_readings(readings: Floats) -> tuple[Floats, Floats, float]:
     """Readings about their mean in units of their spread: monomials of one size."""
     middle = readings.mean(axis=0)
     scale = float(np.sqrt(((readings - middle) ** 2).sum(axis=1).mean()))
@@ -97,7 +97,7 @@ def scaled(readings: Floats) -> tuple[Floats, Floats, float]:
     return (readings - middle) / scale, middle, scale
 
 
-def unscaled(centre: Floats, C: Floats, middle: Floats, scale: float) -> tuple[Floats, Floats]:
+def unscale(centre: Floats, C: Floats, middle: Floats, scale: float) -> tuple[Floats, Floats]:
     """Centre and C of the readings from those of the scaled ones."""
     return middle + scale * centre, C / scale
 
@@ -117,7 +117,7 @@ def _constraint(n: int) -> Floats:
     return K
 
 
-def about_centre(quadratic: Floats, rest: Floats) -> tuple[Floats, Floats]:
+def find_centre(quadratic: Floats, rest: Floats) -> tuple[Floats, Floats]:
     """Centre and C from the coefficients of the two halves of `design`; `CalibrationError` where there is none."""
     n = len(rest) - 1
     i, j = np.triu_indices(n, k=1)
@@ -150,14 +150,14 @@ class Fit:
     kept: Bools
 
 
-def robust_fit(residuals: Callable[[Floats, Floats], Floats], readings: Floats, start: Floats) -> Fit:
+def fit_robustly(residuals: Callable[[Floats, Floats], Floats], readings: Floats, start: Floats) -> Fit:
     """Fit parameters to readings.
 
     Parameters
     ----------
     residuals : of parameters (P,) and readings (K, D), returns (K,) uT.
     readings : (N, D) uT.
-    start : (P,), near the answer (`fg_nav.calibration.quadric.trimmed_quadric`), of sizes that are much alike.
+    start : (P,), near the answer (`fg_nav.calibration.quadric.fit_trimmed_quadric`), of sizes that are much alike.
 
     Raises
     ------
@@ -165,10 +165,10 @@ def robust_fit(residuals: Callable[[Floats, Floats], Floats], readings: Floats, 
         If the readings do not determine the parameters.
     """
     x = _solved(residuals, readings, start, "cauchy")
-    kept = near(residuals(x, readings))
+    kept = is_near(residuals(x, readings))
     for _ in range(ROUNDS):
         x = _solved(residuals, readings[kept], x, "linear")
-        before, kept = kept, near(residuals(x, readings))
+        before, kept = kept, is_near(residuals(x, readings))
         if (kept == before).all():
             break
     return _with_covariance(residuals, readings, x, kept)
@@ -194,7 +194,7 @@ def _scale(residual: Floats) -> float:
     return max(float(MAD_TO_SD * np.median(np.abs(residual))), LEAST_UT)
 
 
-def near(residual: Floats) -> Bools:
+def is_near(residual: Floats) -> Bools:
     """Tell which residuals (N,) are no outliers, as the bulk of them scatters."""
     return np.asarray(np.abs(residual) <= OUTLIER_SIGMAS * _scale(residual))
 

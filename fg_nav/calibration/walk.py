@@ -24,10 +24,10 @@ from fg_nav.calibration.magnetometer import (
     MagnetometerCalibration,
     check_strength,
     circular_sd_deg,
-    corrected_field,
+    correct_field,
+    differentiate_inverse,
     matrix_of,
     mean_up,
-    slope_of_inverse,
 )
 from fg_nav.calibration.walk_model import (
     DRIFT_RATE_DEG_S,
@@ -36,11 +36,11 @@ from fg_nav.calibration.walk_model import (
     SOFT_IRON_SIGMA,
     WITHOUT_IRON,
     Walk,
-    covariance_of,
-    jacobian_of,
+    compute_covariance,
+    compute_jacobian,
+    compute_residual,
+    compute_weights,
     prior_precision,
-    residual_of,
-    weights_of,
 )
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap
@@ -112,13 +112,13 @@ def calibrate_on_walk(
     return _calibration(fit, walk, spread)
 
 
-def spread_out_of_sample(field: FootfallField) -> Spread:
+def measure_spread(field: FootfallField) -> Spread:
     """Cut the walk into blocks and correct each by a calibration on the others, refused or not."""
     walk = Walk.of(field)
     return _spread_blocks(walk, fit_iron(walk))
 
 
-def level_iron(calibration: MagnetometerCalibration, field: FootfallField) -> tuple[Floats, Floats]:
+def find_level_iron(calibration: MagnetometerCalibration, field: FootfallField) -> tuple[Floats, Floats]:
     """What the iron adds to the level field of a foot that stands flat: h, and what S makes of the vertical field.
 
     Parameters
@@ -133,9 +133,9 @@ def level_iron(calibration: MagnetometerCalibration, field: FootfallField) -> tu
     """
     S = np.linalg.inv(calibration.correction)
     by_correction = np.eye(IRON)
-    by_correction[3:, 3:] = slope_of_inverse(calibration.correction)
+    by_correction[3:, 3:] = differentiate_inverse(calibration.correction)
     up = mean_up(field.nav_R_body)
-    added = level_sum(up, float(np.nanmean(corrected_field(field, calibration).nav_field[:, 2])))
+    added = level_sum(up, float(np.nanmean(correct_field(field, calibration).nav_field[:, 2])))
     change = np.concatenate([calibration.hard_iron_uT, S[UPPER]]) - WITHOUT_IRON
     by_parameters = added @ by_correction
     return added @ change, by_parameters @ calibration.covariance @ by_parameters.T
@@ -192,7 +192,7 @@ def _spread_blocks(walk: Walk, fit: Fit) -> Spread:
     corrected = np.empty_like(walk.reading)
     for held in (block == k for k in range(BLOCKS)):
         others = find_from(walk.part(~held), fit.unknowns, fit.sigma_d)
-        corrected[held] = others.corrected(walk.reading[held])
+        corrected[held] = others.correct(walk.reading[held])
     after = replace(walk.field, body_field=corrected)
     return Spread(*(_least_spread(field) for field in (walk.field, after)))
 
@@ -216,7 +216,7 @@ def _calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCalibratio
     correction = np.linalg.inv(fit.S)
     correction = (correction + correction.T) / 2
     by_soft = np.eye(IRON)
-    by_soft[3:, 3:] = slope_of_inverse(fit.S)
+    by_soft[3:, 3:] = differentiate_inverse(fit.S)
     return MagnetometerCalibration(
         method="walk",
         hard_iron_uT=fit.h,
@@ -272,7 +272,7 @@ class Fit:
         """(3,) uT."""
         return self.unknowns[IRON:12]
 
-    def corrected(self, reading: Floats) -> Floats:
+    def correct(self, reading: Floats) -> Floats:
         """Field (N, 3) uT."""
         return np.asarray(np.linalg.solve(self.S, (reading - self.h).T).T)
 
@@ -303,7 +303,7 @@ def fit_iron(walk: Walk) -> Fit:
     """Find the iron from none on, with its covariance."""
     start = np.concatenate([WITHOUT_IRON, _mean_field(walk), np.zeros(walk.knots.shape[1])])
     found = find_from(walk, start, np.full(3, 10.0))
-    return replace(found, covariance=covariance_of(walk, found.unknowns, found.sigma_d)[:IRON, :IRON])
+    return replace(found, covariance=compute_covariance(walk, found.unknowns, found.sigma_d)[:IRON, :IRON])
 
 
 def find_from(walk: Walk, at: Floats, sigma_d: Floats) -> Fit:
@@ -311,10 +311,10 @@ def find_from(walk: Walk, at: Floats, sigma_d: Floats) -> Fit:
     prior, rest = prior_precision(walk), np.zeros(len(at))
     rest[:IRON] = WITHOUT_IRON
     for _ in range(MOST_STEPS):
-        residual = residual_of(walk, at)
-        weight = weights_of(residual, sigma_d)
+        residual = compute_residual(walk, at)
+        weight = compute_weights(residual, sigma_d)
         sigma_d = np.sqrt(_scales(residual, weight))
-        scaled = jacobian_of(walk, at) / sigma_d[:, None]
+        scaled = compute_jacobian(walk, at) / sigma_d[:, None]
         normal = np.einsum("n,nij,nik->jk", weight, scaled, scaled) + prior
         right = np.einsum("n,nij,ni->j", weight, scaled, residual / sigma_d) - prior @ (at - rest)
         step = np.linalg.solve(normal, right)

@@ -32,7 +32,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import correlate
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import UPPER, matrix_of, some_of
+from fg_nav.calibration.magnetometer import UPPER, matrix_of, select_footfalls
 from fg_nav.magnetic.footfall_field import FootfallField
 
 IRON = 9
@@ -95,7 +95,7 @@ class Walk:
     @classmethod
     def of(cls, field: FootfallField) -> Walk:
         """With knots from the first footfall, where the drift is nothing, to the last."""
-        field = some_of(field, np.asarray(np.isfinite(field.body_field).all(axis=1)))
+        field = select_footfalls(field, np.asarray(np.isfinite(field.body_field).all(axis=1)))
         if len(field) < 2:
             return cls(field, np.empty((len(field), 0)), np.empty((0, 0)))
         duration = field.t[-1] - field.t[0]
@@ -108,7 +108,7 @@ class Walk:
 
     def part(self, chosen: Bools) -> Walk:
         """Some of the footfalls, the same knots."""
-        return Walk(some_of(self.field, chosen), self.knots[chosen], self.drift_precision)
+        return Walk(select_footfalls(self.field, chosen), self.knots[chosen], self.drift_precision)
 
 
 def prior_precision(walk: Walk) -> Floats:
@@ -121,14 +121,14 @@ def prior_precision(walk: Walk) -> Floats:
     return precision
 
 
-def residual_of(walk: Walk, at: Floats) -> Floats:
+def compute_residual(walk: Walk, at: Floats) -> Floats:
     """What the building adds (N, 3) uT, in nav."""
     field, _ = _turned_back(walk, at)
     body = np.einsum("nji,nj->ni", walk.nav_R_body, field)
     return np.asarray(np.einsum("nij,nj->ni", walk.nav_R_body, walk.reading - body @ matrix_of(at[3:9]) - at[:3]))
 
 
-def jacobian_of(walk: Walk, at: Floats) -> Floats:
+def compute_jacobian(walk: Walk, at: Floats) -> Floats:
     """Of what is explained, in nav, by the unknowns (N, 3, P)."""
     field, by_delta = _turned_back(walk, at)
     R = walk.nav_R_body
@@ -152,7 +152,7 @@ def _back(walk: Walk, at: Floats) -> Floats:
     return np.stack([c, s, zero, -s, c, zero, zero, zero, zero + 1], axis=1).reshape(-1, 3, 3)
 
 
-def weights_of(residual: Floats, sigma: Floats) -> Floats:
+def compute_weights(residual: Floats, sigma: Floats) -> Floats:
     """(N,) of the Student distribution; 1 in the mean."""
     return np.asarray((TAIL + 3) / (TAIL + ((residual / sigma) ** 2).sum(axis=1)))
 
@@ -170,15 +170,15 @@ CHANCE_SIGMAS = 5.5
 """Of the mean correlation over them; four, times 1.4 as the deviations are not white."""
 
 
-def covariance_of(walk: Walk, at: Floats, sigma_d: Floats) -> Floats:
+def compute_covariance(walk: Walk, at: Floats, sigma_d: Floats) -> Floats:
     """Of all unknowns (P, P) that were found, with the scale of d (3,) that was: the sandwich.
 
     The share of the Hessian that the weights keep, `bend`, is that of the Student distribution, averaged over axes.
     """
     prior = prior_precision(walk)
-    jacobian = jacobian_of(walk, at) / sigma_d[:, None]
-    residual = residual_of(walk, at) / sigma_d
-    weight = weights_of(residual, np.ones(3))
+    jacobian = compute_jacobian(walk, at) / sigma_d[:, None]
+    residual = compute_residual(walk, at) / sigma_d
+    weight = compute_weights(residual, np.ones(3))
     pull = weight[:, None] * residual
     square = float((pull**2).mean())
     bend = float(weight.mean()) - 2 / (TAIL + 3) * square

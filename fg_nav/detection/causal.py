@@ -30,7 +30,7 @@ from fg_nav.detection.footfalls import (
     WALKING,
     FreePass,
     choose_footfalls,
-    too_close,
+    is_too_close,
 )
 from fg_nav.detection.sliding import Sliding
 from fg_nav.detection.stance import SHORTEST_S, WINDOW_S, StanceParameters, shoe
@@ -232,7 +232,7 @@ class _Search:
             return False
         if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= SHORTEST_SWING_S:
             return False
-        return too_close(self._t.between(first, start + 1), self._gyr.between(first, start + 1), 1, start - first)
+        return is_too_close(self._t.between(first, start + 1), self._gyr.between(first, start + 1), 1, start - first)
 
     def _has_swung(self, start: int, stop: int) -> bool:
         """Whether the foot turns as in a swing in the samples `start <= i < stop`."""

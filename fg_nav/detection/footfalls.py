@@ -208,14 +208,14 @@ def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints
     least = np.array([level[a:b].min() for a, b in zip(start, stop, strict=True)])
     kept: list[int] = []
     for k in range(len(start)):
-        while kept and too_close(t, gyr, stop[kept[-1]], start[k]) and least[k] <= least[kept[-1]] > REST_LEVEL:
+        while kept and is_too_close(t, gyr, stop[kept[-1]], start[k]) and least[k] <= least[kept[-1]] > REST_LEVEL:
             kept.pop()
-        if not kept or least[k] <= REST_LEVEL or not too_close(t, gyr, stop[kept[-1]], start[k]):
+        if not kept or least[k] <= REST_LEVEL or not is_too_close(t, gyr, stop[kept[-1]], start[k]):
             kept.append(k)
     return np.array(kept, dtype=np.int64)
 
 
-def too_close(t: Floats, gyr: Floats, stop: int, start: int) -> bool:
+def is_too_close(t: Floats, gyr: Floats, stop: int, start: int) -> bool:
     """Whether from the end of one interval to the start of the next the foot turns as in a swing, but for less time."""
     if t[start] - t[stop - 1] >= SHORTEST_SWING_S:
         return False

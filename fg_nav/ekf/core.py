@@ -64,7 +64,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
-from fg_nav.sample_noise import doubts
+from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.start import Start, starting_point
@@ -106,7 +106,7 @@ def filter_walk(
     n, k, back = len(recording), len(rows), parameters.smoothed
     track, tape = allocate_track(n, k), allocate_tape(n, int(stands[start.row :].sum()), k, back)
     h = np.append(np.diff(recording.t), recording.period_s)
-    samples = Samples(h, *recording.integrable, *doubts(recording, parameters.saturated_share))
+    samples = Samples(h, *recording.integrable, *find_extra_sigmas(recording, parameters.saturated_share))
     state, P = make_initial_state(start, parameters, heading_sigma)
     noise, stance = make_noise_models(parameters)
     gravity = parameters.gravity

@@ -1,10 +1,18 @@
 """How good a solution is: alignment with truth, figures of merit, whether claimed sigmas are true, ROC of detectors."""
 
-from fg_nav.evaluation.alignment import MODES, Alignment, align, similarity_scale
+from fg_nav.evaluation.alignment import MODES, Alignment, align, fit_scale
 from fg_nav.evaluation.comparison import Comparison, FootprintMatch, compare, match_footprints
-from fg_nav.evaluation.consistency import Consistency, stance_nees
+from fg_nav.evaluation.consistency import Consistency, compute_stance_nees
 from fg_nav.evaluation.metrics import Metrics, evaluate
-from fg_nav.evaluation.roc import Band, FieldChange, Roc, compass_deviation, course_change, field_change, roc_of
+from fg_nav.evaluation.roc import (
+    Band,
+    FieldChange,
+    Roc,
+    make_roc,
+    measure_compass_deviation,
+    measure_course_change,
+    measure_field_change,
+)
 
 __all__ = [
     "MODES",
@@ -18,12 +26,12 @@ __all__ = [
     "Roc",
     "align",
     "compare",
-    "compass_deviation",
-    "course_change",
+    "compute_stance_nees",
     "evaluate",
-    "field_change",
+    "fit_scale",
+    "make_roc",
     "match_footprints",
-    "roc_of",
-    "similarity_scale",
-    "stance_nees",
+    "measure_compass_deviation",
+    "measure_course_change",
+    "measure_field_change",
 ]

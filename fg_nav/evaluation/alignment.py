@@ -69,7 +69,7 @@ def align(estimate: Floats, truth: Floats, mode: str = "yaw") -> Alignment:
     raise EvaluationError(f"alignment '{mode}' is unknown: choose one of {', '.join(MODES)}.")
 
 
-def similarity_scale(estimate: Floats, truth: Floats) -> float:
+def fit_scale(estimate: Floats, truth: Floats) -> float:
     """Best scale of the horizontal `estimate` (N, 2 or 3) onto `truth`, after yaw and shift.
 
     Above 1 the estimate is too short. A closed loop hides a scale error from every other figure. It is the

@@ -76,13 +76,13 @@ def _compare_footprints(solution: Solution, truth: FootprintTruth, mode: str) ->
         )
     match = match_footprints(solution.stances.position[:, :2], truth)
     stance = match.stance[match.found]
-    estimate, surveyed = in_space(solution.stances.position[stance]), in_space(truth.xy[match.found])
+    estimate, surveyed = lift_to_space(solution.stances.position[stance]), lift_to_space(truth.xy[match.found])
     alignment = align(estimate, surveyed, mode)
     return Comparison(alignment, stance, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
 
 
 def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -> Comparison:
-    row, true_position = interpolated(truth, solution.t)
+    row, true_position = interpolate_truth(truth, solution.t)
     if len(row) < LEAST_SHARED:
         raise EvaluationError(f"truth and solution share only {len(row)} samples: that is too little to compare.")
     alignment = align(solution.position[row], true_position, mode)
@@ -97,7 +97,7 @@ def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -
     )
 
 
-def interpolated(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
+def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
     """Rows of `t` (N,) s at which the truth was seen, and its positions (M, 3) m there.
 
     Raises
@@ -225,11 +225,11 @@ def _misfit(stance: Ints, stance_xy: Floats, xy: Floats) -> tuple[int, float]:
     lost = int(np.count_nonzero(~use))
     if lost == len(use):
         return lost, float("inf")
-    p, q = in_space(stance_xy[stance[use]]), in_space(xy[use])
+    p, q = lift_to_space(stance_xy[stance[use]]), lift_to_space(xy[use])
     return lost, float(np.mean(np.sum((align(p, q).apply(p) - q) ** 2, axis=1)))
 
 
-def in_space(xy: Floats) -> Floats:
+def lift_to_space(xy: Floats) -> Floats:
     """Points (M, 2) on the ground as (M, 3) at height zero."""
     return np.column_stack([xy[:, :2], np.zeros(len(xy))])
 

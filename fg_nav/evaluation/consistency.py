@@ -1,8 +1,8 @@
 """Are the claimed sigmas true? Normalized error squared (NEES) at the stances.
 
-Position alone (`stance_nees`). Position and heading at the start are a gauge: the estimator sets them, the truth has
-others. So both paths are taken relative to the first stance that the truth saw, and the truth is turned by the yaw psi
-that makes the errors most likely under the claim,
+Position alone (`compute_stance_nees`). Position and heading at the start are a gauge: the estimator sets them, the
+truth has others. So both paths are taken relative to the first stance that the truth saw, and the truth is turned by
+the yaw psi that makes the errors most likely under the claim,
 
     e_k(psi) = (p_k - p_0) - R_z(psi)^T (q_k - q_0),    psi = argmin sum_k e_k^T C_k^-1 e_k,
     C_k = P_k + 2 sigma_truth^2 I,                       nees_k = e_k^T C_k^-1 e_k.
@@ -11,7 +11,7 @@ For an honest claim nees_k is chi-square with 3 degrees of freedom, less what th
 vertical and the along-track error, but of the cross-track variance two thirds at the end of a straight walk with white
 steps. Errors of neighbouring stances are nearly the same error: judge the median over stances and over walks.
 
-Position and heading (`whitened_errors`). Where the estimator was given the true heading at its start nothing is fitted.
+Position and heading (`whiten_errors`). Where the estimator was given the true heading at its start nothing is fitted.
 With everything relative to the first footfall but the heading, which is absolute,
 
     e_k = (p_k - p_0) - (q_k - q_0)  m, east, north, up;    psi_k  rad about up, estimate less truth.
@@ -50,7 +50,7 @@ from scipy.stats import chi2
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.alignment import align
-from fg_nav.evaluation.comparison import Comparison, interpolated
+from fg_nav.evaluation.comparison import Comparison, interpolate_truth
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.solution import StanceTable
@@ -86,7 +86,9 @@ class Consistency:
         return float(np.mean(self.nees < chi2.ppf(probability, DEGREES_OF_FREEDOM)))
 
 
-def stance_nees(stances: StanceTable, truth: TrajectoryTruth, truth_sigma_m: float = TRUTH_SIGMA_M) -> Consistency:
+def compute_stance_nees(
+    stances: StanceTable, truth: TrajectoryTruth, truth_sigma_m: float = TRUTH_SIGMA_M
+) -> Consistency:
     """Compare claimed stance positions with a true trajectory.
 
     Raises
@@ -94,7 +96,7 @@ def stance_nees(stances: StanceTable, truth: TrajectoryTruth, truth_sigma_m: flo
     EvaluationError
         Where the truth saw fewer than two stances, or a claimed covariance is not positive definite.
     """
-    row, true_position = interpolated(truth, stances.t)
+    row, true_position = interpolate_truth(truth, stances.t)
     if len(row) < 2:
         raise EvaluationError(f"the truth covers {len(row)} stances: the NEES of stance positions needs two.")
     p, q = (path[1:] - path[0] for path in (stances.position[row], true_position))
@@ -147,14 +149,14 @@ _ROWS = {
 }
 
 
-def whitened_errors(
+def whiten_errors(
     found: Comparison, stances: StanceTable, places: Sequence[float] = PLACES
 ) -> dict[str, list[list[float]]]:
     """Errors over their claim, by part, one row a footfall.
 
     Parameters
     ----------
-    found : of the footfalls, laid as started (`fg_nav.evaluation.walked.at_footfalls`), with a true attitude.
+    found : of the footfalls, laid as started (`fg_nav.evaluation.walked.compare_at_footfalls`), with a true attitude.
     stances : of the same solution.
     places : shares of the walk.
 
@@ -196,20 +198,20 @@ def _whitened(error: Floats, covariance: Floats) -> Floats:
     return np.asarray(np.linalg.solve(lower, error[:, :, None])[:, :, 0])
 
 
-def inside(nees: Floats, freedom: float, mean: float, probability: float = 0.95) -> float:
+def share_in_band(nees: Floats, freedom: float, mean: float, probability: float = 0.95) -> float:
     """Share of NEES inside the two-sided band of a chi-square of `freedom`, scaled to this mean."""
-    low, high = band(freedom, mean, probability)
+    low, high = nees_band(freedom, mean, probability)
     return float(np.mean((nees >= low) & (nees <= high)))
 
 
-def band(freedom: float, mean: float, probability: float = 0.95) -> tuple[float, float]:
+def nees_band(freedom: float, mean: float, probability: float = 0.95) -> tuple[float, float]:
     """Two-sided band of a chi-square of `freedom`, scaled to this mean."""
     edges = np.array([(1 - probability) / 2, (1 + probability) / 2])
     low, high = np.asarray(chi2.ppf(edges, freedom)) * mean / freedom
     return float(low), float(high)
 
 
-def freedom_of_mean(z: Floats) -> float:
+def estimate_freedom_of_mean(z: Floats) -> float:
     """Degrees of freedom of the mean NEES over footfalls, from whitened errors (S, M, n) of S seeds; see above."""
     seeds, places, n = z.shape
     flat = z.reshape(seeds, places * n)

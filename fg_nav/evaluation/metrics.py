@@ -24,7 +24,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import similarity_scale
+from fg_nav.evaluation.alignment import fit_scale
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.recording import FootprintTruth, Truth
 from fg_nav.solution import Solution
@@ -95,7 +95,7 @@ def _path_metrics(stance_position: Floats) -> Metrics:
 
 def _with_errors(path: Metrics, found: Comparison) -> Metrics:
     size = np.linalg.norm(found.error, axis=1)
-    scale = similarity_scale(found.estimate, found.truth)
+    scale = fit_scale(found.estimate, found.truth)
     return replace(
         path,
         alignment=found.alignment.mode,

@@ -15,7 +15,7 @@ strength_uT   uT    of its length
 ============= ===== ===============================================================================================
 
 A limit on the vector bounds the rest: with horizontal strength H, heading changes by asin(limit / H) at most.
-Static is not right: a field can differ from the Earth's and stay so (`compass_deviation`).
+Static is not right: a field can differ from the Earth's and stay so (`measure_compass_deviation`).
 
 ROC. A detector declares a signal where its statistic is below a threshold; the signal is the quasi-static field, as in
 Ma 2018, Figure 8:
@@ -70,7 +70,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Roc:
-    """A detector's cases, counted: `roc_of` makes one.
+    """A detector's cases, counted: `make_roc` makes one.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class Roc:
         return int(np.searchsorted(self.statistic, threshold, side="left"))
 
 
-def roc_of(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
+def make_roc(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
     """Count the cases of a detector.
 
     Parameters
@@ -262,7 +262,7 @@ class FieldChange:
         return np.isfinite(self.vector_uT)
 
 
-def field_change(nav_field: Floats, window: int) -> FieldChange:
+def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
     """Follow the true field from stance to stance.
 
     Parameters
@@ -289,7 +289,7 @@ def field_change(nav_field: Floats, window: int) -> FieldChange:
     )
 
 
-def compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
+def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
     """Error (F,) rad of the heading that a perfect compass shows in `nav_field` (F, 3) uT, clockwise.
 
     `earth_field` (3,) or (F, 3) is the field without what deviates it.
@@ -297,7 +297,7 @@ def compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
     return wrap(_bearing(earth_field) - _bearing(nav_field))
 
 
-def course_change(position: Floats, window: int) -> Floats:
+def measure_course_change(position: Floats, window: int) -> Floats:
     """Largest difference (F,) rad between the directions of any two of a window's N steps; NaN before the first.
 
     `position` (F, 3) m, true, at the footfalls. With one step in the window it is 0.
@@ -305,7 +305,7 @@ def course_change(position: Floats, window: int) -> Floats:
     Raises
     ------
     EvaluationError
-        As `field_change`.
+        As `measure_field_change`.
     """
     if window < 1 or len(position) <= window:
         raise EvaluationError(f"a window of {window} steps cannot be laid over {len(position)} stances: walk farther.")

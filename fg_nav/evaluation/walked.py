@@ -49,7 +49,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import Alignment, similarity_scale
+from fg_nav.evaluation.alignment import Alignment, fit_scale
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.frames import wrap
 from fg_nav.recording import Truth
@@ -85,7 +85,7 @@ class WalkErrors:
         return 100.0 * self.end_m / self.distance_m if self.distance_m > 0.0 else float("nan")
 
 
-def at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
+def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
     """Lay the footfalls of a solution on a truth; rows of the comparison are footfalls.
 
     Raises
@@ -107,7 +107,7 @@ def at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
     )
 
 
-def walk_errors(solution: Solution, truth: Truth | None = None, mode: str = AS_STARTED) -> WalkErrors:
+def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_STARTED) -> WalkErrors:
     """Measure a walk at its footfalls.
 
     Parameters
@@ -123,15 +123,15 @@ def walk_errors(solution: Solution, truth: Truth | None = None, mode: str = AS_S
     """
     if truth is None:
         return _closure(solution.stances.position)
-    return errors_of(at_footfalls(solution, truth, mode), way_m(solution.stances.position))
+    return measure_errors(compare_at_footfalls(solution, truth, mode), path_length_m(solution.stances.position))
 
 
-def errors_of(found: Comparison, walked_m: float) -> WalkErrors:
+def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
     """Errors of footfalls that were laid on the truth; `walked_m` is the distance where the truth does not tell it."""
     over_ground = np.linalg.norm(found.error[:, :2], axis=1)
     end = found.error[-1] - found.error[0]
-    scale = similarity_scale(found.estimate, found.truth)
-    true_way = way_m(found.truth)
+    scale = fit_scale(found.estimate, found.truth)
+    true_way = path_length_m(found.truth)
     return WalkErrors(
         alignment=found.alignment.mode,
         distance_m=walked_m if found.planar else true_way,
@@ -143,12 +143,12 @@ def errors_of(found: Comparison, walked_m: float) -> WalkErrors:
         rmse_m=float(np.sqrt(np.mean(over_ground**2))),
         heading_laid_deg=None if found.yaw_error is None else -float(np.rad2deg(found.yaw_error[-1])),
         heading_rmse_deg=None if found.yaw_error is None else float(np.rad2deg(np.sqrt(np.mean(found.yaw_error**2)))),
-        length_percent=None if found.planar else _too_much(way_m(found.estimate), true_way),
+        length_percent=None if found.planar else _too_much(path_length_m(found.estimate), true_way),
         scale_percent=_too_much(1.0, scale),
     )
 
 
-def way_m(position: Floats) -> float:
+def path_length_m(position: Floats) -> float:
     """Sum of the straight moves, in space, between places (K, 3) m."""
     return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
 
@@ -168,7 +168,7 @@ def _closure(position: Floats) -> WalkErrors:
     if len(position) == 0:
         raise EvaluationError("the solution has no stance, so it has no end: check the stance detection.")
     east, north, up = position[-1] - position[0]
-    return WalkErrors(CLOSURE, way_m(position), float(np.hypot(east, north)), float(up))
+    return WalkErrors(CLOSURE, path_length_m(position), float(np.hypot(east, north)), float(up))
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class LandmarkErrors:
         return {name: float(self.error_m[names == name].mean()) for name in dict.fromkeys(self.landmark)}
 
 
-def landmark_errors(
+def measure_landmarks(
     solution: Solution, landmark: Sequence[str], time_s: Floats, position: Floats, alignment: Alignment
 ) -> LandmarkErrors:
     """Measure a solution where it crosses landmarks.

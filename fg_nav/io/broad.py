@@ -20,12 +20,12 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, load_mat, mat_array
-from fg_nav.io.tables import without_held
-from fg_nav.io.truth import true_path
+from fg_nav.io.tables import drop_held
+from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
 
 
-def recognises(content: Content) -> bool:
+def recognizes(content: Content) -> bool:
     """Whether the file holds `imu_acc` or `imu_gyr`."""
     return not {"imu_acc", "imu_gyr"}.isdisjoint(content.variables)
 
@@ -51,7 +51,7 @@ def read(content: Content) -> RawRecording:
         t=t,
         acc=acc,
         gyr=gyr,
-        mag=None if mag is None or not len(mag) else without_held(mag, gyr),
+        mag=None if mag is None or not len(mag) else drop_held(mag, gyr),
         row=np.arange(1, len(acc) + 1),
         truth=_truth(variables, t, path),
         provenance=Provenance(path=path, format="broad"),
@@ -75,4 +75,4 @@ def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTru
     nav_R_body = np.full((len(t), 3, 3), np.nan)
     if seen.any():
         nav_R_body[seen] = Rotation.from_quat(wxyz[seen], scalar_first=True).as_matrix()
-    return true_path(t, position, nav_R_body)
+    return pack_true_path(t, position, nav_R_body)

@@ -15,7 +15,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError
 from fg_nav.io.content import Content
-from fg_nav.io.tables import position_of, read_table
+from fg_nav.io.tables import find_column, read_table
 from fg_nav.recording import Provenance, RawRecording, Recording
 
 TIME = ("time_s",)
@@ -24,7 +24,7 @@ GYR = ("gyr_x_rad_s", "gyr_y_rad_s", "gyr_z_rad_s")
 MAG = ("mag_x_uT", "mag_y_uT", "mag_z_uT")
 
 
-def recognises(content: Content) -> bool:
+def recognizes(content: Content) -> bool:
     """Whether the first line names at least one of the format's acc or gyr columns."""
     return not {*ACC, *GYR}.isdisjoint(content.fields())
 
@@ -40,7 +40,7 @@ def read(content: Content) -> RawRecording:
     path, header = content.path, content.fields()
     has_mag = not set(MAG).isdisjoint(header)
     names = TIME + ACC + GYR + (MAG if has_mag else ())
-    table, row = read_table(path, header, [position_of(name, header, path) for name in names], first_line=2)
+    table, row = read_table(path, header, [find_column(name, header, path) for name in names], first_line=2)
     return RawRecording(
         t=table[:, 0],
         acc=table[:, 1:4],

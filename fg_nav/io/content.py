@@ -43,7 +43,7 @@ def split_fields(line: str) -> list[str]:
         return []
 
 
-def look(path: Path) -> Content:
+def read_content(path: Path) -> Content:
     """Open a file and see what it is made of.
 
     Raises
@@ -55,7 +55,7 @@ def look(path: Path) -> Content:
     if not head.strip():
         raise FormatError(f"{path.name} is empty: record or export it again.")
     if is_mat(head):
-        return Content(path, variables=variable_names(path))
+        return Content(path, variables=list_variables(path))
     if b"\0" in head:
         return Content(path)
     return Content(path, lines=tuple(_decoded(head).splitlines()))
@@ -93,7 +93,7 @@ def is_mat(head: bytes) -> bool:
     return head.startswith(b"MATLAB ")
 
 
-def variable_names(path: Path) -> frozenset[str]:
+def list_variables(path: Path) -> frozenset[str]:
     """Names of the variables in a MATLAB file.
 
     Raises

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from fg_nav.errors import FormatError
 from fg_nav.io import broad, canonical, openshoe, pyshoe, sensorconnect, xio
-from fg_nav.io.content import Content, look
+from fg_nav.io.content import Content, read_content
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
 
@@ -23,7 +23,7 @@ class Format:
 
     name: str
     description: str
-    recognises: Callable[[Content], bool]
+    recognizes: Callable[[Content], bool]
     read: Callable[[Content], RawRecording]
     is_mat: bool = False
 
@@ -33,12 +33,12 @@ def _by_name(*formats: Format) -> Mapping[str, Format]:
 
 
 FORMATS: Mapping[str, Format] = _by_name(
-    Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognises, canonical.read),
-    Format("sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognises, sensorconnect.read),
-    Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognises, pyshoe.read, is_mat=True),
-    Format("openshoe", "OpenShoe text", openshoe.recognises, openshoe.read),
-    Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognises, xio.read),
-    Format("broad", "BROAD MATLAB file", broad.recognises, broad.read, is_mat=True),
+    Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognizes, canonical.read),
+    Format("sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognizes, sensorconnect.read),
+    Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognizes, pyshoe.read, is_mat=True),
+    Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
+    Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
+    Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, is_mat=True),
 )
 """All formats by name."""
 
@@ -73,15 +73,15 @@ def read_raw(path: Path | str, format: str | None = None) -> RawRecording:
     """
     if format is not None and format not in FORMATS:
         raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
-    content = look(Path(path))
-    chosen = recognised(content) if format is None else FORMATS[format]
+    content = read_content(Path(path))
+    chosen = recognize_format(content) if format is None else FORMATS[format]
     if chosen.is_mat != bool(content.variables):
         kind = "a MATLAB file" if chosen.is_mat else "a text file"
         raise FormatError(f"{content.path.name} is not {kind}, so it cannot be '{chosen.name}': leave the format out.")
     return chosen.read(content)
 
 
-def recognised(content: Content) -> Format:
+def recognize_format(content: Content) -> Format:
     """Tell the format of a file.
 
     Raises
@@ -90,7 +90,7 @@ def recognised(content: Content) -> Format:
         If it is none of `FORMATS`.
     """
     for known in FORMATS.values():
-        if known.recognises(content):
+        if known.recognizes(content):
             return known
     if "GCP_meters" in content.variables:
         raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
@@ -108,7 +108,7 @@ def read_truth(path: Path | str) -> Truth:
     FormatError
         If the file holds neither, or is damaged.
     """
-    content = look(Path(path))
+    content = read_content(Path(path))
     if "GCP_meters" in content.variables:
         return read_footprint_mat(content.path)
     if content.variables:
@@ -121,7 +121,7 @@ def read_truth(path: Path | str) -> Truth:
 def _beside_a_recording(content: Content) -> Truth:
     """Truth of a MATLAB recording that carries its own."""
     for known in FORMATS.values():
-        if known.is_mat and known.recognises(content):
+        if known.is_mat and known.recognizes(content):
             truth = known.read(content).truth
             if truth is not None:
                 return truth

@@ -24,7 +24,7 @@ from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content
 from fg_nav.io.sensorconnect import GAUSS_UT
-from fg_nav.io.tables import read_table, scaled, without_held
+from fg_nav.io.tables import drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 COLUMNS = (
@@ -50,7 +50,7 @@ COLUMNS = (
 _WANTED = [COLUMNS.index(name) for name in COLUMNS if name.startswith(("acc", "gyr", "mag", "row", "rate"))]
 
 
-def recognises(content: Content) -> bool:
+def recognizes(content: Content) -> bool:
     """Whether the first line that is not empty begins with the packet header."""
     first = next((line.split() for line in content.lines if line.strip()), [])
     return bool(first) and first[0].lower() == "0xcb"
@@ -73,16 +73,16 @@ def read(content: Content) -> RawRecording:
     table, row = read_table(path, COLUMNS, _WANTED, first_line=1, separator=r"\s+")
     acc, gyr, number, rate, mag = np.split(table, [3, 6, 7, 8], axis=1)
     return RawRecording(
-        t=scaled(number[:, 0], 1.0 / nominal_rate_hz(rate[:, 0], path.name)),
-        acc=scaled(acc, GRAVITY_M_S2),
+        t=scale_values(number[:, 0], 1.0 / find_nominal_rate_hz(rate[:, 0], path.name)),
+        acc=scale_values(acc, GRAVITY_M_S2),
         gyr=np.ascontiguousarray(gyr),
-        mag=without_held(scaled(mag, GAUSS_UT), gyr),
+        mag=drop_held(scale_values(mag, GAUSS_UT), gyr),
         row=row,
         provenance=Provenance(path=path, format="openshoe"),
     )
 
 
-def nominal_rate_hz(estimates: Floats, name: str) -> float:
+def find_nominal_rate_hz(estimates: Floats, name: str) -> float:
     """Tell the rate a sensor was set to, from noisy estimates (N,) Hz of it.
 
     Raises

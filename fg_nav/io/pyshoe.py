@@ -20,13 +20,13 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, load_mat, mat_array
-from fg_nav.io.truth import true_path
+from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
 
 _RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
 
 
-def recognises(content: Content) -> bool:
+def recognizes(content: Content) -> bool:
     """Whether the file holds a variable `imu`, or the time stamps or labels that go with it."""
     return "imu" in content.variables or "zv_shoe_opt" in content.variables
 
@@ -82,7 +82,7 @@ def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTru
     sample = np.arange(len(t)) if "gt_idx" not in variables else _indices(variables, len(t), path)
     if len(sample) != len(position):
         raise FormatError(f"{path.name} has {len(position)} true positions for {len(sample)} samples: export it again.")
-    return true_path(t[sample], position)
+    return pack_true_path(t[sample], position)
 
 
 def _indices(variables: Mapping[str, Any], n_samples: int, path: Path) -> Ints:

@@ -27,7 +27,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields
-from fg_nav.io.tables import position_of, read_table, scaled, without_held
+from fg_nav.io.tables import drop_held, find_column, read_table, scale_values
 from fg_nav.io.truth import read_footprint_mat
 from fg_nav.recording import FootprintTruth, Provenance, RawRecording
 
@@ -40,7 +40,7 @@ _EXPORTS = (("scaledAccel", "scaledGyro", GRAVITY_M_S2), ("estCompensatedAccel",
 _CHANNEL = re.compile(r"(scaledAccel|scaledGyro|estCompensatedAccel|estAngularRate|estLinearAccel)[XYZ]$")
 
 
-def recognises(content: Content) -> bool:
+def recognizes(content: Content) -> bool:
     """Whether one of the first lines is a header with SensorConnect's channel names."""
     return _header_line(content) is not None
 
@@ -60,7 +60,7 @@ def read(content: Content) -> RawRecording:
     magnetic = [f"scaledMag{axis}" for axis in "XYZ"] if "scaledMagX" in header else []
     names = ["Time", *channels, *magnetic]
     flags = [f"{name}:valid" for name in channels if f"{name}:valid" in header]
-    positions = [position_of(name, header, path) for name in names + flags]
+    positions = [find_column(name, header, path) for name in names + flags]
     table, row = read_table(path, full_header, positions, first_line=line + 2)
     inertial = ~np.isnan(table[:, 1:7]).all(axis=1)
     table, row = table[inertial], row[inertial]
@@ -69,10 +69,10 @@ def read(content: Content) -> RawRecording:
     truth, notes = _footprints_beside(path)
     return RawRecording(
         t=table[:, 0],
-        acc=scaled(table[:, 1:4], scale),
+        acc=scale_values(table[:, 1:4], scale),
         gyr=gyr,
         row=row,
-        mag=without_held(scaled(table[:, 7:10], GAUSS_UT), gyr) if magnetic else None,
+        mag=drop_held(scale_values(table[:, 7:10], GAUSS_UT), gyr) if magnetic else None,
         truth=truth,
         provenance=Provenance(path=path, format="sensorconnect", notes=notes),
     )

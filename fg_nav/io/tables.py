@@ -2,7 +2,7 @@
 
 Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. Many loggers repeat the
 last magnetometer sample until there is a new one; an estimator would count each repeat as a measurement
-(`without_held`).
+(`drop_held`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
 
 
-def position_of(name: str, header: Sequence[str], path: Path) -> int:
+def find_column(name: str, header: Sequence[str], path: Path) -> int:
     """Index of the one column of this name.
 
     Raises
@@ -35,7 +35,7 @@ def position_of(name: str, header: Sequence[str], path: Path) -> int:
     return list(header).index(name)
 
 
-def scaled(values: Floats, unit: Floats | float) -> Floats:
+def scale_values(values: Floats, unit: Floats | float) -> Floats:
     """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
     with np.errstate(over="ignore"):
         return np.asarray(values * unit)
@@ -133,7 +133,7 @@ _HELD_SHARE = 0.1
 """More repeats than this in motion are the logger's doing, not the quantisation's."""
 
 
-def without_held(mag: Floats, gyr: Floats) -> Floats:
+def drop_held(mag: Floats, gyr: Floats) -> Floats:
     """Set rows of `mag` (N, 3) that repeat the row before exactly to NaN, if the logger holds samples at all.
 
     `gyr` (N, 3) rad/s tells the motion: repeats at rest alone are quantisation, and stay.

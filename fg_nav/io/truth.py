@@ -23,8 +23,8 @@ from fg_nav.errors import FormatError
 from fg_nav.fixes import Fix
 from fg_nav.frames import quaternion_xyzw
 from fg_nav.io.canonical import format_rows, write_text
-from fg_nav.io.content import Content, load_mat, look, mat_array
-from fg_nav.io.tables import position_of, read_table
+from fg_nav.io.content import Content, load_mat, mat_array, read_content
+from fg_nav.io.tables import find_column, read_table
 from fg_nav.recording import FootprintTruth, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -96,7 +96,7 @@ def read_footprint_mat(path: Path) -> FootprintTruth:
     if len(stride) != len(xy):
         raise FormatError(f"{path.name} has {len(xy)} footprints but {len(stride)} stride numbers: export it again.")
     count = mat_array(variables, "numberOfStrides", path) if "numberOfStrides" in variables else np.empty(0)
-    return footprints(stride, xy, int(count[0]) if count.size and np.isfinite(count[0]) else None, path)
+    return pack_footprints(stride, xy, int(count[0]) if count.size and np.isfinite(count[0]) else None, path)
 
 
 def read_footprint_csv(content: Content) -> FootprintTruth:
@@ -108,11 +108,11 @@ def read_footprint_csv(content: Content) -> FootprintTruth:
         If a column is missing or a field is no number.
     """
     path, header = content.path, content.fields()
-    table, _ = read_table(path, header, [position_of(n, header, path) for n in CSV_COLUMNS], first_line=2)
-    return footprints(table[:, 0], table[:, 1:], None, path)
+    table, _ = read_table(path, header, [find_column(n, header, path) for n in CSV_COLUMNS], first_line=2)
+    return pack_footprints(table[:, 0], table[:, 1:], None, path)
 
 
-def footprints(stride: Floats, xy: Floats, stride_count: int | None, path: Path) -> FootprintTruth:
+def pack_footprints(stride: Floats, xy: Floats, stride_count: int | None, path: Path) -> FootprintTruth:
     """Check and pack footprints.
 
     Raises
@@ -128,7 +128,7 @@ def footprints(stride: Floats, xy: Floats, stride_count: int | None, path: Path)
     return FootprintTruth(stride=stride.astype(np.int64), xy=xy, stride_count=stride_count)
 
 
-def true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None) -> TrajectoryTruth | None:
+def pack_true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None) -> TrajectoryTruth | None:
     """Pack a true path, or None if not two rows of it are usable.
 
     Parameters
@@ -157,9 +157,9 @@ def read_fixes(path: Path | str) -> tuple[Fix, ...]:
     FormatError
         If a column is missing, a field is no number, or anything but z is empty; or if a sigma is not above zero.
     """
-    content = look(Path(path))
+    content = read_content(Path(path))
     path, header = content.path, content.fields()
-    table, line = read_table(path, header, [position_of(name, header, path) for name in FIX_COLUMNS], first_line=2)
+    table, line = read_table(path, header, [find_column(name, header, path) for name in FIX_COLUMNS], first_line=2)
     needed = np.isfinite(np.delete(table, 3, axis=1)).all(axis=1) & ~np.isinf(table[:, 3])
     for good, what in (
         (needed, "lacks a number (only z_m may be empty)"),

@@ -16,7 +16,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content
-from fg_nav.io.tables import read_table, scaled, without_held
+from fg_nav.io.tables import drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _DEGREE = np.pi / 180.0
@@ -53,7 +53,7 @@ class Column:
     scale: float
 
 
-def recognises(content: Content) -> bool:
+def recognizes(content: Content) -> bool:
     """Whether the first line names a gyroscope or accelerometer axis as x-io does."""
     return any(re.match(r"(gyroscope|accelerometer)\s+[xyz]\b", name, re.IGNORECASE) for name in content.fields())
 
@@ -67,7 +67,7 @@ def read(content: Content) -> RawRecording:
         If a column is missing or doubled, has no known unit, or a field is no number.
     """
     path, header = content.path, content.fields()
-    columns = columns_of(header, path)
+    columns = find_columns(header, path)
     wanted = [_the(columns, "time", "", path)]
     wanted += [_the(columns, quantity, axis, path) for quantity in ("accelerometer", "gyroscope") for axis in "xyz"]
     magnetic = [column for column in columns if column.quantity == "magnetometer"]
@@ -75,7 +75,7 @@ def read(content: Content) -> RawRecording:
     if magnetic and not arbitrary:
         wanted += [_the(columns, "magnetometer", axis, path) for axis in "xyz"]
     table, row = read_table(path, header, [column.position for column in wanted], first_line=2)
-    table = scaled(table, np.array([column.scale for column in wanted]))
+    table = scale_values(table, np.array([column.scale for column in wanted]))
     notes = ("the magnetometer is in arbitrary units and was left out",) if arbitrary else ()
     return RawRecording(
         t=table[:, 0],
@@ -87,7 +87,7 @@ def read(content: Content) -> RawRecording:
     )
 
 
-def columns_of(header: list[str], path: Path) -> list[Column]:
+def find_columns(header: list[str], path: Path) -> list[Column]:
     """Find the columns of a header that are time, acc, gyr or mag.
 
     Raises
@@ -125,4 +125,4 @@ def _the(columns: list[Column], quantity: str, axis: str, path: Path) -> Column:
 
 
 def _mag(table: Floats) -> Floats | None:
-    return without_held(table[:, 7:10], table[:, 4:7]) if table.shape[1] > 7 else None
+    return drop_held(table[:, 7:10], table[:, 4:7]) if table.shape[1] > 7 else None

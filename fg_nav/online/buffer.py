@@ -183,7 +183,7 @@ class WalkSoFar:
         of_part = zip(part.clipping, self._extreme, strict=True)
         at_end = (np.where(level >= AT_END * extreme, level, np.inf) for level, extreme in of_part)
         acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(known, at_end, strict=True))
-        return part.known_by(period_s, (acc, gyr))
+        return part.assume(period_s, (acc, gyr))
 
     def _check(self, rows: Floats, footfall: Footfall, until: int) -> None:
         """Refuse what is no walk; `rows` begin with the last one known."""

@@ -204,9 +204,9 @@ class _Walk:
         if found is None:
             return acc, mag
         if found.magnetometer is not None:
-            mag = np.asarray(found.magnetometer.corrected(mag))
+            mag = np.asarray(found.magnetometer.correct(mag))
         if found.accelerometer is not None:
-            acc = found.accelerometer.corrected(acc)
+            acc = found.accelerometer.correct(acc)
         return acc, mag
 
 

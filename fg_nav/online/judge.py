@@ -34,8 +34,14 @@ from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import HEAD, TAIL, TICK_S, Overlap, fingerprint_rows
-from fg_nav.recording import MAX_GAP_S, RawRecording, usable_samples
-from fg_nav.samples.plausibility import acc_problem, field_strength, mag_problem, median_period_s, stamp_problem
+from fg_nav.recording import MAX_GAP_S, RawRecording, find_usable_samples
+from fg_nav.samples.plausibility import (
+    find_acc_problem,
+    find_mag_problem,
+    find_stamp_problem,
+    measure_field_strength,
+    median_period_s,
+)
 from fg_nav.wording import counted
 
 JUMP_S = 1.0
@@ -119,7 +125,7 @@ class SampleJudge:
             (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT; whatever a sensor may deliver.
         """
         field = np.full((len(t), 3), np.nan) if mag is None else mag
-        usable = usable_samples(RawRecording(t, acc, gyr, np.arange(len(t)), field))
+        usable = find_usable_samples(RawRecording(t, acc, gyr, np.arange(len(t)), field))
         new = self._drop_known(np.column_stack([t, acc, gyr, field])[usable])
         self._count_missing(usable, len(new))
         return self._take(new)
@@ -352,10 +358,10 @@ def _rows(content: Any) -> Floats:
 def _unit_problems(t: Floats, acc: Floats, mag: Floats) -> Iterator[str | None]:
     """Name what is in a wrong unit, as for a file; but not because a sensor hangs, or a magnet is near, for seconds."""
     period = median_period_s(t)
-    yield stamp_problem(period)
+    yield find_stamp_problem(period)
     low, high = np.array(PLAUSIBLE_G) * GRAVITY_M_S2
     if not low < np.median(np.linalg.norm(acc, axis=1)) < high:
-        yield acc_problem(acc, period)
-    strength = field_strength(mag)
+        yield find_acc_problem(acc, period)
+    strength = measure_field_strength(mag)
     if not np.mean((strength > FIELD_UT[0]) & (strength < FIELD_UT[1])) > LEAST_SHARE:
-        yield mag_problem(mag)
+        yield find_mag_problem(mag)

@@ -31,7 +31,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.canonical import ACC, GYR, MAG, TIME
-from fg_nav.io.tables import position_of
+from fg_nav.io.tables import find_column
 from fg_nav.online.buffer import COLUMNS
 
 PIECE = 1 << 16
@@ -333,7 +333,7 @@ class RowReader:
     def _use_header(self, fields: list[str]) -> None:
         place = Path(self._name)
         names = TIME + ACC + GYR + (() if set(MAG).isdisjoint(fields) else MAG)
-        positions = [position_of(name, fields, place) for name in names]
+        positions = [find_column(name, fields, place) for name in names]
         self._positions = positions + [-1] * (COLUMNS - len(positions))
         self._header = fields if fields[-1] else fields[:-1]
 

@@ -40,7 +40,7 @@ from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_steps
 from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimate_field_noise_uT, level_start
 from fg_nav.recording import Recording
-from fg_nav.samples.saturation import saturated
+from fg_nav.samples.saturation import find_saturated
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.wording import counted
 
@@ -184,7 +184,7 @@ def _warn(recording: Recording, signs: TurnSigns, swing: ThighSwing, verdicts: t
             f"the axis of the swing turns by {swing.slipped_deg:.0f} deg from one half of the walk to the other, so "
             "the sensor turned in the pocket and the path is bent: wear it tighter"
         )
-    clipped = 100.0 * float(saturated(recording.gyr, recording.clipping[1]).any(axis=1).mean())
+    clipped = 100.0 * float(find_saturated(recording.gyr, recording.clipping[1]).any(axis=1).mean())
     if clipped >= LEAST_CLIPPED_PERCENT:
         notes.append(f"the gyroscope is clipped in {clipped:.2g} % of the samples: openings and lengths are too small")
     strides = np.array(verdicts) == QUASI_STATIC

@@ -21,7 +21,7 @@ from fg_nav.pocket.links import NODE_S, place_nodes, preintegrate_links
 from fg_nav.pocket.parameters import PocketSmootherParameters
 from fg_nav.pocket.track import STILL_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
-from fg_nav.samples.coning import compensated
+from fg_nav.samples.coning import compensate_coning
 
 UPDATE_S = 1.0
 """Estimates are made so often, s."""
@@ -134,7 +134,7 @@ class OnlinePocket:
         if node[-1] >= len(t) - 1:
             return
         # preintegrate
-        acc, gyr = compensated(acc, gyr, np.append(np.diff(t), t[-1] - t[-2]))
+        acc, gyr = compensate_coning(acc, gyr, np.append(np.diff(t), t[-1] - t[-2]))
         node = np.unique(node).astype(np.int64)
         links = preintegrate_links(node, t, acc, gyr, mag, np.zeros(3))
         # smooth

@@ -10,14 +10,14 @@ import numpy as np
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.file import Calibration
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
-from fg_nav.calibration.of_recording import Found
+from fg_nav.calibration.of_recording import CalibrationResult
 from fg_nav.report.terminal import console, listing, ruled_table
 
 Row = tuple[str, str, str]
 """Name with unit, value, sigma."""
 
 
-def print_calibration(found: Found, place: Path) -> None:
+def print_calibration(found: CalibrationResult, place: Path) -> None:
     """Print parameters, effect and notes, where the file is and how to use it."""
     out = console()
     table = ruled_table("parameter", "value", "sigma")
@@ -38,7 +38,7 @@ def parameter_rows(calibration: Calibration) -> list[Row]:
     ]
 
 
-def effect_rows(found: Found) -> list[tuple[str, str]]:
+def effect_rows(found: CalibrationResult) -> list[tuple[str, str]]:
     """Method, effect on its own readings, and notes."""
     effect, magnetometer = found.effect, found.calibration.magnetometer
     rows = [("method", found.choice), ("strength of the field, sd", _change(

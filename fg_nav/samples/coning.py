@@ -28,7 +28,7 @@ from fg_nav.arrays import Floats
 from fg_nav.samples.gaps import Gaps
 
 
-def integrable(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
+def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
     """Specific forces and rates that integrate to what was moved when held over periods `h` (N,) s.
 
     `acc`, `gyr` (N, 3) with their peaks rebuilt.
@@ -37,10 +37,10 @@ def integrable(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats,
     acc, gyr = acc.copy(), gyr.copy()
     acc[gaps.sample] += share * (gaps.acc - acc[gaps.sample])
     gyr[gaps.sample] += share * (gaps.gyr - gyr[gaps.sample])
-    return compensated(acc, gyr, h)
+    return compensate_coning(acc, gyr, h)
 
 
-def compensated(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floats]:
+def compensate_coning(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floats]:
     """Add sculling to specific forces and coning to rates, both (N, 3) means over periods `h` (N,) s, N > 1."""
     d_acc, d_gyr = _change_within(acc, h), _change_within(gyr, h)
     share = h[:, None] / 12

@@ -81,7 +81,7 @@ class Gaps(NamedTuple):
         return Gaps(self.sample[there] - start, self.unseen_s[there], self.acc[there], self.gyr[there], *sigmas)
 
 
-def bridged(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
+def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     """Find the gaps between stamps `t` (N,) s, N > 1, and what lies in them, from specific force and rate (N, 3)."""
     step = np.diff(t)
     period = float(np.median(step))

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.samples.saturation import saturated
+from fg_nav.samples.saturation import find_saturated
 
 LONGEST_S = 0.3
 """A swing lasts 0.4 s: in a longer run there is more than one peak."""
@@ -51,13 +51,13 @@ class Peaks(NamedTuple):
     run: Floats
 
 
-def rebuilt(samples: Floats, period_s: float, levels: Floats | None = None) -> Peaks:
+def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None) -> Peaks:
     """Rebuild the peaks of rates or specific forces (N, 3), one sample every `period_s`.
 
-    `levels` (2, 3) from which on they are clipped, as in `saturated`.
+    `levels` (2, 3) from which on they are clipped, as in `find_saturated`.
     """
     peaks = Peaks(samples.copy(), np.zeros(samples.shape), np.zeros(samples.shape))
-    clipped = saturated(samples, levels)
+    clipped = find_saturated(samples, levels)
     for axis in np.flatnonzero(clipped.any(axis=0)):
         for sign in (1.0, -1.0):
             cut = clipped[:, axis] & (sign * samples[:, axis] > 0)

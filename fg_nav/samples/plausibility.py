@@ -76,7 +76,7 @@ class GravityTransport:
         return self.n_windows >= 300 and self.correlation < -0.5 and self.gain < -0.3
 
 
-def unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> tuple[str, ...]:
+def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> tuple[str, ...]:
     """Name everything whose unit is wrong, with what to do about it; empty if all is plausible.
 
     Parameters
@@ -85,10 +85,10 @@ def unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> tu
         (N,) s, (N, 3) m/s^2, (N, 3) rad/s, (N, 3) uT or None; as claimed. NaN is ignored.
     """
     period = median_period_s(t)
-    stamps, force = stamp_problem(period), acc_problem(acc, period)
+    stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)
     # Gravity turns at the right rate only if both its unit and that of time are right.
-    rate = gyr_problem(acc, gyr, np.nan if stamps or force else period)
-    field = None if mag is None else mag_problem(mag)
+    rate = find_gyr_problem(acc, gyr, np.nan if stamps or force else period)
+    field = None if mag is None else find_mag_problem(mag)
     return tuple(problem for problem in (stamps, force, rate, field) if problem is not None)
 
 
@@ -99,7 +99,7 @@ def median_period_s(t: Floats) -> float:
     return float(np.median(steps)) if steps.size else np.nan
 
 
-def stamp_problem(period_s: float) -> str | None:
+def find_stamp_problem(period_s: float) -> str | None:
     """Say what is wrong with stamps of this median period, if anything."""
     if np.isnan(period_s):
         return "the stamps do not advance: export the recording again with its time column"
@@ -111,9 +111,9 @@ def stamp_problem(period_s: float) -> str | None:
     return f"the stamps step by {period_s:.3g} s, no inertial sensor's rate: write them in s"
 
 
-def acc_problem(acc: Floats, period_s: float) -> str | None:
+def find_acc_problem(acc: Floats, period_s: float) -> str | None:
     """Say what is wrong with the unit or gravity of acc (N, 3), if anything."""
-    rest = rest_acc(acc, period_s)
+    rest = measure_rest_acc(acc, period_s)
     if np.isnan(rest) or _GRAVITY_RANGE[0] < rest / GRAVITY_M_S2 < _GRAVITY_RANGE[1]:
         return None
     (usable,) = _usable(acc, limit=1e6)
@@ -129,7 +129,7 @@ def acc_problem(acc: Floats, period_s: float) -> str | None:
     return f"acc measures {rest:.4g} m/s^2 at rest where gravity is {GRAVITY_M_S2:.2f}: check its unit"
 
 
-def gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
+def find_gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     """Say what is wrong with the unit or the axes of gyr (N, 3), if anything.
 
     Without a period (NaN) only the size of gyr is looked at: acc or time is known to be wrong.
@@ -138,7 +138,7 @@ def gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     if not len(gyr):
         return None
     fast = float(np.quantile(np.linalg.norm(gyr, axis=1), 0.99))
-    transport = gravity_transport(acc, gyr, period_s)
+    transport = measure_gravity_transport(acc, gyr, period_s)
     too_weak = transport.is_telling and 0.0 < transport.gain < 0.1
     if fast > _TOO_FAST_RAD_S or too_weak:
         return (
@@ -160,9 +160,9 @@ def gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     return None
 
 
-def mag_problem(mag: Floats) -> str | None:
+def find_mag_problem(mag: Floats) -> str | None:
     """Say what is wrong with the unit of mag (N, 3), if anything."""
-    strength = field_strength(mag)
+    strength = measure_field_strength(mag)
     strength = strength[np.isfinite(strength)]
     if not strength.size:
         return None
@@ -178,7 +178,7 @@ def mag_problem(mag: Floats) -> str | None:
     return f"mag has a median strength of {median:.3g} uT, no field on Earth: check its unit, or leave it out"
 
 
-def field_strength(mag: Floats) -> Floats:
+def measure_field_strength(mag: Floats) -> Floats:
     """Strength (N,) of mag (N, 3) in its unit; NaN where there is no sample or a senseless one."""
     sensible = np.isfinite(mag).all(axis=1) & (np.abs(np.nan_to_num(mag)) < 1e6).all(axis=1)
     strength = np.full(len(mag), np.nan)
@@ -186,7 +186,7 @@ def field_strength(mag: Floats) -> Floats:
     return strength
 
 
-def rest_acc(acc: Floats, period_s: float) -> float:
+def measure_rest_acc(acc: Floats, period_s: float) -> float:
     """Median strength of acc (N, 3) over its stillest moments, in its unit; NaN if there are too few samples.
 
     Moments of 0.1 s are ranked by their variance, whatever its unit, and the stillest twentieth is taken: a
@@ -202,7 +202,7 @@ def rest_acc(acc: Floats, period_s: float) -> float:
     return float(np.median(np.linalg.norm(mean[still], axis=1)))
 
 
-def gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> GravityTransport:
+def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> GravityTransport:
     """Test whether gravity turns in the body as the gyroscope says.
 
     Over 0.4 s in which | |acc| - g | stays below 0.6 m/s^2, the change between the means of its halves is set

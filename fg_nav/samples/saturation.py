@@ -44,7 +44,7 @@ _PILE = 5
 """Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half."""
 
 
-def saturated(samples: Floats, levels: Floats | None = None) -> Bools:
+def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
     """Find the samples at the end of an axis's range.
 
     Parameters
@@ -52,26 +52,26 @@ def saturated(samples: Floats, levels: Floats | None = None) -> Bools:
     samples
         (N, 3) of one sensor, evenly sampled, any unit.
     levels
-        (2, 3) from which on it is clipped, where that is known; None to find them in the samples (`clipping_levels`).
+        (2, 3) from which on it is clipped, where known; None to find them in the samples (`find_clipping_levels`).
 
     Returns
     -------
     Bools
         (N, 3) True where an axis is saturated, at either end of its range.
     """
-    upper, lower = clipping_levels(samples) if levels is None else levels
+    upper, lower = find_clipping_levels(samples) if levels is None else levels
     return np.asarray((samples >= upper) | (-samples >= lower))
 
 
-def clipping_levels(samples: Floats) -> Floats:
+def find_clipping_levels(samples: Floats) -> Floats:
     """Levels (2, 3) from which on each axis is clipped, at its upper and its lower end (with the sign turned about).
 
-    Infinite where it is not. `samples` (N, 3) as in `saturated`.
+    Infinite where it is not. `samples` (N, 3) as in `find_saturated`.
     """
-    return np.array([[saturation_level(sign * samples[:, axis]) for axis in range(3)] for sign in (1.0, -1.0)])
+    return np.array([[find_saturation_level(sign * samples[:, axis]) for axis in range(3)] for sign in (1.0, -1.0)])
 
 
-def saturation_level(signal: Floats) -> float:
+def find_saturation_level(signal: Floats) -> float:
     """Level from which on a signal (N,) is clipped at its upper end; infinite if it is not."""
     if len(signal) < 2 * _REACH + 2 or not (top := float(np.max(signal))) > 0:
         return np.inf

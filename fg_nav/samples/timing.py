@@ -54,7 +54,7 @@ class Clock(NamedTuple):
     n_stretches: int
 
 
-def dejittered(t: Floats) -> Floats:
+def remove_jitter(t: Floats) -> Floats:
     """Even out stamps whose jitter is that of their transport.
 
     Parameters

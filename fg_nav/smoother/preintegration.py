@@ -22,7 +22,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.recording import Recording
-from fg_nav.sample_noise import doubts
+from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.smoother.parameters import SmootherParameters
 
 
@@ -35,7 +35,7 @@ def preintegrate(
 ) -> Iterator[gtsam.PreintegratedImuMeasurementsG]:
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
     acc_noise, gyr_noise = _interval_variances(recording, sample, p)
-    doubt = [size**2 for size in doubts(recording, p.saturated_share)]
+    doubt = [size**2 for size in find_extra_sigmas(recording, p.saturated_share)]
     doubted = np.concatenate([[0], np.cumsum((doubt[0] + doubt[1]).any(axis=1))])[sample]
     period = np.diff(recording.t).tolist()
     force, rate = recording.integrable

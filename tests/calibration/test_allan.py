@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve
 
-from fg_nav.calibration.allan import FLOOR, allan_curve, averaging_factors, covariance_products, fit_noise
-from fg_nav.calibration.at_rest import longest_stillness, recording_noise
+from fg_nav.calibration.allan import (
+    FLOOR,
+    choose_averaging_factors,
+    compute_allan_curve,
+    compute_covariance_products,
+    fit_noise,
+)
+from fg_nav.calibration.at_rest import find_longest_stillness, measure_recording_noise
 from fg_nav.errors import CalibrationError
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.lab.simulation.plan import Stand
@@ -44,7 +50,7 @@ def noise(N, B, K, seed, count=COUNT):
 
 @cache
 def fits(N, B, K, seeds=60):
-    return [fit_noise(allan_curve(noise(N, B, K, seed), PERIOD_S)) for seed in range(seeds)]
+    return [fit_noise(compute_allan_curve(noise(N, B, K, seed), PERIOD_S)) for seed in range(seeds)]
 
 
 def standardised(found, kind, true):
@@ -57,16 +63,16 @@ def test_published_deviations():
     readings = published_set()
     assert readings.mean() == pytest.approx(4.897745e-01, abs=1e-7)
     assert readings.std(ddof=1) == pytest.approx(2.884664e-01, abs=1e-7)
-    found = allan_curve(readings, 1.0, np.array([1, 10, 100])).deviation
+    found = compute_allan_curve(readings, 1.0, np.array([1, 10, 100])).deviation
     np.testing.assert_allclose(found, [2.922319e-01, 9.159953e-02, 3.241343e-02], rtol=2e-7)
 
 
 def test_deviations_of_another_implementation():
     allantools = pytest.importorskip("allantools", reason="a development-only check")
     readings = noise(0.01, 0.02, 0.02, 3, count=3001)
-    factors = averaging_factors(len(readings))
+    factors = choose_averaging_factors(len(readings))
     tau_s, theirs, _, _ = allantools.oadev(readings, rate=1 / PERIOD_S, data_type="freq", taus=factors * PERIOD_S)
-    ours = allan_curve(readings, PERIOD_S, factors)
+    ours = compute_allan_curve(readings, PERIOD_S, factors)
     np.testing.assert_allclose(ours.tau_s, tau_s)
     np.testing.assert_allclose(ours.deviation, theirs, rtol=1e-9)
 
@@ -78,7 +84,7 @@ def test_degrees_of_freedom_of_another_implementation(kind, alpha):
     count = 4000
     for m in (16, 100, 400, 1000):
         level = (1 / m, FLOOR**2, m / 3)[kind]
-        ours = 2 * level**2 / covariance_products(count, (m,))[kind, kind, 0, 0]
+        ours = 2 * level**2 / compute_covariance_products(count, (m,))[kind, kind, 0, 0]
         theirs = allantools.edf_greenhall(alpha, 2, m, count + 1, overlapping=True)
         assert ours == pytest.approx(theirs, rel=0.06)
 
@@ -87,10 +93,12 @@ def test_the_covariance_of_the_variances_is_that_over_many_records():
     """Mixed noise, all averaging times against each other; 3000 records of 400 readings."""
     rng, factors, count = np.random.default_rng(0), (1, 3, 10, 30, 100), 400
     white, walk = rng.normal(size=(2, 3000, count))
-    found = [allan_curve(w + 0.1 * np.cumsum(k), 1.0, np.array(factors)) for w, k in zip(white, walk, strict=True)]
+    found = [
+        compute_allan_curve(w + 0.1 * np.cumsum(k), 1.0, np.array(factors)) for w, k in zip(white, walk, strict=True)
+    ]
     seen = np.cov(np.array([curve.deviation**2 for curve in found]).T)
     squares = np.array([1.0, 0.0, 0.01])
-    told = np.einsum("k,l,klij->ij", squares, squares, covariance_products(count, factors))
+    told = np.einsum("k,l,klij->ij", squares, squares, compute_covariance_products(count, factors))
     scale = np.sqrt(np.outer(np.diag(told), np.diag(told)))
     np.testing.assert_allclose(seen / scale, told / scale, atol=0.12)
 
@@ -116,7 +124,7 @@ def test_what_is_not_there_is_not_seen(N, B, K):
 
 def test_a_record_too_short_for_a_part_does_not_see_it_and_its_limit_holds():
     """Twenty seconds of what shows in two hundred."""
-    short = [fit_noise(allan_curve(noise(0.01, 0.004, 0.004, seed, 2000), PERIOD_S)) for seed in range(40)]
+    short = [fit_noise(compute_allan_curve(noise(0.01, 0.004, 0.004, seed, 2000), PERIOD_S)) for seed in range(40)]
     for kind in ("flicker", "walk"):
         parts = [getattr(fit, kind) for fit in short]
         assert np.mean([part.seen for part in parts]) < 0.2
@@ -126,7 +134,7 @@ def test_a_record_too_short_for_a_part_does_not_see_it_and_its_limit_holds():
 def test_the_band_holds_the_true_deviation_as_often_as_it_says():
     inside = []
     for seed in range(60):
-        curve = allan_curve(noise(0.01, 0.0, 0.02, seed), PERIOD_S)
+        curve = compute_allan_curve(noise(0.01, 0.0, 0.02, seed), PERIOD_S)
         fit, true = fits(0.01, 0.0, 0.02)[seed], np.sqrt(1e-4 / curve.tau_s + 4e-4 * curve.tau_s / 3)
         inside.append((fit.low < true) & (true < fit.high))
     assert 0.6 < np.mean(inside) < 0.76
@@ -142,7 +150,7 @@ def test_a_bent_short_end_is_left_out(bent):
     for seed in range(20):
         white = noise(0.01, 0.0, 0.0, seed)
         readings = np.repeat(white[::4], 4) / 2 if bent == "held" else np.convolve(white, np.full(10, 0.1), "valid")
-        found.append(fit_noise(allan_curve(readings, PERIOD_S)))
+        found.append(fit_noise(compute_allan_curve(readings, PERIOD_S)))
     assert min(fit.fitted_from_s for fit in found) > 1.5 * PERIOD_S
     assert np.median([fit.white.value for fit in found]) == pytest.approx(0.01, rel=0.08)
     assert np.mean([fit.flicker.seen or fit.walk.seen for fit in found]) < 0.2
@@ -151,7 +159,7 @@ def test_a_bent_short_end_is_left_out(bent):
 def test_units_and_period_do_not_matter():
     """The same readings twice as large and half as often: N, B and K follow their units."""
     readings = noise(0.01, 0.03, 0.02, 0)
-    one, other = fit_noise(allan_curve(readings, 0.01)), fit_noise(allan_curve(2e-6 * readings, 0.04))
+    one, other = fit_noise(compute_allan_curve(readings, 0.01)), fit_noise(compute_allan_curve(2e-6 * readings, 0.04))
     for kind, factor in zip(KINDS, (4.0, 2.0, 1.0), strict=True):
         assert getattr(other, kind).value == pytest.approx(1e-6 * factor * getattr(one, kind).value, rel=1e-6)
 
@@ -159,9 +167,11 @@ def test_units_and_period_do_not_matter():
 def test_a_mean_and_a_constant_reading_are_no_noise():
     readings = noise(0.01, 0.0, 0.0, 0)
     np.testing.assert_allclose(
-        allan_curve(readings + 1e6, PERIOD_S).deviation, allan_curve(readings, PERIOD_S).deviation, rtol=1e-6
+        compute_allan_curve(readings + 1e6, PERIOD_S).deviation,
+        compute_allan_curve(readings, PERIOD_S).deviation,
+        rtol=1e-6,
     )
-    constant = fit_noise(allan_curve(np.full(1000, 3.0), PERIOD_S))
+    constant = fit_noise(compute_allan_curve(np.full(1000, 3.0), PERIOD_S))
     assert not any(getattr(constant, kind).seen for kind in KINDS)
     assert constant.white.limit == 0.0
 
@@ -169,12 +179,12 @@ def test_a_mean_and_a_constant_reading_are_no_noise():
 @pytest.mark.parametrize(("count", "factors"), [(10, None), (100, [60]), (100, [0])])
 def test_what_makes_no_curve_is_refused(count, factors):
     with pytest.raises(CalibrationError, match=r"readings make no|do not fit"):
-        allan_curve(np.arange(float(count)), PERIOD_S, None if factors is None else np.array(factors))
+        compute_allan_curve(np.arange(float(count)), PERIOD_S, None if factors is None else np.array(factors))
 
 
 def test_missing_readings_make_no_curve():
     with pytest.raises(CalibrationError, match="missing"):
-        allan_curve(np.where(np.arange(100) == 50, np.nan, 1.0), PERIOD_S)
+        compute_allan_curve(np.where(np.arange(100) == 50, np.nan, 1.0), PERIOD_S)
 
 
 def at_rest(sensor, minutes, seed=1):
@@ -187,7 +197,7 @@ def test_the_noise_of_the_simulated_sensors_is_found(sensor):
     """N of every axis, to which rounding to whole steps adds its twelfth."""
     walk = at_rest(sensor, minutes=6)
     prior = walk.scenario.prior
-    for one in recording_noise(walk.recording).sensors:
+    for one in measure_recording_noise(walk.recording).sensors:
         for fit in one.fits:
             if one.sensor == "mag":
                 rounding = prior.mag.resolution_uT / np.sqrt(12)
@@ -202,7 +212,7 @@ def test_the_noise_of_the_simulated_sensors_is_found(sensor):
 def test_the_walk_of_a_simulated_bias_is_found_in_an_hour():
     """Beside a Gauss-Markov process, which is neither flicker nor walk and takes the fit for a tenth."""
     recordings = [at_rest("xsens-mtw", 60, seed).recording for seed in (1, 2)]
-    walks = [fit.walk for recording in recordings for fit in recording_noise(recording).sensors[0].fits]
+    walks = [fit.walk for recording in recordings for fit in measure_recording_noise(recording).sensors[0].fits]
     assert all(walk.seen for walk in walks)
     values = [walk.value for walk in walks]
     assert np.median(values) == pytest.approx(SCENARIOS["at-rest"].prior.gyr.drift.walk, rel=0.25)
@@ -211,7 +221,7 @@ def test_the_walk_of_a_simulated_bias_is_found_in_an_hour():
 def test_a_magnetometer_with_a_rate_of_its_own_is_read_at_its_own_rows():
     walk = at_rest("mpu-9250", minutes=2)
     assert np.isnan(walk.recording.mag).any()
-    noise_of = {one.sensor: one for one in recording_noise(walk.recording).sensors}
+    noise_of = {one.sensor: one for one in measure_recording_noise(walk.recording).sensors}
     assert noise_of["gyr"].rate_hz == pytest.approx(400.0, rel=1e-3)
     assert noise_of["mag"].rate_hz == pytest.approx(100.0, rel=1e-3)
 
@@ -227,7 +237,7 @@ def test_the_longest_stretch_without_a_touch_is_taken():
     acc, gyr = recording.acc.copy(), recording.gyr.copy()
     gyr[10_000:10_050] += 0.05  # a knock at 100 s
     acc[25_000:] += [0.1, 0.0, 0.0]  # laid down otherwise at 250 s
-    start, stop = longest_stillness(Recording(recording.t, acc, gyr))
+    start, stop = find_longest_stillness(Recording(recording.t, acc, gyr))
     assert start == pytest.approx(10_100, abs=100)
     assert stop == pytest.approx(25_000, abs=100)
 
@@ -236,7 +246,7 @@ def test_missing_samples_do_not_matter():
     recording = still(200.0, np.random.default_rng(1))
     kept = np.random.default_rng(2).random(len(recording)) > 0.01
     fewer = Recording(recording.t[kept], recording.acc[kept], recording.gyr[kept])
-    whole, holed = recording_noise(recording), recording_noise(fewer)
+    whole, holed = measure_recording_noise(recording), measure_recording_noise(fewer)
     for one, other in zip(whole.sensors, holed.sensors, strict=True):
         for fit, again in zip(one.fits, other.fits, strict=True):
             assert again.white.value == pytest.approx(fit.white.value, rel=0.03)
@@ -245,4 +255,4 @@ def test_missing_samples_do_not_matter():
 @pytest.mark.parametrize("make", [lambda: still(25.0, np.random.default_rng(0)), lambda: simulate("demo", 1).recording])
 def test_too_short_a_rest_is_refused_with_what_is_needed(make):
     with pytest.raises(CalibrationError, match=r"still for \d+ s at most.* 30 s at least"):
-        recording_noise(make())
+        measure_recording_noise(make())

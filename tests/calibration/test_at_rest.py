@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration.at_rest import accelerometer_at_rest, gyroscope_at_rest
+from fg_nav.calibration.at_rest import calibrate_accelerometer, calibrate_gyroscope
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import simulate
@@ -30,7 +30,7 @@ def lying(ups, rng, seconds=4.0, noise=1.0, bias=GYR_BIAS):
 
 
 def test_six_faces_show_scale_and_bias():
-    found = accelerometer_at_rest(lying(FACES, np.random.default_rng(0)))
+    found = calibrate_accelerometer(lying(FACES, np.random.default_rng(0)))
     assert found.separable
     assert found.attitudes == 6
     assert abs(found.scale - SCALE) < 3e-4
@@ -40,11 +40,11 @@ def test_six_faces_show_scale_and_bias():
 
 def test_corrected_readings_weigh_gravity_in_any_attitude():
     rng = np.random.default_rng(1)
-    found = accelerometer_at_rest(lying(FACES, rng))
+    found = calibrate_accelerometer(lying(FACES, rng))
     other = lying(Rotation.random(5, random_state=2).as_matrix()[:, 0], rng, noise=0.0)
     still = np.linalg.norm(other.gyr - GYR_BIAS, axis=1) < 1e-9
     before = np.linalg.norm(other.acc[still], axis=1) - G
-    after = np.linalg.norm(found.applied_to(other).acc[still], axis=1) - G
+    after = np.linalg.norm(found.apply_to(other).acc[still], axis=1) - G
     assert np.abs(before).max() > 0.1
     assert np.abs(after).max() < 0.02
 
@@ -55,20 +55,20 @@ def test_corrected_readings_weigh_gravity_in_any_attitude():
     ids=["one", "three", "a foot's", "all in a plane"],
 )
 def test_attitudes_that_cannot_tell_scale_from_bias_say_so(ups):
-    found = accelerometer_at_rest(lying(ups, np.random.default_rng(3)))
+    found = calibrate_accelerometer(lying(ups, np.random.default_rng(3)))
     assert not found.separable
     assert np.isinf(found.scale_sigma)
     assert np.isinf(found.bias_sigma).all()
     assert found.scale == pytest.approx(found.norm_m_s2 / G)
     with pytest.raises(CalibrationError, match="six faces"):
-        found.applied_to(lying(FACES[:1], np.random.default_rng(3)))
+        found.apply_to(lying(FACES[:1], np.random.default_rng(3)))
 
 
 def test_in_one_attitude_bias_and_scale_make_the_same_reading():
     """The reason for the refusal: sensors with 0.98 and a bias, or 1.0 and none, are the same to one attitude."""
     t, still = np.arange(500) / RATE_HZ, np.zeros((500, 3))
     one, other = ([0, 0, 0.98 * G + 0.02 * G], [0, 0, G])
-    found = [accelerometer_at_rest(Recording(t, np.tile(force, (500, 1)), still)) for force in (one, other)]
+    found = [calibrate_accelerometer(Recording(t, np.tile(force, (500, 1)), still)) for force in (one, other)]
     assert found[0].scale == pytest.approx(found[1].scale)
     assert not any(one.separable for one in found)
 
@@ -80,7 +80,7 @@ def test_errors_of_scale_and_bias_are_within_their_sigmas():
         rng = np.random.default_rng(seed)
         recording = lying(Rotation.random(8, rng=rng).as_matrix()[:, 0], rng)
         distortion = np.eye(3) + rng.normal(0.0, 0.003, (3, 3))
-        found = accelerometer_at_rest(Recording(recording.t, recording.acc @ distortion.T, recording.gyr))
+        found = calibrate_accelerometer(Recording(recording.t, recording.acc @ distortion.T, recording.gyr))
         if found.separable:
             errors.append((found.bias - distortion @ ACC_BIAS) / found.bias_sigma)
     assert len(errors) > 50
@@ -90,7 +90,7 @@ def test_errors_of_scale_and_bias_are_within_their_sigmas():
 def test_the_gyroscopes_bias_is_that_of_the_rests():
     errors = []
     for seed in range(40):
-        found = gyroscope_at_rest(lying(FACES[:3], np.random.default_rng(seed)))
+        found = calibrate_gyroscope(lying(FACES[:3], np.random.default_rng(seed)))
         errors.append((found.bias - GYR_BIAS) / found.sigma)
     assert found.rests == 3
     assert np.sqrt(np.mean(np.square(errors))) < 1.0
@@ -99,10 +99,10 @@ def test_the_gyroscopes_bias_is_that_of_the_rests():
 
 def test_the_bias_of_a_walk_is_that_of_the_simulated_sensor():
     walk = simulate("demo", 3)
-    found = gyroscope_at_rest(walk.recording)
+    found = calibrate_gyroscope(walk.recording)
     at_rest = np.array(walk.drawn["sensor"]["g_sensitivity"]) @ walk.recording.acc[:500].mean(axis=0)
     assert np.abs(found.bias - walk.biases.gyr.mean(axis=0) - at_rest).max() < 3 * found.sigma.max()
-    rested = found.applied_to(walk.recording)
+    rested = found.apply_to(walk.recording)
     assert np.abs(rested.gyr[100:500].mean(axis=0)).max() < 3 * found.sigma.max()
 
 
@@ -110,5 +110,5 @@ def test_where_nothing_rests_there_is_nothing():
     rng = np.random.default_rng(0)
     t = np.arange(1000) / RATE_HZ
     shaken = Recording(t, rng.normal(0, 5, (1000, 3)), rng.normal(0, 2, (1000, 3)))
-    assert gyroscope_at_rest(shaken) is None
-    assert accelerometer_at_rest(shaken) is None
+    assert calibrate_gyroscope(shaken) is None
+    assert calibrate_accelerometer(shaken) is None

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fg_nav.calibration import ellipse_fit
-from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, ellipse_as_printed, ellipse_by_extremes
+from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, find_ellipse_as_printed, find_ellipse_by_extremes
 from fg_nav.calibration.ellipse_fit import (
-    ellipse_of_walk,
-    fitted_ellipse,
+    calibrate_on_loop,
+    fit_ellipse,
 )
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
@@ -51,7 +51,7 @@ def footfalls(level_R_body_, vertical=-43.0, heading=ROUND):
 
 
 @pytest.mark.parametrize(("eta", "tau"), [(0.973, 0.896), (-1.2, 0.7), (0.0, 0.95), (1.5, 0.5)])
-@pytest.mark.parametrize("method", [fitted_ellipse, ellipse_by_extremes])
+@pytest.mark.parametrize("method", [fit_ellipse, find_ellipse_by_extremes])
 def test_what_was_put_in_comes_out(method, eta, tau):
     found = method(read(np.arange(3600) * 2 * np.pi / 3600, eta=eta, tau=tau))
     assert found.offset_uT == pytest.approx(OFFSET, abs=1e-3)
@@ -60,13 +60,13 @@ def test_what_was_put_in_comes_out(method, eta, tau):
 
 
 def test_corrected_readings_point_where_the_field_does():
-    corrected = fitted_ellipse(read(ROUND)).corrected(read(ROUND))
+    corrected = fit_ellipse(read(ROUND)).correct(read(ROUND))
     assert corrected == pytest.approx(HORIZONTAL * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1), abs=1e-6)
 
 
 def test_a_turned_and_shifted_sensor_turns_and_shifts_the_ellipse():
     readings = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(1))
-    one, other = fitted_ellipse(readings), fitted_ellipse(readings @ turned(0.7).T + [3.0, -40.0])
+    one, other = fit_ellipse(readings), fit_ellipse(readings @ turned(0.7).T + [3.0, -40.0])
     assert other.offset_uT == pytest.approx(turned(0.7) @ one.offset_uT + [3.0, -40.0], abs=1e-4)
     assert half_turn(other.eta_rad - one.eta_rad - 0.7) == pytest.approx(0.0, abs=1e-4)
     assert (other.tau, other.residual_uT) == pytest.approx((one.tau, one.residual_uT), rel=1e-5)
@@ -76,7 +76,7 @@ def test_a_turned_and_shifted_sensor_turns_and_shifts_the_ellipse():
 def test_errors_are_as_large_as_their_sigmas(heading):
     errors = []
     for seed in range(120):
-        found = fitted_ellipse(read(heading, noise_uT=0.3, rng=np.random.default_rng(seed)))
+        found = fit_ellipse(read(heading, noise_uT=0.3, rng=np.random.default_rng(seed)))
         error = [*(found.offset_uT - OFFSET), half_turn(found.eta_rad - ETA), found.tau - TAU]
         errors.append(error / found.sigma)
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -87,18 +87,20 @@ def test_errors_are_as_large_as_their_sigmas(heading):
 def test_wild_footfalls_do_not_matter_and_are_counted():
     readings = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(2))
     readings[::20] += 0.5 * (readings[::20] - OFFSET)
-    found = fitted_ellipse(readings)
+    found = fit_ellipse(readings)
     assert np.abs(found.offset_uT - OFFSET).max() < 0.3
     assert abs(found.tau - TAU) < 0.02
     assert found.samples == 81
     assert "5 of 86 footfalls" in found.notes[0]
-    assert np.abs(ellipse_by_extremes(readings).offset_uT - OFFSET).max() > 1.0  # what the printed method makes of it
+    assert (
+        np.abs(find_ellipse_by_extremes(readings).offset_uT - OFFSET).max() > 1.0
+    )  # what the printed method makes of it
 
 
 def test_the_long_axis_of_a_circle_is_not_known_and_its_sigma_says_so():
     sigmas = []
     for tau in (0.8, 0.95, 0.999):
-        found = fitted_ellipse(read(ROUND, tau=tau, noise_uT=0.3, rng=np.random.default_rng(3)))
+        found = fit_ellipse(read(ROUND, tau=tau, noise_uT=0.3, rng=np.random.default_rng(3)))
         sigmas.append(found.sigma[2])  # what it does to the field, (1 - tau) eta, stays as well known
         assert (1 - found.tau) * found.sigma[2] == pytest.approx(0.3 / HORIZONTAL * np.sqrt(2 / 86), rel=0.3)
     assert sigmas[0] < 0.04 < sigmas[1] < 0.3 < sigmas[2]
@@ -112,14 +114,14 @@ def test_walking_the_same_circle_again_does_not_average_the_floor_away():
         heading = np.arange(14 * circles) * 2 * np.pi / 14
         floor = 1.0 * np.cos(3 * heading)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
         noise = 0.1 * np.random.default_rng(7).standard_normal((len(heading), 2))
-        sigmas.append(fitted_ellipse(read(heading) + floor + noise).sigma[:2])
+        sigmas.append(fit_ellipse(read(heading) + floor + noise).sigma[:2])
     assert sigmas[1] == pytest.approx(sigmas[0], rel=0.1)
-    white = fitted_ellipse(read(heading, noise_uT=0.7, rng=np.random.default_rng(8)))
+    white = fit_ellipse(read(heading, noise_uT=0.7, rng=np.random.default_rng(8)))
     assert (sigmas[1] > 4 * white.sigma[:2]).all()
 
 
 def test_an_exact_circle_is_no_trouble():
-    found = fitted_ellipse(read(ROUND, tau=1.0))
+    found = fit_ellipse(read(ROUND, tau=1.0))
     assert found.tau == pytest.approx(1.0, abs=1e-9)
     assert np.isfinite(found.in_body(np.array([0.0, 0.0, 1.0])).covariance).all()
 
@@ -127,14 +129,14 @@ def test_an_exact_circle_is_no_trouble():
 def test_rows_without_a_field_are_left_out():
     readings = read(ROUND)
     readings[[3, 40]] = np.nan
-    assert fitted_ellipse(readings).samples == 84
+    assert fit_ellipse(readings).samples == 84
 
 
 @pytest.mark.parametrize("start_deg", [0.0, 100.0, 250.0])
 def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(start_deg):
     heading = np.deg2rad(start_deg + np.linspace(0.0, 240.0, 60))
     with pytest.raises(CalibrationError, match=r"from \d+ to \d+ deg") as refusal:
-        fitted_ellipse(read(heading, noise_uT=0.05, rng=np.random.default_rng(4)))
+        fit_ellipse(read(heading, noise_uT=0.05, rng=np.random.default_rng(4)))
     words = str(refusal.value).split()
     first, last = float(words[words.index("from") + 1]), float(words[words.index("from") + 3])
     assert first == pytest.approx((start_deg + 240.0) % 360.0, abs=5.0)
@@ -144,7 +146,7 @@ def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(
 def test_a_wider_gap_may_be_allowed(monkeypatch):
     monkeypatch.setattr(ellipse_fit, "LARGEST_GAP_RAD", np.deg2rad(130.0))
     readings = read(np.linspace(0.0, np.deg2rad(240.0), 60), noise_uT=0.05, rng=np.random.default_rng(4))
-    found = fitted_ellipse(readings)
+    found = fit_ellipse(readings)
     assert found.offset_uT == pytest.approx(OFFSET, abs=0.2)
 
 
@@ -162,26 +164,26 @@ def test_a_wider_gap_may_be_allowed(monkeypatch):
 )
 def test_what_is_no_ellipse_is_refused(readings, words):
     with pytest.raises(CalibrationError, match=words):
-        fitted_ellipse(readings)
+        fit_ellipse(readings)
 
 
 def test_in_the_body_it_corrects_footfalls_at_the_tilt_it_was_found_at():
     R = compute_level_R_body(np.array([-0.4, 0.15, 0.9]))
-    ellipse, calibration = ellipse_of_walk(footfalls(R))
-    level = rotate_to_level(calibration.corrected(footfalls(R).body_field), R[2])
+    ellipse, calibration = calibrate_on_loop(footfalls(R))
+    level = rotate_to_level(calibration.correct(footfalls(R).body_field), R[2])
     assert level[:, :2] == pytest.approx(HORIZONTAL * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1), abs=1e-6)
     assert level[:, 2] == pytest.approx(-43.0)
     assert calibration.strength_uT == pytest.approx(ellipse.radius_uT)
     assert "24 deg" in calibration.notes[-2]  # asin(0.4 / |up|) below level
     elsewhere = compute_level_R_body(np.array([0.0, 0.15, 0.9]))
-    wrong = rotate_to_level(calibration.corrected(footfalls(elsewhere).body_field), elsewhere[2])
+    wrong = rotate_to_level(calibration.correct(footfalls(elsewhere).body_field), elsewhere[2])
     assert np.abs(compute_field_heading(wrong) - compute_field_heading(level)).max() > np.deg2rad(5.0)
 
 
 def test_the_covariance_in_the_body_is_that_of_the_ellipse_turned():
     up = np.array([-0.4, 0.15, 0.9])
     noisy = read(ROUND, noise_uT=0.3, rng=np.random.default_rng(6))
-    found = fitted_ellipse(noisy)
+    found = fit_ellipse(noisy)
 
     def parameters(x):
         return Ellipse("", x[:2], x[2], x[3], 1.0, np.eye(4), 0.0, 0).in_body(up).parameters
@@ -198,10 +200,10 @@ def test_the_covariance_in_the_body_is_that_of_the_ellipse_turned():
 
 def test_a_steady_error_of_levelling_is_in_the_covariance_of_a_walk():
     """A tilt of 3 mrad turns 43 uT of vertical field into 0.13 uT of offset, and no footfall tells."""
-    ellipse, _ = ellipse_of_walk(footfalls(np.eye(3)))
+    ellipse, _ = calibrate_on_loop(footfalls(np.eye(3)))
     assert ellipse.sigma[:2] == pytest.approx(0.003 * 43.0, rel=1e-3)
     tilted = compute_level_R_body(np.array([0.003, 0.0, 1.0]))
-    found = fitted_ellipse((footfalls(np.eye(3)).body_field @ tilted.T)[:, :2])
+    found = fit_ellipse((footfalls(np.eye(3)).body_field @ tilted.T)[:, :2])
     assert abs(found.offset_uT[0] - OFFSET[0]) == pytest.approx(ellipse.sigma[0], rel=0.1)
 
 
@@ -222,19 +224,19 @@ def test_circles_to_the_left_and_to_the_right_show_what_the_floor_does(monkeypat
     errors, sigmas = [], []
     for seed in range(60):
         left, right = np.random.default_rng([seed, 1]).standard_normal((2, 2))
-        found, _ = ellipse_of_walk(on_floor(left, right, seed))
+        found, _ = calibrate_on_loop(on_floor(left, right, seed))
         errors.append(found.offset_uT - OFFSET)
         sigmas.append(found.sigma[:2])
     rms = np.sqrt(np.mean(np.square(errors))), np.sqrt(np.mean(np.square(sigmas)))
     assert rms[0] == pytest.approx(np.sqrt(0.5), rel=0.25)
     assert 0.5 < rms[1] / rms[0] < 1.5
-    scatter = fitted_ellipse(on_floor(left, right, 0).level_field[:, :2])
+    scatter = fit_ellipse(on_floor(left, right, 0).level_field[:, :2])
     assert scatter.sigma[:2].max() < 0.4 * rms[0]
 
 
 def test_circles_that_agree_change_next_to_nothing():
     growth = [
-        ellipse_of_walk(field)[0].sigma[3] / fitted_ellipse(field.level_field[:, :2]).sigma[3]
+        calibrate_on_loop(field)[0].sigma[3] / fit_ellipse(field.level_field[:, :2]).sigma[3]
         for field in (on_floor(0.0, 0.0, seed) for seed in range(40))
     ]
     assert min(growth) == pytest.approx(1.0)
@@ -242,20 +244,20 @@ def test_circles_that_agree_change_next_to_nothing():
 
 
 def test_circles_one_way_are_told():
-    _, calibration = ellipse_of_walk(footfalls(np.eye(3)))
+    _, calibration = calibrate_on_loop(footfalls(np.eye(3)))
     assert any("no full circles both ways" in note for note in calibration.notes)
-    _, calibration = ellipse_of_walk(on_floor(0.0, 0.0, 1))
+    _, calibration = calibrate_on_loop(on_floor(0.0, 0.0, 1))
     assert not any("no full circles both ways" in note for note in calibration.notes)
 
 
 def test_an_x_axis_that_stands_upright_is_refused():
     with pytest.raises(CalibrationError, match="x axis stands upright"):
-        ellipse_of_walk(footfalls(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])))
+        calibrate_on_loop(footfalls(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])))
 
 
 def test_an_ellipse_without_covariance_is_not_lifted():
     with pytest.raises(CalibrationError, match="no covariance"):
-        ellipse_as_printed(read(ROUND)).in_body(np.array([0.0, 0.0, 1.0]))
+        find_ellipse_as_printed(read(ROUND)).in_body(np.array([0.0, 0.0, 1.0]))
 
 
 # Ma et al. 2018, equation by equation
@@ -289,10 +291,10 @@ def test_eq_4_divides_where_a_product_is_printed():
 
 def test_eq_6_needs_the_full_round():
     """Extremes give the middle of any turned ellipse, and are wrong as soon as an end of it is missing."""
-    assert ellipse_by_extremes(read(np.linspace(0, 2 * np.pi, 3600))).offset_uT == pytest.approx(OFFSET, abs=1e-3)
+    assert find_ellipse_by_extremes(read(np.linspace(0, 2 * np.pi, 3600))).offset_uT == pytest.approx(OFFSET, abs=1e-3)
     part = read(np.deg2rad(np.linspace(50.0, 330.0, 80)))
-    assert np.abs(ellipse_by_extremes(part).offset_uT - OFFSET).max() > 1.0
-    assert fitted_ellipse(part).offset_uT == pytest.approx(OFFSET, abs=1e-3)
+    assert np.abs(find_ellipse_by_extremes(part).offset_uT - OFFSET).max() > 1.0
+    assert fit_ellipse(part).offset_uT == pytest.approx(OFFSET, abs=1e-3)
 
 
 def test_eq_7_is_about_the_centre():
@@ -307,29 +309,29 @@ def test_eq_7_is_about_the_centre():
 def test_eq_8_as_printed_mirrors_the_axis_if_the_farthest_reading_has_negative_x(farther, mirrored):
     readings = np.vstack([read(np.linspace(0, 2 * np.pi, 3600)), read(np.array([ETA + farther])) * 1.0])
     readings[-1] += 1e-3 * (readings[-1] - OFFSET)
-    printed, ours = ellipse_as_printed(readings), ellipse_by_extremes(readings)
+    printed, ours = find_ellipse_as_printed(readings), find_ellipse_by_extremes(readings)
     assert half_turn(ours.eta_rad - ETA) == pytest.approx(0.0, abs=5e-3)
     assert printed.eta_rad == pytest.approx(-ETA if mirrored else ETA, abs=5e-3)
-    roundness = [np.std(np.linalg.norm(found.corrected(readings), axis=1)) for found in (printed, ours)]
+    roundness = [np.std(np.linalg.norm(found.correct(readings), axis=1)) for found in (printed, ours)]
     assert roundness[1] < 0.01
     assert (roundness[0] > 0.5) == mirrored
 
 
 def test_eq_9_to_12_are_our_correction():
-    found = fitted_ellipse(read(ROUND))
+    found = fit_ellipse(read(ROUND))
     c, s = np.cos(found.eta_rad), np.sin(found.eta_rad)
     R = np.array([[c, s], [-s, c]])
     assert pytest.approx(np.array([[0.562, 0.827], [-0.827, 0.562]]), abs=1e-3) == R  # Table 1
     rotated = (read(ROUND) - found.offset_uT) @ R.T
     scaled = rotated * [found.tau, 1.0]
-    assert found.corrected(read(ROUND)) == pytest.approx(scaled @ R)
+    assert found.correct(read(ROUND)) == pytest.approx(scaled @ R)
     about = np.degrees(np.std(compute_field_heading(scaled @ R) - np.arctan2(np.sin(ROUND), np.cos(ROUND))))
     assert about < 0.01
 
 
 def test_eq_11_scales_the_long_axis_and_no_other():
     """The text's "X axe (or Y axe)" leaves a choice that there is not: along Y it makes the ellipse longer."""
-    found = fitted_ellipse(read(ROUND))
+    found = fit_ellipse(read(ROUND))
     c, s = np.cos(found.eta_rad), np.sin(found.eta_rad)
     rotated = (read(ROUND) - found.offset_uT) @ np.array([[c, -s], [s, c]])
     lengths = {name: np.linalg.norm(rotated * by, axis=1) for name, by in (("x", [TAU, 1.0]), ("y", [1.0, TAU]))}

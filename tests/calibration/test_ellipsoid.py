@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.calibration import ellipsoid
-from fg_nav.calibration.ellipsoid import coverage_of, fitted_ellipsoid, symmetric, upper_triangular
+from fg_nav.calibration.ellipsoid import fit_ellipsoid, measure_coverage, symmetric, upper_triangular
 from fg_nav.calibration.magnetometer import UPPER
-from fg_nav.calibration.quadric import constrained_quadric
+from fg_nav.calibration.quadric import fit_constrained_quadric
 from fg_nav.errors import CalibrationError
 
 STRENGTH = 48.0
@@ -34,13 +34,13 @@ def sensor(seed, noise_uT=0.5, count=400, within=None):
 @pytest.mark.parametrize("within", [None, np.deg2rad(80.0)])
 def test_exact_readings_give_the_exact_iron(seed, within):
     readings, hard, C = sensor(seed, noise_uT=0.0, within=within)
-    known, unknown = fitted_ellipsoid(readings, STRENGTH), fitted_ellipsoid(readings)
+    known, unknown = fit_ellipsoid(readings, STRENGTH), fit_ellipsoid(readings)
     scale = np.cbrt(np.linalg.det(C))
     for found, strength, matrix in ((known, STRENGTH, C), (unknown, STRENGTH / scale, C / scale)):
         assert found.hard_iron_uT == pytest.approx(hard, abs=1e-5)
         assert found.correction == pytest.approx(matrix, abs=1e-6)
         assert found.strength_uT == pytest.approx(strength, rel=1e-6)
-        assert np.linalg.norm(found.corrected(readings), axis=1) == pytest.approx(strength, rel=1e-6)
+        assert np.linalg.norm(found.correct(readings), axis=1) == pytest.approx(strength, rel=1e-6)
     assert np.linalg.det(unknown.correction) == pytest.approx(1.0)
 
 
@@ -48,19 +48,19 @@ def test_exact_readings_give_the_exact_iron(seed, within):
 def test_a_turned_sensor_has_the_same_iron_turned(strength):
     readings, _, _ = sensor(1)
     R = Rotation.from_euler("xyz", [0.4, -1.0, 2.0]).as_matrix()
-    one, other = fitted_ellipsoid(readings, strength), fitted_ellipsoid(readings @ R.T, strength)
+    one, other = fit_ellipsoid(readings, strength), fit_ellipsoid(readings @ R.T, strength)
     assert other.hard_iron_uT == pytest.approx(R @ one.hard_iron_uT, abs=1e-4)
     assert other.correction == pytest.approx(R @ one.correction @ R.T, abs=1e-6)
     assert other.residual_uT == pytest.approx(one.residual_uT)
 
 
 def test_the_residual_is_the_noise_of_a_reading():
-    assert fitted_ellipsoid(sensor(2, count=4000)[0]).residual_uT == pytest.approx(0.5, rel=0.05)
+    assert fit_ellipsoid(sensor(2, count=4000)[0]).residual_uT == pytest.approx(0.5, rel=0.05)
 
 
 def test_twice_the_noise_doubles_sigma_and_four_times_the_readings_halve_it():
     once, twice, long = (
-        fitted_ellipsoid(sensor(2, noise, count)[0]).sigma for noise, count in ((0.3, 500), (0.6, 500), (0.3, 2000))
+        fit_ellipsoid(sensor(2, noise, count)[0]).sigma for noise, count in ((0.3, 500), (0.6, 500), (0.3, 2000))
     )
     assert twice == pytest.approx(2 * once, rel=0.25)
     assert long == pytest.approx(once / 2, rel=0.25)
@@ -68,11 +68,11 @@ def test_twice_the_noise_doubles_sigma_and_four_times_the_readings_halve_it():
 
 def test_with_the_strength_unknown_the_size_of_c_is_no_parameter():
     """Its covariance has no room for a change of the determinant: trace(C^-1 dC) = 0."""
-    found = fitted_ellipsoid(sensor(3)[0])
+    found = fit_ellipsoid(sensor(3)[0])
     by_size = np.linalg.inv(found.correction)[UPPER] * np.where(UPPER[0] == UPPER[1], 1.0, 2.0)
     variance = by_size @ found.covariance[3:, 3:] @ by_size
     assert variance == pytest.approx(0.0, abs=1e-6 * found.covariance[3:, 3:].max())
-    known = fitted_ellipsoid(sensor(3)[0], STRENGTH)
+    known = fit_ellipsoid(sensor(3)[0], STRENGTH)
     by_size = np.linalg.inv(known.correction)[UPPER] * np.where(UPPER[0] == UPPER[1], 1.0, 2.0)
     # of the size, three numbers' worth: a strength that is known to 0.5 / sqrt(400) of 48
     assert np.sqrt(by_size @ known.covariance[3:, 3:] @ by_size) / 3 == pytest.approx(0.5 / 20 / STRENGTH, rel=0.3)
@@ -83,7 +83,7 @@ def test_wild_readings_do_not_matter_and_are_counted(within):
     readings, hard, C = sensor(4, within=within)
     wild = readings.copy()
     wild[::25] += 20.0 * np.random.default_rng(5).standard_normal((16, 3))
-    found, clean = fitted_ellipsoid(wild, STRENGTH), fitted_ellipsoid(readings, STRENGTH)
+    found, clean = fit_ellipsoid(wild, STRENGTH), fit_ellipsoid(readings, STRENGTH)
     error = (found.parameters - np.concatenate([hard, C[UPPER]])) / found.sigma
     assert np.abs(error).max() < 4.0
     assert found.sigma == pytest.approx(clean.sigma, rel=0.15)
@@ -94,7 +94,7 @@ def test_wild_readings_do_not_matter_and_are_counted(within):
 def test_ma_table_in_its_own_form():
     """K_c is upper triangular: the same strengths as the symmetric form, and found again from readings."""
     readings = np.linalg.solve(MA_K, STRENGTH * directions(np.random.default_rng(6)).T).T + MA_B
-    found = fitted_ellipsoid(readings, STRENGTH)
+    found = fit_ellipsoid(readings, STRENGTH)
     assert found.hard_iron_uT == pytest.approx(MA_B, abs=1e-4)
     assert upper_triangular(found.correction) == pytest.approx(MA_K, abs=1e-6)
     assert upper_triangular(symmetric(MA_K)) == pytest.approx(MA_K)
@@ -114,7 +114,7 @@ def test_the_constraint_keeps_to_ellipsoids_where_plain_least_squares_finds_othe
     turned_out = 0
     for seed in range(30):
         readings, _, _ = sensor(seed, noise_uT=1.0, count=100, within=np.deg2rad(35.0))
-        _, C = constrained_quadric(readings)
+        _, C = fit_constrained_quadric(readings)
         assert np.linalg.eigvalsh(C).min() > 0.0
         x = (readings - readings.mean(axis=0)) / 10.0
         columns = np.column_stack([x**2, x[:, [0]] * x[:, 1:], x[:, 1] * x[:, 2], x, np.ones(len(x))])
@@ -127,11 +127,11 @@ def test_the_constraint_keeps_to_ellipsoids_where_plain_least_squares_finds_othe
 def test_rows_without_a_field_are_left_out():
     readings = sensor(8)[0]
     readings[::4] = np.nan
-    assert fitted_ellipsoid(readings).samples == 300
+    assert fit_ellipsoid(readings).samples == 300
 
 
 def test_the_notes_begin_with_the_coverage():
-    assert fitted_ellipsoid(sensor(9)[0]).notes[0].startswith("99 % of all directions covered")
+    assert fit_ellipsoid(sensor(9)[0]).notes[0].startswith("99 % of all directions covered")
 
 
 @pytest.mark.parametrize("strength", [STRENGTH, None])
@@ -141,20 +141,20 @@ def test_too_narrow_a_tumbling_is_refused_with_its_weakest_direction(strength):
     flat = np.column_stack([np.sqrt(1 - up**2) * np.cos(angle), np.sqrt(1 - up**2) * np.sin(angle), up])
     readings = STRENGTH * flat + 0.5 * rng.standard_normal((400, 3))
     with pytest.raises(CalibrationError, match=r"weakest along \(.0\.0\d, .0\.0\d, [+-]1\.00\)"):
-        fitted_ellipsoid(readings, strength)
+        fit_ellipsoid(readings, strength)
 
 
 def test_a_field_that_changes_from_place_to_place_is_refused():
     with pytest.raises(CalibrationError, match="not the same everywhere"):
-        fitted_ellipsoid(sensor(13, noise_uT=4.0, count=4000)[0])
+        fit_ellipsoid(sensor(13, noise_uT=4.0, count=4000)[0])
 
 
 def test_how_much_may_stay_open_is_limited(monkeypatch):
     readings = sensor(11, within=np.deg2rad(60.0))[0]
-    found = fitted_ellipsoid(readings)
+    found = fit_ellipsoid(readings)
     monkeypatch.setattr(ellipsoid, "LARGEST_SIGMA", 0.5 * found.sigma[:3].max() / found.strength_uT)
     with pytest.raises(CalibrationError, match="open"):
-        fitted_ellipsoid(readings)
+        fit_ellipsoid(readings)
 
 
 @pytest.mark.parametrize(
@@ -169,20 +169,20 @@ def test_how_much_may_stay_open_is_limited(monkeypatch):
 )
 def test_what_is_no_ellipsoid_is_refused(readings, words):
     with pytest.raises(CalibrationError, match=words):
-        fitted_ellipsoid(readings)
+        fit_ellipsoid(readings)
 
 
 @pytest.mark.parametrize("strength", [0.0, -48.0, np.nan, np.inf])
 def test_a_field_has_a_strength(strength):
     with pytest.raises(CalibrationError, match="is none"):
-        fitted_ellipsoid(sensor(0)[0], strength)
+        fit_ellipsoid(sensor(0)[0], strength)
 
 
 def test_coverage_of_all_of_half_and_of_a_plane():
     rng = np.random.default_rng(12)
-    everywhere = coverage_of(STRENGTH * directions(rng, 5000))
-    half = coverage_of(directions(rng, 5000, within=np.pi / 2))
-    plane = coverage_of(directions(rng, 5000) * [1.0, 1.0, 1e-6])
+    everywhere = measure_coverage(STRENGTH * directions(rng, 5000))
+    half = measure_coverage(directions(rng, 5000, within=np.pi / 2))
+    plane = measure_coverage(directions(rng, 5000) * [1.0, 1.0, 1e-6])
     assert (everywhere.share, everywhere.weakest_share) == pytest.approx((1.0, 1.0), abs=0.05)
     assert 0.5 < half.share < 0.65  # patches on the rim count
     assert half.weakest_share == pytest.approx(1.0, abs=0.05)  # a half is weak on one side only

@@ -8,8 +8,8 @@ from fg_nav.calibration.magnetometer import (
     UPPER,
     MagnetometerCalibration,
     check_strength,
+    differentiate_inverse,
     matrix_of,
-    slope_of_inverse,
 )
 from fg_nav.errors import CalibrationError
 from fg_nav.recording import Recording
@@ -26,7 +26,7 @@ def calibration(**changed):
 def test_it_undoes_the_iron():
     field = np.random.default_rng(0).standard_normal((7, 2, 3))
     readings = field @ np.linalg.inv(C).T + HARD
-    assert calibration().corrected(readings) == pytest.approx(field)
+    assert calibration().correct(readings) == pytest.approx(field)
 
 
 def test_parameters_and_sigmas_are_in_the_order_of_the_covariance():
@@ -39,7 +39,7 @@ def test_a_recording_is_corrected_row_by_row_and_keeps_its_gaps():
     mag = np.tile(HARD, (30, 1))
     mag[2] = np.nan
     recording = Recording(t, np.tile([0.0, 0.0, 9.8], (30, 1)), still, mag)
-    corrected = calibration().applied_to(recording)
+    corrected = calibration().apply_to(recording)
     assert np.delete(corrected.mag, 2, axis=0) == pytest.approx(0.0)
     assert np.isnan(corrected.mag[2]).all()
     assert corrected.acc is recording.acc
@@ -49,7 +49,7 @@ def test_a_recording_is_corrected_row_by_row_and_keeps_its_gaps():
 def test_there_must_be_a_magnetometer():
     still = np.zeros((30, 3))
     with pytest.raises(CalibrationError, match="no magnetometer"):
-        calibration().applied_to(Recording(np.arange(30) / 100.0, still, still))
+        calibration().apply_to(Recording(np.arange(30) / 100.0, still, still))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_the_slope_of_an_inverse_is_its_change():
         np.stack([np.linalg.inv(matrix_of(C[UPPER] + sign * step * one))[UPPER] for one in np.eye(6)], axis=1)
         for sign in (1, -1)
     )
-    assert slope_of_inverse(C) == pytest.approx((ahead - behind) / (2 * step), abs=1e-8)
+    assert differentiate_inverse(C) == pytest.approx((ahead - behind) / (2 * step), abs=1e-8)
 
 
 def test_a_field_that_earth_has_passes_and_others_do_not():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.calibration import ellipsoid
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid, unit_sphere
+from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from tests.calibration.test_ellipsoid import STRENGTH, sensor
@@ -13,26 +13,26 @@ from tests.calibration.test_ellipsoid import STRENGTH, sensor
 @pytest.mark.parametrize("strength", [1.0, STRENGTH])
 def test_exact_readings_come_to_lie_on_the_sphere(strength):
     readings, hard, C = sensor(0, noise_uT=0.0)
-    found = unit_sphere(readings, strength)
+    found = fit_unit_sphere(readings, strength)
     assert found.hard_iron_uT == pytest.approx(hard, abs=1e-6)
     assert found.correction == pytest.approx(C * strength / STRENGTH, abs=1e-8)
-    assert np.linalg.norm(found.corrected(readings), axis=1) == pytest.approx(strength)
+    assert np.linalg.norm(found.correct(readings), axis=1) == pytest.approx(strength)
     assert found.strength_uT == strength
 
 
 def test_rotation_translation_and_scale_are_the_ellipsoids_axes():
     """Along an axis of the ellipsoid, of this length, a reading is taken to length 1 on that axis."""
     readings, hard, _ = sensor(1, noise_uT=0.0)
-    found = unit_sphere(readings)
+    found = fit_unit_sphere(readings)
     scale, axes = np.linalg.eigh(found.correction)
-    assert found.corrected(hard + (axes / scale).T) == pytest.approx(axes.T, abs=1e-6)
+    assert found.correct(hard + (axes / scale).T) == pytest.approx(axes.T, abs=1e-6)
 
 
 def test_errors_are_as_large_as_their_sigmas():
     errors = []
     for seed in range(100):
         readings, hard, C = sensor(seed)
-        found = unit_sphere(readings, STRENGTH)
+        found = fit_unit_sphere(readings, STRENGTH)
         errors.append((found.parameters - np.concatenate([hard, C[UPPER]])) / found.sigma)
     assert 0.85 < np.sqrt(np.mean(np.square(errors))) < 1.2
 
@@ -40,10 +40,10 @@ def test_errors_are_as_large_as_their_sigmas():
 def test_one_wild_reading_in_a_hundred_spoils_it_and_not_the_likeliest_ellipsoid(monkeypatch):
     readings, hard, _ = sensor(2)
     readings[::100] += 40.0 * np.random.default_rng(3).standard_normal((4, 3))
-    likeliest = fitted_ellipsoid(readings)
+    likeliest = fit_ellipsoid(readings)
     monkeypatch.setattr(ellipsoid, "LARGEST_SIGMA", np.inf)
     monkeypatch.setattr(ellipsoid, "LARGEST_RESIDUAL", np.inf)
-    both = unit_sphere(readings), likeliest
+    both = fit_unit_sphere(readings), likeliest
     errors = [np.abs(found.hard_iron_uT - hard).max() for found in both]
     assert errors[0] > 0.5
     assert errors[1] < 0.2
@@ -56,7 +56,7 @@ def test_one_wild_reading_in_a_hundred_spoils_it_and_not_the_likeliest_ellipsoid
 )
 def test_what_is_no_ellipsoid_is_refused(readings):
     with pytest.raises(CalibrationError, match=r"no ellipsoid|cannot make an ellipsoid"):
-        unit_sphere(readings)
+        fit_unit_sphere(readings)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_what_is_no_ellipsoid_is_refused(readings):
     ],
     ids=["not turned", "tesla", "too small", "nanotesla", "a cap", "another field each time"],
 )
-@pytest.mark.parametrize("method", [unit_sphere, fitted_ellipsoid])
+@pytest.mark.parametrize("method", [fit_unit_sphere, fit_ellipsoid])
 def test_what_would_calibrate_wrongly_is_refused(method, readings, words):
     """Noise about one reading is a ball, and a ball is an ellipsoid."""
     with pytest.raises(CalibrationError, match=words):
@@ -84,7 +84,7 @@ def test_what_would_calibrate_wrongly_is_refused(method, readings, words):
 @pytest.mark.parametrize("strength", [0.0, -48.0, np.nan, np.inf])
 def test_a_field_has_a_strength(strength):
     with pytest.raises(CalibrationError, match="is none"):
-        unit_sphere(sensor(0)[0], strength)
+        fit_unit_sphere(sensor(0)[0], strength)
 
 
 def test_a_hyperboloid_is_refused():
@@ -92,4 +92,4 @@ def test_a_hyperboloid_is_refused():
     z, angle = rng.uniform(-1.5, 1.5, 200), rng.uniform(0, 2 * np.pi, 200)
     across = 20.0 * np.sqrt(1 + z**2)
     with pytest.raises(CalibrationError, match="no ellipsoid"):
-        unit_sphere(np.column_stack([across * np.cos(angle), across * np.sin(angle), 20.0 * z]))
+        fit_unit_sphere(np.column_stack([across * np.cos(angle), across * np.sin(angle), 20.0 * z]))

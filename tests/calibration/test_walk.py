@@ -10,7 +10,7 @@ from fg_nav.calibration import (
     WalkCalibrationParameters,
     calibrate_on_walk,
     circular_sd_deg,
-    corrected_field,
+    correct_field,
     walk_model,
 )
 from fg_nav.calibration import walk as walk_calibration
@@ -64,7 +64,7 @@ def test_without_a_building_the_level_iron_is_found_to_a_hair():
     found = calibrate_on_walk(walked(round_walk(), np.random.default_rng(1), building_uT=0.02))
     np.testing.assert_allclose(found.hard_iron_uT[:2], HARD[:2], atol=0.1)
     field = walked(round_walk(), np.random.default_rng(1), building_uT=0.02)
-    after = corrected_field(field, found)
+    after = correct_field(field, found)
     assert circular_sd_deg(field.heading_difference) > 15
     assert circular_sd_deg(after.heading_difference) < 1
 
@@ -206,10 +206,10 @@ def test_the_jacobian_is_that_of_the_residual():
     at[3:9] += 0.1 * rng.standard_normal(6)
     step = 1e-5
     ahead, behind = (
-        np.stack([walk_model.residual_of(walk, at + sign * step * one) for one in np.eye(len(at))], axis=2)
+        np.stack([walk_model.compute_residual(walk, at + sign * step * one) for one in np.eye(len(at))], axis=2)
         for sign in (1, -1)
     )
-    np.testing.assert_allclose(walk_model.jacobian_of(walk, at), -(ahead - behind) / (2 * step), atol=1e-5)
+    np.testing.assert_allclose(walk_model.compute_jacobian(walk, at), -(ahead - behind) / (2 * step), atol=1e-5)
 
 
 def test_circular_spread_knows_no_edge():

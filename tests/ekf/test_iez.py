@@ -8,7 +8,7 @@ import pytest
 from fg_nav.ekf import OPENSHOE, IezParameters, run_iez
 from fg_nav.ekf.core import filter_walk
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation import align, evaluate, similarity_scale
+from fg_nav.evaluation import align, evaluate, fit_scale
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
@@ -80,7 +80,7 @@ def test_gyro_bias_is_taken_from_a_rest():
     assert np.all(np.abs(np.degrees(error)) < 0.06)
     assert np.all(np.abs(error) < 3 * solution.stances.gyro_bias_sigma[-1])
     assert solution.notes[0].startswith("gyro bias from a rest of 2")
-    assert similarity_scale(solution.position, WALK.position(recording.t)) == pytest.approx(1.0, abs=0.005)
+    assert fit_scale(solution.position, WALK.position(recording.t)) == pytest.approx(1.0, abs=0.005)
 
 
 def test_a_walk_that_begins_in_mid_swing_is_followed_backward_from_its_first_stance():
@@ -122,8 +122,8 @@ ROLLING = Walk(strides=20, turn=0.05, roll=-0.3, height=0.06, stance_s=0.5)
 def test_a_rolling_foot_makes_plain_zero_velocity_short_and_its_height_mends_that():
     recording, stances = ROLLING.recording()
     truth = ROLLING.position(recording.t)
-    plain = similarity_scale(run_iez(recording, stances, OPENSHOE).position, truth)
-    rolled = similarity_scale(run_iez(recording, stances).position, truth)
+    plain = fit_scale(run_iez(recording, stances, OPENSHOE).position, truth)
+    rolled = fit_scale(run_iez(recording, stances).position, truth)
     assert plain > 1.012
     assert rolled == pytest.approx(1.0, abs=0.003)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.ekf import run_iez
-from fg_nav.evaluation import evaluate, stance_nees
+from fg_nav.evaluation import compute_stance_nees, evaluate
 from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.stances import Stances
 from tests.real_data import DATA, needs_data
@@ -22,7 +22,7 @@ def vicon():
         stances = Stances.from_mask(read_pyshoe_labels(path, "shoe"))
         solution = run_iez(recording, stances)
         metrics = evaluate(solution, recording.truth)
-        nees = stance_nees(solution.stances, recording.truth).median_ratio
+        nees = compute_stance_nees(solution.stances, recording.truth).median_ratio
         rows.append((metrics.rmse_2d_m, metrics.rmse_3d_m, metrics.scale, nees))
     return np.array(rows)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.evaluation import evaluate, similarity_scale
+from fg_nav.evaluation import evaluate, fit_scale
 from fg_nav.recording import TrajectoryTruth
 from tests.evaluation.walks import solution, winding_path
 
@@ -64,5 +64,5 @@ def test_none():
 def test_scale():
     flat = [1.0, 1.0, 0.0]
     _, _, scale = evo_errors(ESTIMATE * flat, TRUTH * flat, umeyama_with_scale)
-    assert similarity_scale(ESTIMATE, TRUTH) == pytest.approx(scale, rel=1e-9)
+    assert fit_scale(ESTIMATE, TRUTH) == pytest.approx(scale, rel=1e-9)
     assert scale > 1.01

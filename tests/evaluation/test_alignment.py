@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation import MODES, align, similarity_scale
+from fg_nav.evaluation import MODES, align, fit_scale
 from fg_nav.frames import yaw_rotation
 from tests.evaluation.walks import winding_path
 
@@ -65,9 +65,9 @@ def test_one_point_is_enough(mode):
 
 def test_scale_is_above_one_for_a_short_estimate_and_blind_to_yaw_shift_and_height():
     truth = PATH @ yaw_rotation(2.0).T + 7.0
-    assert similarity_scale(PATH / 1.02, truth) == pytest.approx(1.02)
-    assert similarity_scale(PATH[:, :2] / 1.02, truth[:, :2]) == pytest.approx(1.02)
-    assert np.isnan(similarity_scale(np.zeros((5, 3)), PATH[:5]))
+    assert fit_scale(PATH / 1.02, truth) == pytest.approx(1.02)
+    assert fit_scale(PATH[:, :2] / 1.02, truth[:, :2]) == pytest.approx(1.02)
+    assert np.isnan(fit_scale(np.zeros((5, 3)), PATH[:5]))
 
 
 def test_bad_input_is_named():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation import stance_nees
+from fg_nav.evaluation import compute_stance_nees
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import TrajectoryTruth
 from tests.evaluation.walks import stance_table, winding_path
@@ -40,7 +40,7 @@ def ratios(claim_factor, walks=60):
         truth, estimate, covariance = drawn_walk(rng)
         table = stance_table(estimate, position_cov=claim_factor**2 * covariance)
         moved = TrajectoryTruth(table.t, truth @ yaw_rotation(2.0).T + [5.0, 6.0, 7.0])
-        found.append(stance_nees(table, moved, truth_sigma_m=1e-6).median_ratio)
+        found.append(compute_stance_nees(table, moved, truth_sigma_m=1e-6).median_ratio)
     return np.median(found)
 
 
@@ -58,14 +58,16 @@ def test_the_gauge_does_not_matter():
     scores = []
     for yaw, shift in ((0.0, 0.0), (-2.5, 30.0)):
         table = stance_table(estimate, position_cov=covariance)
-        found = stance_nees(table, TrajectoryTruth(table.t, truth @ yaw_rotation(yaw).T + shift))
+        found = compute_stance_nees(table, TrajectoryTruth(table.t, truth @ yaw_rotation(yaw).T + shift))
         scores.append(found.nees)
     np.testing.assert_allclose(scores[0], scores[1], rtol=1e-9)
 
 
 def test_the_yaw_is_the_most_likely_one():
     truth, estimate, covariance = drawn_walk(np.random.default_rng(4))
-    found = stance_nees(stance_table(estimate, position_cov=covariance), TrajectoryTruth(np.arange(60.0), truth))
+    found = compute_stance_nees(
+        stance_table(estimate, position_cov=covariance), TrajectoryTruth(np.arange(60.0), truth)
+    )
     p, q = estimate[1:] - estimate[0], truth[1:] - truth[0]
     information = np.linalg.inv(covariance[1:] + 2e-6 * np.eye(3))
     for yaw in (found.yaw - 1e-4, found.yaw + 1e-4):
@@ -75,7 +77,9 @@ def test_the_yaw_is_the_most_likely_one():
 
 def test_coverage_counts_the_stances_inside_the_ellipsoid():
     truth, estimate, covariance = drawn_walk(np.random.default_rng(8))
-    found = stance_nees(stance_table(estimate, position_cov=covariance), TrajectoryTruth(np.arange(60.0), truth))
+    found = compute_stance_nees(
+        stance_table(estimate, position_cov=covariance), TrajectoryTruth(np.arange(60.0), truth)
+    )
     assert found.coverage(0.5) == np.mean(found.nees < 2.366)
     assert found.mean_ratio == pytest.approx(found.nees.mean() / 3)
 
@@ -84,6 +88,6 @@ def test_what_cannot_be_judged_is_said():
     truth, estimate, covariance = drawn_walk(np.random.default_rng(4))
     table = stance_table(estimate, position_cov=covariance)
     with pytest.raises(EvaluationError, match="covers 1 stances"):
-        stance_nees(table, TrajectoryTruth(np.array([0.0, 0.9]), truth[:2]))
+        compute_stance_nees(table, TrajectoryTruth(np.array([0.0, 0.9]), truth[:2]))
     with pytest.raises(EvaluationError, match="not positive definite"):
-        stance_nees(stance_table(estimate, position_cov=-covariance), TrajectoryTruth(table.t, truth))
+        compute_stance_nees(stance_table(estimate, position_cov=-covariance), TrajectoryTruth(table.t, truth))

@@ -5,7 +5,7 @@ import pytest
 
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.alignment import align
-from fg_nav.evaluation.walked import error_reduction_percent, landmark_errors
+from fg_nav.evaluation.walked import error_reduction_percent, measure_landmarks
 from fg_nav.frames import yaw_rotation
 from tests.evaluation.walks import solution, winding_path
 
@@ -23,7 +23,7 @@ def eastward():
 def test_mean_and_maximum_of_known_errors():
     path, places = eastward()
     off = np.array([[0.3, 0.4], [0.0, 2.0], [0.0, 0.0], [-0.5, 0.0], [0.0, 1.0], [3.0, 4.0]])
-    found = landmark_errors(solution(T, path), NAMES, AT_S, places[:, :2] - off, align(path, path, "none"))
+    found = measure_landmarks(solution(T, path), NAMES, AT_S, places[:, :2] - off, align(path, path, "none"))
     np.testing.assert_allclose(found.error_m, [0.5, 2.0, 0.0, 0.5, 1.0, 5.0], atol=1e-12)
     assert (len(found), found.mean_m, found.max_m) == (6, pytest.approx(1.5), pytest.approx(5.0))
     assert found.mean_of_landmark_m == pytest.approx({"A": 0.5, "B": 1.5, "C": 2.5})
@@ -31,7 +31,7 @@ def test_mean_and_maximum_of_known_errors():
 
 def test_height_does_not_count():
     path, places = eastward()
-    found = landmark_errors(
+    found = measure_landmarks(
         solution(T, path), NAMES, AT_S, places + np.array([0.0, 0.0, 9.0]), align(path, path, "none")
     )
     assert found.max_m == pytest.approx(0.0, abs=1e-12)
@@ -42,8 +42,8 @@ def test_the_alignment_of_the_footfalls_is_used_and_not_one_of_the_landmarks():
     places = np.column_stack([np.interp(AT_S, T, axis) for axis in path.T])
     turned = (path - path[0]) @ yaw_rotation(0.2).T + [1.0, 2.0, 3.0]
     found = solution(T, turned)
-    assert landmark_errors(found, NAMES, AT_S, places, align(turned, path, "yaw")).max_m < 1e-9
-    started = landmark_errors(found, NAMES, AT_S, places, align(turned, path, "origin"))
+    assert measure_landmarks(found, NAMES, AT_S, places, align(turned, path, "yaw")).max_m < 1e-9
+    started = measure_landmarks(found, NAMES, AT_S, places, align(turned, path, "origin"))
     apart = np.linalg.norm((places - path[0])[:, :2], axis=1)
     np.testing.assert_allclose(started.error_m, 2 * np.sin(0.1) * apart)
 
@@ -53,7 +53,7 @@ def test_a_drift_of_heading_shows_in_proportion_to_the_way():
     path, places = eastward()
     drifted = path.copy()
     drifted[:, 1] = 0.01 * T**2 / 2
-    error = landmark_errors(solution(T, drifted), NAMES, AT_S, places, align(path, path, "none")).error_m
+    error = measure_landmarks(solution(T, drifted), NAMES, AT_S, places, align(path, path, "none")).error_m
     np.testing.assert_allclose(error, 0.005 * AT_S**2, rtol=0.02)
 
 
@@ -69,6 +69,6 @@ def test_a_crossing_outside_of_the_walk_is_named():
     path, places = eastward()
     alignment = align(path, path, "none")
     with pytest.raises(EvaluationError, match=r"landmark C is crossed at 40\.000 s.*0\.000 to 39\.900 s"):
-        landmark_errors(solution(T[:-1], path[:-1]), NAMES, AT_S, places, alignment)
+        measure_landmarks(solution(T[:-1], path[:-1]), NAMES, AT_S, places, alignment)
     with pytest.raises(EvaluationError, match="crosses no landmark"):
-        landmark_errors(solution(T, path), (), AT_S[:0], places[:0], alignment)
+        measure_landmarks(solution(T, path), (), AT_S[:0], places[:0], alignment)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, at_footfalls, walk_errors
+from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, compare_at_footfalls, measure_walk
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import FootprintTruth, TrajectoryTruth
 from tests.evaluation.walks import solution
@@ -55,7 +55,7 @@ def best_scale(estimate, truth):
 def test_end_error_of_a_closed_walk_is_its_closure_in_any_alignment():
     missed = SQUARE + np.linspace(0.0, 1.0, len(SQUARE))[:, None] * [0.3, -0.4, 1.2]
     for mode in (AS_STARTED, BEST_YAW):
-        errors = walk_errors(*walked(missed @ yaw_rotation(0.4).T + 7.0, SQUARE), mode)
+        errors = measure_walk(*walked(missed @ yaw_rotation(0.4).T + 7.0, SQUARE), mode)
         assert errors.distance_m == pytest.approx(100.0)
         assert errors.end_m == pytest.approx(0.5)
         assert errors.end_percent == pytest.approx(0.5)
@@ -66,13 +66,13 @@ def test_zhang_s_percentages_follow_from_his_metres():
     for end_m, percent in ((9.49, 1.84), (7.09, 1.38), (0.79, 0.15)):
         path = LINE * 515.5 / 200
         missed = path + np.linspace(0.0, 1.0, len(path))[:, None] * [end_m, 0.0, 0.0]
-        assert walk_errors(*walked(missed, path)).end_percent == pytest.approx(percent, abs=0.005)
+        assert measure_walk(*walked(missed, path)).end_percent == pytest.approx(percent, abs=0.005)
 
 
 def test_start_is_laid_on_the_start_and_the_heading_is_left_as_it_was():
     turn = 0.1
     found, truth = walked((LINE - LINE[0]) @ yaw_rotation(turn).T + [5.0, -3.0, 2.0], LINE)
-    started, best = (walk_errors(found, truth, mode) for mode in (AS_STARTED, BEST_YAW))
+    started, best = (measure_walk(found, truth, mode) for mode in (AS_STARTED, BEST_YAW))
     chord = 2 * np.sin(turn / 2)
     assert started.end_m == pytest.approx(200.0 * chord)
     assert started.max_m == pytest.approx(200.0 * chord)
@@ -86,27 +86,27 @@ def test_final_heading_error_is_that_of_the_change_clockwise():
     turning = np.linspace(0.0, 3 * 2 * np.pi, len(SQUARE))
     found, truth = walked(SQUARE, SQUARE, yawing(turning + drift + 0.7), yawing(turning))
     for mode in (AS_STARTED, BEST_YAW):
-        assert walk_errors(found, truth, mode).heading_deg == pytest.approx(14.0)
-    assert walk_errors(found, TrajectoryTruth(truth.t, truth.position), "yaw").heading_deg is None
+        assert measure_walk(found, truth, mode).heading_deg == pytest.approx(14.0)
+    assert measure_walk(found, TrajectoryTruth(truth.t, truth.position), "yaw").heading_deg is None
 
 
 def test_headings_as_laid_have_the_error_at_the_start_in_them():
     drift = np.deg2rad(np.concatenate([np.full(50, -3.0), np.full(51, 5.0)]))  # about up: clockwise is minus
     turning = np.linspace(0.0, 2 * np.pi, len(SQUARE))
     found, truth = walked(SQUARE, SQUARE, yawing(turning + drift), yawing(turning))
-    errors = walk_errors(found, truth)
+    errors = measure_walk(found, truth)
     assert errors.heading_deg == pytest.approx(-8.0)
     assert errors.heading_laid_deg == pytest.approx(-5.0)
     assert errors.heading_rmse_deg == pytest.approx(np.sqrt((50 * 9.0 + 51 * 25.0) / 101))
-    bare = walk_errors(found, TrajectoryTruth(truth.t, truth.position))
+    bare = measure_walk(found, TrajectoryTruth(truth.t, truth.position))
     assert (bare.heading_laid_deg, bare.heading_rmse_deg) == (None, None)
 
 
 def test_the_best_yaw_takes_a_wrong_heading_at_the_start_off():
     turned = yaw_rotation(0.3)
     found, truth = walked(LINE @ turned.T, LINE, np.broadcast_to(turned, (len(LINE), 3, 3)))
-    assert walk_errors(found, truth, BEST_YAW).heading_rmse_deg == pytest.approx(0.0, abs=1e-9)
-    started = walk_errors(found, truth)
+    assert measure_walk(found, truth, BEST_YAW).heading_rmse_deg == pytest.approx(0.0, abs=1e-9)
+    started = measure_walk(found, truth)
     assert started.heading_rmse_deg == pytest.approx(np.rad2deg(0.3))
     assert started.heading_laid_deg == pytest.approx(-np.rad2deg(0.3))
 
@@ -114,7 +114,7 @@ def test_the_best_yaw_takes_a_wrong_heading_at_the_start_off():
 def test_rmse_over_the_ground_is_of_all_footfalls_and_leaves_height_out():
     off = np.zeros_like(LINE)
     off[1::2] = [3.0, -4.0, 50.0]
-    errors = walk_errors(*walked(LINE + off, LINE))
+    errors = measure_walk(*walked(LINE + off, LINE))
     assert errors.rmse_m == pytest.approx(5.0 * np.sqrt(100 / 201))
     assert errors.mean_m == pytest.approx(5.0 * 100 / 201)
 
@@ -122,26 +122,26 @@ def test_rmse_over_the_ground_is_of_all_footfalls_and_leaves_height_out():
 def test_final_heading_error_goes_the_short_way_round():
     drift = np.deg2rad(190.0) * np.linspace(0.0, 1.0, len(SQUARE))
     found, truth = walked(SQUARE, SQUARE, yawing(drift))
-    assert walk_errors(found, truth).heading_deg == pytest.approx(170.0)
+    assert measure_walk(found, truth).heading_deg == pytest.approx(170.0)
 
 
 def test_only_first_and_last_footfall_make_the_final_heading_error():
     drift = np.zeros(len(SQUARE))
     drift[1:-1] = 1.0
     found, truth = walked(SQUARE, SQUARE, yawing(drift))
-    assert walk_errors(found, truth).heading_deg == pytest.approx(0.0)
+    assert measure_walk(found, truth).heading_deg == pytest.approx(0.0)
 
 
 def test_a_closed_loop_hides_scale_from_the_end_error_and_an_open_path_does_not():
     for path, end_m in ((SQUARE, 0.0), (LINE, 4.0)):
-        errors = walk_errors(*walked(1.02 * path, path))
+        errors = measure_walk(*walked(1.02 * path, path))
         assert errors.end_m == pytest.approx(end_m, abs=1e-9)
         assert errors.scale_percent == pytest.approx(2.0)
         assert errors.length_percent == pytest.approx(2.0)
 
 
 def test_drift_of_heading_shortens_the_path_but_not_the_strides():
-    errors = walk_errors(*walked(drifted(LINE, 0.005), LINE))
+    errors = measure_walk(*walked(drifted(LINE, 0.005), LINE))
     assert errors.length_percent == pytest.approx(0.0, abs=1e-9)
     assert errors.scale_percent == pytest.approx(100.0 * (1.0 / best_scale(drifted(LINE, 0.005), LINE) - 1.0))
     assert errors.scale_percent < -0.5
@@ -158,14 +158,14 @@ def test_footfalls_count_and_not_the_swings():
     stance = np.arange(0, 1001, 10)
     swing = np.setdiff1d(np.arange(1001), stance)
     estimate[swing] += 30.0
-    errors = walk_errors(solution(t, estimate, stance), TrajectoryTruth(t, path))
+    errors = measure_walk(solution(t, estimate, stance), TrajectoryTruth(t, path))
     assert errors.max_m == pytest.approx(0.0, abs=1e-9)
-    assert len(at_footfalls(solution(t, estimate, stance), TrajectoryTruth(t, path), "yaw").row) == 101
+    assert len(compare_at_footfalls(solution(t, estimate, stance), TrajectoryTruth(t, path), "yaw").row) == 101
 
 
 def test_without_a_truth_there_is_the_closure():
     missed = SQUARE + np.linspace(0.0, 1.0, len(SQUARE))[:, None] * [0.6, 0.8, -0.5]
-    errors = walk_errors(walked(missed, SQUARE)[0])
+    errors = measure_walk(walked(missed, SQUARE)[0])
     assert (errors.alignment, errors.mean_m, errors.heading_deg) == ("closure", None, None)
     assert errors.end_m == pytest.approx(1.0)
     assert errors.end_height_m == pytest.approx(-0.5)
@@ -176,14 +176,14 @@ def test_surveyed_footprints_are_taken_with_the_best_yaw_only():
     surveyed = FootprintTruth(np.arange(0, 101, 5), SQUARE[::5, :2], 100)
     missed = SQUARE @ yaw_rotation(1.0).T
     found = walked(missed, SQUARE)[0]
-    errors = walk_errors(found, surveyed, BEST_YAW)
+    errors = measure_walk(found, surveyed, BEST_YAW)
     assert errors.max_m < 1e-9
     assert errors.distance_m == pytest.approx(100.0)
     assert (errors.end_height_m, errors.length_percent) == (None, None)
     with pytest.raises(EvaluationError, match="use 'yaw'"):
-        walk_errors(found, surveyed, AS_STARTED)
+        measure_walk(found, surveyed, AS_STARTED)
 
 
 def test_no_footfall_is_an_error_in_words():
     with pytest.raises(EvaluationError, match="no stance"):
-        walk_errors(solution(np.arange(101.0), SQUARE, np.array([], dtype=int)))
+        measure_walk(solution(np.arange(101.0), SQUARE, np.array([], dtype=int)))

@@ -8,7 +8,7 @@ import scipy.io
 
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw
-from fg_nav.io.tables import without_held
+from fg_nav.io.tables import drop_held
 from fg_nav.recording import FootprintTruth
 from tests.io.samples import (
     WRITERS,
@@ -194,4 +194,4 @@ def test_repeats_of_a_coarse_magnetometer_at_rest_stay() -> None:
     mag = np.random.default_rng(0).normal(size=(1000, 3))
     mag[:800] = np.round(mag[:800] / 20)
     assert (mag[1:] == mag[:-1]).all(axis=1).mean() > 0.5
-    np.testing.assert_array_equal(without_held(mag, gyr), mag)
+    np.testing.assert_array_equal(drop_held(mag, gyr), mag)

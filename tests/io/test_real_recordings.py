@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.io import read, read_pyshoe_labels, read_raw, read_truth, write_canonical
 from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
-from fg_nav.samples.plausibility import gravity_transport, rest_acc
+from fg_nav.samples.plausibility import measure_gravity_transport, measure_rest_acc
 from fg_nav.stances import Stances
 from tests.real_data import DATA, needs_data
 
@@ -32,9 +32,9 @@ def test_every_file_is_read_and_obeys_physics(path: Path) -> None:
     recording = read(path)
     assert len(recording) > 3000
     assert 15 < recording.duration_s < 250
-    assert rest_acc(recording.acc, recording.period_s) == pytest.approx(9.81, abs=0.1)
+    assert measure_rest_acc(recording.acc, recording.period_s) == pytest.approx(9.81, abs=0.1)
     assert np.abs(recording.gyr).max() < 25
-    transport = gravity_transport(recording.acc, recording.gyr, recording.period_s)
+    transport = measure_gravity_transport(recording.acc, recording.gyr, recording.period_s)
     if transport.is_telling:
         assert 0.5 < transport.gain < 2.0
     if recording.mag is not None:

@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 from fg_nav.detection.causal import Footfall
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar
-from fg_nav.samples.saturation import clipping_levels
+from fg_nav.samples.saturation import find_clipping_levels
 
 RATE_HZ = 100.0
 
@@ -47,7 +47,7 @@ def append(walk: WalkSoFar, acc: np.ndarray) -> None:
 
 def test_who_stands_does_not_clip() -> None:
     standing = standing_with_taps(12.0)
-    assert np.isfinite(clipping_levels(standing)).any()  # by themselves they look like it
+    assert np.isfinite(find_clipping_levels(standing)).any()  # by themselves they look like it
     walk = walk_of(moving(10.0), standing)
     acc, _ = walk.cut_recording(1000).clipping
     assert np.isinf(acc).all()

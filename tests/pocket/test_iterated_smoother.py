@@ -244,7 +244,7 @@ def test_at_the_end_online_and_batch_know_the_same(leg, recording):
 
 
 def test_pushed_in_pieces_it_says_what_it_says_of_a_recording(leg, recording):
-    unclipped = recording.known_by(recording.period_s, (np.full((2, 3), np.inf), np.full((2, 3), np.inf)))
+    unclipped = recording.assume(recording.period_s, (np.full((2, 3), np.inf), np.full((2, 3), np.inf)))
     track = follow_pocket(unclipped, P, start_of(leg))
     online, at, found = OnlinePocket(P, start_of(leg)), 0, []
     rng = np.random.default_rng(1)

@@ -10,7 +10,7 @@ from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
-from fg_nav.samples.coning import compensated
+from fg_nav.samples.coning import compensate_coning
 
 TURNS_RAD_S = 2 * np.pi * 2.0
 """Two cones a second."""
@@ -81,7 +81,7 @@ def test_what_is_left_falls_with_the_fourth_power_of_the_period() -> None:
         t, h = even(rate_hz)
         acc, gyr = samples(t, h)
         plain.append(np.abs(left_over(acc, gyr, t, h)))
-        better.append(np.abs(left_over(*compensated(acc, gyr, h), t, h)))
+        better.append(np.abs(left_over(*compensate_coning(acc, gyr, h), t, h)))
     plain_ratio, ratio = (np.array(errors[:-1]) / np.array(errors[1:]) for errors in (plain, better))
     np.testing.assert_allclose(plain_ratio, 4.0, rtol=0.1)
     assert (ratio[:, 0] > 12.0).all()
@@ -94,7 +94,7 @@ def test_uneven_periods() -> None:
     h = h * np.random.default_rng(1).uniform(0.7, 1.3, len(h))
     t = np.concatenate([[0.0], np.cumsum(h)[:-1]])
     acc, gyr = samples(t, h)
-    plain, better = (np.abs(left_over(*some, t, h)) for some in ((acc, gyr), compensated(acc, gyr, h)))
+    plain, better = (np.abs(left_over(*some, t, h)) for some in ((acc, gyr), compensate_coning(acc, gyr, h)))
     assert (better < plain / 15).all()
 
 
@@ -106,7 +106,7 @@ def test_a_change_at_one_rate_is_seen_whole_at_every_sample_from_the_first_to_th
     middle = (np.cumsum(h) - h / 2)[:, None]
     (w0, w1), (f0, f1) = rng.standard_normal((2, 2, 3)) * [[[5.0], [80.0]], [[20.0], [300.0]]]
     gyr, acc = w0 + w1 * middle, f0 + f1 * middle
-    found_acc, found_gyr = compensated(acc, gyr, h)
+    found_acc, found_gyr = compensate_coning(acc, gyr, h)
     share = h[:, None] ** 2 / 12
     np.testing.assert_allclose(found_gyr - gyr, share * np.cross(gyr, w1), atol=1e-9)
     np.testing.assert_allclose(found_acc - acc, share * (np.cross(gyr, f1) - np.cross(w1, acc)), atol=1e-8)
@@ -115,7 +115,7 @@ def test_a_change_at_one_rate_is_seen_whole_at_every_sample_from_the_first_to_th
 def test_nothing_is_added_to_a_turn_about_one_axis() -> None:
     gyr = np.outer(np.sin(np.arange(50.0)), [0.3, -0.5, 0.8])
     still = np.zeros((50, 3))
-    acc, found = compensated(still, gyr, np.full(50, 0.01))
+    acc, found = compensate_coning(still, gyr, np.full(50, 0.01))
     np.testing.assert_allclose(found, gyr, atol=1e-15)
     np.testing.assert_array_equal(acc, still)
 

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.recording import Recording
-from fg_nav.sample_noise import doubts
-from fg_nav.samples.gaps import LONGEST_S, REACH, WALKING, Gaps, bridged
-from fg_nav.samples.peaks import rebuilt
+from fg_nav.sample_noise import find_extra_sigmas
+from fg_nav.samples.gaps import LONGEST_S, REACH, WALKING, Gaps, fill_gaps
+from fg_nav.samples.peaks import rebuild_peaks
 
 RATE_HZ = 100.0
 STRIDE = 120
@@ -32,7 +32,7 @@ def strides(count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
 def without(samples: tuple[Floats, Floats], kept: Bools) -> Gaps:
     """Gaps of a recording of which only the samples `kept` (N,) are left."""
     acc, gyr = samples
-    return bridged(np.flatnonzero(kept) / RATE_HZ, acc[kept], gyr[kept])
+    return fill_gaps(np.flatnonzero(kept) / RATE_HZ, acc[kept], gyr[kept])
 
 
 def dropped(count: int, first: Floats, lost: int) -> Bools:
@@ -123,7 +123,7 @@ def test_late_stamps_are_no_gaps() -> None:
     acc, gyr = strides(5, np.random.default_rng(6))
     t = np.arange(len(acc)) / RATE_HZ
     t[1::2] += 0.2 / RATE_HZ
-    assert len(bridged(t, acc, gyr).sample) == 0
+    assert len(fill_gaps(t, acc, gyr).sample) == 0
 
 
 def test_a_sample_is_doubted_for_its_unseen_share() -> None:
@@ -131,7 +131,7 @@ def test_a_sample_is_doubted_for_its_unseen_share() -> None:
     acc, gyr = strides(20, np.random.default_rng(7))
     kept = dropped(len(acc), np.array([700]), 2)
     recording = Recording(t=np.flatnonzero(kept) / RATE_HZ, acc=acc[kept], gyr=gyr[kept])
-    for doubt, sigma in zip(doubts(recording, 0.0), recording.gaps[4:], strict=True):
+    for doubt, sigma in zip(find_extra_sigmas(recording, 0.0), recording.gaps[4:], strict=True):
         np.testing.assert_allclose(doubt[699], 2 / 3 * sigma[0])
         assert (sigma > 0).all()
         assert not np.delete(doubt, 699, axis=0).any()
@@ -144,12 +144,12 @@ def test_a_clipped_sample_is_doubted_for_what_it_may_hide() -> None:
         Recording(t=np.arange(len(acc)) / RATE_HZ, acc=acc, gyr=gyr),
         gyr=np.stack([gyr[:, 0], np.clip(gyr[:, 1], -limit, limit), gyr[:, 2]], axis=1),
     )
-    _, doubt = doubts(clipped, 0.3)
+    _, doubt = find_extra_sigmas(clipped, 0.3)
     cut = np.abs(gyr[:, 1]) > limit
-    peaks = rebuilt(clipped.gyr, clipped.period_s)
+    peaks = rebuild_peaks(clipped.gyr, clipped.period_s)
     share = np.sqrt(doubt[cut, 1] ** 2 - peaks.sigma[cut, 1] ** 2) / limit
     np.testing.assert_allclose(share, 0.3 * np.sqrt(peaks.run[cut, 1]))
-    assert not doubts(clipped, 0.0)[1].any()
+    assert not find_extra_sigmas(clipped, 0.0)[1].any()
     assert not doubt[np.abs(gyr[:, 1]) < 0.97 * limit].any()
     assert not doubt[:, [0, 2]].any()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.samples.peaks import LONGEST_S, MOST_RANGES, OFF_SHARE, rebuilt
+from fg_nav.samples.peaks import LONGEST_S, MOST_RANGES, OFF_SHARE, rebuild_peaks
 
 RATE_HZ = 200.0
 LIMIT = 8.7
@@ -33,7 +33,7 @@ def test_most_of_what_was_cut_is_given_back() -> None:
     """On both sides, and of the angle of every peak; the other axes and all that was not cut stay as they are."""
     gyr = swings(np.random.default_rng(1))
     cut = pitch_cut(gyr)
-    found = rebuilt(cut, 1 / RATE_HZ)
+    found = rebuild_peaks(cut, 1 / RATE_HZ)
     hidden, left = (by_swing((gyr - some)[:, 1]) for some in (cut, found.whole))
     deep = np.abs(hidden) > np.radians(1.0)
     assert deep.sum() > 10
@@ -54,7 +54,7 @@ def test_a_parabola_sampled_finely_is_found_but_for_what_the_range_forbids() -> 
     for middle in (-0.6, 0.0, 0.6):
         gyr[:, 2] += np.maximum(LIMIT + height - curve * (t - middle - 0.0013) ** 2, 0.0)
     cut = np.minimum(gyr, LIMIT) + 1e-6 * np.random.default_rng(4).standard_normal(gyr.shape)
-    found = rebuilt(cut, 1 / rate_hz)
+    found = rebuild_peaks(cut, 1 / rate_hz)
     hidden = (gyr - cut)[:, 2]
     np.testing.assert_allclose(
         (found.whole - cut)[:, 2], hidden / (1 + height / (MOST_RANGES * LIMIT)), atol=0.05 * height
@@ -69,7 +69,7 @@ def test_what_is_left_of_an_angle_is_as_its_sigma_says(pointed: float, share: fl
     """Flat and pointed peaks, cut a little and deeply: the sigma of a whole peak, from those of its samples."""
     gyr = swings(np.random.default_rng(5), 60, pointed)
     cut = pitch_cut(gyr, share * 10.0)
-    found = rebuilt(cut, 1 / RATE_HZ)
+    found = rebuild_peaks(cut, 1 / RATE_HZ)
     left = by_swing((gyr - found.whole)[:, 1])
     variance = by_swing(found.sigma[:, 1] ** 2) / RATE_HZ
     deep = np.abs(by_swing((gyr - cut)[:, 1])) > np.radians(0.5)
@@ -81,7 +81,7 @@ def test_what_is_left_of_an_angle_is_as_its_sigma_says(pointed: float, share: fl
 def test_one_error_of_a_run_is_the_larger_the_longer_the_run() -> None:
     """Run lengths are told; a deeper cut is doubted more, by more than in proportion."""
     gyr = swings(np.random.default_rng(6))
-    shallow, deep = (rebuilt(pitch_cut(gyr, limit), 1 / RATE_HZ) for limit in (7.5, 5.0))
+    shallow, deep = (rebuild_peaks(pitch_cut(gyr, limit), 1 / RATE_HZ) for limit in (7.5, 5.0))
     angles = [np.sqrt(np.sum(found.sigma[:, 1] ** 2)) / RATE_HZ for found in (shallow, deep)]
     assert angles[1] > 2 * angles[0]
     runs = np.unique(deep.run[:, 1])
@@ -100,7 +100,7 @@ def test_without_flanks_a_run_stays_and_may_hide_as_much_as_it_shows(where: str)
     if where == "all":
         cut = np.concatenate([cut[long], -cut[long]])
         long = slice(0, len(cut) // 2)
-    found = rebuilt(cut, 1 / RATE_HZ)
+    found = rebuild_peaks(cut, 1 / RATE_HZ)
     np.testing.assert_array_equal(found.whole[long], cut[long])
     assert np.isfinite(found.whole).all()
     assert np.isfinite(found.sigma).all()
@@ -115,14 +115,14 @@ def test_a_run_at_an_end_is_rebuilt_from_its_one_flank(where: slice) -> None:
     gyr = swings(np.random.default_rng(2))[60:]
     cut = np.clip(gyr, -LIMIT, LIMIT)
     cut[where] = LIMIT
-    found = rebuilt(cut, 1 / RATE_HZ)
+    found = rebuild_peaks(cut, 1 / RATE_HZ)
     assert np.isfinite(found.whole).all()
     assert (found.whole[where] > LIMIT).any()
 
 
 def test_a_sensor_within_its_range_is_left_alone() -> None:
     gyr = swings(np.random.default_rng(3))
-    found = rebuilt(gyr, 1 / RATE_HZ)
+    found = rebuild_peaks(gyr, 1 / RATE_HZ)
     np.testing.assert_array_equal(found.whole, gyr)
     assert not found.sigma.any()
     assert not found.run.any()

@@ -7,7 +7,12 @@ from scipy.spatial.transform import Rotation
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.samples.plausibility import field_strength, gravity_transport, rest_acc, unit_problems
+from fg_nav.samples.plausibility import (
+    find_unit_problems,
+    measure_field_strength,
+    measure_gravity_transport,
+    measure_rest_acc,
+)
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 
@@ -27,21 +32,21 @@ def _tumbling(rng: np.random.Generator, swing_rad: float = 0.7) -> tuple[np.ndar
 
 def test_gravity_turns_as_the_gyroscope_says() -> None:
     acc, gyr = _tumbling(np.random.default_rng(1))
-    transport = gravity_transport(acc, gyr, PERIOD_S)
+    transport = measure_gravity_transport(acc, gyr, PERIOD_S)
     assert transport.gain == pytest.approx(1.0, abs=0.02)
     assert transport.correlation > 0.99
-    assert gravity_transport(acc, np.rad2deg(gyr), PERIOD_S).gain == pytest.approx(np.pi / 180, rel=0.02)
+    assert measure_gravity_transport(acc, np.rad2deg(gyr), PERIOD_S).gain == pytest.approx(np.pi / 180, rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_transport_is_the_same_in_any_right_handed_axes(seed: int) -> None:
     acc, gyr = _tumbling(np.random.default_rng(1))
     turned = Rotation.random(rng=np.random.default_rng(seed))
-    transport = gravity_transport(turned.apply(acc), turned.apply(gyr), PERIOD_S)
-    assert transport.gain == pytest.approx(gravity_transport(acc, gyr, PERIOD_S).gain)
+    transport = measure_gravity_transport(turned.apply(acc), turned.apply(gyr), PERIOD_S)
+    assert transport.gain == pytest.approx(measure_gravity_transport(acc, gyr, PERIOD_S).gain)
     assert not transport.is_mirrored
     mirror = np.array([1.0, 1.0, -1.0])
-    assert gravity_transport(turned.apply(acc) * mirror, turned.apply(gyr) * mirror, PERIOD_S).is_mirrored
+    assert measure_gravity_transport(turned.apply(acc) * mirror, turned.apply(gyr) * mirror, PERIOD_S).is_mirrored
 
 
 def test_slow_turning_in_degrees_is_recognised_by_gravity_alone() -> None:
@@ -49,7 +54,7 @@ def test_slow_turning_in_degrees_is_recognised_by_gravity_alone() -> None:
     acc, gyr = _tumbling(np.random.default_rng(2), swing_rad=0.2)
     gyr_deg_s = np.rad2deg(gyr)
     assert np.quantile(np.linalg.norm(gyr_deg_s, axis=1), 0.99) < 40
-    problems = unit_problems(PERIOD_S * np.arange(len(acc)), acc, gyr_deg_s, None)
+    problems = find_unit_problems(PERIOD_S * np.arange(len(acc)), acc, gyr_deg_s, None)
     assert len(problems) == 1
     assert "deg/s" in problems[0]
 
@@ -58,8 +63,8 @@ def test_rest_is_found_in_any_unit() -> None:
     acc = np.random.default_rng(3).normal(size=(4000, 3)) * 5 + [0, 0, GRAVITY_M_S2]
     acc[1000:1400] = [0.0, 0.6 * GRAVITY_M_S2, -0.8 * GRAVITY_M_S2]
     for unit in (1.0, 1 / GRAVITY_M_S2, 1000.0):
-        assert rest_acc(acc * unit, PERIOD_S) == pytest.approx(GRAVITY_M_S2 * unit)
-    assert np.isnan(rest_acc(acc[:5], PERIOD_S))
+        assert measure_rest_acc(acc * unit, PERIOD_S) == pytest.approx(GRAVITY_M_S2 * unit)
+    assert np.isnan(measure_rest_acc(acc[:5], PERIOD_S))
 
 
 def test_nonsense_is_borne() -> None:
@@ -69,15 +74,15 @@ def test_nonsense_is_borne() -> None:
         array[::3] = np.inf
         array[1::7] = 1e308
         array[2::11] = -np.inf
-    assert unit_problems(raw.t, raw.acc, raw.gyr, raw.mag) == ()
+    assert find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag) == ()
     nothing = np.full((50, 3), np.nan)
-    assert "do not advance" in unit_problems(nothing[:, 0], nothing, nothing, nothing)[0]
-    assert unit_problems(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)))
+    assert "do not advance" in find_unit_problems(nothing[:, 0], nothing, nothing, nothing)[0]
+    assert find_unit_problems(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)))
 
 
 def test_field_strength_of_whole_samples() -> None:
     mag = np.array([[3.0, 4.0, 0.0], [np.nan, 1.0, 1.0], [1e300, 0.0, 0.0]])
-    np.testing.assert_array_equal(field_strength(mag), [5.0, np.nan, np.nan])
+    np.testing.assert_array_equal(measure_field_strength(mag), [5.0, np.nan, np.nan])
 
 
 @needs_data
@@ -92,7 +97,7 @@ def test_removed_gravity_of_a_real_walk() -> None:
         down = np.stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)], axis=1)
         recording = read(path)
         linear = recording.acc + GRAVITY_M_S2 * down
-        problems = unit_problems(recording.t, linear, recording.gyr, None)
+        problems = find_unit_problems(recording.t, linear, recording.gyr, None)
         assert len(problems) == 1
         assert "gravity removed" in problems[0]
 
@@ -103,4 +108,4 @@ def test_the_beginning_of_a_right_handed_walk_is_not_called_mirrored(seed, secon
     """Most of it is rest, and the few windows that turn are those of heel-off: too few to tell."""
     walk = simulate("demo", seed, Choices(field="homogeneous")).recording
     rows = walk.t < seconds
-    assert not list(unit_problems(walk.t[rows], walk.acc[rows], walk.gyr[rows], None))
+    assert not list(find_unit_problems(walk.t[rows], walk.acc[rows], walk.gyr[rows], None))

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from fg_nav.io import read
-from fg_nav.samples.saturation import clipping_levels, saturated, saturation_level
+from fg_nav.samples.saturation import find_clipping_levels, find_saturated, find_saturation_level
 from tests.real_data import DATA, needs_data
 
 RATE = 200.0
@@ -25,13 +25,13 @@ def test_rounded_peaks_are_not_flagged(frequency_hz: float, noise: float, rate_h
     t = np.arange(0, 30, 1 / rate_hz)
     phases = 2 * np.pi * frequency_hz * t[:, None] + np.arange(3)
     samples = 8.0 * np.sin(phases) + noise * np.random.default_rng(1).normal(size=(len(t), 3))
-    assert not saturated(samples).any()
+    assert not find_saturated(samples).any()
 
 
 def test_random_motion_is_not_flagged() -> None:
     rng = np.random.default_rng(2)
     for bandwidth_hz in (2.0, 5.0, 10.0, 20.0, 40.0):
-        assert not saturated(_motion(rng, 300.0, bandwidth_hz)).any()
+        assert not find_saturated(_motion(rng, 300.0, bandwidth_hz)).any()
 
 
 @pytest.mark.parametrize("mixing", [0.0, 0.005, 0.01])
@@ -45,7 +45,7 @@ def test_cut_peaks_are_flagged(mixing: float, noise: float) -> None:
     clipped[:, 1] = np.clip(motion[:, 1], -limit, limit)
     cut = np.abs(motion[:, 1]) >= limit
     calibration = np.eye(3) + mixing * rng.uniform(-1, 1, (3, 3))
-    flags = saturated(clipped @ calibration.T + noise * rng.normal(size=motion.shape))
+    flags = find_saturated(clipped @ calibration.T + noise * rng.normal(size=motion.shape))
     assert flags[cut, 1].mean() > 0.9
     assert cut[flags[:, 1]].mean() > 0.9
     assert not flags[:, [0, 2]].any()
@@ -57,8 +57,10 @@ def test_a_part_is_clipped_where_the_whole_is() -> None:
     limit = np.quantile(np.abs(motion[:, 1]), 0.995)
     clipped = motion.copy()
     clipped[:, 1] = np.clip(motion[:, 1], -limit, limit)
-    levels, whole = clipping_levels(clipped), saturated(clipped)
-    alone, told = (np.concatenate([saturated(part, of) for part in np.split(clipped, 60)]) for of in (None, levels))
+    levels, whole = find_clipping_levels(clipped), find_saturated(clipped)
+    alone, told = (
+        np.concatenate([find_saturated(part, of) for part in np.split(clipped, 60)]) for of in (None, levels)
+    )
     np.testing.assert_array_equal(told, whole)
     assert alone[whole].mean() < 0.9
 
@@ -68,8 +70,8 @@ def test_one_end_only() -> None:
     limit = np.quantile(motion[:, 0], 0.99)
     clipped = motion.copy()
     clipped[:, 0] = np.minimum(motion[:, 0], limit)
-    assert saturation_level(clipped[:, 0]) == pytest.approx(limit, rel=5e-3)
-    assert saturation_level(-clipped[:, 0]) == np.inf
+    assert find_saturation_level(clipped[:, 0]) == pytest.approx(limit, rel=5e-3)
+    assert find_saturation_level(-clipped[:, 0]) == np.inf
 
 
 @pytest.mark.parametrize(
@@ -84,7 +86,7 @@ def test_one_end_only() -> None:
     ],
 )
 def test_nothing_to_tell(signal: np.ndarray) -> None:
-    assert saturation_level(signal) == np.inf
+    assert find_saturation_level(signal) == np.inf
 
 
 @needs_data
@@ -103,7 +105,7 @@ def test_nothing_to_tell(signal: np.ndarray) -> None:
 def test_gyroscopes_known_to_clip(name: str, axis: int, sign: int, range_rad_s: tuple[float, float]) -> None:
     """The 3DM-GX5's range is 500 deg/s = 8.73 rad/s before calibration."""
     assert DATA is not None
-    assert range_rad_s[0] < saturation_level(sign * read(DATA / name).gyr[:, axis]) < range_rad_s[1]
+    assert range_rad_s[0] < find_saturation_level(sign * read(DATA / name).gyr[:, axis]) < range_rad_s[1]
 
 
 @needs_data
@@ -114,5 +116,5 @@ def test_sensors_far_from_their_range(folder: str) -> None:
         [*(DATA / folder).glob("*.mat"), *(DATA / folder).glob("*.csv"), *(DATA / folder).glob("*.txt")]
     ):
         recording = read(path)
-        assert not saturated(recording.gyr).any()
-        assert not saturated(recording.acc).any()
+        assert not find_saturated(recording.gyr).any()
+        assert not find_saturated(recording.acc).any()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.io import read, read_raw
-from fg_nav.samples.timing import dejittered, fit_clock
+from fg_nav.samples.timing import fit_clock, remove_jitter
 from tests.real_data import DATA, needs_data
 
 RATE = 200.0
@@ -32,7 +32,7 @@ def test_white_jitter_and_drift(drift_ppm: float, jitter_ms: float) -> None:
     rng = np.random.default_rng(1)
     truth = _ticks(drift_ppm)
     stamps = np.sort(truth + 1e-3 * jitter_ms * rng.exponential(size=N))
-    even = dejittered(stamps)
+    even = remove_jitter(stamps)
     assert np.std(stamps - truth) > 0.5e-3 * jitter_ms
     assert np.std(even - truth) < 0.15e-3 * jitter_ms
     assert np.std(np.diff(even) - np.diff(truth)) < 0.01e-3 * jitter_ms
@@ -42,7 +42,7 @@ def test_dropped_samples_stay_dropped() -> None:
     rng = np.random.default_rng(2)
     kept = np.sort(rng.choice(N, N - 150, replace=False))
     truth = _ticks()[kept]
-    even = dejittered(np.sort(truth + 3e-4 * rng.exponential(size=len(kept))))
+    even = remove_jitter(np.sort(truth + 3e-4 * rng.exponential(size=len(kept))))
     np.testing.assert_allclose(np.diff(even) * RATE, np.diff(kept), atol=0.02)
 
 
@@ -51,7 +51,7 @@ def test_bursts_are_no_gaps() -> None:
     truth = _ticks()
     stamps = _bursts(truth + 1e-4 * rng.exponential(size=N), rng, stalls=40, length_s=0.06)
     assert np.diff(stamps).max() > 0.05
-    even = dejittered(stamps)
+    even = remove_jitter(stamps)
     np.testing.assert_allclose(np.diff(even), 1 / RATE, rtol=1e-3)
     assert np.abs(even - truth - np.median(even - truth)).max() < 5e-4
 
@@ -64,14 +64,14 @@ def test_polling_slower_than_the_sensor() -> None:
     stamps = np.maximum.accumulate(stamps) + 1e-7 * np.arange(N)
     assert np.median(np.diff(stamps)) > 0.0055
     assert fit_clock(stamps).period == pytest.approx(1 / RATE, rel=1e-2)
-    np.testing.assert_allclose(np.diff(dejittered(stamps)), np.mean(np.diff(stamps)), rtol=1e-2)
+    np.testing.assert_allclose(np.diff(remove_jitter(stamps)), np.mean(np.diff(stamps)), rtol=1e-2)
 
 
 def test_a_true_gap_that_is_no_whole_number_of_ticks() -> None:
     rng = np.random.default_rng(4)
     truth = _ticks()
     truth[5000:] += 0.1017
-    even = dejittered(truth + 2e-4 * rng.uniform(size=N))
+    even = remove_jitter(truth + 2e-4 * rng.uniform(size=N))
     assert even[5000] - even[4999] == pytest.approx(0.1067, abs=2e-4)
     np.testing.assert_allclose(np.delete(np.diff(even), 4999), 1 / RATE, rtol=1e-2)
 
@@ -79,18 +79,18 @@ def test_a_true_gap_that_is_no_whole_number_of_ticks() -> None:
 def test_uneven_sampling_is_left_alone() -> None:
     """Where the sensor itself samples unevenly, the deviations add up: its stamps are right."""
     t = np.cumsum(np.random.default_rng(5).uniform(4e-3, 6e-3, N))
-    assert dejittered(t) is t
+    assert remove_jitter(t) is t
 
 
 @pytest.mark.parametrize("n", [2, 20, 49])
 def test_few_stamps_are_left_alone(n: int) -> None:
     t = _ticks()[:n] + 1e-4 * np.random.default_rng(6).uniform(size=n)
-    assert dejittered(t) is t
+    assert remove_jitter(t) is t
 
 
 def test_even_stamps_are_left_alone() -> None:
     t = _ticks() + 1e-6 * np.random.default_rng(7).normal(size=N)
-    assert dejittered(t) is t
+    assert remove_jitter(t) is t
 
 
 @needs_data
@@ -98,7 +98,7 @@ def test_vicon_stamps_become_even_where_they_are() -> None:
     assert DATA is not None
     for path in sorted((DATA / "vicon").glob("*.mat"))[::7]:
         t = read_raw(path).t
-        even = dejittered(t)
+        even = remove_jitter(t)
         np.testing.assert_allclose(np.diff(even), 0.005, rtol=1e-3)
         assert np.abs(even - t).max() < 5e-3
 
@@ -108,12 +108,12 @@ def test_gdin_40_is_a_200_hz_recording() -> None:
     assert DATA is not None
     t = read_raw(DATA / "gdin/own/SensorConnectData_40.csv").t
     assert np.median(np.diff(t)) > 0.0059
-    np.testing.assert_allclose(np.diff(dejittered(t)), 0.005, rtol=1e-3)
+    np.testing.assert_allclose(np.diff(remove_jitter(t)), 0.005, rtol=1e-3)
 
 
 @needs_data
 def test_xio_drops_stay() -> None:
     assert DATA is not None
     t = read(DATA / "xio/short_walk.csv").t
-    assert dejittered(t) is t
+    assert remove_jitter(t) is t
     assert np.count_nonzero(np.diff(fit_clock(t).tick) > 1) == np.count_nonzero(np.diff(t) > 0.004)

@@ -40,8 +40,8 @@ def test_a_bare_sensor_used_bare_is_right():
     """What is wrong with it on the shoe is the shoe: on the readings it was made from the ellipsoid holds."""
     prior = ma2018_loop.preset(ma2018_loop.SENSOR).with_iron(ma2018_loop.bare_of_table_1(np.eye(3)))
     readings = ma2018_loop.tumbled(prior, 1)
-    found = ma2018_loop.fitted_ellipsoid(readings)
-    strength = np.linalg.norm(found.corrected(readings[np.isfinite(readings).all(axis=1)]), axis=1)
+    found = ma2018_loop.fit_ellipsoid(readings)
+    strength = np.linalg.norm(found.correct(readings[np.isfinite(readings).all(axis=1)]), axis=1)
     assert found.hard_iron_uT == pytest.approx(ma2018_loop.MA_B_UT, abs=0.1)
     assert np.std(strength) < 0.3
 

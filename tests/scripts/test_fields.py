@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fg_nav.calibration import calibrate_on_walk, circular_sd_deg, corrected_field, level_iron
+from fg_nav.calibration import calibrate_on_walk, circular_sd_deg, correct_field, find_level_iron
 from fg_nav.errors import OutputError
 from fg_nav.frames import wrap
 from tests.real_data import DATA, needs_data
@@ -61,10 +61,10 @@ def test_a_made_up_walk_is_what_it_says_it_is():
 def test_on_a_smooth_field_the_walk_finds_what_a_loop_would():
     walk = calibration.make_walk("demo", "smooth", "Ma", 6)
     found = calibrate_on_walk(walk.field)
-    offset, covariance = level_iron(found, walk.field)
+    offset, covariance = find_level_iron(found, walk.field)
     assert np.abs(offset - walk.level_iron).max() < 2
     assert np.sqrt(np.trace(covariance)) < 3
-    after = corrected_field(walk.field, found).heading_difference
+    after = correct_field(walk.field, found).heading_difference
     assert circular_sd_deg(after) < 0.5 * circular_sd_deg(walk.field.heading_difference)
 
 

@@ -10,8 +10,8 @@ import pytest
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
-from fg_nav.samples.peaks import rebuilt
-from fg_nav.samples.saturation import saturated
+from fg_nav.samples.peaks import rebuild_peaks
+from fg_nav.samples.saturation import find_saturated
 from fg_nav.smoother.preintegration import preintegrate
 from tests.smoother.walks import DEFAULT, demo
 
@@ -116,7 +116,7 @@ def clipped(axis: int) -> Recording:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_saturated_axis_is_doubted_and_no_other(axis: int) -> None:
     recording = clipped(axis)
-    flags = saturated(recording.gyr)
+    flags = find_saturated(recording.gyr)
     assert 20 < flags[:, axis].sum() < 80
     assert flags.sum() == flags[:, axis].sum()
     believing = replace(QUIET, saturated_share=0.0)
@@ -125,7 +125,7 @@ def test_a_saturated_axis_is_doubted_and_no_other(axis: int) -> None:
     added = doubt - without
     cut = recording.gyr[flags[:, axis], axis]
     one_error = np.sum(QUIET.saturated_share * cut) ** 2 / 200**2
-    hidden = one_error + np.sum(rebuilt(recording.gyr, 1 / 200).sigma ** 2) / 200**2
+    hidden = one_error + np.sum(rebuild_peaks(recording.gyr, 1 / 200).sigma ** 2) / 200**2
     assert added[axis, axis] == pytest.approx(hidden, rel=1e-6)
     others = [k for k in range(3) if k != axis]
     np.testing.assert_allclose(added[np.ix_(others, others)], 0.0, atol=1e-9 * hidden)

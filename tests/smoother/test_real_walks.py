@@ -6,7 +6,7 @@ The promised figures over all of them are printed by `scripts/real_walks.py`.
 import numpy as np
 import pytest
 
-from fg_nav.evaluation import evaluate, stance_nees
+from fg_nav.evaluation import compute_stance_nees, evaluate
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
 from tests.real_data import needs_data
@@ -29,7 +29,7 @@ def test_a_walk_with_motion_capture(trial: str) -> None:
     assert metrics.rmse_2d_m < 0.07
     assert metrics.rmse_3d_m < 0.15
     assert metrics.scale == pytest.approx(1.0, abs=0.02)
-    assert 1 / 10 < stance_nees(found.stances, walk.recording.truth).median_ratio < 5
+    assert 1 / 10 < compute_stance_nees(found.stances, walk.recording.truth).median_ratio < 5
 
 
 @pytest.mark.parametrize(("number", "metres"), [(18, 0.15), (24, 0.35), (36, 0.35)])

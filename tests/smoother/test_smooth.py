@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation import Consistency, evaluate, stance_nees
+from fg_nav.evaluation import Consistency, compute_stance_nees, evaluate
 from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap, yaw_rotation
 from fg_nav.lab.simulation import simulate
@@ -175,7 +175,7 @@ def test_height_of_a_walk_is_doubtful_in_proportion_to_its_strides() -> None:
 
 
 def consistency(seed: int, p: SmootherParameters) -> Consistency:
-    return stance_nees(smoothed(seed, p).stances, demo(seed).recording.truth)
+    return compute_stance_nees(smoothed(seed, p).stances, demo(seed).recording.truth)
 
 
 def test_sigmas_are_true_where_the_smoother_knows_the_noise() -> None:
@@ -210,7 +210,7 @@ def test_a_real_foot_is_followed_and_the_sigmas_hold(seed: int) -> None:
     metrics = evaluate(found, recording.truth)
     assert metrics.rmse_2d_m < 0.15
     assert metrics.scale == pytest.approx(1.0, abs=0.01)
-    assert stance_nees(found.stances, recording.truth).coverage(0.95) > 0.9
+    assert compute_stance_nees(found.stances, recording.truth).coverage(0.95) > 0.9
     by_gravity = np.array(walk.drawn["sensor"]["g_sensitivity"]) @ recording.acc[:800].mean(axis=0)
     z = (found.stances.gyro_bias - walk.biases.gyr[0] - by_gravity) / found.stances.gyro_bias_sigma
     assert np.abs(z).max() < 3.0

@@ -15,16 +15,16 @@ from typing import Any
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
-from fg_nav.evaluation.consistency import whitened_errors
+from fg_nav.evaluation.consistency import whiten_errors
 from fg_nav.evaluation.walked import (
     AS_STARTED,
     BEST_YAW,
     CLOSURE,
-    at_footfalls,
-    errors_of,
-    landmark_errors,
-    walk_errors,
-    way_m,
+    compare_at_footfalls,
+    measure_errors,
+    measure_landmarks,
+    measure_walk,
+    path_length_m,
 )
 from fg_nav.lab.campaign import kept
 from fg_nav.lab.campaign.kept import Key, Result
@@ -174,17 +174,17 @@ def measured(blank: Result, source: Source, session: Session, outcome: Outcome) 
     place = solution.stances.position
     if truth is None:
         own = {CLOSURE: _rounded(place)}
-        return replace(done, errors={CLOSURE: walk_errors(solution)}, estimate=own, every=False)
+        return replace(done, errors={CLOSURE: measure_walk(solution)}, estimate=own, every=False)
     errors, estimate, at_landmarks, whitened = {}, {}, {}, {}
     modes = (AS_STARTED, BEST_YAW) if isinstance(truth, TrajectoryTruth) else (BEST_YAW,)
     for mode in modes:
-        laid = at_footfalls(solution, truth, mode)
-        errors[mode] = errors_of(laid, way_m(place))
+        laid = compare_at_footfalls(solution, truth, mode)
+        errors[mode] = measure_errors(laid, path_length_m(place))
         estimate[mode] = _rounded(laid.estimate if not laid.planar else laid.alignment.apply(place))
         if mode == AS_STARTED:
-            whitened = whitened_errors(laid, solution.stances)
+            whitened = whiten_errors(laid, solution.stances)
         if source.landmark:
-            crossed = landmark_errors(solution, source.landmark, *source.passed, laid.alignment)
+            crossed = measure_landmarks(solution, source.landmark, *source.passed, laid.alignment)
             at_landmarks[mode] = crossed.error_m.tolist()
     return replace(
         done,

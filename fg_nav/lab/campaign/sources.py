@@ -25,7 +25,7 @@ from typing import TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse_fit import ellipse_of_walk
+from fg_nav.calibration.ellipse_fit import calibrate_on_loop
 from fg_nav.calibration.file import Calibration
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
@@ -114,7 +114,7 @@ def loop_calibration(name: str | Scenario, seed: int) -> Calibration:
     one = scenario(name) if isinstance(name, str) else name
     loop = replace(scenario("calibration-loop"), sensor=one.sensor, worn=one.worn)
     recording = simulate(loop, seed).recording
-    _, magnetometer = ellipse_of_walk(average_footfall_field(recording, detect_stances(recording)))
+    _, magnetometer = calibrate_on_loop(average_footfall_field(recording, detect_stances(recording)))
     return Calibration(magnetometer=magnetometer)
 
 

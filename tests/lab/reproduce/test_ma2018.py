@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.evaluation import roc_of
+from fg_nav.evaluation import make_roc
 from fg_nav.lab.reproduce import ma2018
 from fg_nav.lab.reproduce.headings import headings_of
 from fg_nav.lab.reproduce.ma2018 import detections
@@ -210,7 +210,7 @@ def test_noise_is_that_of_the_sensor_and_the_iron_turns_with_the_foot(monkeypatc
 def test_the_slope_of_the_roc_is_that_between_two_tenths_of_p_d():
     """Signals spread evenly over 0 to 1, the rest with the density 2 x: P_FA = P_D^2, whose slope is 2 P_D."""
     even = (np.arange(4000) + 0.5) / 4000
-    roc = roc_of(np.concatenate([even, np.sqrt(even)]), np.arange(8000) < 4000)
+    roc = make_roc(np.concatenate([even, np.sqrt(even)]), np.arange(8000) < 4000)
     assert _slope(roc, 0.7).median == pytest.approx(1.5, abs=0.02)
     assert _bend(roc).median == pytest.approx(1.7 / 1.5, abs=0.02)
 

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from fg_nav.earth import Place, field_at
+from fg_nav.earth import Place, compute_field
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.fields import SITES, Homogeneous, earth_at, earth_field, site
 
@@ -57,7 +57,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(make, words):
 def test_a_place_is_where_the_model_has_it_and_what_it_refuses_is_told_as_a_site():
     pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
     written = "48.165, 11.277, 2015-04-15"
-    np.testing.assert_array_equal(earth_at(written).vector, field_at(Place.written(written)).vector)
+    np.testing.assert_array_equal(earth_at(written).vector, compute_field(Place.parse(written)).vector)
     with pytest.raises(SimulationError, match=r"not on the Earth.* or choose one of north-pole"):
         earth_at("91,0,2026-01-01")
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration.allan import allan_curve
+from fg_nav.calibration.allan import compute_allan_curve
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation import SCENARIOS, Choices, Person, courses, simulate
@@ -41,7 +41,7 @@ def test_the_emulated_gyroscope_has_the_noise_density_of_table_2():
     lying = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(1800.0)], sensor="munoz-diaz-table-2")
     recording = simulate(lying, 4).recording
     factors = np.array([1, 10, 100, 1000])
-    curves = [allan_curve(np.degrees(axis), 0.01, factors).deviation for axis in recording.gyr.T]
+    curves = [compute_allan_curve(np.degrees(axis), 0.01, factors).deviation for axis in recording.gyr.T]
     np.testing.assert_allclose(np.mean(curves, axis=0), [0.1, 0.1 / 10**0.5, 0.01, 0.01 / 10**0.5], rtol=0.05)
     np.testing.assert_allclose(np.degrees(recording.gyr.mean(axis=0)), [-0.1, 0.1, -0.1], atol=1e-3)
     np.testing.assert_allclose(recording.mag.std(axis=0), 0.015, rtol=0.02)

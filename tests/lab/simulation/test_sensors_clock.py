@@ -6,7 +6,7 @@ import pytest
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.sensors import ClockPrior
 from fg_nav.lab.simulation.sensors.clock import ClockRun
-from fg_nav.samples.timing import dejittered
+from fg_nav.samples.timing import remove_jitter
 
 
 def started(prior: ClockPrior, rate_hz: float = 200.0, seed: int = 0) -> ClockRun:
@@ -51,7 +51,7 @@ def test_our_own_timing_undoes_the_jitter() -> None:
     t = np.arange(20_000) / 200.0
     stamps, _, _ = started(ClockPrior(jitter_s=1e-3, scale_sd=3e-5)).stamped(t)
     assert np.abs(np.diff(stamps - t)).max() > 2e-3
-    assert np.abs(np.diff(dejittered(stamps) - t)).max() < 5e-6
+    assert np.abs(np.diff(remove_jitter(stamps) - t)).max() < 5e-6
 
 
 def test_a_clock_runs_fast_or_slow_by_its_scale() -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
-from fg_nav.evaluation import compass_deviation, roc_of
+from fg_nav.evaluation import make_roc, measure_compass_deviation
 from fg_nav.frames import heading_of
 from fg_nav.lab.reproduce.parts import Arrays, Part
 from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk, simulate
@@ -103,7 +103,7 @@ def turned_by_magnet(walk: SimulatedWalk, field: FootfallField) -> Floats:
     """(F,) rad by which the magnet turns the true field over the ground, where the sensor is at each footfall."""
     assert isinstance(walk.field, Sum)
     place = walk.recording.truth.position[field.sample] + walk.origin  # type: ignore[union-attr]
-    return -compass_deviation(walk.field.at(place), walk.field.parts[0].at(place))
+    return -measure_compass_deviation(walk.field.at(place), walk.field.parts[0].at(place))
 
 
 def pooled(walks: Sequence[Judged], name: str, zone: tuple[float, float]) -> Floats:
@@ -116,4 +116,4 @@ def told_apart(walks: Sequence[Judged], name: str) -> float:
     near, far = pooled(walks, name, NEAR), pooled(walks, name, FAR)
     if not (len(near) and len(far)):
         return math.inf
-    return roc_of(np.concatenate([far, near]), np.arange(len(far) + len(near)) < len(far)).area
+    return make_roc(np.concatenate([far, near]), np.arange(len(far) + len(near)) < len(far)).area

@@ -48,7 +48,14 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.evaluation import FieldChange, Roc, compass_deviation, course_change, field_change, roc_of
+from fg_nav.evaluation import (
+    FieldChange,
+    Roc,
+    make_roc,
+    measure_compass_deviation,
+    measure_course_change,
+    measure_field_change,
+)
 from fg_nav.frames import wrap
 from fg_nav.lab.campaign.sources import LOOP, RAW, Simulated
 from fg_nav.lab.reproduce.parts import Arrays, Part
@@ -160,7 +167,7 @@ class Case:
         judged = np.isfinite(statistic)
         if min(signal[judged].sum(), (~signal)[judged].sum()) < FEWEST:
             return None
-        return roc_of(statistic, signal, self.walk)
+        return make_roc(statistic, signal, self.walk)
 
 
 def by_steel() -> dict[str, float]:
@@ -189,9 +196,9 @@ def _judged_in(smooth: SimulatedWalk, indoor: SimulatedWalk, name: str, stances:
     ]
     statistics = [{which: judge_field(field, which).statistic for which in detectors} for field in fields]
     return Judged(
-        field_change(nav_field, WINDOW),
-        course_change(recording.truth.position[sample], WINDOW),
-        compass_deviation(nav_field, smooth.earth.vector),
+        measure_field_change(nav_field, WINDOW),
+        measure_course_change(recording.truth.position[sample], WINDOW),
+        measure_compass_deviation(nav_field, smooth.earth.vector),
         *statistics,
     )
 

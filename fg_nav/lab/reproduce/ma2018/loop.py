@@ -39,9 +39,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration import Ellipse, ellipse_of_walk
-from fg_nav.calibration.ellipse import ellipse_as_printed, ellipse_by_extremes
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid, upper_triangular
+from fg_nav.calibration import Ellipse, calibrate_on_loop
+from fg_nav.calibration.ellipse import find_ellipse_as_printed, find_ellipse_by_extremes
+from fg_nav.calibration.ellipsoid import fit_ellipsoid, upper_triangular
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
@@ -79,9 +79,9 @@ Correct = Callable[[Floats], Floats]
 """Field (F, 3) uT in the body, from readings (F, 3) uT."""
 
 ELLIPSES: dict[str, Callable[[FootfallField], Ellipse]] = {
-    "ellipse, fitted": lambda field: ellipse_of_walk(field)[0],
-    "ellipse, as printed": lambda field: ellipse_as_printed(field.level_field[:, :2]),
-    "ellipse, by extremes": lambda field: ellipse_by_extremes(field.level_field[:, :2]),
+    "ellipse, fitted": lambda field: calibrate_on_loop(field)[0],
+    "ellipse, as printed": lambda field: find_ellipse_as_printed(field.level_field[:, :2]),
+    "ellipse, by extremes": lambda field: find_ellipse_by_extremes(field.level_field[:, :2]),
 }
 
 
@@ -114,8 +114,8 @@ def walked_loop(seed: int, field: str = "homogeneous") -> Loop:
     footfalls, footfalls_on_top = field_of(exact), field_of(on_top)
     found = {name: tried(method, footfalls) for name, method in ELLIPSES.items()}
     by_hand = tumbled(preset(SENSOR).with_iron(bare_of_table_1(R)), seed)
-    bare = tried(fitted_ellipsoid, by_hand)
-    chips = tried(fitted_ellipsoid, tumbled(replace(preset(SENSOR), iron=IronPrior()), seed))
+    bare = tried(fit_ellipsoid, by_hand)
+    chips = tried(fit_ellipsoid, tumbled(replace(preset(SENSOR), iron=IronPrior()), seed))
     on_control = field_of(control)
     spheres = {
         CLSEF: (footfalls, triangular(bare, R)),
@@ -123,7 +123,7 @@ def walked_loop(seed: int, field: str = "homogeneous") -> Loop:
         "ellipsoid, bare": (footfalls, symmetric_of(bare)),
         "ellipsoid, bare" + CONTROL: (on_control, symmetric_of(bare)),
         "ellipsoid, bare: chips": (footfalls_on_top, symmetric_of(chips)),
-        "ellipsoid, on the shoe": (footfalls, symmetric_of(tried(fitted_ellipsoid, readings_of(exact)))),
+        "ellipsoid, on the shoe": (footfalls, symmetric_of(tried(fit_ellipsoid, readings_of(exact)))),
     }
     heading = {"none": difference(footfalls, footfalls.level_field)}
     heading |= {name: flat_difference(footfalls, ellipse) for name, ellipse in found.items()}
@@ -267,7 +267,7 @@ def difference(field: FootfallField, level_field: Floats) -> Floats:
 
 def flat_difference(field: FootfallField, ellipse: Ellipse | None) -> Floats:
     """Heading difference by an ellipse."""
-    return np.empty(0) if ellipse is None else difference(field, ellipse.corrected(field.level_field[:, :2]))
+    return np.empty(0) if ellipse is None else difference(field, ellipse.correct(field.level_field[:, :2]))
 
 
 def lifted_difference(field: FootfallField, correct: Correct | None) -> Floats:
@@ -279,7 +279,7 @@ def lifted_difference(field: FootfallField, correct: Correct | None) -> Floats:
 
 def symmetric_of(calibration: MagnetometerCalibration | None) -> Correct | None:
     """Correct by C as we have it."""
-    return None if calibration is None else calibration.corrected
+    return None if calibration is None else calibration.correct
 
 
 def triangular(calibration: MagnetometerCalibration | None, R: Floats) -> Correct | None:

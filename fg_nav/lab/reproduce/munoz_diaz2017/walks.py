@@ -24,8 +24,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.calibration.allan import AllanCurve, allan_curve
-from fg_nav.calibration.ellipsoid import fitted_ellipsoid
+from fg_nav.calibration.allan import AllanCurve, compute_allan_curve
+from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT, PUBLISHED
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, courses, simulate
@@ -185,7 +185,7 @@ def second_recording(walk: SimulatedWalk, case: str, seed: int) -> Recording:
     if "raw" in case:
         return walk.recording
     strength_uT = float(np.linalg.norm(walk.earth.vector))
-    return fitted_ellipsoid(turned_by_hand(walk, seed), strength_uT).applied_to(walk.recording)
+    return fit_ellipsoid(turned_by_hand(walk, seed), strength_uT).apply_to(walk.recording)
 
 
 def turned_by_hand(walk: SimulatedWalk, seed: int, count: int = 400) -> Floats:
@@ -266,7 +266,7 @@ def allan_pair(seed: int, hours: float) -> AllanPair:
     for sensor in ("kvh-1750", "xsens-mtw"):
         prior = replace(preset(sensor), rate_hz=10.0, clock=ClockPrior())  # no sample lost
         recording = simulate(replace(scenario, sensor=prior), seed).recording
-        curves[sensor] = [allan_curve(np.degrees(axis), recording.period_s) for axis in recording.gyr.T]
+        curves[sensor] = [compute_allan_curve(np.degrees(axis), recording.period_s) for axis in recording.gyr.T]
     return AllanPair(curves["kvh-1750"], curves["xsens-mtw"])
 
 

@@ -18,7 +18,7 @@ from types import MappingProxyType
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.earth import PLACE_FORM, Place, field_at
+from fg_nav.earth import PLACE_FORM, Place, compute_field
 from fg_nav.errors import EarthError, SimulationError
 
 
@@ -107,6 +107,6 @@ def earth_at(where: str) -> Homogeneous:
     if "," not in where:
         return site(where)
     try:
-        return Homogeneous(field_at(Place.written(where)).nav_field_uT)
+        return Homogeneous(compute_field(Place.parse(where)).nav_field_uT)
     except EarthError as error:
         raise SimulationError(f"{str(error).removesuffix('.')}, or choose one of {', '.join(SITES)}.") from None
