@@ -1,21 +1,41 @@
-"""The page `docs/results.md` from the files of `fg-nav reproduce`: every table, with its command and its seeds.
+"""Every table of README and docs that has results in it, written from the files in `docs/results`.
 
-    python scripts/write_results.py RESULTS.json ... --out FILE     write the page
-    python scripts/write_results.py RESULTS.json ... --check FILE   exit with 1 where it is not what would be written
-    python scripts/write_results.py RESULTS.json ... --lines        print the lines that stand in other pages
+    python scripts/write_results.py             write `docs/results.md` and the tables between marks in other pages
+    python scripts/write_results.py --check     exit with 1 where a page is not what would be written
 
-The files that the page in the project is made from are kept in `docs/results`, so that it can be checked.
+============================================= ======================================================================
+`ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav reproduce PAPER`
+`real-walks.json`                             `python scripts/real_walks.py --ablation --json FILE`
+============================================= ======================================================================
+
+A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`; `BLOCKS` has the names.
 """
 
 from __future__ import annotations
 
-import argparse
+import json
+import math
 import re
-from collections.abc import Iterator, Sequence
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import harness
+import numpy as np
+from real_walks import (
+    FOOTPRINTS,
+    LOOPS,
+    MERITS,
+    NEES,
+    PYSHOE,
+    RMSE,
+    SPACE,
+    VICON_DETECTED,
+    VICON_LABELLED,
+)
+from walks import GDIN
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.file import read_reproduction, write_whole
@@ -96,39 +116,56 @@ BESIDE = {"README.md": ("tuned", "matched, both ways")}
 OURS = ("smoother", "online", "graph")
 """Columns that they show beside the paper's method: the first there is."""
 
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = Path("docs/results")
+PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
+MARKED = re.compile(r"(<!-- written: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Read, write or check."""
-    chosen = _parse(arguments)
-    found = [read_reproduction(path) for path in chosen.files]
-    if chosen.lines:
-        for page in HEADLINES:
-            console().print("\n".join([f"{page}:", "", *headlines(found, page), ""]), soft_wrap=True)
-    if chosen.out:
-        write_whole(chosen.out, document(found))
-        console().print(f"written: {chosen.out}", soft_wrap=True)
-    if chosen.check:
-        _check(chosen.check, document(found))
+    """Write or check all pages."""
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        check=harness.option(False, "refuse pages that are not what would be written"),
+        root=harness.option(ROOT, "of the project", type=Path, metavar="DIR"),
+    )
+    for page, text in write_pages(chosen.root).items():
+        if chosen.check and read_page(page) != text:
+            raise OutputError(f"{page} is not what is written from the files in {FOLDER}: run this without --check.")
+        if not chosen.check:
+            write_whole(page, text)
+        console().print(f"{'as written' if chosen.check else 'written'}: {page}", soft_wrap=True)
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="The page docs/results.md from the files of `fg-nav reproduce`.")
-    parser.add_argument("files", nargs="+", type=Path, metavar="RESULTS.json", help="one a paper, in their order")
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--out", type=Path, metavar="FILE", help="write the page")
-    what.add_argument("--check", type=Path, metavar="FILE", help="refuse a page that is not what would be written")
-    what.add_argument("--lines", action="store_true", help="print the lines of other pages")
-    return parser.parse_args(arguments)
+def write_pages(root: Path) -> dict[Path, str]:
+    """Text of every page that has results in it."""
+    papers = [read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
+    walks = json.loads((root / FOLDER / "real-walks.json").read_text(encoding="utf-8"))
+    blocks = {name: write_block(papers, walks) for name, write_block in BLOCKS.items()}
+    pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+    found = {page: fill_marks(read_page(page), blocks) for page in pages if MARKED.search(read_page(page))}
+    return {root / "docs" / "results.md": document(papers), **found}
 
 
-def _check(path: Path, text: str) -> None:
-    try:
-        there = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        there = ""
-    if there != text:
-        raise OutputError(f"{path} is not what is written from these files: write it anew with --out.")
-    console().print(f"as written: {path}", soft_wrap=True)
+def read_page(page: Path) -> str:
+    """Text of a page; none where it is not there."""
+    return page.read_text(encoding="utf-8") if page.exists() else ""
+
+
+def fill_marks(text: str, blocks: Mapping[str, Sequence[str]]) -> str:
+    """Return the page with the blocks between its marks."""
+
+    def fill(mark: re.Match[str]) -> str:
+        if mark[2] not in blocks:
+            raise OutputError(f"there is no block '{mark[2]}': choose one of {', '.join(blocks)}.")
+        lines = "\n".join(blocks[mark[2]])
+        return f"{mark[1]}\n{lines}\n\n{mark[3]}"
+
+    return MARKED.sub(fill, text)
+
+
+# --- the papers ------------------------------------------------------------------------------------------------------
 
 
 def document(found: Sequence[Reproduction]) -> str:
@@ -216,6 +253,125 @@ def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
     figures = [told(row, column, walks) for row in rows]
     return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
 
+
+# --- real walks ------------------------------------------------------------------------------------------------------
+
+Walks = Mapping[str, Any]
+"""Content of `real-walks.json`."""
+
+INERTIAL, IEZ = "smoother", "iez"
+
+
+def write_summary(walks: Walks) -> list[str]:
+    """Figures of all sets in three lines."""
+    footprints = [of_pairs(walks, "without"), of_pairs(walks, "raw"), of(walks, FOOTPRINTS, IEZ, RMSE), "-"]
+    vicon = [of(walks, VICON_LABELLED, method, RMSE) for method in (INERTIAL, IEZ)]
+    loops = [of(walks, LOOPS, method, "closure_percent", "{:.2f}", WORST) for method in (INERTIAL, IEZ)]
+    gdin = "10 indoor walks of 35 to 150 m (`gdin`): rmse at surveyed footprints, mean / median (m)"
+    return [
+        "| | `inertial` | `smoother`, with the compass | `iez` | PyShoe |",
+        "|---|---:|---:|---:|---:|",
+        _line(["28 motion-captured trials: rmse 2-D, mean / median (m)", vicon[0], "-", vicon[1], PYSHOE_2D]),
+        _line([gdin, *footprints]),
+        _line(["5 loops of 23 to 78 m: closure in % of the distance, median / worst", loops[0], "-", loops[1], "-"]),
+    ]
+
+
+def write_vicon(walks: Walks) -> list[str]:
+    """Figures of the motion-captured trials."""
+    rows = {
+        "PyShoe's labels as stances: rmse 2-D, mean / median (m)": (VICON_LABELLED, RMSE, "{:.3f}", MEAN, PYSHOE_2D),
+        "the same, rmse 3-D": (VICON_LABELLED, SPACE, "{:.3f}", MEAN, PYSHOE_3D),
+        "the same, best-fit scale, median": (VICON_LABELLED, "scale", "{:.4f}", MIDDLE, "-"),
+        "the same, NEES of the positions over its expectation, median": (VICON_LABELLED, NEES, "{:.2f}", MIDDLE, "-"),
+        "own stances: rmse 2-D, mean / median (m)": (VICON_DETECTED, RMSE, "{:.3f}", MEAN, "-"),
+        "the same, rmse 3-D, median / worst trial": (VICON_DETECTED, SPACE, "{:.3f}", WORST, "-"),
+    }
+    return _of_both(walks, rows)
+
+
+def write_indoor(walks: Walks) -> list[str]:
+    """Figures of the indoor walks and loops."""
+    rows = {
+        "10 `gdin` walks of 35 to 150 m: footprint rmse, mean / median (m)": (FOOTPRINTS, RMSE, "{:.3f}", MEAN, ""),
+        "the same, median / worst walk": (FOOTPRINTS, RMSE, "{:.2f}", WORST, ""),
+        "the same, best-fit scale, median": (FOOTPRINTS, "scale", "{:.3f}", MIDDLE, ""),
+        "5 loops of 23 to 78 m: closure in % of the distance, median / worst": (
+            LOOPS, "closure_percent", "{:.2f}", WORST, "",
+        ),
+    }  # fmt: skip
+    return _of_both(walks, rows)
+
+
+def _of_both(walks: Walks, rows: Mapping[str, tuple[str, str, str, Sequence[Summary], str]]) -> list[str]:
+    beside = any(row[-1] for row in rows.values())
+    lines = ["| | `inertial` | `iez` |" + " PyShoe |" * beside, "|---|---:|---:|" + "---:|" * beside]
+    for words, (section, name, pattern, summaries, other) in rows.items():
+        both = [of(walks, section, method, name, pattern, summaries) for method in (INERTIAL, IEZ)]
+        lines.append(_line([words, *both, *([other] if beside else [])]))
+    return lines
+
+
+def write_pairs(walks: Walks) -> list[str]:
+    """Each walk without and with the magnetometer."""
+    lines = ["| walk | without | as recorded | calibrated on the walk |", "|---|---:|---:|---:|"]
+    for group, merit in MERITS.items():
+        some = [pair for pair in walks["magnetometer"] if pair["group"] == group]
+        rows = {f"{group} {pair['name']}": [pair[kind] for kind in KINDS] for pair in some}
+        rows[f"{group}, mean: {merit}"] = np.mean(list(rows.values()), axis=0).tolist()
+        lines += [_line([name, *(f"{value:.3f}" for value in values)]) for name, values in rows.items()]
+    return lines
+
+
+def write_ablation(walks: Walks) -> list[str]:
+    """The smoother without one of its parts."""
+    rows = walks["ablation"]
+    lines = [_line(list(rows[0])), "|---|" + "---:|" * (len(rows[0]) - 1)]
+    return lines + [_line([_cell(cell) for cell in row.values()]) for row in rows]
+
+
+def _cell(value: object) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+Summary = Callable[[Sequence[float]], float]
+MEAN: Sequence[Summary] = (statistics.fmean, statistics.median)
+WORST: Sequence[Summary] = (statistics.median, max)
+MIDDLE: Sequence[Summary] = (statistics.median,)
+KINDS = ("without", "raw", "walk")
+PYSHOE_2D, PYSHOE_3D = (" / ".join(f"{PYSHOE[of][plane]:.3f}" for of in ("mean", "median")) for plane in (0, 1))
+
+
+def of(
+    walks: Walks,
+    section: str,
+    method: str,
+    name: str,
+    pattern: str = "{:.3f}",
+    summaries: Sequence[Summary] = MEAN,
+) -> str:
+    """A figure of merit over the walks of a section; a walk that failed is infinitely bad."""
+    rows = [one for one in walks["walks"] if (one["section"], one["method"]) == (section, method)]
+    values = [one.get(name, math.inf) for one in rows]
+    return " / ".join(pattern.format(summary(values)) for summary in summaries)
+
+
+def of_pairs(walks: Walks, kind: str) -> str:
+    """Mean and median over the gdin walks without the magnetometer, or with it."""
+    values = [pair[kind] for pair in walks["magnetometer"] if pair["group"] == GDIN]
+    return " / ".join(f"{summary(values):.3f}" for summary in MEAN)
+
+
+BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Walks], list[str]]] = {
+    "papers": lambda papers, _: headlines(papers, "README.md"),
+    "pocket": lambda papers, _: headlines(papers, "docs/pocket.md"),
+    "real-walks": lambda _, walks: write_summary(walks),
+    "vicon": lambda _, walks: write_vicon(walks),
+    "indoor": lambda _, walks: write_indoor(walks),
+    "magnetometer": lambda _, walks: write_pairs(walks),
+    "ablation": lambda _, walks: write_ablation(walks),
+}
+"""Tables of other pages by the names of their marks."""
 
 if __name__ == "__main__":
     harness.run(main)

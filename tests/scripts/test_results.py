@@ -1,13 +1,14 @@
 """The script that writes docs/results.md, and the page itself."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.file import read_reproduction, written
 from fg_nav.lab.reproduce.messages import named, remark
 from tests.lab.reproduce.made import reproduction
 from tests.scripts import load_script
@@ -17,6 +18,7 @@ script = load_script("write_results")
 
 PAGE = ROOT / "docs" / "results.md"
 FILES = [PAGE.parent / "results" / f"{name}.json" for name in ("ma2018", "aiez2017", "munoz-diaz2017")]
+WALKS = PAGE.parent / "results" / "real-walks.json"
 
 
 @pytest.fixture
@@ -24,16 +26,8 @@ def found(tmp_path):
     return reproduction(tmp_path)
 
 
-@pytest.fixture
-def file(found, tmp_path):
-    path = tmp_path / "results.json"
-    path.write_text(written(found))
-    return path
-
-
-def test_every_row_has_a_line_with_its_verdict_and_its_reason(found, file, tmp_path):
-    script.main([str(file), "--out", str(tmp_path / "a.md")])
-    text = (tmp_path / "a.md").read_text()
+def test_every_row_has_a_line_with_its_verdict_and_its_reason(found):
+    text = script.document([found])
     lines = text.splitlines()
     for experiment in found.experiments:
         assert f"### {experiment.name}: {experiment.title}" in lines
@@ -48,44 +42,77 @@ def test_every_row_has_a_line_with_its_verdict_and_its_reason(found, file, tmp_p
         assert words in lines
 
 
-def test_a_page_that_is_not_as_written_is_refused(file, tmp_path, capsys):
-    page = tmp_path / "a.md"
+@pytest.fixture
+def project(tmp_path):
+    """The pages with results in them, and the files that they are written from."""
+    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *FILES, WALKS):
+        copy = tmp_path / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(path.read_bytes())
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["docs/results.md", "README.md"])
+def test_a_page_that_is_not_as_written_is_refused(project, capsys, name):
+    page = project / name
+    written = page.read_text()
+    page.write_text(written.replace("0.56", "0.50"))
     with pytest.raises(OutputError, match="is not what is written"):
-        script.main([str(file), "--check", str(page)])
-    script.main([str(file), "--out", str(page)])
-    script.main([str(file), "--check", str(page)])
+        script.main(["--check", "--root", str(project)])
+    script.main(["--root", str(project)])
+    assert page.read_text() == written
+    script.main(["--check", "--root", str(project)])
     assert "as written" in capsys.readouterr().out
-    page.write_text(page.read_text().replace("0.55", "0.50"))
-    with pytest.raises(OutputError, match="is not what is written"):
-        script.main([str(file), "--check", str(page)])
 
 
-def test_the_lines_of_other_pages_name_paper_row_and_three_figures(found, file, capsys, monkeypatch):
+def test_a_block_that_is_not_there_is_named():
+    with pytest.raises(OutputError, match="no block 'mistake': choose one of a"):
+        script.fill_marks("<!-- written: mistake -->\n<!-- end -->\n", {"a": []})
+
+
+def test_the_lines_of_other_pages_name_paper_row_and_three_figures(found, monkeypatch):
     row, other = "end < error & more", "rmse"
     wanted = [script.Line("ma2018", "M-E1", "", [row]), script.Line("another", "X-E1", "", ["end"])]
     both = script.Line("ma2018", "M-E1", "both", [row, other])
     monkeypatch.setattr(script, "HEADLINES", {"a.md": [*wanted, both]})
     monkeypatch.setattr(script, "BESIDE", {"a.md": ("tuned",)})
-    script.main([str(file), "--lines"])
-    said = capsys.readouterr().out.splitlines()
-    assert said[0] == "a.md:"
-    assert said[4:7] == [
+    assert script.headlines([found], "a.md")[2:] == [
         "| ma2018, M-E1: end < error & more (m) | 0.50 | 0.10 (0.09 to 0.11) | - | 1.00 |",
         "| ma2018, M-E1: both (m) | 0.50 | 0.10 / 0.55 | - / - | 1.00 / 1.00 |",
-        "",
     ]
     monkeypatch.setattr(script, "HEADLINES", {"a.md": [script.Line("ma2018", "M-E1", "", ["nowhere"])]})
     with pytest.raises(OutputError, match="no row 'nowhere' in M-E1"):
         script.headlines([replace(found, seeds=(1,))], "a.md")
 
 
-def test_the_page_is_what_the_script_writes_from_the_files_beside_it():
-    script.main([*map(str, FILES), "--check", str(PAGE)])
-    assert all(path.stat().st_size < 200_000 for path in FILES)
+def test_all_pages_are_what_the_script_writes_from_the_files():
+    script.main(["--check"])
+    assert all(path.stat().st_size < 200_000 for path in (*FILES, WALKS))
 
 
-@pytest.mark.parametrize("page", script.HEADLINES)
-def test_other_pages_have_the_lines_of_these_files(page):
-    lines = script.headlines([read_reproduction(path) for path in FILES], page)
-    assert len(lines) == 2 + len(script.HEADLINES[page])
-    assert "\n".join(lines) in (ROOT / page).read_text(encoding="utf-8")
+def test_every_block_stands_in_one_page():
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    found = [name for page in pages for name in re.findall(r"<!-- written: ([\w-]+) -->", page.read_text("utf-8"))]
+    assert sorted(found) == sorted(script.BLOCKS)
+
+
+def test_figures_of_the_real_walks_are_their_means_and_medians():
+    walks = json.loads(WALKS.read_text())
+    rmse = [one["rmse_2d_m"] for one in walks["walks"] if (one["section"], one["method"]) == (script.FOOTPRINTS, "iez")]
+    assert script.of(walks, script.FOOTPRINTS, "iez", "rmse_2d_m") == f"{np.mean(rmse):.3f} / {np.median(rmse):.3f}"
+    without = [one["without"] for one in walks["magnetometer"] if one["group"] == "gdin"]
+    inertial = [
+        one["rmse_2d_m"]
+        for one in walks["walks"]
+        if (one["section"], one["method"]) == (script.FOOTPRINTS, script.INERTIAL)
+    ]
+    assert without == pytest.approx(inertial, abs=1e-4)  # two ways to the same figure
+
+
+def test_no_page_has_a_figure_of_the_real_walks_but_in_the_tables_that_are_written():
+    """A mean or median over the gdin walks in prose would be another source of it."""
+    for page in (ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")):
+        prose = script.MARKED.sub("", page.read_text(encoding="utf-8"))
+        paragraphs = re.split(r"\n\s*\n|\n(?=\||\* |- )", prose)
+        about = [one for one in paragraphs if re.search(r"\bgdin\b", one) and re.search(r"\brmse|footprint", one)]
+        assert not [one for one in about if re.search(r"\b0\.\d\d+ (m\b|with)", one)], page.name
