@@ -27,6 +27,8 @@ from fg_nav.smoother import SmootherParameters
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 FILTERS_PAGE = ROOT / "docs/filters.md"
+MAGNETIC_PAGE = ROOT / "docs/magnetic.md"
+NAMED = re.compile(r"scripts/(\w+)\.py")
 PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
 
 
@@ -84,16 +86,17 @@ def test_what_is_mended_has_the_limits_of_the_code() -> None:
 
 
 def test_every_file_of_a_result_is_explained() -> None:
-    text = README.read_text(encoding="utf-8")
+    text = (ROOT / "docs/files.md").read_text(encoding="utf-8")
     ours = RESULT_FILES | DETECT_FILES | ALLAN_FILES
     assert not [name for name in ours if f"`{name}`" not in text]
 
 
-def test_commands_and_options_exist() -> None:
-    blocks = re.findall(r"```sh\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    lines = re.findall(r"(?:^|/)fg-nav (\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_options_exist(page: Path) -> None:
+    blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    lines = re.findall(r"(?:^|/|\| )fg-nav (\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
     commands = typer.main.get_command(app).commands
-    assert {name for name, _ in lines} == set(commands)
+    assert page != README or {name for name, _ in lines} == set(commands)
     for name, rest in lines:
         options = {option for parameter in commands[name].params for option in parameter.opts}
         assert set(re.findall(r"--[\w-]+", rest)) <= options
@@ -122,9 +125,8 @@ def test_every_scenario_has_its_row() -> None:
 
 
 def test_every_file_of_a_simulation_is_explained() -> None:
-    for page in (README, ROOT / "docs/simulation.md"):
-        text = page.read_text(encoding="utf-8")
-        assert not [name for name in SIMULATION_FILES if f"`{name}`" not in text]
+    text = (ROOT / "docs/simulation.md").read_text(encoding="utf-8")
+    assert not [name for name in SIMULATION_FILES if f"`{name}`" not in text]
 
 
 def test_every_field_and_level_is_explained() -> None:
@@ -133,9 +135,9 @@ def test_every_field_and_level_is_explained() -> None:
 
 
 def test_every_detector_and_method_of_calibration_has_its_row() -> None:
-    assert names_of(README, "detector") == list(SURVEYED)
-    assert names_of(README, "`--method`") == list(METHODS)
-    assert f"| `{DEFAULT}` |" in README.read_text(encoding="utf-8")
+    assert names_of(MAGNETIC_PAGE, "detector") == list(SURVEYED)
+    assert names_of(MAGNETIC_PAGE, "`--method`") == list(METHODS)
+    assert f"| `{DEFAULT}` |" in MAGNETIC_PAGE.read_text(encoding="utf-8")
 
 
 def test_every_key_of_a_calibration_file_is_told() -> None:
@@ -151,8 +153,8 @@ def test_help_and_tables_have_every_method_and_preset() -> None:
     assert tuple(PRESET_NAMES.replace(" or ", ", ").split(", ")) == PRESETS
     assert set(names_of(README, "method")) == {*SMOOTHERS, *FILTERS, "-rts", "iez-rts"}
     assert names_of(FILTERS_PAGE, "method") == list(FILTERS)
-    for page in (README, FILTERS_PAGE):
-        assert names_of(page, "preset") == list(PRESETS)
+    assert names_of(FILTERS_PAGE, "preset") == list(PRESETS)
+    assert not [name for name in PRESETS if f"`{name}`" not in README.read_text(encoding="utf-8")]
 
 
 def test_each_misprint_names_the_tests_that_show_it() -> None:
@@ -171,3 +173,16 @@ def test_pages_of_the_filters_exist() -> None:
     modules = re.findall(r"`(?:fg_nav/)?((?:ekf|magnetic|evaluation)/\w+\.py)`", text)
     assert modules
     assert not [name for name in modules if not (ROOT / "fg_nav" / name).exists()]
+
+
+def test_the_readme_is_short_and_begins_with_a_picture() -> None:
+    lines = README.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 200
+    assert any(line.startswith("![") for line in lines[:20])
+
+
+def test_scripts_that_pages_and_modules_name_exist() -> None:
+    sources = [*PAGES, *(ROOT / "fg_nav").rglob("*.py"), *(ROOT / "scripts").glob("*.py")]
+    named = {name for page in sources if page.name != "CHANGELOG.md" for name in NAMED.findall(page.read_text("utf-8"))}
+    assert "compare_ekf" in named
+    assert not [name for name in sorted(named) if not (ROOT / "scripts" / f"{name}.py").exists()]

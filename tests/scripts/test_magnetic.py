@@ -180,18 +180,18 @@ def test_consistency_runs_on_results_that_compare_ekf_keeps(tmp_path, capsys):
 
 def test_no_walk_may_be_worse_with_the_magnetometer():
     pairs = [
-        real.Pair("gdin 1", 0.4, {"raw": 0.2, "walk": 0.42}, True),
-        real.Pair("gdin 2", 0.4, {"raw": 0.6, "walk": 0.44}, True),
+        real.Pair("gdin", "1", 0.4, {"raw": 0.2, "walk": 0.42}, True),
+        real.Pair("gdin", "2", 0.4, {"raw": 0.6, "walk": 0.44}, True),
     ]
-    marks = {iron: [f.mark for f in real.pair_figures("gdin", pairs, iron)] for iron in ("raw", "walk")}
+    marks = {iron: [f.mark for f in real.judge_pairs("gdin", pairs, iron)] for iron in ("raw", "walk")}
     assert marks == {"raw": ["ok", "missed"], "walk": ["ok", "ok"]}
-    failed = [real.Pair("gdin 1", 0.4, {"raw": math.inf, "walk": 0.4}, False)]
-    assert [f.mark for f in real.pair_figures("gdin", failed, "raw")] == ["missed", "missed"]
+    failed = [real.Pair("gdin", "1", 0.4, {"raw": math.inf, "walk": 0.4}, False)]
+    assert [f.mark for f in real.judge_pairs("gdin", failed, "raw")] == ["missed", "missed"]
 
 
 @needs_data
 def test_a_real_walk_with_and_without_the_magnetometer(capsys):
-    figures = real.measure_magnetic(DATA, {"gdin": ("31",), "openshoe": ("7",)})
+    figures = real.print_pairs(real.measure_pairs(DATA, {"gdin": ("31",), "openshoe": ("7",)}))
     printed = capsys.readouterr().out
     assert "gdin 31" in printed
     assert "openshoe 7" in printed
