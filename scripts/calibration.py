@@ -29,7 +29,7 @@ walk
 noise
     What an Allan deviation finds of sensors that lie on a table for an hour (`at-rest`). Found over true, median (least
     to most) over axes and seeds: N, K where the preset has a walk and the hour shows it, and the lowest point of the
-    curve, over that which noise and drift have by their formulas (`fg_nav.lab.simulation.sensors.drift`).
+    curve, over that which noise and drift have by their formulas (`fg_nav.lab.simulation.sensors.triad`).
 
 channels
     What the sigmas of the field detectors' presets rest on: the scatter of each channel's value from footfall to

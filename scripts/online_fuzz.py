@@ -35,7 +35,7 @@ from harness import FIRST_SEED, Figure, option
 from fg_nav.arrays import Floats
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.lab.simulation import Choices, Scenario, simulate
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Pose, arc, straight
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of
 from fg_nav.online import OnlineNavigator

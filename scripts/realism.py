@@ -40,7 +40,7 @@ from fg_nav.lab.simulation import Person, Scenario, simulate
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.lab.simulation.sensors import preset
-from fg_nav.lab.simulation.streams import Streams
+from fg_nav.lab.simulation.walk import Streams
 from fg_nav.mechanisation import NavState
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.smoother import smooth

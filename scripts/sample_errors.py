@@ -56,8 +56,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read
 from fg_nav.lab.simulation import courses
 from fg_nav.lab.simulation.foot import FootMotion, foot_motion
-from fg_nav.lab.simulation.footsteps import Strides, Style
-from fg_nav.lab.simulation.motion import Kinematics
+from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import INSTEP, MOUNTS, Mount, Person, mount_named
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan

@@ -17,11 +17,10 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Floats
 from fg_nav.lab.simulation import courses
 from fg_nav.lab.simulation.foot import FootMotion, foot_motion
-from fg_nav.lab.simulation.footsteps import Strides, Style
+from fg_nav.lab.simulation.motion import Bursts, Ramps, Strides, Style
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import INSTEP, Gait, Mount, Person, Shock
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
-from fg_nav.lab.simulation.ramps import Bursts, Ramps
 from fg_nav.lab.simulation.sensors import SensorPrior, preset
 from fg_nav.recording import Recording, TrajectoryTruth
 

@@ -1,6 +1,6 @@
 """What is wrong with a magnetometer on its shoe, and how to take it off.
 
-    reading = S B + h   (S soft iron, h hard iron; `fg_nav.lab.simulation.sensors.iron`)
+    reading = S B + h   (S soft iron, h hard iron; `fg_nav.lab.simulation.sensors.magnetometer`)
     B = C (reading - h),   C = S^-1
 
 Readings alone show how long B is and never how it is turned: C is known up to a rotation, and the symmetric one stands

@@ -13,7 +13,7 @@ from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, j
 from fg_nav.detection.footfalls import LONGEST_SWING_S
 from fg_nav.detection.sliding import Sliding
 from fg_nav.errors import DetectionError
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.recording import Recording

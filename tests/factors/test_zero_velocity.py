@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors import rolling_stance_factor
-from fg_nav.lab.simulation.ramps import Ramps
+from fg_nav.lab.simulation.motion import Ramps
 from tests.simulated import turning_foot
 
 UNIT = gtsam.noiseModel.Unit.Create(3)

@@ -15,7 +15,7 @@ from fg_nav.errors import EstimationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.fields import magnet
-from fg_nav.lab.simulation.fields.dipole import Dipoles
+from fg_nav.lab.simulation.fields.sources import Dipoles
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording, TrajectoryTruth

@@ -10,7 +10,7 @@ from typing import Any
 
 from fg_nav.lab.campaign.kept import Key
 from fg_nav.lab.campaign.settings import settings_of
-from fg_nav.lab.simulation.fields.levels import SMOOTH_KINDS, Clutter
+from fg_nav.lab.simulation.fields.building import SMOOTH_KINDS, Clutter
 from fg_nav.magnetic import DETECTORS
 
 FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, "indoor": Clutter()}

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Path, Pose, arc, closed_curve, open_curve, polyline, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of

@@ -12,8 +12,8 @@ frame and s = r + d, the derivatives by time are exact:
     v = pivot' + nav_R_foot (w x s + d'),
     f = nav_R_foot^T (pivot'' + g up) + w' x s + w x (w x s) + 2 w x d' + d''.
 
-Pivot and angles are sums of ramps, their shocks bursts (`fg_nav.lab.simulation.ramps`): a table of phases for each
-(`fg_nav.lab.simulation.phases`), as large as the person's gait (`fg_nav.lab.simulation.person`) makes them. In stance
+Pivot and angles are sums of ramps, their shocks bursts (`fg_nav.lab.simulation.motion`): a table of phases for each
+(`fg_nav.lab.simulation.steps`), as large as the person's gait (`fg_nav.lab.simulation.person`) makes them. In stance
 
 * the foot rolls slowly forward about the pivot, so that the sensor moves by w x r and does not stand still;
 * the sole gives way under the load and springs back in the next push-off; a foot that stands on stays pressed;
@@ -34,13 +34,39 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.lab.simulation import phases
-from fg_nav.lab.simulation.footsteps import Strides
-from fg_nav.lab.simulation.motion import Kinematics, mean_over_period
+from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, mean_over_period
 from fg_nav.lab.simulation.person import Mount, Person
-from fg_nav.lab.simulation.ramps import Bursts, Ramps
 from fg_nav.lab.simulation.shocks import shocks
-from fg_nav.lab.simulation.steps import Moves, Steps, draw_steps, joined, on_level
+from fg_nav.lab.simulation.steps import (
+    ASIDE,
+    DROP,
+    FALL,
+    FORWARD,
+    INVERT_OFF,
+    INVERT_ON,
+    LAND,
+    LEAN,
+    LIFT,
+    PRESS,
+    PUSH,
+    RAISE,
+    ROLL_OVER,
+    SET_DOWN,
+    SETTLE,
+    SLIP,
+    SPRING,
+    STIR,
+    TOE_IN,
+    TOE_OUT,
+    TURN,
+    Moves,
+    Steps,
+    draw_steps,
+    joined,
+    lift_rises,
+    on_level,
+    pitch_rises,
+)
 
 NODE_S = 3e-3
 """A node of quadrature for each of these in a sample period, and one more: errors stay below 1e-4 of an 80 Hz burst."""
@@ -134,9 +160,9 @@ def _level(steps: Steps) -> tuple[Track, Track]:
     aside = on_level(heading, np.zeros(len(steps)), -steps.gait("circumduction_m") * steps.vigour)
     east, north = (
         [
-            steps.swing(phases.FORWARD, step[:, axis]),
-            steps.swing(phases.ASIDE, aside[:, axis]),
-            steps.stance(phases.SLIP, steps.slip[:, axis]),
+            steps.swing(FORWARD, step[:, axis]),
+            steps.swing(ASIDE, aside[:, axis]),
+            steps.stance(SLIP, steps.slip[:, axis]),
         ]
         for axis in (0, 1)
     )
@@ -146,30 +172,30 @@ def _level(steps: Steps) -> tuple[Track, Track]:
 def _up(steps: Steps) -> Track:
     floor = steps.strides.footprint[:, 2]
     heights = (steps.gait(name) * steps.vigour for name in ("clearance_m", "midswing_m", "heel_m"))
-    lift, again, set_down, drop = phases.lift_rises(*heights)
+    lift, again, set_down, drop = lift_rises(*heights)
     climb = steps.gait("climb")
     return float(floor[0]), [
-        steps.swing(phases.LIFT, lift),
-        steps.swing(phases.DROP, drop),
-        steps.swing(phases.RAISE, again),
-        steps.swing(phases.SET_DOWN, set_down),
+        steps.swing(LIFT, lift),
+        steps.swing(DROP, drop),
+        steps.swing(RAISE, again),
+        steps.swing(SET_DOWN, set_down),
         steps.between(climb[:, 0], climb[:, 1], np.diff(floor)),
-        steps.swing(phases.SPRING, np.roll(steps.pressed, 1)),  # the foot begins as pressed as it ends
-        steps.swing(phases.PRESS, -steps.pressed),
+        steps.swing(SPRING, np.roll(steps.pressed, 1)),  # the foot begins as pressed as it ends
+        steps.swing(PRESS, -steps.pressed),
     ]
 
 
 def _pitch(steps: Steps, rng: np.random.Generator) -> Track:
     toe_down, toe_up = steps.gait("toe_down_rad") * steps.vigour, steps.gait("toe_up_rad") * steps.vigour
-    push, land, fall = phases.pitch_rises(toe_down, toe_up)
+    push, land, fall = pitch_rises(toe_down, toe_up)
     begun = np.concatenate([[0.0], steps.settled + steps.rolled])[: len(steps)]  # by the stance before
     return 0.0, [
-        steps.swing(phases.STIR, steps.stirred),
-        steps.swing(phases.PUSH, push - steps.stirred - begun),
-        steps.swing(phases.FALL, fall),
-        steps.swing(phases.LAND, land),
-        steps.swing(phases.SETTLE, steps.settled),
-        steps.stance(phases.ROLL_OVER, steps.rolled),
+        steps.swing(STIR, steps.stirred),
+        steps.swing(PUSH, push - steps.stirred - begun),
+        steps.swing(FALL, fall),
+        steps.swing(LAND, land),
+        steps.swing(SETTLE, steps.settled),
+        steps.stance(ROLL_OVER, steps.rolled),
         _sway(steps, rng),
     ]
 
@@ -177,9 +203,9 @@ def _pitch(steps: Steps, rng: np.random.Generator) -> Track:
 def _roll(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
     inversion = steps.gait("inversion_rad") * _wobble(steps, rng)
     return 0.0, [
-        steps.swing(phases.INVERT_OFF, inversion[0]),
-        steps.swing(phases.INVERT_ON, inversion[1]),
-        steps.stance(phases.LEAN, steps.gait("pronation_rad") * lean),
+        steps.swing(INVERT_OFF, inversion[0]),
+        steps.swing(INVERT_ON, inversion[1]),
+        steps.stance(LEAN, steps.gait("pronation_rad") * lean),
         _sway(steps, rng),
     ]
 
@@ -188,10 +214,10 @@ def _yaw(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
     heading = steps.strides.heading
     wobble = steps.gait("yaw_wobble_rad") * _wobble(steps, rng)
     return np.pi / 2 - float(heading[0]), [
-        steps.swing(phases.TOE_OUT, wobble[0]),
-        steps.swing(phases.TOE_IN, wobble[1]),
-        steps.stance(phases.LEAN, steps.gait("twist_rad") * lean),
-        steps.swing(phases.TURN, -np.diff(heading)),
+        steps.swing(TOE_OUT, wobble[0]),
+        steps.swing(TOE_IN, wobble[1]),
+        steps.stance(LEAN, steps.gait("twist_rad") * lean),
+        steps.swing(TURN, -np.diff(heading)),
     ]
 
 

@@ -2,7 +2,7 @@
 
 Angles are of the foot: x forward, y left, z up from a pivot under the instep, on the floor; positive pitch points the
 toe down, positive roll lifts the inner edge of a right foot, positive yaw turns left. Times are in shares of the swing,
-from heel-off to foot-flat (`fg_nav.lab.simulation.phases` has the curves).
+from heel-off to foot-flat (`fg_nav.lab.simulation.steps` has the curves).
 
 Where a field says "gdin" it is a round figure inside what ten real walks with an instep sensor show (stride, angles and
 heights by strapdown with zero velocity in stance; `scripts/realism.py` prints them side by side); "Vicon" is the same
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.sensors import checks
 
 

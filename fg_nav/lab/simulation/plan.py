@@ -29,7 +29,7 @@ from scipy.signal import lfilter
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import wrap
-from fg_nav.lab.simulation.footsteps import Strides, Style
+from fg_nav.lab.simulation.motion import Strides, Style
 from fg_nav.lab.simulation.path import GAP_M, KINK_RAD, Path, Pose
 from fg_nav.lab.simulation.person import Gait, Person
 

@@ -31,7 +31,7 @@ from pathlib import Path as File
 from typing import Any, TypeVar, cast
 
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Path, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Scenario, Worn, scenario

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.lab.simulation.motion import Bursts
 from fg_nav.lab.simulation.person import Mount, Shock
-from fg_nav.lab.simulation.ramps import Bursts
 from fg_nav.lab.simulation.steps import Steps
 
 JITTER = 0.1

@@ -40,8 +40,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.lab.simulation.footsteps import Strides, Style
-from fg_nav.lab.simulation.motion import Kinematics, mean_over_period
+from fg_nav.lab.simulation.motion import Kinematics, Strides, Style, mean_over_period
 
 CONTROL_S = 0.0125
 """Between control points."""

@@ -1,36 +1,67 @@
 """From a scenario and a seed to a recording with all its truth: the simulator, put together.
 
-    course -> strides -> motion of foot or thigh -> rate, force
-                      -> field of the surroundings -> body field  -> sensor -> recording
+    route -> strides -> motion of foot or thigh -> rate, force
+                     -> field of the surroundings -> body field  -> sensor -> recording
+
+One seed has many independent streams of random numbers, each named by its purpose (`Streams`). The same seed is the
+same sensor on the same person in every scenario: what a calibration loop finds holds in the office of that seed. The
+walk, the field, the biases at switch-on and the noise are new in every scenario.
 
 The motion is known at any instant; the sensor samples it in blocks, so that memory grows with the recording alone.
-Truth is told on the recording's clock, scale error and all, but not late by the delays that jitter its stamps.
-The origin of the recording's truth is where the sensor first is; the field was drawn about the course before that,
-and `origin` says where the one lies in the other.
+The truth is on the recording's clock, scale error and all, but not late by the delays that jitter its stamps. The
+origin of the recording's truth is where the sensor first is; the field was drawn about the route before that, and
+`origin` is the position of the one in the other. A sensor on a table has a constant pose, the truth of an Allan
+deviation.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, earth_at
 from fg_nav.lab.simulation.foot import foot_motion
-from fg_nav.lab.simulation.footsteps import Strides
-from fg_nav.lab.simulation.lying import Lying, no_strides
-from fg_nav.lab.simulation.motion import Kinematics, Motion
+from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
 from fg_nav.lab.simulation.person import Person, mount_named
-from fg_nav.lab.simulation.plan import Crossing, plan_with_landmarks
+from fg_nav.lab.simulation.plan import Crossing, Section, Stand, plan_with_landmarks
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, scenario, surroundings
 from fg_nav.lab.simulation.sensors import SensorRun
-from fg_nav.lab.simulation.streams import Streams
 from fg_nav.lab.simulation.thigh import Pocket, thigh_motion
 from fg_nav.recording import MIN_SAMPLES, Provenance, Recording, TrajectoryTruth
+
+MAX_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Streams:
+    """The generators of one seed and one scenario."""
+
+    seed: int
+    scenario: str
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed <= MAX_SEED:
+            raise SimulationError(f"{self.seed} is no seed: give a whole number from 0 to 2^63 - 1.")
+
+    def lasting(self, purpose: str) -> np.random.Generator:
+        """For what stays the same from scenario to scenario."""
+        return self._generator(purpose)
+
+    def of_this_walk(self, purpose: str) -> np.random.Generator:
+        """For what is new in every scenario."""
+        return self._generator(f"{self.scenario}/{purpose}")
+
+    def _generator(self, name: str) -> np.random.Generator:
+        return np.random.default_rng([self.seed, zlib.crc32(name.encode())])
+
 
 BLOCK = 50_000
 """Samples worked on at a time."""
@@ -274,3 +305,38 @@ def _landmarks(crossings: Sequence[Crossing], motion: Motion, origin: Floats, cl
     t = np.array([crossing.time_s for crossing in crossings])
     place = motion.at(t).position - origin
     return tuple(Passing(c.landmark, float(s), p) for c, s, p in zip(crossings, t * clock_rate, place, strict=True))
+
+
+TABLE_TILT_RAD = 0.01
+"""About each axis, standard deviation: tables and cases are level to half a degree (assumed)."""
+
+
+@dataclass(frozen=True)
+class Lying:
+    """Motion of a sensor that does not move, at the origin in the attitude `nav_R_body` (3, 3)."""
+
+    nav_R_body: Floats
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Lying:
+        """Draw a table that is not quite level."""
+        return cls(Rotation.from_rotvec(rng.normal(0.0, TABLE_TILT_RAD, 3)).as_matrix())
+
+    def at(self, t: Floats) -> Kinematics:
+        """Exact state at instants `t` (N,) s."""
+        nothing, force = np.zeros((len(t), 3)), np.tile(GRAVITY_M_S2 * self.nav_R_body[2], (len(t), 1))
+        return Kinematics(nothing, nothing.copy(), np.tile(self.nav_R_body, (len(t), 1, 1)), nothing.copy(), force)
+
+    def sampled(self, t: Floats, period_s: float) -> tuple[Floats, Floats]:
+        """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period]."""
+        state = self.at(t)
+        return state.rate, state.force
+
+
+def no_strides(sections: Sequence[Section]) -> Strides:
+    """Strides of nobody, for as long as the sections last; raises `SimulationError` if one of them goes anywhere."""
+    seconds = [section.seconds for section in sections if isinstance(section, Stand)]
+    if len(seconds) < len(sections):
+        raise SimulationError("a sensor on a table goes nowhere: wear it, or choose a course without strides.")
+    none = np.zeros(0)
+    return Strides(none, none, np.zeros((1, 3)), np.zeros(1), none.astype(np.int64), float(sum(seconds)))

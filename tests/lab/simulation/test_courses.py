@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fg_nav.lab.simulation import courses
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stairs, Stand, Walk, plan, plan_with_landmarks
 

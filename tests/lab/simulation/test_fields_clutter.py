@@ -25,7 +25,7 @@ from fg_nav.lab.simulation.fields import (
     place_cables,
     place_objects,
 )
-from fg_nav.lab.simulation.fields.ways import SENSOR_HEIGHTS_M
+from fg_nav.lab.simulation.fields.floor import SENSOR_HEIGHTS_M
 
 EARTH = SITES["munich"]
 CORRIDOR = np.array([[0.0, 0, 0], [40, 0, 0], [40, 25, 0], [0, 25, 0], [0, 0, 0]])

@@ -25,7 +25,7 @@ from fg_nav.lab.simulation.fields import (
     upright_loop,
 )
 from fg_nav.lab.simulation.fields.cylinder import CAR_M, STREETLIGHT_M, TEMPLATE_LENGTH_M
-from fg_nav.lab.simulation.fields.dipole import IRON_MU_R, demagnetising_factor
+from fg_nav.lab.simulation.fields.sources import IRON_MU_R, demagnetising_factor
 
 MU_0 = 4 * np.pi * 0.1
 """In uT m / A."""

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2, heading_of
 from fg_nav.lab.simulation.foot import FootMotion, foot_motion
-from fg_nav.lab.simulation.footsteps import Strides, Style
-from fg_nav.lab.simulation.motion import Kinematics
+from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
 from fg_nav.lab.simulation.path import Pose, straight
 from fg_nav.lab.simulation.person import HEEL, INSTEP, Gait, Mount, Person, Shock
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan

@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.foot import foot_motion
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import HEEL, INSTEP, MOUNTS, Gait, Mount, Person, Shock, Variety, mount_named
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Pose, arc, closed_curve, polyline, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Scatter, Stairs, Stand, TurnOnSpot, Walk, end_of, plan, plan_with_landmarks

@@ -14,7 +14,7 @@ from fg_nav.lab.simulation.fields import PAST_CARS, SITES, Cylinders, Homogeneou
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand, Walk, plan
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, preset
-from fg_nav.lab.simulation.sensors.drift import Drift, DriftPath
+from fg_nav.lab.simulation.sensors.triad import Drift, DriftPath
 
 TABLE_1 = {"north-pole": [0, 0, -65.0], "equator": [0, 25.0, 0], "munich": [0, 21.0418, -43.1421]}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.ramps import PEAK, Bursts, Ramps
+from fg_nav.lab.simulation.motion import PEAK, Bursts, Ramps
 
 RNG = np.random.default_rng(0)
 COUNT = 40

@@ -5,8 +5,7 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.lab.simulation.sensors import Drift, TriadPrior
-from fg_nav.lab.simulation.sensors.drift import DriftPath
-from fg_nav.lab.simulation.sensors.triad import digitised
+from fg_nav.lab.simulation.sensors.triad import DriftPath, digitised
 
 
 def allan(rate: Floats, period_s: float, tau_s: float) -> float:

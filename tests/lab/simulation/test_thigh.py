@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2, heading_of
 from fg_nav.lab.simulation import courses
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import polyline, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan

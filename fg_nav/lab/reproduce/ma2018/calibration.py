@@ -21,7 +21,7 @@ from fg_nav.lab.reproduce.results import (
     reason_for,
     spread_of,
 )
-from fg_nav.lab.simulation.sensors.iron import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
+from fg_nav.lab.simulation.sensors.magnetometer import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 
 PRINTED, QUADRANT, FITTED, FREE = "as printed", "right quadrant", "fitted", "CLSEF"
 

@@ -50,8 +50,8 @@ from fg_nav.lab.reproduce.parts import Arrays, Part
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, fixed_iron, ma_table_1, preset
-from fg_nav.lab.simulation.sensors.iron import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
-from fg_nav.lab.simulation.streams import Streams
+from fg_nav.lab.simulation.sensors.magnetometer import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
+from fg_nav.lab.simulation.walk import Streams
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.compass import compute_field_heading, compute_level_R_body, rotate_to_level
 from fg_nav.recording import TrajectoryTruth

@@ -31,7 +31,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT, PUBLISHED
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, courses, simulate
 from fg_nav.lab.simulation.emulation import with_field
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
-from fg_nav.lab.simulation.footsteps import Style
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PRESETS, estimate_pocket, level_start

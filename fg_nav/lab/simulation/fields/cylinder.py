@@ -30,8 +30,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.fields.dipole import IRON_MU_R
-from fg_nav.lab.simulation.fields.earth import Homogeneous
+from fg_nav.lab.simulation.fields.field import Homogeneous
+from fg_nav.lab.simulation.fields.sources import IRON_MU_R
 
 PHYSICAL, AS_PRINTED = 2.0, 1.0
 """Exponents n: that of the physics, and that of Equation (21) as printed."""

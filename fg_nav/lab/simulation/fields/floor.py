@@ -1,29 +1,127 @@
-"""The clutter of a reinforced floor: a random harmonic potential above a sheet of steel.
+"""Steel in the floor: a random harmonic potential above a level one, buried dipoles along stairs.
 
-With z the height over the sheet, horizontal wave vectors k, amplitudes b (uT at the sheet) and phases c,
+Both are drawn about the path of a walk (`FloorPath`). The sensor may be anywhere over that path from the foot to the
+pocket, so the room to leave is the distance from that upright strip.
+
+Level floor. With z the height over a sheet of steel, horizontal wave vectors k, amplitudes b (uT at the sheet) and
+phases c,
 
     phi = sgn(z) sum (b / |k|) cos(k . x + c) exp(-|k z|),    B = -grad phi:
 
     B_horizontal = sgn(z) sum b (k / |k|) sin(k . x + c) exp(-|k z|),    B_up = sum b cos(k . x + c) exp(-|k z|).
 
 Each term solves Laplace's equation on either side, so the map has neither divergence nor curl; B_up goes through the
-sheet without a step and the step of B_horizontal is the magnetised steel in it. Short waves die out first: the map is
-rough at the foot and mild at the pocket. The sheet lies `depth_m` under the floor, where nobody walks, and nothing
-grows beyond it.
+sheet without a step and the step of B_horizontal is the magnetized steel in it. Short waves die out first: the map is
+rough at the foot and mild at the pocket. The sheet lies `depth_m` under the floor, where no sensor is.
 
-What makes a reinforced floor so rough is not its mesh of 15 cm, whose field is gone at 10 cm, but that its bars are
-magnetised each in its own way; wavelengths and strength are those of the real walks (`scripts/realism_field.py`).
+What makes a reinforced floor so rough is not its mesh of 15 cm, whose field is gone at 10 cm, but that each bar has
+its own magnetization; wavelengths and strength are those of real walks (`scripts/realism_field.py`).
+
+Stairs. The floor climbs with the walker, so the same steel is cut into pieces: dipoles of equal size in random
+directions, spread in a strip about the path and `depth_m` below it, so that each tread has its own steel under it.
+Outside of the pieces the field has neither divergence nor curl. A layer at a distance H varies over about H, as waves
+of 2 pi H / 1.5 do. The moments are scaled so that the rms along the path is exactly `strength_uT`; a piece then has 5
+to 10 A m^2, some meters of reinforcing bar.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
+from scipy.spatial import KDTree
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
+from fg_nav.lab.simulation.fields.sources import UP, Dipoles
+
+SPACING_M = 0.2
+"""Points of a way lie no further apart than this."""
+
+SPOTS_M = 1.0
+"""Things are counted by the metre of way."""
+
+SENSOR_HEIGHTS_M = (0.1, 0.4, 0.7, 1.0)
+"""From a foot's sensor to above a pocket's."""
+
+LEVEL_M = 0.1
+"""A way that rises less than this in all lies on one floor."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Points on the floor along which somebody walks.
+
+    Attributes
+    ----------
+    points : (M, 3) m in nav, closely spaced.
+    """
+
+    points: Floats
+
+    @property
+    def is_level(self) -> bool:
+        """Whether all of it lies on one floor."""
+        return bool(np.ptp(self.points[:, 2]) < LEVEL_M)
+
+    @property
+    def floor_m(self) -> float:
+        """Height of the floor in nav where the way is level."""
+        return float(np.median(self.points[:, 2]))
+
+    @property
+    def spots(self) -> Floats:
+        """Points (K, 3) m of the way, about `SPOTS_M` apart: what is walked again counts once."""
+        spots: Floats = self.points[self._spot]
+        return spots
+
+    @property
+    def spot_directions(self) -> Floats:
+        """Direction (K, 3) of the way at its spots, with its slope; zero where it has none."""
+        last = len(self.points) - 1
+        chord = self.points[np.minimum(self._spot + 1, last)] - self.points[np.maximum(self._spot - 1, 0)]
+        length = np.linalg.norm(chord, axis=1, keepdims=True)
+        direction: Floats = np.divide(chord, length, out=np.zeros_like(chord), where=length > 0)
+        return direction
+
+    def room(self, position: Floats) -> Floats:
+        """Distance (K,) m of `position` (K, 3) m from where the sensor may be."""
+        distance, _ = self._tree.query(position)
+        return np.asarray(distance, dtype=np.float64)
+
+    @cached_property
+    def _spot(self) -> Ints:
+        tree = KDTree(self.points)
+        free = np.ones(len(self.points), dtype=np.bool_)
+        kept = []
+        for i, point in enumerate(self.points):
+            if free[i]:
+                kept.append(i)
+                free[tree.query_ball_point(point, SPOTS_M - SPACING_M / 2)] = False
+        return np.array(kept)
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        lifts = np.array([[0.0, 0.0, height] for height in SENSOR_HEIGHTS_M])
+        return KDTree((self.points[:, None] + lifts).reshape(-1, 3))
+
+
+def closely_spaced(points: Floats) -> Ways:
+    """Ways through corners `points` (M, 3) m, on the floor, joined by straight lines.
+
+    Raises
+    ------
+    SimulationError
+        Without a point, or with one that is not finite.
+    """
+    corners = np.asarray(points, dtype=np.float64)
+    if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners) or not np.isfinite(corners).all():
+        raise SimulationError(f"ways of shape {corners.shape} are no path: give finite points (M, 3) in metres.")
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    asked = np.linspace(0.0, along[-1], int(along[-1] / SPACING_M) + 2)
+    return Ways(np.stack([np.interp(asked, along, corners[:, i]) for i in range(3)], axis=1))
 
 
 @dataclass(frozen=True)
@@ -129,3 +227,46 @@ def _waves_at(above: Floats, wave: Floats, amplitude: Floats, phase: Floats) -> 
             u += size * np.cos(angle)
         field[i, 0], field[i, 1], field[i, 2] = side * e, side * n, u
     return field
+
+
+@dataclass(frozen=True)
+class TreadParameters:
+    """How rough stairs are.
+
+    Attributes
+    ----------
+    strength_uT : rms per axis at `reference_m` above the way; that of a floor.
+    reference_m : height of a sensor on a standing foot.
+    depth_m : of the pieces under the way.
+    half_width_m : of the strip.
+    per_m : pieces a metre of way; so many that several act at once.
+    room_m : to where a sensor may be, at least (winding stairs hang over the way below).
+    """
+
+    strength_uT: float = 5.5
+    reference_m: float = 0.1
+    depth_m: tuple[float, float] = (0.35, 0.9)
+    half_width_m: float = 1.6
+    per_m: float = 12.0
+    room_m: float = 0.35
+
+
+def draw_treads(ways: Ways, rng: np.random.Generator, parameters: TreadParameters = TreadParameters()) -> Dipoles:
+    """Bury the pieces under the ways."""
+    p = parameters
+    count = max(1, round(p.per_m * SPOTS_M))
+    position = _under(np.repeat(ways.spots, count, axis=0), np.repeat(ways.spot_directions, count, axis=0), p, rng)
+    position = position[ways.room(position) >= p.room_m]
+    moment = rng.standard_normal(position.shape)
+    unit = Dipoles(position, moment / np.linalg.norm(moment, axis=1, keepdims=True))
+    felt = unit.at(ways.points + np.array([0.0, 0.0, p.reference_m]))
+    size = p.strength_uT / np.sqrt(np.mean(felt**2))
+    return Dipoles(unit.position, size * unit.moment)
+
+
+def _under(spot: Floats, direction: Floats, p: TreadParameters, rng: np.random.Generator) -> Floats:
+    """Places (K, 3) m under the way: along it as it climbs, and level to its sides."""
+    along = SPOTS_M * rng.uniform(-0.5, 0.5, (len(spot), 1))
+    aside = p.half_width_m * rng.uniform(-1, 1, (len(spot), 1))
+    depth = rng.uniform(*p.depth_m, (len(spot), 1))
+    return spot + along * direction + aside * np.cross(direction, UP) - depth * UP

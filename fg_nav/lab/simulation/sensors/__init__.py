@@ -26,12 +26,17 @@ Drawn values and parameters are put into JSON by `as_dict`.
 """
 
 from fg_nav.lab.simulation.sensors.clock import Clock, ClockPrior
-from fg_nav.lab.simulation.sensors.drift import Drift
-from fg_nav.lab.simulation.sensors.iron import Iron, IronPrior, fixed_iron, ma_table_1
-from fg_nav.lab.simulation.sensors.magnetometer import Magnetometer, MagnetometerPrior
+from fg_nav.lab.simulation.sensors.magnetometer import (
+    Iron,
+    IronPrior,
+    Magnetometer,
+    MagnetometerPrior,
+    fixed_iron,
+    ma_table_1,
+)
 from fg_nav.lab.simulation.sensors.presets import PRESETS, preset
 from fg_nav.lab.simulation.sensors.sensor import Biases, Samples, Sensor, SensorPrior, SensorRun, Unit
-from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior
+from fg_nav.lab.simulation.sensors.triad import Drift, Triad, TriadPrior
 
 __all__ = [
     "PRESETS",

@@ -40,11 +40,9 @@ from dataclasses import replace
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.sensors.clock import ClockPrior
-from fg_nav.lab.simulation.sensors.drift import Drift
-from fg_nav.lab.simulation.sensors.iron import IronPrior
-from fg_nav.lab.simulation.sensors.magnetometer import MagnetometerPrior
+from fg_nav.lab.simulation.sensors.magnetometer import IronPrior, MagnetometerPrior
 from fg_nav.lab.simulation.sensors.sensor import SensorPrior
-from fg_nav.lab.simulation.sensors.triad import TriadPrior
+from fg_nav.lab.simulation.sensors.triad import Drift, TriadPrior
 
 _DEG = math.radians(1.0)
 _DEG_H = _DEG / 3600

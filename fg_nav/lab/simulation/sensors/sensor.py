@@ -24,11 +24,16 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.sensors import checks
-from fg_nav.lab.simulation.sensors.average import mean_of
 from fg_nav.lab.simulation.sensors.clock import Clock, ClockPrior
-from fg_nav.lab.simulation.sensors.compass import BodyField, Compass
-from fg_nav.lab.simulation.sensors.iron import Iron, IronPrior
-from fg_nav.lab.simulation.sensors.magnetometer import Magnetometer, MagnetometerPrior
+from fg_nav.lab.simulation.sensors.magnetometer import (
+    BodyField,
+    Compass,
+    Iron,
+    IronPrior,
+    Magnetometer,
+    MagnetometerPrior,
+    mean_of,
+)
 from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior
 from fg_nav.plain import plain
 
