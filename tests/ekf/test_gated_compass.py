@@ -4,12 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from fg_nav.ekf.core import filter_walk, propagate_considered
 from fg_nav.ekf.gated_compass import find_first_heading, run_gated_compass
 from fg_nav.ekf.iez import run_iez
+from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter, scale_detector
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import average_footfall_field
+from fg_nav.mechanisation import NavState
+from fg_nav.start import starting_point
+from tests.ekf.errors import error_of, random_state
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
 DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}
@@ -139,3 +145,34 @@ def test_without_a_magnetometer_it_says_what_to_take(method):
     recording, stances, _, _ = walked(replace(STRAIGHT, strides=3))
     with pytest.raises(EstimationError, match=f"{method} needs a magnetometer.*iez"):
         solved(method, recording, stances, None, 0.0)
+
+
+def test_a_considered_heading_turns_the_walk_about_its_start():
+    """Against a walk that is turned: an estimate a rad too far to the left is R(a) truth, in every component."""
+    rng, a = np.random.default_rng(5), 1e-6
+    truth = random_state(rng)
+    turn = Rotation.from_rotvec([0.0, 0.0, a]).as_matrix()
+    turned = NavState(turn @ truth.position, turn @ truth.velocity, turn @ truth.nav_R_body, *truth[3:])
+    considered = np.zeros(15)
+    considered[8] = a
+    propagate_considered(considered, truth)
+    np.testing.assert_allclose(considered, error_of(turned, truth), atol=a * 1e-5)
+    assert np.abs(considered[[0, 1, 3, 4]]).min() > 0.05 * a
+
+
+def test_position_and_heading_covary_as_a_walk_with_another_start_heading():
+    """Nothing used of the field: the covariance of a considered start heading is the derivative by it, squared."""
+    recording, stances, _, headings = walked(replace(STRAIGHT, strides=20, turn=0.1))
+    rows, step, sigma = stances.stillest(recording.gyr), np.radians(0.1), np.radians(20.0)
+
+    def run(heading, start_sigma=0.0):
+        start = starting_point(recording, stances, float(headings[0]) + heading)
+        return filter_walk(recording, stances.mask, rows, start, IezParameters(), start_sigma=start_sigma)
+
+    certain, considered = run(0.0), run(0.0, sigma)
+    # a heading is clockwise, the error about up counter-clockwise
+    slope = (run(-step).position - run(step).position)[rows, :2] / (2 * step)
+    added = considered.covariance - certain.covariance
+    np.testing.assert_allclose(added[:, :2, 8], sigma**2 * slope, rtol=1e-3, atol=1e-3 * sigma**2)
+    np.testing.assert_allclose(added[:, 8, 8], sigma**2)
+    assert np.abs(slope[-1]).min() > 5.0
