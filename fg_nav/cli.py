@@ -504,17 +504,16 @@ def campaign(
     workers: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Processes of our own. \\[default: one a core]")
     ] = None,
-    renew: Annotated[bool, typer.Option("--renew", help="Make anew what other code made.")] = False,
-    retry: Annotated[bool, typer.Option("--retry", help="Make anew what failed.")] = False,
+    renew: Annotated[bool, typer.Option("--renew", help="Make again what other code made.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Make again what failed.")] = False,
 ) -> None:
     """Try methods on many walks, simulated and recorded; the same command goes on with what was stopped."""
-    from fg_nav.lab.campaign.command import Wanted
-    from fg_nav.lab.campaign.command import campaign as made
-    from fg_nav.report.campaign import print_campaign, remark, shown
+    from fg_nav.lab.campaign.command import Request, run_campaign
+    from fg_nav.report.campaign import print_campaign, print_note, show_progress
 
     place = RESULTS / plan.stem if out is None else out
-    with shown() as show:
-        done = made(Wanted(plan, place, scheduler, workers, renew, retry), show, remark)
+    with show_progress() as show:
+        done = run_campaign(Request(plan, place, scheduler, workers, renew, retry), show, print_note)
     print_campaign(done, place)
 
 

@@ -34,8 +34,8 @@ import psutil
 from harness import Figure
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.folder import CELLS
-from fg_nav.lab.campaign.table import RESULTS, RESULTS_CSV
+from fg_nav.lab.campaign.folder import RESULTS_FOLDER
+from fg_nav.lab.campaign.tables import RESULTS, RESULTS_CSV
 
 METHODS = ("smoother", "matched-rts", "ma2018")
 SCENARIOS = ("office", "office-open")
@@ -214,7 +214,7 @@ def disturbed(plan: Path, out: Path) -> list[str]:
 
 
 def _cells(out: Path) -> int:
-    folder = out / CELLS
+    folder = out / RESULTS_FOLDER
     return sum(name.endswith(".json") for name in os.listdir(folder)) if folder.is_dir() else 0
 
 

@@ -12,7 +12,7 @@ that was asked for. What other code made is joined and told; `--renew` makes tha
 methods on a walk share recording, stances and field, and are told the heading at the start, the true one; Munich has
 no declination, so that a compass and the truth have the same north. Seeds begin at 101: filters are tuned below 100.
 
-What was known of the iron on the shoe is in `fg_nav.lab.campaign.sources`: `loop` is as Ma did it, and the default.
+What was known of the iron on the shoe is in `fg_nav.lab.campaign.walks`: `loop` is as Ma did it, and the default.
 Real walks have no loop, and are `walk` unless they are to be `raw`.
 
 Figures are medians over the walks (5 % to 95 %), of their size where they have a sign. A method that fails on a walk
@@ -49,14 +49,14 @@ from walks import GDIN, OPENSHOE, REAL_WALKS
 
 from fg_nav.errors import OutputError, SimulationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
-from fg_nav.lab.campaign import cells, kept
-from fg_nav.lab.campaign.cells import recorded_keys, simulated_keys
-from fg_nav.lab.campaign.kept import Key, Result
-from fg_nav.lab.campaign.made import Job, name_and_preset
-from fg_nav.lab.campaign.settings import settings_of
-from fg_nav.lab.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES
+from fg_nav.lab.campaign.execute import recorded_keys, settings_of, simulated_keys, store_task, tasks_of
+from fg_nav.lab.campaign.methods import method_of
+from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Recorded
+from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
+from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.results import USED, Key, Result, read_result
 from fg_nav.report import style
 from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from fg_nav.report.terminal import progress
@@ -88,7 +88,7 @@ class Chosen:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make what is missing, print, draw."""
     chosen = checked(_parse(arguments))
-    results = made_and_kept(chosen)
+    results = make_missing(chosen)
     cases = by_case(results)
     for name, case in cases.items():
         print_case(name, case, chosen.reference)
@@ -102,18 +102,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_remarks(results)
 
 
-def made_and_kept(chosen: Chosen) -> list[Result]:
+def make_missing(chosen: Chosen) -> list[Result]:
     """Return all results that were asked for, made now where they are missing."""
     keys = all_keys(chosen)
     settings = {key: settings_of(key, recorded=key.group in REAL_WALKS) for key in keys}
     real = {(key.group, key.walk) for key in keys if key.group in REAL_WALKS}
-    recorded = {one: walks.real_path(*one, walks.data_folder(chosen.data)) for one in real}
-    return cells.made_and_kept(chosen.out, settings, partial(_run, chosen), recorded, chosen.renew)
-
-
-def _run(chosen: Chosen, jobs: Sequence[Job]) -> None:
-    with progress(f"{len(jobs)} walks") as report:
-        cells.on_processes(jobs, chosen.out, chosen.jobs, report)
+    recorded = {one: Recorded(walks.real_path(*one, walks.data_folder(chosen.data))) for one in real}
+    found = {key: read_result(chosen.out, key, settings[key]) for key in keys}
+    missing = [key for key, one in found.items() if one is None or (chosen.renew and one.code != code_sum())]
+    tasks = [partial(store_task, task, chosen.out, code_sum()) for task in tasks_of(missing, settings, recorded)]
+    if tasks:
+        with progress(f"{len(tasks)} walks") as report:
+            for done, _ in enumerate(run_tasks(tasks, chosen.jobs), start=1):
+                report(done / len(tasks))
+    found |= {key: read_result(chosen.out, key, settings[key]) for key in missing}
+    return [one for one in found.values() if one is not None]
 
 
 def _parse(arguments: Sequence[str] | None) -> Chosen:
@@ -149,7 +152,7 @@ def _parse(arguments: Sequence[str] | None) -> Chosen:
 def checked(chosen: Chosen) -> Chosen:
     """Refuse what cannot be before anything is simulated."""
     for method in chosen.methods:
-        name_and_preset(method)
+        method_of(method)
     for name in chosen.scenarios:
         scenario(name)
     for level in chosen.fields:
@@ -191,7 +194,7 @@ def draw_case(folder: Path, name: str, case: Case) -> None:
 def track_of(result: Result, mode: str) -> Track:
     """Return the walk to be drawn, laid on the truth by this alignment."""
     truth = np.array(result.truth, dtype=np.float64).reshape(-1, 2)
-    used = np.array([mark == kept.USED for mark in result.used], dtype=bool)
+    used = np.array([flag == USED for flag in result.used], dtype=bool)
     return Track(result.key.method, np.array(result.estimate[mode], dtype=np.float64), used, truth, result.every)
 
 

@@ -18,11 +18,11 @@ from harness import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, error_reduction_percent
-from fg_nav.lab.campaign import kept
-from fg_nav.lab.campaign.kept import Result
-from fg_nav.lab.campaign.made import name_and_preset
-from fg_nav.lab.campaign.sources import WALK
-from fg_nav.lab.reproduce.walk_figures import at_landmarks, mean, used_percent, walk_error
+from fg_nav.lab.campaign.methods import method_of
+from fg_nav.lab.campaign.walks import WALK
+from fg_nav.lab.reproduce.walks import at_landmarks, mean, used_percent, walk_error
+from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.results import Result
 from fg_nav.report.terminal import console
 from fg_nav.wording import counted
 
@@ -285,7 +285,7 @@ def table(columns: Sequence[Column], case: Case, group: str, against: str) -> tu
     rows = []
     for method in case:
         rows.append([method, *(spread(values[column][method]) for column in shown)])
-        paper = PAPERS.get((group, name_and_preset(method)[0]))
+        paper = PAPERS.get((group, method_of(method).name))
         if paper is not None and any(column.paper in paper.printed for column in shown):
             rows.append([f"  {paper.words}", *(paper.printed.get(column.paper, "") for column in shown)])
     return ["method", *(column.head for column in shown)], rows
@@ -293,7 +293,7 @@ def table(columns: Sequence[Column], case: Case, group: str, against: str) -> tu
 
 def _reference(case: Case, method: str, against: str) -> dict[str, Result]:
     """Results by walk of the method that this one is held against: in its own preset, if there are any."""
-    name, preset = name_and_preset(method)
+    name, preset = method_of(method).name, method_of(method).preset
     alike = against if name == method else f"{against}:{preset}"
     return {result.key.walk: result for result in case.get(alike, case.get(against, ()))}
 
@@ -329,7 +329,7 @@ def judged(cases: Mapping[str, Case]) -> list[Figure]:
     for name, case in cases.items():
         key = next(iter(case.values()))[0].key
         for method in case:
-            base = name_and_preset(method)[0]
+            base = method_of(method).name
             for asked in (one for one in ASKED if one.of(key.group, base, key.field)):
                 figures += _judged(name, case, method, asked)
     return figures
@@ -380,7 +380,7 @@ def print_remarks(results: Sequence[Result]) -> None:
         out.print(f"failed: {', '.join((result.key.group, result.key.walk, result.key.method))}: {result.failed}")
     if len(failed) > 10:
         out.print(f"and {len(failed) - 10} more failed")
-    old = [result.key.method for result in results if result.code != kept.code_sum()]
+    old = [result.key.method for result in results if result.code != code_sum()]
     if old:
         methods = ", ".join(dict.fromkeys(old))
         out.print(f"{len(old)} of {len(results)} results were made by other code ({methods}): --renew makes them anew")

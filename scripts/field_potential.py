@@ -52,7 +52,7 @@ from fg_nav.errors import OutputError
 from fg_nav.factors.field_potential import way_integral
 from fg_nav.factors.rotation import rotation_exp, turn_about_up
 from fg_nav.frames import wrap
-from fg_nav.lab.campaign.sources import LOOP, RAW, Recorded, Simulated
+from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.fields import earth_at
 from fg_nav.recording import TrajectoryTruth

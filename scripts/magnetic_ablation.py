@@ -52,11 +52,11 @@ from compare_tables import (
 from fg_nav.errors import FgNavError, OutputError
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.consistency import PARTS
-from fg_nav.lab.campaign import kept
-from fg_nav.lab.campaign.kept import Key, Result
-from fg_nav.lab.campaign.made import measured
-from fg_nav.lab.campaign.sources import LOOP, PERFECT, Simulated
+from fg_nav.lab.campaign.execute import evaluate_outcome
+from fg_nav.lab.campaign.walks import LOOP, PERFECT, Simulated
 from fg_nav.lab.simulation import scenario
+from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.results import USED, Key, Result, read_result, write_result
 from fg_nav.plain import plain
 from fg_nav.report.terminal import console, progress
 from fg_nav.session import Outcome, Session
@@ -158,8 +158,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for name in names
         for seed in range(chosen.first, chosen.first + chosen.seeds)
     ]
-    make([key for key in keys if kept.kept(chosen.out, key, settings_of(key)) is None], chosen.out, chosen.jobs)
-    results = [found for key in keys if (found := kept.kept(chosen.out, key, settings_of(key))) is not None]
+    make([key for key in keys if read_result(chosen.out, key, settings_of(key)) is None], chosen.out, chosen.jobs)
+    results = [found for key in keys if (found := read_result(chosen.out, key, settings_of(key))) is not None]
     print_all(results)
     print_remarks(results)
 
@@ -203,7 +203,7 @@ def make(missing: Sequence[Key], folder: Path, jobs: int) -> None:
         together.setdefault((key.group, key.field, key.walk), []).append(key)
     if not together:
         return
-    code = kept.code_sum()
+    code = code_sum()
     with progress(f"{len(together)} walks") as tell, ProcessPoolExecutor(min(jobs, len(together))) as pool:
         todo = [pool.submit(made, keys, folder, code) for keys in together.values()]
         for done, future in enumerate(as_completed(todo), start=1):
@@ -221,10 +221,10 @@ def made(keys: Sequence[Key], folder: Path, code: str) -> None:
         try:
             solution = smoothed(session, VARIANTS[key.method])
             outcome = Outcome(solution, evaluate(solution), None, field_used=True)
-            result = measured(blank, source, session, outcome)
+            result = evaluate_outcome(blank, source, session, outcome)
         except FgNavError as error:
             result = replace(blank, failed=str(error))
-        kept.keep(folder, result)
+        write_result(folder, result)
 
 
 def smoothed(session: Session, variant: Variant) -> Solution:
@@ -314,7 +314,7 @@ def nees_ratio(some: Sequence[Result]) -> float:
 def used_share(some: Sequence[Result]) -> float:
     """Share of footfalls whose field was used."""
     marks = "".join(result.used for result in some)
-    return marks.count(kept.USED) / len(marks) if marks else math.nan
+    return marks.count(USED) / len(marks) if marks else math.nan
 
 
 def cost_ratio(case: Mapping[str, Sequence[Result]], name: str) -> float:

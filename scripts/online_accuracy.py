@@ -32,8 +32,8 @@ from harness import FIRST_SEED, Figure, option, spread
 from walks import GDIN, OPENSHOE, REAL_WALKS, data_folder, real_path
 
 from fg_nav.evaluation.walked import AS_STARTED, compare_at_footfalls
-from fg_nav.lab.campaign.made import solved
-from fg_nav.lab.campaign.sources import LOOP, Recorded, Simulated, Source
+from fg_nav.lab.campaign.methods import solve_by
+from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated, Source
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Truth
@@ -107,14 +107,14 @@ def estimate_online(walk: tuple[str, str, str, Path | None]) -> Walked:
     session = source_of(group, level, name, data).session(LOOP)
     navigator = push_blocks(session)
     batch = replace(navigator.finish(), method="smoother")
-    hindsight = solved(replace(session, truth=None), "smoother").solution
+    hindsight = solve_by("smoother", replace(session, truth=None)).solution
     past = navigator.smoothed()
     gap, share = gap_between(past, batch.stances)
     after, _ = gap_between(batch.stances, hindsight.stances)
     truth = session.truth if level else None
     errors = [np.nan] * 4
     if truth is not None:
-        filtered = solved(replace(session, truth=None), "ma2018").solution
+        filtered = solve_by("ma2018", replace(session, truth=None)).solution
         assert batch.moment is not None
         tables = (batch.moment, filtered.stances, past, batch.stances)
         errors = [rms_error(batch, table, truth) for table in tables]

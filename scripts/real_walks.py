@@ -38,7 +38,7 @@ from fg_nav.arrays import Floats
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import Consistency, Metrics, compute_stance_nees, evaluate
-from fg_nav.lab.campaign.sources import RAW, WALK, Recorded
+from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console
 from fg_nav.session import Session, solve

@@ -35,8 +35,8 @@ from harness import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.consistency import PARTS, PLACES, estimate_freedom_of_mean, nees_band, share_in_band
-from fg_nav.lab.campaign.kept import Result
-from fg_nav.lab.campaign.sources import LOOP, PERFECT
+from fg_nav.lab.campaign.walks import LOOP, PERFECT
+from fg_nav.lab.store.results import Result
 
 FIRST_SEED, SEEDS = 101, 20
 METHODS = ("inertial", "smoother")

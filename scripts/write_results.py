@@ -38,7 +38,7 @@ from real_walks import (
 from walks import GDIN
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.file import read_reproduction, write_whole
+from fg_nav.lab.reproduce.file import read_reproduction
 from fg_nav.lab.reproduce.messages import (
     MEANINGS,
     VERDICTS,
@@ -51,6 +51,7 @@ from fg_nav.lab.reproduce.messages import (
     told,
 )
 from fg_nav.lab.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
+from fg_nav.lab.store.files import write_text
 from fg_nav.report.terminal import console
 
 HEAD = f"""# The papers' figures and ours
@@ -134,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if chosen.check and read_page(page) != text:
             raise OutputError(f"{page} is not what is written from the files in {FOLDER}: run this without --check.")
         if not chosen.check:
-            write_whole(page, text)
+            write_text(page, text)
         console().print(f"{'as written' if chosen.check else 'written'}: {page}", soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""A campaign on a terminal: how far it is and how long it will take; at the end, what came of it."""
+"""A campaign on a terminal: its progress and remaining time; at the end, its results."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from pathlib import Path
 from statistics import median
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bars
 
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
-from fg_nav.lab.campaign.command import Done
-from fg_nav.lab.campaign.kept import Result, code_sum
-from fg_nav.lab.campaign.pace import Standing
-from fg_nav.lab.campaign.parcel import KILLED
-from fg_nav.lab.campaign.table import TABLES
+from fg_nav.lab.campaign.command import Summary
+from fg_nav.lab.campaign.dispatch import KILLED, Progress
+from fg_nav.lab.campaign.tables import TABLES
+from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.results import Result
 from fg_nav.report.terminal import console, ruled_table
 from fg_nav.wording import counted
 
@@ -25,36 +26,36 @@ MOST_REASONS = 10
 
 
 @contextmanager
-def shown() -> Iterator[Callable[[Standing], None]]:
-    """Show a bar on standard error while the block runs, on a terminal only; yields what is to be told the standing."""
+def show_progress() -> Iterator[Callable[[Progress], None]]:
+    """Show a bar on standard error while the block runs, on a terminal only; yields what updates it."""
     errors = Console(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn())
     visible = sys.stderr.isatty() and not errors.is_dumb_terminal
-    with Progress(*columns, console=errors, transient=True, disable=not visible) as bars:
+    with Bars(*columns, console=errors, transient=True, disable=not visible) as bars:
         task = bars.add_task("looking at what is there", total=None)
-        yield lambda now: bars.update(task, description=in_words(now), total=now.total, completed=now.done)
+        yield lambda now: bars.update(task, description=describe_progress(now), total=now.total, completed=now.done)
 
 
-def in_words(now: Standing) -> str:
-    """How far it is, in one line."""
-    left = "time left not known yet" if now.left_s is None else f"about {duration(now.left_s)} left"
+def describe_progress(now: Progress) -> str:
+    """Return the progress in one line."""
+    left = "time left not known yet" if now.left_s is None else f"about {describe_duration(now.left_s)} left"
     workers = counted(now.workers, "worker") if now.workers else "no workers yet"
     return f"{now.done} of {now.total} results, {workers}, {left}"
 
 
-def duration(seconds: float) -> str:
-    """A time that nobody needs to the second."""
+def describe_duration(seconds: float) -> str:
+    """Return a time in words, rounded."""
     minutes, s = divmod(round(seconds), 60)
     hours, m = divmod(minutes, 60)
     return f"{hours} h {m:02d} min" if hours else f"{m} min {s:02d} s" if m else f"{s} s"
 
 
-def remark(words: str) -> None:
-    """Tell on standard error what a user would want to know."""
+def print_note(words: str) -> None:
+    """Print a note on standard error."""
     print(f"note: {words}", file=sys.stderr)  # noqa: T201
 
 
-def print_campaign(done: Done, place: Path) -> None:
+def print_campaign(done: Summary, place: Path) -> None:
     """Print medians by case and method, what failed, and where the tables are."""
     out = console()
     cases: dict[tuple[str, ...], list[Result]] = {}
@@ -87,11 +88,11 @@ def _median(values: Sequence[float | None]) -> str:
     return f"{median(known):.3f}" if known else "-"
 
 
-def _notes(done: Done) -> Iterator[str]:
-    yield f"{counted(len(done.results), 'result')}, {done.joined} of them from before"
+def _notes(done: Summary) -> Iterator[str]:
+    yield f"{counted(len(done.results), 'result')}, {done.stored} of them from before"
     other = sum(one.code != code_sum() for one in done.results)
     if other:
-        yield f"{counted(other, 'result')} made by other code or libraries: --renew makes them anew"
+        yield f"{counted(other, 'result')} made by other code or libraries: --renew makes them again"
     yield from _of_failures([one for one in done.results if one.failed])
 
 
@@ -103,4 +104,4 @@ def _of_failures(failures: Sequence[Result]) -> Iterator[str]:
         yield f"and {len(failures) - MOST_REASONS} more failed: see the column `failed`"
     if failures:
         fewer = ", with fewer --workers for memory" if any(one.failed == KILLED for one in failures) else ""
-        yield f"{counted(len(failures), 'result')} failed: --retry makes them anew{fewer}"
+        yield f"{counted(len(failures), 'result')} failed: --retry makes them again{fewer}"

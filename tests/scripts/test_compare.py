@@ -8,17 +8,20 @@ import pytest
 
 from fg_nav.errors import EstimationError, OutputError, SimulationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, WalkErrors
-from fg_nav.lab.campaign import cells, kept, settings
-from fg_nav.lab.campaign.made import measured, name_and_preset, solved
-from fg_nav.lab.campaign.sources import Simulated, loop_calibration, simulated
+from fg_nav.lab.campaign import execute
+from fg_nav.lab.campaign.execute import evaluate_outcome, tasks_of
+from fg_nav.lab.campaign.methods import method_of, solve_by
+from fg_nav.lab.campaign.walks import Simulated, simulate_calibration, simulate_walk
 from fg_nav.lab.simulation import simulate
+from fg_nav.lab.store import code
+from fg_nav.lab.store.results import Key, Result, read_result, write_result
 from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
 script = load_script("compare_ekf")
 
-KEY = kept.Key("mall", "indoor", "101", "loop", "ma2018")
+KEY = Key("mall", "indoor", "101", "loop", "ma2018")
 SETTINGS = {"method": {"sigma": 0.1, "names": ["a", "b"]}, "walk": None}
 
 
@@ -27,7 +30,7 @@ def result(key=KEY, end_m=3.0, at_landmarks=(1.0, 2.0), failed="", heading_deg=-
     errors = WalkErrors(AS_STARTED, 100.0, end_m, -0.2, heading_deg, 0.5 * end_m, 2 * end_m)
     errors = replace(errors, rmse_m=0.7 * end_m, heading_laid_deg=-4.0, heading_rmse_deg=2.0, scale_percent=0.2)
     path = [[0.0, 0.0], [0.0, 50.0], [end_m, 100.0]]
-    blank = kept.Result(key, SETTINGS, "code", failed)
+    blank = Result(key, SETTINGS, "code", failed)
     if failed:
         return blank
     return replace(
@@ -48,8 +51,8 @@ def rows_of(printed, begins):
 
 
 def test_a_result_is_read_back_as_it_was_kept(tmp_path):
-    kept.keep(tmp_path, result())
-    found = kept.kept(tmp_path, KEY, SETTINGS)
+    write_result(tmp_path, result())
+    found = read_result(tmp_path, KEY, SETTINGS)
     assert found.errors == result().errors
     assert (found.key, found.landmark_m, found.us_per_sample) == (KEY, result().landmark_m, 4.0)
     track = script.track_of(found, BEST_YAW)
@@ -59,16 +62,16 @@ def test_a_result_is_read_back_as_it_was_kept(tmp_path):
 
 
 def test_a_result_of_other_settings_or_form_or_a_damaged_one_is_none(tmp_path):
-    kept.keep(tmp_path, result())
-    assert kept.kept(tmp_path, KEY, {**SETTINGS, "method": {"sigma": 0.2, "names": ["a", "b"]}}) is None
-    assert kept.kept(tmp_path, replace(KEY, walk="102"), SETTINGS) is None
+    write_result(tmp_path, result())
+    assert read_result(tmp_path, KEY, {**SETTINGS, "method": {"sigma": 0.2, "names": ["a", "b"]}}) is None
+    assert read_result(tmp_path, replace(KEY, walk="102"), SETTINGS) is None
     path = tmp_path / KEY.file
     whole = path.read_text()
     for broken in (whole[: len(whole) // 2], "[]", "{}", json.dumps({**json.loads(whole), "form": 0})):
         path.write_text(broken)
-        assert kept.kept(tmp_path, KEY, SETTINGS) is None
+        assert read_result(tmp_path, KEY, SETTINGS) is None
     path.write_text(whole)
-    assert kept.kept(tmp_path, KEY, SETTINGS) is not None
+    assert read_result(tmp_path, KEY, SETTINGS) is not None
 
 
 def test_no_two_results_share_a_file():
@@ -96,7 +99,7 @@ def test_one_walk_is_one_job_for_all_methods_and_magnetometers():
     keys = [
         replace(KEY, method=m, magnetometer=c, walk=w) for m in ("iez", "qsf") for c in ("loop", "raw") for w in "12"
     ]
-    jobs = cells.jobs_of(keys, dict.fromkeys(keys, SETTINGS))
+    jobs = tasks_of(keys, dict.fromkeys(keys, SETTINGS))
     assert [job.walk for job in jobs] == ["1", "2"]
     assert {name: sorted(methods) for name, methods in jobs[0].missing.items()} == {
         "loop": ["iez", "qsf"],
@@ -162,9 +165,9 @@ def test_a_failed_walk_reduces_nothing(capsys):
 
 
 def test_the_sum_over_the_code_sees_what_runs_and_nothing_else():
-    one = kept.what_runs('"""Page."""\nA = 1\n"""Of it."""\ndef f(x):\n    """Say."""\n    return x + A  # why\n')
-    assert one == kept.what_runs("A=1\ndef f(x): return (x + A)\n")
-    assert one != kept.what_runs("A=1\ndef f(x): return (x - A)\n")
+    one = code.strip_source('"""Page."""\nA = 1\n"""Of it."""\ndef f(x):\n    """Say."""\n    return x + A  # why\n')
+    assert one == code.strip_source("A=1\ndef f(x): return (x + A)\n")
+    assert one != code.strip_source("A=1\ndef f(x): return (x - A)\n")
 
 
 def test_what_cannot_be_is_said_before_anything_is_simulated(tmp_path):
@@ -184,11 +187,11 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     first = tmp_path / "demo_smooth_loop_iez_101.json"
     stamp = first.stat().st_mtime_ns
     asked = []
-    monkeypatch.setattr(cells, "made", noted(asked))
+    monkeypatch.setattr(script, "store_task", noted(asked))
     script.main([*demo, "--methods", "iez", "qsf", "--magnetometer", "loop", "perfect"])
-    [job] = asked
-    assert job.missing.keys() == {"loop", "perfect"}
-    assert (sorted(job.missing["loop"]), sorted(job.missing["perfect"])) == (["qsf"], ["iez", "qsf"])
+    [task] = asked
+    assert task.missing.keys() == {"loop", "perfect"}
+    assert (sorted(task.missing["loop"]), sorted(task.missing["perfect"])) == (["qsf"], ["iez", "qsf"])
     assert first.stat().st_mtime_ns == stamp
     printed = capsys.readouterr().out
     assert "demo, smooth, magnetometer perfect: 1 walk," in printed
@@ -200,7 +203,8 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     assert loop["errors"]["origin"]["max_m"] < 1.0  # in the sixties of metres: told the true heading at the start
     monkeypatch.setattr(script, "draw_case", lambda *_: None)
     # Other code is joined, unless that is not wanted.
-    monkeypatch.setattr(kept, "code_sum", lambda: "other code")
+    for module in (script, load_script("compare_tables")):
+        monkeypatch.setattr(module, "code_sum", lambda: "other code")
     script.main([*demo, "--methods", "iez"])
     assert "1 of 1 results were made by other code (iez)" in capsys.readouterr().out
     assert first.stat().st_mtime_ns == stamp
@@ -209,27 +213,27 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     assert "other code" not in capsys.readouterr().out
     assert len(asked) == 2  # what the new code made holds
     # Other parameters make it anew.
-    monkeypatch.setattr(settings, "parameters_of", lambda method: {"other": method})
+    monkeypatch.setattr(execute, "parameters_of", lambda method: {"other": method})
     script.main([*demo, "--methods", "iez"])
     assert len(asked) == 3
 
 
 def noted(asked):
-    """Make walks as ever, and tell what was asked for."""
-    make = cells.made
+    """Make walks as ever, and note what was asked for."""
+    store = script.store_task
 
-    def made(job, folder, code):
-        asked.append(job)
-        make(job, folder, code)
+    def store_task(task, folder, code):
+        asked.append(task)
+        store(task, folder, code)
 
-    return made
+    return store_task
 
 
 def test_a_loop_with_the_same_shoe_takes_the_iron_off():
     walk = simulate("demo", 101)
     sensor = walk.drawn["sensor"]
     hard, soft = np.array(sensor["hard_iron_uT"]), np.array(sensor["soft_iron"])
-    calibration = loop_calibration("demo", 101).magnetometer
+    calibration = simulate_calibration("demo", 101).magnetometer
     session = Simulated("demo", "smooth", 101).session("loop")
     body_up = session.field.nav_R_body[:, 2].mean(axis=0)
     body_up /= np.linalg.norm(body_up)
@@ -257,14 +261,14 @@ def test_errors_at_landmarks_are_those_of_the_path_there():
     """Landmarks where footfalls truly are: their errors are those of the footfalls, in both alignments."""
     whole = Simulated("demo", "smooth", 101)
     session = whole.session("perfect")
-    outcome = solved(replace(session, truth=None), "iez")
+    outcome = solve_by("iez", replace(session, truth=None))
     stood = outcome.solution.stances.sample[5:40:7]
 
     class Marked(Simulated):
         landmark = tuple("ABCAB")
         passed = session.truth.t[stood], session.truth.position[stood]
 
-    found = measured(kept.Result(KEY, SETTINGS, "code"), Marked("demo", "smooth", 101), session, outcome)
+    found = evaluate_outcome(Result(KEY, SETTINGS, "code"), Marked("demo", "smooth", 101), session, outcome)
     assert found.landmark == tuple("ABCAB")
     for mode in (AS_STARTED, BEST_YAW):
         np.testing.assert_allclose(found.landmark_m[mode], script.track_of(found, mode).error_m[5:40:7], atol=0.02)
@@ -272,7 +276,7 @@ def test_errors_at_landmarks_are_those_of_the_path_there():
 
 
 def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
-    smooth, between, indoor = (simulated("demo", 101, level) for level in ("smooth", "between", "indoor"))
+    smooth, between, indoor = (simulate_walk("demo", 101, level) for level in ("smooth", "between", "indoor"))
     np.testing.assert_array_equal(between.recording.gyr, smooth.recording.gyr)
     np.testing.assert_array_equal(between.recording.acc, indoor.recording.acc)
     away = [np.nanmean(np.abs(between.recording.mag - other.recording.mag)) for other in (smooth, indoor)]
@@ -281,11 +285,11 @@ def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
 
 def test_a_preset_goes_with_the_method():
     session = replace(Simulated("demo", "smooth", 101).session("raw"), truth=None)
-    tuned, printed = (solved(session, name).solution for name in ("iez", "iez:as-printed"))
+    tuned, printed = (solve_by(name, session).solution for name in ("iez", "iez:as-printed"))
     assert tuned.parameters != printed.parameters
-    assert settings.parameters_of("iez") != settings.parameters_of("iez:as-printed")
+    assert execute.parameters_of("iez") != execute.parameters_of("iez:as-printed")
     with pytest.raises(EstimationError, match="no preset 'magic'"):
-        name_and_preset("iez:magic")
+        method_of("iez:magic")
 
 
 def test_figures_that_were_asked_for_are_judged():

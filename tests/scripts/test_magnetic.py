@@ -10,7 +10,7 @@ import pytest
 
 from fg_nav.errors import OutputError
 from fg_nav.evaluation.walked import AS_STARTED, WalkErrors
-from fg_nav.lab.campaign import kept
+from fg_nav.lab.store.results import Key, Result
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -43,13 +43,11 @@ class Here:
 
 def result(method="smoother", walk="1", rmse_m=1.0, runtime_s=1.0, whitened=None, used="uu--", failed=""):
     """Stand in for a walk of one method."""
-    key = kept.Key("office", "smooth", walk, "loop", method)
+    key = Key("office", "smooth", walk, "loop", method)
     if failed:
-        return kept.Result(key, {}, "code", failed)
+        return Result(key, {}, "code", failed)
     errors = WalkErrors(AS_STARTED, 100.0, rmse_m, mean_m=rmse_m, max_m=rmse_m, rmse_m=rmse_m, heading_rmse_deg=1.0)
-    return kept.Result(
-        key, {}, "code", errors={AS_STARTED: errors}, whitened=whitened or {}, used=used, runtime_s=runtime_s
-    )
+    return Result(key, {}, "code", errors={AS_STARTED: errors}, whitened=whitened or {}, used=used, runtime_s=runtime_s)
 
 
 # --- ablation --------------------------------------------------------------------------------------------------------
@@ -71,7 +69,7 @@ def test_no_two_variants_are_the_same_but_for_their_name():
     assert told[0] == "as it comes"
     twins = {words for words in told if told.count(words) > 1}
     assert all(words.count(" ") <= 3 for words in twins)  # with two switches, without the one is only the other
-    files = {kept.Key("office", "smooth", "1", "loop", name).file for name in ablation.VARIANTS}
+    files = {Key("office", "smooth", "1", "loop", name).file for name in ablation.VARIANTS}
     assert len(files) == len(ablation.VARIANTS)
 
 

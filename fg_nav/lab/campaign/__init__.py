@@ -1,6 +1,6 @@
-"""Many walks by many methods: what is made once is kept, and a run makes only what is missing.
+"""Campaigns: many methods on many walks on a Dask cluster; results are stored, and a run makes only what is missing.
 
-walks      of scenarios and seeds, or recorded                                            (`sources`)
-results    one small file each, with what it was made with                        (`kept`, `settings`)
-making     a walk is simulated once for all methods that are tried on it                       (`made`)
+plan       what is to be made (`plan`): walks (`walks`, `recordings`) by methods (`methods`)
+execution  a walk is one task, for all methods that are tried on it (`execute`, `dispatch`, `cluster`)
+results    in the folder (`folder`, `fg_nav.lab.store`), and in tables at the end (`tables`)
 """

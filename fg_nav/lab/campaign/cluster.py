@@ -1,50 +1,66 @@
-"""The Dask cluster that a campaign works on: one of our own on this machine, or theirs.
-
-Who is there to work is seen by `fg_nav.lab.campaign.crew`, what they do is the matter of `fg_nav.lab.campaign.session`.
-"""
+"""The Dask cluster that a campaign works on, local for its own time or the user's by its address, and its workers."""
 
 from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TypeAlias
+from time import monotonic, sleep
+from typing import Any, TypeAlias
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.made import Job
-from fg_nav.lab.campaign.parcel import Brought, Parcel, unpacked
+from fg_nav.lab.campaign.execute import Task, TaskResults, describe_error, run_task
+from fg_nav.lab.store.code import code_sum
 
 EXTRA = "campaign"
 
 DEATHS = 3
-"""Workers that a cell may kill."""
+"""Workers that a task may end on a local cluster; on the user's, its scheduler counts."""
 
 PATIENCE_S = 300.0
 """For a scheduler or workers that are gone: a restart takes seconds, a node of a queue minutes."""
 
-Work: TypeAlias = Callable[[Parcel], Brought]
-"""What a worker does; `unpacked` but in tests."""
+CONNECT_S = 10.0
+RETRY_S = 1.0
 
 LAST_PORT = 65535
 
+REST_S = 10.0
+"""For a worker that could not start a task."""
+
+LOOK_S = 1.0
+"""How often the workers are looked at."""
+
+Client: TypeAlias = Any
+
+Notify: TypeAlias = Callable[[str], None]
+"""Shows the user a sentence."""
+
+BROKEN = (OSError, RuntimeError, ValueError, CancelledError)
+"""What Dask raises if a connection breaks."""
+
+_CODE_THERE = "__import__('fg_nav.lab.store.code', fromlist=['code_sum']).code_sum()"
+
 _ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port>[0-9]+)")
 
-_OURS = {
-    "distributed.scheduler.allowed-failures": DEATHS,  # we count ourselves
+_LOCAL = {
+    "distributed.scheduler.allowed-failures": DEATHS - 1,
+    "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.memory.target": False,  # nothing is stored there that could be put to disk
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,  # a paused worker would never be given work again
     "distributed.worker.memory.terminate": 0.95,
-    # Ctrl-C goes to all processes of a terminal: the campaign ends its workers, which would complain of it
+    # Ctrl-C goes to all processes of a terminal: the campaign ends its workers, which would print tracebacks
     "distributed.worker.preload": ["import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"],
 }
-"""Settings of our own cluster."""
+"""Settings of a local cluster."""
 
 
 def check_installed() -> None:
-    """Raise `CampaignError` if Dask or Arrow is not there."""
+    """Raise `CampaignError` if Dask or Arrow is not installed."""
     try:
         import dask
         import distributed
@@ -53,13 +69,13 @@ def check_installed() -> None:
         raise CampaignError(
             f"campaigns need Dask and Arrow, and {error.name} is not there: pip install 'fg-nav[{EXTRA}]'."
         ) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # workers that die are our business
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # workers that die are handled here
     dask.config.set({"logging.distributed": "critical"})
     del distributed
 
 
 def check_address(address: str) -> None:
-    """Raise `CampaignError` where there can be no scheduler; Dask would tell it by a traceback of its own."""
+    """Raise `CampaignError` if there can be no scheduler; Dask would print a traceback of its own."""
     from distributed.security import Security
 
     found = _ADDRESS.fullmatch(address)
@@ -71,38 +87,38 @@ def check_address(address: str) -> None:
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where the work is done.
+    """Where the tasks run.
 
     Attributes
     ----------
-    scheduler : address, `tcp://host:port`; None for a cluster of our own, as long as the campaign.
-    workers : processes of our own cluster, one thread each.
+    scheduler : address, `tcp://host:port`; None for a local cluster.
+    workers : processes of a local cluster, one thread each.
     patience_s : how long to wait for a scheduler or workers that are gone.
-    work : what they do.
+    work : what a worker runs; `run_task` but in tests.
     """
 
     scheduler: str | None = None
     workers: int = 1
     patience_s: float = PATIENCE_S
-    work: Work = unpacked
+    work: Callable[[Task], TaskResults] = run_task
 
     @property
-    def far(self) -> bool:
-        """Whether the workers may have other disks."""
+    def remote(self) -> bool:
+        """Whether the workers may have other disks and other code."""
         return self.scheduler is not None
 
-    def workers_for(self, jobs: Sequence[Job]) -> int:
-        """Number of processes of our own that these need: each gets its share of the memory."""
-        return max(1, min(self.workers, sum(len(job.keys) for job in jobs)))
+    def workers_for(self, tasks: Sequence[Task]) -> int:
+        """Return how many local processes these tasks need: each gets its share of the memory."""
+        return max(1, min(self.workers, sum(len(task.keys) for task in tasks)))
 
     @contextmanager
-    def entered(self, jobs: Sequence[Job]) -> Iterator[str]:
-        """Yield the scheduler's address, its cluster started for these jobs if it is ours.
+    def start(self, tasks: Sequence[Task]) -> Iterator[str]:
+        """Yield the scheduler's address; a local cluster runs as long as the block.
 
         Raises
         ------
         CampaignError
-            If there is no scheduler at the address, or no cluster can be started.
+            If no local cluster can be started.
         """
         if self.scheduler is not None:
             yield self.scheduler
@@ -110,10 +126,10 @@ class Cluster:
         import dask
         from distributed import LocalCluster
 
-        with dask.config.set(_OURS):
+        with dask.config.set(_LOCAL):
             try:
-                ours = LocalCluster(
-                    n_workers=self.workers_for(jobs),
+                local = LocalCluster(
+                    n_workers=self.workers_for(tasks),
                     threads_per_worker=1,
                     processes=True,
                     host="127.0.0.1",
@@ -122,5 +138,134 @@ class Cluster:
                 )
             except (OSError, RuntimeError) as error:
                 raise CampaignError(f"no Dask cluster could be started here ({error}): try fewer --workers.") from None
-            with ours:
-                yield ours.scheduler_address
+            with local:
+                yield local.scheduler_address
+
+
+def connect(address: str, patience_s: float = 0.0) -> Client | None:
+    """Return a client of a scheduler, or None if it does not answer for so long."""
+    end = monotonic() + patience_s
+    client = _connect_once(address)
+    while client is None and monotonic() < end:
+        sleep(RETRY_S)
+        client = _connect_once(address)
+    return client
+
+
+def _connect_once(address: str) -> Client | None:
+    from distributed import Client
+
+    try:
+        return Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, RuntimeError, ImportError):
+        return None
+
+
+def disconnect(client: Client) -> None:
+    """Close a client, whose connection may be gone."""
+    with suppress(Exception):  # nothing more can be done with a lost connection
+        client.close(timeout=2.0)
+
+
+class LostError(Exception):
+    """The scheduler does not answer."""
+
+
+class Workers:
+    """Who is there to work, and what the user should know of them."""
+
+    def __init__(self, client: Client, cluster: Cluster, notify: Notify) -> None:
+        self._client, self._cluster, self._notify = client, cluster, notify
+        self.able: frozenset[str] = frozenset()
+        self._looked_at = float("-inf")
+        self._avoided: dict[str, float] = {}
+        self._checked: set[str] = set()
+        self._noted: set[str] = set()
+        self._idle_since: float | None = None
+
+    def look(self, idle: bool) -> None:
+        """See that there is a scheduler, and which workers are able; `idle` if no task is sent."""
+        if self._client.status != "running":
+            raise LostError
+        if monotonic() - self._looked_at < LOOK_S and self.able:
+            return
+        try:
+            found = self._client.scheduler_info(n_workers=-1)["workers"]
+        except BROKEN as error:
+            raise LostError from error
+        self._looked_at = monotonic()
+        paused = {worker for worker, about in found.items() if about.get("status") == "paused"}
+        for worker in sorted(paused):
+            self._note(f"the worker {worker} is paused, short of memory: it is given no more until it goes on")
+        if any(about.get("nthreads", 1) > 1 for about in found.values()):
+            self._note("a worker with several threads makes one walk at a time: start workers by --nthreads 1")
+        if self._cluster.remote:
+            self._check(found.keys() - self._checked)
+        known = self._checked if self._cluster.remote else found.keys()
+        self.able = frozenset((found.keys() & known) - paused)
+        self._wait(idle and not self.able, "no workers but paused ones" if paused else "no workers")
+
+    def avoid(self, worker: str, reason: str) -> None:
+        """Give a worker nothing for a time."""
+        self._avoided[worker] = monotonic() + REST_S
+        self._note(f"the worker {worker} cannot work ({reason}): its walk goes to another")
+
+    def avoided(self) -> frozenset[str]:
+        """Return the workers to be avoided now; none where that would be all."""
+        avoided = frozenset(worker for worker, until in self._avoided.items() if until > monotonic()) & self.able
+        return avoided if self.able - avoided else frozenset()
+
+    def _wait(self, nobody: bool, what: str) -> None:
+        """Note once that there is no worker, and raise `CampaignError` where that lasts."""
+        if not nobody:
+            self._idle_since = None
+            return
+        if self._idle_since is None:
+            self._idle_since = monotonic()
+            self._notify(f"the cluster has {what}: waiting for some")
+        if monotonic() - self._idle_since > self._cluster.patience_s:
+            raise CampaignError(
+                f"the cluster has had {what} for {self._cluster.patience_s:.0f} s: start some "
+                "(`dask worker ADDRESS --nthreads 1`, one a core), and the same command goes on from there."
+            )
+
+    def _check(self, workers: Collection[str]) -> None:
+        """Compare the code of new workers with ours, in words that need none: a task would end one without it."""
+        if not workers:
+            return
+        try:
+            answers = self._client.run(eval, _CODE_THERE, workers=sorted(workers), on_error="return")
+        except BROKEN:  # one went just now: asked again
+            return
+        for worker, code in answers.items():
+            if isinstance(code, ImportError | AttributeError):
+                raise other_code(code)
+            if isinstance(code, str):
+                check_code(code)
+                self._checked.add(worker)
+
+    def _note(self, words: str) -> None:
+        if words not in self._noted:
+            self._noted.add(words)
+            self._notify(words)
+
+
+def check_code(code: str) -> None:
+    """Raise `CampaignError` if that is not the sum over our code."""
+    if code != code_sum():
+        raise CampaignError(
+            "the workers have another fg-nav, Python or libraries than this: install the same versions there."
+        )
+
+
+def other_code(error: object) -> CampaignError:
+    """Return the end of a campaign on workers with another program, or none."""
+    return CampaignError(
+        f"the cluster cannot run fg-nav ({describe_error(error)}): install the same version there, "
+        "on the scheduler and on each worker."
+    )
+
+
+def is_of_other_code(error: object) -> bool:
+    """Whether a task could not be read, by a worker or by the scheduler."""
+    return isinstance(error, ImportError | AttributeError) or "deserializ" in str(error)

@@ -1,8 +1,8 @@
-"""A method in one word: its name, its preset and what of its parameters is otherwise.
+"""A method in one word: its name, its preset and its changed parameters.
 
     smoother    ma2018:as-printed    smoother,magnetic.rounds=3,walk.floors=true
 
-The word is part of a result's key; one without parameters is what it was before there were any.
+The word is part of a result's key; one without changes is the name and the preset alone.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from fg_nav.changes import Changes, Scalar, changed
 from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import EstimationError
 from fg_nav.estimators import SMOOTHERS, estimator, parameters_of
+from fg_nav.session import Outcome, Session, solve
 
 _WORD = re.compile(r"[\w.-]+")
 
 
 @dataclass(frozen=True)
 class Method:
-    """What a word says."""
+    """A method, its preset, and changes of its parameters."""
 
     name: str
     preset: str = TUNED
@@ -79,3 +80,10 @@ def _change(word: str) -> tuple[str, Scalar]:
         return name, json.loads(text)
     except ValueError:
         return name, text
+
+
+def solve_by(word: str, session: Session) -> Outcome:
+    """Run a method by its word; raises as `fg_nav.session.solve`."""
+    method = method_of(word)
+    options = replace(session.options, preset=method.preset, changes=method.changes)
+    return solve(replace(session, options=options), method.name)

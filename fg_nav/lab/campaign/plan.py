@@ -1,21 +1,22 @@
 """What a campaign is to make, from a TOML file; checked before anything is made.
 
-    scenarios = ["office", "my_walk.toml"]    # of `fg-nav simulate --list`, on a foot, or files with one (`own`)
+    scenarios = ["office", "my_walk.toml"]    # of `fg-nav simulate --list`, on a foot, or files of the user's own
     fields = ["smooth", "indoor"]             # without it: "indoor"
     seeds = 20                                # so many from first_seed on (101), or a list of them
     methods = ["smoother", "ma2018", "iez:physical"]
-    magnetometers = ["loop"]                  # loop (without it), perfect, walk, raw or none (`sources`)
+    magnetometers = ["loop"]                  # loop (without it), perfect, walk, raw or none (`walks`)
     recordings = ["walks"]                    # folders, from where the file is (`recordings`)
 
     [parameters.smoother]                     # a grid: each with each, in place of the method without
     magnetic.rounds = [1, 2, 3]
     walk.floors = [false, true]
 
-    [reading.walks]                           # how the recordings of a folder are read (`reading`)
-    format = "openshoe"
+    [reading.walks]                           # how the recordings of a folder are read
+    format = "openshoe"                       # without it the format is recognized from the content
+    calibration = "foot.json"                 # of `fg-nav calibrate`, from where the file is: `loop` of these walks
 
-Scenarios or recordings must be there, or both; methods must. Parameters of `iez` go to all its presets in the file,
-those of `"iez:physical"` to that one alone.
+Scenarios or recordings must be there, or both; methods must. Parameters of `iez` are for all its presets in the file,
+those of `"iez:physical"` for that one alone.
 """
 
 from __future__ import annotations
@@ -23,39 +24,70 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Annotated, Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from fg_nav.calibration.file import Calibration, read_calibration
 from fg_nav.changes import SCALARS, Changes, Scalar
 from fg_nav.errors import CampaignError, FgNavError
+from fg_nav.io import FORMATS
+from fg_nav.lab.campaign.execute import Task, recorded_keys, settings_of, simulated_keys, tasks_of
 from fg_nav.lab.campaign.methods import Method, method_of
-from fg_nav.lab.campaign.own import Own, read_own
-from fg_nav.lab.campaign.reading import readings
-from fg_nav.lab.campaign.recordings import Walk, walks_in
-from fg_nav.lab.campaign.sources import LOOP, MAGNETOMETERS, MIXTURES
+from fg_nav.lab.campaign.recordings import RECORDED, Walk, find_walks
+from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Reading, Simulated, Source, UserScenario
 from fg_nav.lab.simulation import Scenario, scenario
 from fg_nav.lab.simulation.scenario_file import SUFFIX
 from fg_nav.lab.simulation.scenarios import FIELDS
+from fg_nav.lab.store.results import Key
 
 FIRST_SEED = 101
 """Filters are tuned on seeds below 100."""
 
-MOST_CELLS = 1_000_000
+MOST_RESULTS = 1_000_000
 
 ON_A_FOOT = ("heel", "instep")
 
-KNOWN = (
-    "scenarios",
-    "fields",
-    "seeds",
-    "first_seed",
-    "methods",
-    "magnetometers",
-    "recordings",
-    "reading",
-    "parameters",
-)
+Names = Annotated[
+    list[Annotated[str, Field(min_length=1)]],
+    Field(min_length=1, description='give a list of names, ["one", "another"]'),
+]
+
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+_SEEDS = "give seeds = 20 and, if you like, first_seed = 101; or seeds = [1, 2]"
+_GRIDS = "write [parameters.METHOD] and its parameters below"
+_READINGS = "write [reading.FOLDER] and its options below"
+
+
+class _Strict(BaseModel):
+    """A table of the file: no other keys, and no value of another type."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class ReadingTable(_Strict):
+    """Options of a folder of recordings, as `fg-nav run` has them."""
+
+    format: Annotated[str | None, Field(description="give a name")] = None
+    calibration: Annotated[str | None, Field(description="give a name")] = None
+
+
+class PlanFile(_Strict):
+    """The file: each field's description says what to write."""
+
+    scenarios: Names = []
+    fields: Names = ["indoor"]
+    seeds: Annotated[Seed | Annotated[list[Seed], Field(min_length=1)] | None, Field(description=_SEEDS)] = None
+    first_seed: Annotated[Seed, Field(description=_SEEDS)] = FIRST_SEED
+    methods: Names = []
+    magnetometers: Names = [LOOP]
+    recordings: Names = []
+    reading: Annotated[dict[str, ReadingTable], Field(description=_READINGS)] = {}
+    parameters: Annotated[dict[str, dict[str, Any]], Field(description=_GRIDS)] = {}
 
 
 @dataclass(frozen=True)
@@ -67,7 +99,7 @@ class Plan:
     scenarios, fields, seeds, magnetometers : of the simulated walks; the last of the recorded ones too.
     methods : words, those with parameters one for each point of the grid (`fg_nav.lab.campaign.methods`).
     walks : recorded.
-    own : the scenarios that are the user's own, by name among the others.
+    own : the user's scenarios, by name among the others.
     """
 
     scenarios: tuple[str, ...]
@@ -76,7 +108,50 @@ class Plan:
     methods: tuple[str, ...]
     magnetometers: tuple[str, ...]
     walks: tuple[Walk, ...] = ()
-    own: tuple[Own, ...] = ()
+    own: tuple[UserScenario, ...] = ()
+
+    def list_keys(self) -> list[Key]:
+        """Return the keys of all results; raises `CampaignError` if two would be stored in one file."""
+        recorded: dict[str, list[str]] = {}
+        for walk in self.walks:
+            recorded.setdefault(walk.group, []).append(walk.name)
+        calibrated = {walk.group for walk in self.walks if walk.source.reading.calibration is not None}
+        keys = [
+            *simulated_keys(self.scenarios, self.fields, self.magnetometers, self.methods, self.seeds),
+            *recorded_keys(recorded, RECORDED, self.magnetometers, self.methods, calibrated),
+        ]
+        by_file: dict[str, Key] = {}
+        for key in keys:
+            other = by_file.setdefault(key.file.casefold(), key)
+            if other is not key:
+                raise CampaignError(
+                    f"'{other.walk}' of '{other.group}' and '{key.walk}' of '{key.group}' would be kept in one file: "
+                    "rename one."
+                )
+        return keys
+
+    def settings(self, keys: Sequence[Key]) -> dict[Key, Mapping[str, Any]]:
+        """Return what each result is made with; the walks of one scenario share it."""
+        files = {(walk.group, walk.name): (walk.sums(), walk.source.reading) for walk in self.walks}
+        own = {one.name: one for one in self.own}
+        simulated = cache(settings_of)
+        return {
+            key: settings_of(key, True, *files[key.group, key.walk])
+            if key.field == RECORDED
+            else simulated(replace(key, walk=""), own=own.get(key.group))
+            for key in keys
+        }
+
+    def tasks(self, missing: Sequence[Key], settings: Mapping[Key, Mapping[str, Any]]) -> list[Task]:
+        """Return what is missing, walk by walk."""
+        recorded: dict[tuple[str, str], Source] = {(walk.group, walk.name): walk.source for walk in self.walks}
+        own = {one.name: one for one in self.own}
+        return [
+            replace(task, source=Simulated(task.group, task.field, int(task.walk), own[task.group]))
+            if task.group in own and task.field != RECORDED
+            else task
+            for task in tasks_of(missing, settings, recorded)
+        ]
 
 
 def read_plan(path: Path) -> Plan:
@@ -85,16 +160,16 @@ def read_plan(path: Path) -> Plan:
     Raises
     ------
     CampaignError
-        If the file cannot be read, knows words that we do not, or asks for what there is not.
+        If the file cannot be read, has unknown keys or names, or values of another type.
     """
-    content = _content(path)
+    content = _read_toml(path)
     try:
-        return _plan(content, path.parent)
+        return _plan(_validate(content), path.parent)
     except FgNavError as error:
         raise CampaignError(f"{path.name}: {error}") from None
 
 
-def _content(path: Path) -> dict[str, Any]:
+def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -105,49 +180,57 @@ def _content(path: Path) -> dict[str, Any]:
         raise CampaignError(f"{path.name} has a number too long or a list too deep to be read: correct it.") from None
 
 
-def _plan(content: Mapping[str, Any], folder: Path) -> Plan:
-    for name in content:
-        if name not in KNOWN:
-            raise CampaignError(f"there is no '{name}' in a plan: it knows {', '.join(KNOWN)}.")
-    scenarios, recordings = _words(content, "scenarios", ()), _words(content, "recordings", ())
-    if not scenarios and not recordings:
+def _validate(content: Mapping[str, Any]) -> PlanFile:
+    try:
+        return PlanFile.model_validate(content)
+    except ValidationError as error:
+        raise CampaignError(_describe(error, content)) from None
+
+
+def _describe(error: ValidationError, content: Mapping[str, Any]) -> str:
+    """Return one sentence on the first error: where, what stands there, and what to write."""
+    first = error.errors()[0]
+    name, *inner = first["loc"]
+    table = ReadingTable if name == "reading" and len(inner) > 1 else PlanFile
+    key, where = (inner[1], f"reading.{inner[0]}") if table is ReadingTable else (name, "a plan")
+    if first["type"] == "extra_forbidden":
+        return f"there is no '{key}' in {where}: it knows {', '.join(table.model_fields)}."
+    value = content["reading"][inner[0]][key] if table is ReadingTable else content[str(name)]
+    place = f"{key} of {where}" if table is ReadingTable else key
+    return f"{place} cannot be {value!r}: {table.model_fields[str(key)].description}."
+
+
+def _plan(file: PlanFile, folder: Path) -> Plan:
+    given = file.model_fields_set
+    if not file.scenarios and not file.recordings:
         raise CampaignError("nothing to walk on: give scenarios or recordings.")
-    if not scenarios and {"seeds", "first_seed", "fields"} & content.keys():
+    if not file.scenarios and {"seeds", "first_seed", "fields"} & given:
         raise CampaignError("seeds and fields are of scenarios, and there are none: give some, or leave those out.")
-    own = [read_own(folder / name) for name in scenarios if name.endswith(SUFFIX)]
-    scenarios = _named(scenarios)
+    scenarios = tuple(dict.fromkeys(file.scenarios))
+    own = [_read_scenario(folder / name) for name in scenarios if name.endswith(SUFFIX)]
+    names = _names(scenarios)
     by_name = {one.name: one.scenario for one in own}
-    for name in scenarios:
+    for name in names:
         _check_scenario(name, by_name.get(name) or scenario(name))
-    fields = _known(content, "fields", (*FIELDS, *MIXTURES), ("indoor",))
-    magnetometers = _known(content, "magnetometers", MAGNETOMETERS, (LOOP,))
-    seeds = _seeds(content) if scenarios else range(0)
-    methods = _methods(_words(content, "methods", ()), content.get("parameters", {}))
-    walks = walks_in([folder / name for name in recordings], readings(content.get("reading", {}), folder))
-    _check_size((len(scenarios) * len(fields) * len(seeds) + len(walks)) * len(magnetometers) * len(methods))
-    return Plan(scenarios, fields, seeds, methods, magnetometers, walks, tuple(own))
+    fields = _check_known("field", file.fields, (*FIELDS, *MIXTURES))
+    magnetometers = _check_known("magnetometer", file.magnetometers, MAGNETOMETERS)
+    seeds = _seeds(file) if scenarios else range(0)
+    methods = _methods(list(dict.fromkeys(file.methods)), file.parameters)
+    readings = {name: _reading(table, folder) for name, table in file.reading.items()}
+    walks = find_walks([folder / name for name in dict.fromkeys(file.recordings)], readings)
+    _check_size((len(names) * len(fields) * len(seeds) + len(walks)) * len(magnetometers) * len(methods))
+    return Plan(names, fields, seeds, methods, magnetometers, walks, tuple(own))
 
 
-def _words(content: Mapping[str, Any], name: str, default: tuple[str, ...]) -> tuple[str, ...]:
-    """Return a list of texts, each once."""
-    if name not in content:
-        return default
-    given = content[name]
-    if not isinstance(given, list) or not given or not all(isinstance(one, str) and one for one in given):
-        raise CampaignError(f'{name} cannot be {given!r}: give a list of names, ["one", "another"].')
+def _check_known(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    for one in given:
+        if one not in known:
+            raise CampaignError(f"there is no {what} '{one}': choose one of {', '.join(known)}.")
     return tuple(dict.fromkeys(given))
 
 
-def _known(content: Mapping[str, Any], name: str, known: Sequence[str], default: tuple[str, ...]) -> tuple[str, ...]:
-    given = _words(content, name, default)
-    for one in given:
-        if one not in known:
-            raise CampaignError(f"there is no {name.removesuffix('s')} '{one}': choose one of {', '.join(known)}.")
-    return given
-
-
-def _named(scenarios: Sequence[str]) -> tuple[str, ...]:
-    """Names of scenarios, that of the file where it is one; raises `CampaignError` where two have the same."""
+def _names(scenarios: Sequence[str]) -> tuple[str, ...]:
+    """Names of scenarios, that of the file if it is one; raises `CampaignError` if two have the same."""
     names = tuple(Path(one).name if one.endswith(SUFFIX) else one for one in scenarios)
     for name in names:
         if names.count(name) > 1:
@@ -155,57 +238,74 @@ def _named(scenarios: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
+def _read_scenario(path: Path) -> UserScenario:
+    """Read a file, and check its scenario; raises `CampaignError` or `SimulationError`."""
+    try:
+        own = UserScenario(path.name, path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CampaignError(f"the scenario {path} cannot be read ({error.strerror}): name a file that can.") from None
+    except UnicodeDecodeError as error:
+        raise CampaignError(f"{path.name} is no TOML: {error}.") from None
+    _ = own.scenario
+    return own
+
+
 def _check_scenario(name: str, one: Scenario) -> None:
     if one.worn not in ON_A_FOOT:
         raise CampaignError(f"the sensor of '{name}' is on no foot ({one.worn}): choose a scenario of a foot.")
 
 
-def _seeds(content: Mapping[str, Any]) -> Sequence[int]:
-    given, first = content.get("seeds"), content.get("first_seed", FIRST_SEED)
-    if given is None:
+def _reading(table: ReadingTable, folder: Path) -> Reading:
+    if table.format is not None:
+        _check_known("format", [table.format], tuple(FORMATS))
+    return Reading(table.format, None if table.calibration is None else _calibration(folder / table.calibration))
+
+
+def _calibration(path: Path) -> Calibration:
+    calibration = read_calibration(path)
+    if calibration.magnetometer is None:
+        raise CampaignError(f"{path.name} has no magnetometer: calibrate on circles, or leave it out.")
+    return calibration
+
+
+def _seeds(file: PlanFile) -> Sequence[int]:
+    if file.seeds is None:
         raise CampaignError("no seeds: give how many walks of each scenario, seeds = 20, or a list.")
-    if isinstance(given, list) and given and all(_is_count(seed) for seed in given) and "first_seed" not in content:
-        return list(dict.fromkeys(given))
-    if _is_count(given) and given > 0 and _is_count(first):
-        _check_size(given)
-        return range(first, first + given)
-    raise CampaignError("seeds cannot be read: give seeds = 20 and, if you like, first_seed = 101; or seeds = [1, 2].")
+    if isinstance(file.seeds, list) and "first_seed" not in file.model_fields_set:
+        return list(dict.fromkeys(file.seeds))
+    if isinstance(file.seeds, list) or file.seeds == 0:
+        raise CampaignError(f"seeds cannot be {file.seeds!r}: {_SEEDS}.")
+    _check_size(file.seeds)
+    return range(file.first_seed, file.first_seed + file.seeds)
 
 
-def _is_count(value: object) -> TypeGuard[int]:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**63
+def _check_size(results: int) -> None:
+    if results > MOST_RESULTS:
+        raise CampaignError(f"{results} results are too many: plan at most {MOST_RESULTS}.")
 
 
-def _check_size(cells: int) -> None:
-    if cells > MOST_CELLS:
-        raise CampaignError(f"{cells} results are too many: plan at most {MOST_CELLS}.")
-
-
-def _methods(words: Sequence[str], grids: Any) -> tuple[str, ...]:
-    """Words of all methods, each with all that its grids make of it."""
+def _methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """Words of all methods, each with all points of its grids."""
     if not words:
         raise CampaignError('no methods: give some, methods = ["smoother", "iez"].')
-    if not isinstance(grids, Mapping) or not all(isinstance(grid, Mapping) for grid in grids.values()):
-        raise CampaignError("parameters is no table: write [parameters.METHOD] and its parameters below.")
-    plain = [_without_changes(word) for word in words]
+    methods = [_method(word) for word in words]
     for name in grids:
-        if not any(name in _names(one) for one in plain):
+        if not any(name in _grid_names(one) for one in methods):
             raise CampaignError(f"parameters are given of '{name}', which is not among the methods: add it there.")
-    all_of_them = [one.word for method in plain for one in _variants(method, grids)]
-    return tuple(dict.fromkeys(all_of_them))
+    return tuple(dict.fromkeys(one.word for method in methods for one in _grid_points(method, grids)))
 
 
-def _without_changes(word: str) -> Method:
+def _method(word: str) -> Method:
     method = method_of(word)
     if method.changes or word.endswith(","):
         raise CampaignError(f"'{word}' has parameters in its name: write [parameters.{method.name}] below.")
     return method
 
 
-def _variants(method: Method, grids: Mapping[str, Mapping[str, Any]]) -> Iterator[Method]:
+def _grid_points(method: Method, grids: Mapping[str, Mapping[str, Any]]) -> Iterator[Method]:
     grid: dict[str, list[Scalar]] = {}
-    for name in _names(method):
-        grid |= _flat(grids.get(name, {}), name)
+    for name in _grid_names(method):
+        grid |= _flatten(grids.get(name, {}), name)
     size = 1
     for values in grid.values():
         size *= len(values)
@@ -215,12 +315,12 @@ def _variants(method: Method, grids: Mapping[str, Mapping[str, Any]]) -> Iterato
         yield replace(method, changes=changes).checked()
 
 
-def _names(method: Method) -> tuple[str, str]:
-    """Names that its parameters can be given under, that of all presets first."""
+def _grid_names(method: Method) -> tuple[str, str]:
+    """Names of its tables of parameters, that of all presets first."""
     return method.name, f"{method.name}:{method.preset}"
 
 
-def _flat(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
+def _flatten(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
     """Dotted names, each with its values."""
     flat: dict[str, list[Scalar]] = {}
     for name, value in _dotted(table):

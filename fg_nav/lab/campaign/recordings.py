@@ -7,7 +7,7 @@ truth or as nothing: the reader of the format knows. The truth of `walk.csv` is 
 `walk.truth.tum`, `walk.truth.csv` and `walk.truth.mat` that is there, read as `fg-nav run --truth` reads it; a walk
 that is alone in its folder may have `truth.tum`, `truth.csv` or `truth.mat`.
 
-What does not turn out to be a recording is a result that failed, and tells why.
+What is no recording is a result that failed, with the reason.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.mark import MARKS
-from fg_nav.lab.campaign.reading import AS_IT_IS, Reading
-from fg_nav.lab.campaign.table import RESULTS_CSV
+from fg_nav.lab.campaign.tables import RESULTS_CSV
+from fg_nav.lab.campaign.walks import PLAIN_READING, Reading, Recorded
+from fg_nav.lab.store.files import MARKERS
 
 SUFFIXES = (".csv", ".txt", ".mat")
 
@@ -41,30 +41,19 @@ RECORDED = "recorded"
 
 @dataclass(frozen=True)
 class Walk:
-    """A recording in a folder.
-
-    Attributes
-    ----------
-    group, name : the folder's name, and the file's from there.
-    path : of the recording.
-    truth : file with its truth; None without, or where the recording carries it.
-    beside : what the reader looks at beside the recording.
-    reading : how the folder's recordings are read.
-    """
+    """A recording in a folder: the folder's name, the file's name from there, and where it is read from."""
 
     group: str
     name: str
-    path: Path
-    truth: Path | None = None
-    beside: tuple[Path, ...] = ()
-    reading: Reading = AS_IT_IS
+    source: Recorded
 
     def sums(self) -> dict[str, str]:
         """SHA-256 of each file by its name: a file that changed makes other results."""
-        return {path.name: _sum(path) for path in (self.path, *self.beside, self.truth) if path is not None}
+        files = (self.source.path, *self.source.beside, self.source.truth)
+        return {path.name: _sum(path) for path in files if path is not None}
 
 
-def walks_in(folders: Sequence[Path], readings: Mapping[str, Reading] = MappingProxyType({})) -> tuple[Walk, ...]:
+def find_walks(folders: Sequence[Path], readings: Mapping[str, Reading] = MappingProxyType({})) -> tuple[Walk, ...]:
     """Find the walks of folders, sorted within each; `readings` are by the folders' names.
 
     Raises
@@ -85,7 +74,7 @@ def walks_in(folders: Sequence[Path], readings: Mapping[str, Reading] = MappingP
         if name not in by_name:
             raise CampaignError(f"reading is given of '{name}', which is no folder of recordings: add it there.")
     return tuple(
-        walk for name, folder in by_name.items() for walk in _walks(name, folder, readings.get(name, AS_IT_IS))
+        walk for name, folder in by_name.items() for walk in _walks(name, folder, readings.get(name, PLAIN_READING))
     )
 
 
@@ -97,10 +86,12 @@ def _walks(group: str, folder: Path, reading: Reading) -> list[Walk]:
         _check_name(path)
     alone = {path.parent for path in paths} - {a.parent for a, b in _pairs(paths) if a.parent == b.parent}
     shared = {path: path.parent in alone for path in paths}
-    return [
-        Walk(group, path.relative_to(folder).as_posix(), path, _truth(path, shared[path]), _beside(path), reading)
-        for path in paths
-    ]
+    return [Walk(group, path.relative_to(folder).as_posix(), _source(path, shared[path], reading)) for path in paths]
+
+
+def _source(path: Path, alone: bool, reading: Reading) -> Recorded:
+    truth = _truth(path, alone)
+    return Recorded(path.resolve(), truth and truth.resolve(), _beside(path), reading)
 
 
 def _pairs(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
@@ -112,7 +103,7 @@ def _pairs(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
 def _files(folder: Path) -> Iterator[Path]:
     """Yield the files below a folder, but for hidden ones and those in folders that a command of ours fills."""
     for where, folders, files in os.walk(folder):
-        if not set(MARKS).isdisjoint(files):
+        if not set(MARKERS).isdisjoint(files):
             folders.clear()
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]
@@ -150,7 +141,7 @@ def _truth(path: Path, alone: bool) -> Path | None:
 
 
 def _sum(path: Path) -> str:
-    """Sum of a file; empty of one that cannot be read, which its result will tell."""
+    """Sum of a file; empty of one that cannot be read, whose result gives the reason."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

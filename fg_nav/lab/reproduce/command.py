@@ -19,11 +19,11 @@ from pathlib import Path
 from rich.text import Text
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.campaign.mark import REPRODUCTION, lines_of, visible
-from fg_nav.lab.reproduce.file import write_whole, written
+from fg_nav.lab.reproduce.file import write_reproduction
 from fg_nav.lab.reproduce.messages import counted, named, printed, remark, told
 from fg_nav.lab.reproduce.page import page
 from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
+from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
 from fg_nav.plain import plain
 from fg_nav.report.folder import unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
@@ -36,7 +36,7 @@ FIRST_SEED, SEEDS, QUICK_SEEDS = 101, 50, 3
 
 REPORT, RESULTS = "report.html", "results.json"
 
-MARK = REPRODUCTION
+MARK = REPRODUCTION_MARKER
 """File in a folder of ours; it names the paper, and below it pictures of an older result while a new one is made."""
 
 _LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
@@ -111,8 +111,8 @@ def claim(out: Path, paper: str, force: bool) -> None:
         if out.exists() and not out.is_dir():
             raise OutputError(f"{out} is a file, not a folder: choose another --out.")
         out.mkdir(parents=True, exist_ok=True)
-        held, *stale = lines_of(out, MARK) or [""]
-        present = visible(out)
+        held, *stale = read_marker(out, MARK) or [""]
+        present = list_visible(out)
         if held != paper and present:
             what = f"the results of {held}" if held else f"'{present[0]}', which this command does not write"
             raise OutputError(f"{out} holds {what}: choose another --out.")
@@ -127,7 +127,7 @@ def claim(out: Path, paper: str, force: bool) -> None:
 
 def _mark(out: Path, paper: str, stale: Collection[str]) -> None:
     """Put down whose folder it is, and which pictures are of a result that is no more."""
-    write_whole(out / MARK, "\n".join([paper, *sorted(stale)]) + "\n")
+    write_text(out / MARK, "\n".join([paper, *sorted(stale)]) + "\n")
 
 
 def _pictures_of(results: Path) -> set[str]:
@@ -142,13 +142,13 @@ def _pictures_of(results: Path) -> set[str]:
 
 def publish(found: Reproduction, out: Path) -> None:
     """Write the page, take away pictures that only an older result names, and write the results last."""
-    write_whole(out / REPORT, page(found, out))
-    paper, *stale = lines_of(out, MARK)
+    write_text(out / REPORT, page(found, out))
+    paper, *stale = read_marker(out, MARK)
     named_here = {picture.file for experiment in found.experiments for picture in experiment.pictures}
     for name in set(stale) - named_here:
         with suppress(OSError):
             (out / name).unlink()
-    write_whole(out / RESULTS, written(found))
+    write_text(out / RESULTS, write_reproduction(found))
     _mark(out, paper, ())
 
 

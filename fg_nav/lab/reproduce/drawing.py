@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.evaluation.walked import AS_STARTED
-from fg_nav.lab.campaign import kept
-from fg_nav.lab.campaign.kept import Result
 from fg_nav.lab.reproduce.results import Picture
+from fg_nav.lab.store.results import USED, Result
 from fg_nav.report import style
 
 
@@ -44,7 +43,7 @@ def truth_of(result: Result) -> Floats:
 
 def used_of(result: Result) -> Bools:
     """(K,) where the method believed the field."""
-    return np.array([mark == kept.USED for mark in result.used], dtype=bool)
+    return np.array([flag == USED for flag in result.used], dtype=bool)
 
 
 def new_panels(

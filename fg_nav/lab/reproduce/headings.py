@@ -11,20 +11,20 @@ from functools import partial
 import numpy as np
 
 from fg_nav.frames import heading_of
-from fg_nav.lab.campaign.made import solved
-from fg_nav.lab.campaign.sources import LOOP, Simulated
-from fg_nav.lab.reproduce.parts import Arrays, Part
+from fg_nav.lab.campaign.methods import solve_by
+from fg_nav.lab.campaign.walks import LOOP, Simulated
+from fg_nav.lab.store.entries import Arrays, Measurement
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import TrajectoryTruth
 
 STRENGTH_HZ = 5.0
-"""At which the strength of the field is kept."""
+"""At which the strength of the field is stored."""
 
 
-def headings_part(name: str, scenario: str, field: str, seed: int, method: str) -> Part:
+def headings_part(name: str, scenario: str, field: str, seed: int, method: str) -> Measurement:
     """What `headings_of` finds; `name` begins that of the file."""
     words = method.replace(":", "-")
-    return Part(f"{name}_{scenario}_{field}_{words}_{seed}", partial(headings_of, scenario, field, seed, method))
+    return Measurement(f"{name}_{scenario}_{field}_{words}_{seed}", partial(headings_of, scenario, field, seed, method))
 
 
 def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
@@ -37,7 +37,7 @@ def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
         believed the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
     """
     session = Simulated(scenario, field, seed).session(LOOP)
-    seen, stances = session.known_field(), solved(session, method).solution.stances
+    seen, stances = session.known_field(), solve_by(method, session).solution.stances
     recording, truth = session.recording, session.truth
     assert recording.mag is not None
     assert isinstance(truth, TrajectoryTruth)

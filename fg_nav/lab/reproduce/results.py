@@ -30,6 +30,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.lab.store.entries import Number
 
 REPRODUCED, BETTER, EXPLAINED, NOT_REPRODUCED = "reproduced", "better", "explained", "not reproduced"
 PUT_IN, AS_ASKED, SHORT = "put in", "as asked", "short"
@@ -44,9 +45,9 @@ LOW_PERCENT, HIGH_PERCENT = 5.0, 95.0
 class Spread:
     """Median over `n` walks, and their 5 and 95 %; infinite where the method failed or the moment never came."""
 
-    median: float
-    low: float
-    high: float
+    median: Number
+    low: Number
+    high: Number
     n: int
 
 

@@ -7,34 +7,35 @@ from pathlib import Path
 
 import psutil
 
-from fg_nav.lab.campaign.kept import Result, code_sum
-from fg_nav.lab.campaign.made import Job
-from fg_nav.lab.campaign.parcel import Brought, Parcel
+from fg_nav.lab.campaign.execute import Task, TaskResults
+from fg_nav.lab.campaign.walks import Simulated
+from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.results import Result
 
 CODE = "code"
 
 
-def job(group: str, walk: str, *methods: str) -> Job:
+def task(group: str, walk: str, *methods: str) -> Task:
     """Ask for these methods on a walk, with settings that say nothing."""
-    return Job(group, "smooth", walk, {"loop": {method: {"of": method} for method in methods or ("iez",)}})
+    source = Simulated(group, "smooth", int(walk) if walk.isdigit() else 0)
+    return Task(group, "smooth", walk, source, {"loop": {method: {"of": method} for method in methods or ("iez",)}})
 
 
-def results(asked: Job) -> tuple[Result, ...]:
+def results(asked: Task) -> tuple[Result, ...]:
     """One result a cell, without anything in it."""
     return tuple(Result(key, {"of": key.method}, CODE) for key in asked.keys)
 
 
-def work(sent: Parcel) -> Brought:
-    """Do nothing; die where the job's group says so: always, or the first time (the walk names a file to remember)."""
-    asked = sent.job
-    if asked.group == "deadly":
+def work(asked: Task) -> TaskResults:
+    """Do nothing; die where the group or a method says so: always, or the first time (the walk names a file)."""
+    if asked.group == "deadly" or any(key.method == "deadly" for key in asked.keys):
         os.kill(os.getpid(), signal.SIGKILL)
     if asked.group == "deadly once" and not Path(asked.walk).exists():
         Path(asked.walk).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if asked.group == "slow":
         time.sleep(0.3)
-    return Brought(results(asked), code_sum(), 0.01)
+    return TaskResults(results(asked), code_sum(), 0.01)
 
 
 def until_gone(group):

@@ -16,13 +16,18 @@ from pyarrow import parquet
 
 from fg_nav import cli
 from fg_nav.errors import CampaignError, OutputError
-from fg_nav.lab.campaign import command, kept, table
-from fg_nav.lab.campaign.command import Wanted, campaign
-from fg_nav.lab.campaign.folder import CELLS, MARK, held
-from fg_nav.lab.campaign.parcel import parcel, unpacked
+from fg_nav.lab.campaign import command
+from fg_nav.lab.campaign import tables as table
+from fg_nav.lab.campaign.command import Request, run_campaign
+from fg_nav.lab.campaign.execute import run_task
+from fg_nav.lab.campaign.folder import RESULTS_FOLDER, lock_folder
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.campaign.table import RESULTS, TABLES, TIMINGS, write_tables
-from fg_nav.report.campaign import duration
+from fg_nav.lab.campaign.tables import RESULTS, TABLES, TIMINGS, write_tables
+from fg_nav.lab.campaign.walks import pack
+from fg_nav.lab.store import code
+from fg_nav.lab.store import results as store
+from fg_nav.lab.store.files import CAMPAIGN_MARKER
+from fg_nav.report.campaign import describe_duration
 from tests.command_line import FgNav, in_a_process
 from tests.lab.campaign import fakes
 
@@ -40,15 +45,16 @@ def plan(tmp_path):
 
 @pytest.fixture
 def made(monkeypatch):
-    """Count the cells that are made, here and without a cluster."""
+    """Count the results that are made, here and without a cluster."""
     count = Counter()
 
-    def on_cluster(jobs, cluster, take, tell, look):
-        for job in jobs:
-            count.update(job.keys)
-            take(job, unpacked(parcel(job, cluster.far)), cluster.workers)
+    def dispatch(tasks, cluster, take, notify, show):
+        for task in tasks:
+            count.update(task.keys)
+            take(task, run_task(replace(task, source=pack(task.source)) if cluster.remote else task))
+            show(1)
 
-    monkeypatch.setattr(command, "on_cluster", on_cluster)
+    monkeypatch.setattr(command, "dispatch", dispatch)
     return count
 
 
@@ -61,21 +67,21 @@ def rows(folder, name=RESULTS):
 
 
 def run(plan, out, **more):
-    return campaign(Wanted(plan, out, **more), lambda _: None, print)
+    return run_campaign(Request(plan, out, **more), lambda _: None, print)
 
 
 def test_what_is_there_is_joined_and_the_tables_are_the_same_bytes(tmp_path, plan, made):
     one = run(plan, tmp_path / "one")
-    assert (len(one.results), one.joined, sum(made.values())) == (4, 0, 4)
-    for half in sorted((tmp_path / "one" / CELLS).iterdir())[::2]:
+    assert (len(one.results), one.stored, sum(made.values())) == (4, 0, 4)
+    for half in sorted((tmp_path / "one" / RESULTS_FOLDER).iterdir())[::2]:
         half.unlink()
     again = run(plan, tmp_path / "one")
-    assert (again.joined, sum(made.values())) == (2, 6)
+    assert (again.stored, sum(made.values())) == (2, 6)
     first = tables(tmp_path / "one")
     run(plan, tmp_path / "two")
     assert tables(tmp_path / "two") == first
     timed = parquet.read_table(tmp_path / "one" / TIMINGS).to_pylist()
-    assert all(row["runtime_s"] > 0.0 and row["code"] == kept.code_sum() for row in timed)
+    assert all(row["runtime_s"] > 0.0 and row["code"] == code.code_sum() for row in timed)
 
 
 def test_the_tables_tell_what_the_cells_hold(tmp_path, plan, made):
@@ -95,7 +101,7 @@ def test_the_tables_tell_what_the_cells_hold(tmp_path, plan, made):
 
 
 def test_runtime_does_not_change_a_byte(tmp_path):
-    results = [one for walk in "213" for one in fakes.results(fakes.job("demo", walk, "qsf", "iez"))]
+    results = [one for walk in "213" for one in fakes.results(fakes.task("demo", walk, "qsf", "iez"))]
     results[0] = replace(results[0], failed="no such walk.")
     for name, some, runtime in (("one", results, 1.0), ("two", results[::-1], 2.0)):
         (tmp_path / name).mkdir()
@@ -112,7 +118,7 @@ def test_only_some_results_are_held_at_a_time(tmp_path, plan, made, monkeypatch)
     done = run(plan, tmp_path / "one")
     held, most = set(), []
     monkeypatch.setattr(table, "BATCH", 2)
-    read = kept.kept
+    read = store.read_result
 
     def counting(*some):
         result = read(*some)
@@ -123,7 +129,7 @@ def test_only_some_results_are_held_at_a_time(tmp_path, plan, made, monkeypatch)
         most.append(len(held))
         return result
 
-    monkeypatch.setattr(kept, "kept", counting)
+    monkeypatch.setattr(store, "read_result", counting)
     again = run(plan, tmp_path / "one")
     assert len(most) == 8
     assert max(most) <= 3
@@ -135,10 +141,10 @@ def test_only_some_results_are_held_at_a_time(tmp_path, plan, made, monkeypatch)
 
 def test_a_table_that_fails_half_way_leaves_all_as_they_were(tmp_path):
     def some():
-        yield from fakes.results(fakes.job("demo", "1", "iez"))
+        yield from fakes.results(fakes.task("demo", "1", "iez"))
         raise OutputError("gone.")
 
-    write_tables(tmp_path, fakes.results(fakes.job("demo", "1", "qsf")))
+    write_tables(tmp_path, fakes.results(fakes.task("demo", "1", "qsf")))
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(OutputError, match="gone"):
         write_tables(tmp_path, some())
@@ -147,10 +153,10 @@ def test_a_table_that_fails_half_way_leaves_all_as_they_were(tmp_path):
 
 
 def test_what_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
-    result = fakes.results(fakes.job("demo", "1"))[0]
+    result = fakes.results(fakes.task("demo", "1"))[0]
     (tmp_path / result.key.file).mkdir()
     with pytest.raises(OutputError, match="could not be written"):
-        kept.keep(tmp_path, result)
+        store.write_result(tmp_path, result)
     assert [path.name for path in tmp_path.iterdir()] == [result.key.file]
 
 
@@ -161,7 +167,7 @@ def test_a_full_disk_is_no_reason_to_begin_elsewhere(tmp_path, monkeypatch, numb
 
     monkeypatch.setattr(Path, "replace", refused)
     with pytest.raises(OutputError, match=hint):
-        kept.keep(tmp_path, fakes.results(fakes.job("demo", "1"))[0])
+        store.write_result(tmp_path, fakes.results(fakes.task("demo", "1"))[0])
 
 
 def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, fg_nav: FgNav):
@@ -180,14 +186,14 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, 
         ("bad.csv", "ma2018", None),
     ]
     (tmp_path / "walks" / "bad.csv").write_text("time_s\n2\n")
-    assert run(tmp_path / "plan.toml", tmp_path / "out").joined == 0
-    assert run(tmp_path / "plan.toml", tmp_path / "out").joined == 2
-    assert run(tmp_path / "plan.toml", tmp_path / "out", retry=True).joined == 0
+    assert run(tmp_path / "plan.toml", tmp_path / "out").stored == 0
+    assert run(tmp_path / "plan.toml", tmp_path / "out").stored == 2
+    assert run(tmp_path / "plan.toml", tmp_path / "out", retry=True).stored == 0
 
 
 def test_what_other_code_made_is_told_and_made_anew_if_wanted(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
     run(plan, tmp_path / "out")
-    monkeypatch.setattr(kept, "code_sum", lambda: "other")
+    monkeypatch.setattr(code, "code_sum", lambda: "other")
     monkeypatch.setattr("fg_nav.report.campaign.code_sum", lambda: "other")
     assert "4 results made by other code or libraries" in fg_nav("campaign", plan, "--out", tmp_path / "out").out
     assert "by other code or libraries" not in fg_nav("campaign", plan, "--out", tmp_path / "out", "--renew").out
@@ -199,8 +205,12 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: 
     (tmp_path / "photos" / "a.png").touch()
     assert fg_nav("campaign", plan, "--out", tmp_path / "photos").refused("holds what is no campaign")
     assert fg_nav("campaign", plan, "--out", plan).refused("cannot be written")
-    for folder, file in (("letters", "letter.txt"), ("other", f"{CELLS}/a.png"), ("paper", ".fg-nav-reproduce")):
-        (tmp_path / folder / CELLS).mkdir(parents=True)
+    for folder, file in (
+        ("letters", "letter.txt"),
+        ("other", f"{RESULTS_FOLDER}/a.png"),
+        ("paper", ".fg-nav-reproduce"),
+    ):
+        (tmp_path / folder / RESULTS_FOLDER).mkdir(parents=True)
         (tmp_path / folder / file).touch()
         assert fg_nav("campaign", plan, "--out", tmp_path / folder).refused(f"('{file}')")
     assert not made
@@ -209,17 +219,17 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: 
 def test_a_folder_of_ours_is_known_by_its_mark_or_by_having_nothing_else(tmp_path, plan, made):
     run(plan, tmp_path / "ours")
     (tmp_path / "ours" / "letter.txt").touch()
-    assert run(plan, tmp_path / "ours").joined == 4
+    assert run(plan, tmp_path / "ours").stored == 4
     (tmp_path / "ours" / "letter.txt").unlink()
-    (tmp_path / "ours" / MARK).unlink()
-    assert run(plan, tmp_path / "ours").joined == 4
-    assert (tmp_path / "ours" / MARK).is_file()
+    (tmp_path / "ours" / CAMPAIGN_MARKER).unlink()
+    assert run(plan, tmp_path / "ours").stored == 4
+    assert (tmp_path / "ours" / CAMPAIGN_MARKER).is_file()
 
 
 def test_a_plan_may_grow_and_what_is_of_no_plan_any_more_is_told(tmp_path, plan, made, capsys):
     run(plan, tmp_path / "out")
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 3"))
-    assert run(plan, tmp_path / "out").joined == 4
+    assert run(plan, tmp_path / "out").stored == 4
     assert capsys.readouterr().out == ""
     other = tmp_path / "other.toml"
     other.write_text(PLAN.replace("seeds = 2", "seeds = 3\nfirst_seed = 102"))
@@ -228,7 +238,7 @@ def test_a_plan_may_grow_and_what_is_of_no_plan_any_more_is_told(tmp_path, plan,
     words = "has 2 results of other plans than this"
     assert f"{words} (the last one there was {plan}): the tables leave them out" in said
     assert {row["walk"] for row in rows(tmp_path / "out")} == {"102", "103", "104"}
-    assert run(plan, tmp_path / "out").joined == 6
+    assert run(plan, tmp_path / "out").stored == 6
     assert f"{words} (the last one there was {other}): the tables leave them out" in capsys.readouterr().out
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 1"))
     run(plan, tmp_path / "out")
@@ -237,8 +247,8 @@ def test_a_plan_may_grow_and_what_is_of_no_plan_any_more_is_told(tmp_path, plan,
 
 def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, plan, made, fg_nav: FgNav):
     out = tmp_path / "out"
-    code = "import sys, time, pathlib; from fg_nav.lab.campaign.folder import held\n"
-    code += "with held(*map(pathlib.Path, sys.argv[1:])):\n    print(1, flush=True); time.sleep(600)"
+    code = "import sys, time, pathlib; from fg_nav.lab.campaign.folder import lock_folder\n"
+    code += "with lock_folder(*map(pathlib.Path, sys.argv[1:])):\n    print(1, flush=True); time.sleep(600)"
     words = [sys.executable, "-c", code, str(out), str(plan)]
     other = subprocess.Popen(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE)
     try:
@@ -248,17 +258,17 @@ def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, pla
     finally:
         other.kill()
         other.communicate()
-    for half in (".results.csv.1.part", f"{CELLS}/.a.json.1.part"):
+    for half in (".results.csv.1.part", f"{RESULTS_FOLDER}/.a.json.1.part"):
         (out / half).touch()
-    assert run(plan, out).joined == 0
+    assert run(plan, out).stored == 0
     assert not [path for path in out.rglob("*") if path.name.endswith(".part")]
 
 
 def test_without_locks_nobody_is_kept_out(tmp_path, plan, monkeypatch):
     monkeypatch.setitem(sys.modules, "fcntl", None)
-    with held(tmp_path / "out", plan):
+    with lock_folder(tmp_path / "out", plan):
         (tmp_path / "out" / ".results.csv.1.part").touch()
-        with held(tmp_path / "out", tmp_path / "other.toml") as again:
+        with lock_folder(tmp_path / "out", tmp_path / "other.toml") as again:
             assert again.before == str(plan)
     assert (tmp_path / "out" / ".results.csv.1.part").exists()
 
@@ -267,26 +277,26 @@ def test_tables_go_while_results_are_missing_and_who_stops_is_told(tmp_path, pla
     out = tmp_path / "out"
     run(plan, out)
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 4"))
-    as_it_was = command.on_cluster
+    as_it_was = command.dispatch
 
-    def stopped(jobs, *more):
-        as_it_was(jobs[:1], *more)
+    def stopped(tasks, *more):
+        as_it_was(tasks[:1], *more)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "on_cluster", stopped)
+    monkeypatch.setattr(command, "dispatch", stopped)
     ran = fg_nav("campaign", plan, "--out", out)
     assert (ran.code, ran.out) == (130, "")
     assert ran.err == "note: stopped: 6 of 8 results are kept, the same command goes on from there\n"
     assert not [name for name in TABLES if (out / name).exists()]
-    monkeypatch.setattr(command, "on_cluster", as_it_was)
-    assert run(plan, out).joined == 6
+    monkeypatch.setattr(command, "dispatch", as_it_was)
+    assert run(plan, out).stored == 6
     assert [name for name in TABLES if (out / name).exists()] == list(TABLES)
 
 
 @pytest.mark.parametrize("harm", ["is not what was kept there", "was there and is gone"])
 def test_what_another_program_does_to_a_cell_is_told(tmp_path, plan, made, monkeypatch, harm):
     def harmed(key):
-        cell = tmp_path / "out" / CELLS / key.file
+        cell = tmp_path / "out" / RESULTS_FOLDER / key.file
         cell.unlink() if harm.endswith("gone") else cell.write_text("{}")
         return ()
 
@@ -319,7 +329,7 @@ def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
     with pytest.raises(
         CampaignError, match=r"'w\.csv' of 'a b' and 'w\.csv' of 'a-b' would be kept in one file: rename"
     ):
-        command.keys_of(read_plan(tmp_path / "plan.toml"))
+        read_plan(tmp_path / "plan.toml").list_keys()
 
 
 def test_dask_is_loaded_by_nobody_else():
@@ -330,7 +340,7 @@ def test_dask_is_loaded_by_nobody_else():
 
 
 def test_a_scheduler_that_is_not_there(tmp_path, plan, monkeypatch, fg_nav: FgNav):
-    monkeypatch.setattr("fg_nav.lab.campaign.session.CONNECT_S", 0.2)
+    monkeypatch.setattr("fg_nav.lab.campaign.cluster.CONNECT_S", 0.2)
     refused = fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert refused.refused("no Dask scheduler answers at tcp://127.0.0.1:1")
     assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("'moon' is no address")
@@ -346,7 +356,7 @@ def test_a_word_that_is_no_address_is_refused_without_a_traceback_of_dask(tmp_pa
 def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     """The program itself, with its own cluster, is killed with a cell done; its workers go with it."""
     plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
-    cells = tmp_path / "out" / CELLS
+    cells = tmp_path / "out" / RESULTS_FOLDER
     words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
     variables = os.environ | {"PYTHONPATH": str(ROOT)}
     first = subprocess.Popen([sys.executable, "-m", "fg_nav.cli", *words], env=variables, start_new_session=True)
@@ -368,5 +378,30 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     assert tables(tmp_path / "undisturbed") == tables(tmp_path / "out")
 
 
+def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(tmp_path, plan, made):
+    """All processes of a terminal get the signal; only the campaign says a word."""
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
+    results = tmp_path / "out" / RESULTS_FOLDER
+    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "2"]
+    line = [sys.executable, "-m", "fg_nav.cli", *words]
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    first = subprocess.Popen(line, env=variables, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    while first.poll() is None and not (results.is_dir() and any(results.glob("*.json"))):
+        time.sleep(0.01)
+    os.killpg(first.pid, signal.SIGINT)
+    _, said = first.communicate(timeout=90.0)
+    assert first.returncode == 130
+    stored = len(list(results.glob("*.json")))
+    assert said == f"note: stopped: {stored} of 16 results are kept, the same command goes on from there\n"
+    fakes.until_gone(first.pid)
+    assert 0 < stored < 16
+    assert run(plan, tmp_path / "out").stored == stored
+
+
 def test_durations_are_said_as_people_do():
-    assert [duration(s) for s in (3.4, 61, 3599.9, 90061)] == ["3 s", "1 min 01 s", "1 h 00 min", "25 h 01 min"]
+    assert [describe_duration(s) for s in (3.4, 61, 3599.9, 90061)] == [
+        "3 s",
+        "1 min 01 s",
+        "1 h 00 min",
+        "25 h 01 min",
+    ]

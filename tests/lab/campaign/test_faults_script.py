@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.folder import CELLS
+from fg_nav.lab.campaign.folder import RESULTS_FOLDER
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.campaign.table import RESULTS, RESULTS_CSV
+from fg_nav.lab.campaign.tables import RESULTS, RESULTS_CSV
 from tests.scripts import load_script
 
 script = load_script("campaign_faults")
@@ -20,7 +20,7 @@ script = load_script("campaign_faults")
 @pytest.mark.parametrize("disturbed", ["as the others", "otherwise"])
 def test_tables_that_differ_are_told(tmp_path, capsys, monkeypatch, disturbed):
     def campaign(plan, out, *more):
-        (out / CELLS).mkdir(parents=True)
+        (out / RESULTS_FOLDER).mkdir(parents=True)
         for name in (RESULTS, RESULTS_CSV):
             (out / name).write_text("as the others")
 

@@ -7,11 +7,10 @@ import pytest
 from fg_nav.errors import EstimationError
 from fg_nav.estimators import ESTIMATORS
 from fg_nav.estimators import parameters_of as begun_with
-from fg_nav.lab.campaign.kept import Key
-from fg_nav.lab.campaign.made import solved
-from fg_nav.lab.campaign.methods import Method, method_of
-from fg_nav.lab.campaign.settings import parameters_of, settings_of
-from fg_nav.lab.campaign.sources import Simulated
+from fg_nav.lab.campaign.execute import parameters_of, settings_of
+from fg_nav.lab.campaign.methods import Method, method_of, solve_by
+from fg_nav.lab.campaign.walks import Simulated
+from fg_nav.lab.store.results import Key
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +30,13 @@ def test_every_method_tells_what_it_begins_with():
 
 
 def test_parameters_reach_filter_and_smoother(session):
-    plain, other = (solved(session, word).solution for word in ("ma2018", "ma2018,inertial.zero_velocity_density=0.5"))
+    plain, other = (
+        solve_by(word, session).solution for word in ("ma2018", "ma2018,inertial.zero_velocity_density=0.5")
+    )
     assert plain.parameters["inertial"]["zero_velocity_density"] != 0.5
     assert other.parameters["inertial"]["zero_velocity_density"] == 0.5
     assert abs(other.stances.position - plain.stances.position).max() > 1e-3
-    smoothed = solved(session, "inertial,roll_sigma_m=0.5").solution
+    smoothed = solve_by("inertial,roll_sigma_m=0.5", session).solution
     assert (smoothed.method, smoothed.parameters["roll_sigma_m"]) == ("inertial", 0.5)
 
 

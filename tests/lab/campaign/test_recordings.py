@@ -10,12 +10,12 @@ import pytest
 
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical, write_tum
-from fg_nav.lab.campaign.made import jobs_of
-from fg_nav.lab.campaign.mark import MARKS
-from fg_nav.lab.campaign.parcel import in_cells, parcel, unpacked
-from fg_nav.lab.campaign.recordings import OUR_TABLES, walks_in
-from fg_nav.lab.campaign.table import TABLES
+from fg_nav.lab.campaign.execute import run_task, tasks_of
+from fg_nav.lab.campaign.recordings import OUR_TABLES, find_walks
+from fg_nav.lab.campaign.tables import TABLES
+from fg_nav.lab.campaign.walks import Recorded, pack
 from fg_nav.lab.simulation import simulate
+from fg_nav.lab.store.files import MARKERS
 from fg_nav.report import folder as report_folder
 from tests.lab.campaign import fakes
 
@@ -26,7 +26,7 @@ def names(folder: Path, *files: str) -> dict[str, str | None]:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(name)
-    return {walk.name: walk.truth and walk.truth.name for walk in walks_in([folder])}
+    return {walk.name: walk.source.truth and walk.source.truth.name for walk in find_walks([folder])}
 
 
 def test_truths_lie_beside(tmp_path):
@@ -42,7 +42,7 @@ def test_a_walk_alone_in_its_folder_has_the_truth_there(tmp_path):
 
 def test_a_mat_beside_belongs_to_the_walk(tmp_path):
     assert names(tmp_path, "a.csv", "a.mat", "b.mat") == {"a.csv": None, "b.mat": None}
-    [walk, _] = walks_in([tmp_path])
+    [walk, _] = find_walks([tmp_path])
     before = walk.sums()
     assert before.keys() == {"a.csv", "a.mat"}
     (tmp_path / "a.mat").write_text("other")
@@ -59,18 +59,18 @@ def test_our_own_tables_are_no_walks():
 def test_folders_that_our_commands_fill_have_no_walks(tmp_path):
     """A campaign may write beside its recordings, and finds the same walks the next time."""
     alone = names(tmp_path, "1/recording.csv", "1/truth.tum")
-    for mark in MARKS:
+    for mark in MARKERS:
         names(tmp_path, f"out{mark}/results.csv", f"out{mark}/table.csv", f"out{mark}/cells/a.csv", f"out{mark}/{mark}")
     assert names(tmp_path, "copied/results.csv") == alone == {"1/recording.csv": "truth.tum"}
     with pytest.raises(CampaignError, match="holds no recordings"):
-        walks_in([tmp_path / f"out{MARKS[0]}"])
+        find_walks([tmp_path / f"out{MARKERS[0]}"])
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="has no such names")
 def test_a_name_that_is_no_text_is_told(tmp_path):
     (tmp_path / os.fsdecode(b"w\xff.csv")).write_text("x")
     with pytest.raises(CampaignError, match=r"w\\udcff.csv' is not UTF-8: rename it"):
-        walks_in([tmp_path])
+        find_walks([tmp_path])
 
 
 @pytest.mark.parametrize("far", [False, True], ids=["here", "as bytes"])
@@ -81,40 +81,25 @@ def test_a_recording_is_solved_with_its_truth_and_a_bad_one_is_told(tmp_path, fa
     write_tum(tmp_path / "good.tum", truth.t, truth.position, truth.nav_R_body)
     (tmp_path / "bad.csv").write_text("no,recording\n1,2\n")
     by_name = {}
-    for one in walks_in([tmp_path]):
-        job = replace(fakes.job(one.group, one.name), path=one.path, truth=one.truth, beside=one.beside)
-        sent = parcel(job, far)
-        assert bool(sent.files) == far
+    for one in find_walks([tmp_path]):
+        source = pack(one.source) if far else one.source
+        assert bool(source.contents) == far
         if far:
-            sent = replace(sent, job=replace(job, path=Path("/elsewhere") / one.path.name))
-        [by_name[one.name]] = unpacked(sent).results
+            source = replace(source, path=Path("/elsewhere") / source.path.name)
+        [by_name[one.name]] = run_task(replace(fakes.task(one.group, one.name), source=source)).results
     assert by_name["good.csv"].errors["origin"].rmse_m < 80.0
     assert by_name["good.csv"].errors["yaw"].rmse_m < 1.0
     assert "bad.csv" in by_name["bad.csv"].failed
     assert "fg-nav-" not in by_name["bad.csv"].failed
-    missing = unpacked(parcel(replace(fakes.job("walks", "gone"), path=tmp_path / "gone.csv"), far)).results[0]
+    gone = Recorded(tmp_path / "gone.csv")
+    missing = run_task(replace(fakes.task("walks", "gone"), source=pack(gone) if far else gone)).results[0]
     assert "gone.csv" in missing.failed
 
 
-def test_a_bug_in_one_cell_fails_that_cell(monkeypatch):
-    from fg_nav.lab.campaign import parcel as module
-
-    def of(job, code, ready):
-        for key in job.keys:
-            if key.method == "broken":
-                raise ZeroDivisionError("oh")
-        yield from fakes.results(job)
-
-    monkeypatch.setattr(module, "results_of", of)
-    brought = unpacked(parcel(fakes.job("demo", "1", "iez", "broken", "qsf"), False))
-    told = {one.key.method: one.failed for one in brought.results}
-    assert told == {"iez": "", "broken": "a bug (ZeroDivisionError: oh)", "qsf": ""}
-
-
-def test_a_job_is_split_into_its_cells():
-    keys = [replace(key, magnetometer=m) for m in ("loop", "raw") for key in fakes.job("demo", "1", "iez", "qsf").keys]
-    [job] = jobs_of(keys, {key: {"of": key.method} for key in keys})
-    cells = in_cells(job)
+def test_a_task_is_split_into_its_results():
+    keys = [replace(key, magnetometer=m) for m in ("loop", "raw") for key in fakes.task("demo", "1", "iez", "qsf").keys]
+    [task] = tasks_of(keys, {key: {"of": key.method} for key in keys})
+    cells = task.split()
     assert [one.keys for one in cells] == [[key] for key in keys]
     assert np.all(
         [one.missing[key.magnetometer][key.method] == {"of": key.method} for one, key in zip(cells, keys, strict=True)]

@@ -10,7 +10,7 @@ from fg_nav.lab.reproduce.aiez2017.magnet import NEAR, magnet_part
 from fg_nav.lab.reproduce.aiez2017.walks import keys
 from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, REPRODUCED
 from fg_nav.plain import plain
-from tests.lab.reproduce.kept_walks import figures_of, keep_walks, rows_of
+from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
 
 SEEDS = (101, 102)
 TABLE_1 = {"iez:as-printed": 9.49, "qsf-stance:as-printed": 3.0, "aiez:as-printed": 2.0}
@@ -25,7 +25,7 @@ def folder(tmp_path_factory):
 def found(folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(aiez2017, "CORRIDORS", 1)
-        keep_walks(folder, keys(aiez2017.FIELDS, SEEDS), lambda key: TABLE_1.get(key.method, 0.5))
+        store_walks(folder, keys(aiez2017.FIELDS, SEEDS), lambda key: TABLE_1.get(key.method, 0.5))
         return aiez2017.reproduce(folder, SEEDS, workers=1)
 
 
@@ -86,6 +86,6 @@ def test_parameters_are_told_of_walks_and_detectors_too(found):
 def test_the_same_rows_come_out_of_what_was_kept(found, folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(aiez2017, "CORRIDORS", 1)
-        patch.setattr("fg_nav.lab.reproduce.parts.Part.make_into", None)
+        patch.setattr("fg_nav.lab.store.entries.Measurement.run", None)
         patch.setattr("fg_nav.lab.reproduce.drawing.style.save", lambda *_: None)
         assert repr(aiez2017.reproduce(folder, SEEDS, workers=1)) == repr(found)

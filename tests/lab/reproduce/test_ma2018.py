@@ -13,7 +13,7 @@ from fg_nav.lab.reproduce.ma2018.detector import _bend, _slope
 from fg_nav.lab.reproduce.ma2018.walks import LAID
 from fg_nav.lab.reproduce.results import ABOVE, EXPLAINED, NOT_REPRODUCED, PUT_IN, REPRODUCED, Reason, reason_for
 from fg_nav.magnetic import DETECTORS
-from tests.lab.reproduce.kept_walks import figures_of, keep_walks, rows_of
+from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
 
 SEEDS = (101, 102)
 PRINTED_FIGURES = [3, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16]
@@ -80,7 +80,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(measured, folder):
-    keep_walks(folder, walked.keys(ma2018.FIELDS, SEEDS), error_m)
+    store_walks(folder, walked.keys(ma2018.FIELDS, SEEDS), error_m)
     return ma2018.reproduce(folder, SEEDS, workers=1)
 
 
@@ -151,8 +151,8 @@ def test_the_same_rows_come_out_of_what_was_kept(found, folder, measured, undraw
         raise AssertionError("made anew")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fg_nav.lab.reproduce.cells.made", must_not)
-        patch.setattr("fg_nav.lab.reproduce.parts.Part.make_into", must_not)
+        patch.setattr("fg_nav.lab.reproduce.walks.store_task", must_not)
+        patch.setattr("fg_nav.lab.store.entries.Measurement.run", must_not)
         again = ma2018.reproduce(folder, SEEDS, workers=1)
     assert again.experiments == found.experiments
     assert repr(again) == repr(found)
@@ -162,7 +162,7 @@ def test_a_miss_that_nobody_can_explain_is_told(measured, undrawn, tmp_path):
     """A bound is held or not, and a filter that fails is as wrong as can be."""
     keys = walked.keys((*ma2018.QUICK_FIELDS, "smooth"), SEEDS)
     failing = [key for key in keys if key.method == "ma2018:as-printed"]
-    keep_walks(tmp_path, keys, lambda key: 6.0 if key.method.startswith("iez") else 0.6, failing)
+    store_walks(tmp_path, keys, lambda key: 6.0 if key.method.startswith("iez") else 0.6, failing)
     rows = rows_of(ma2018.reproduce(tmp_path, SEEDS, workers=1))
     assert rows["M-E3: final position error, iQSF, smooth"].verdict == EXPLAINED
     assert rows["M-E3: final position error, iQSF, indoor"].verdict == EXPLAINED
@@ -177,7 +177,7 @@ def test_a_miss_that_nobody_can_explain_is_told(measured, undrawn, tmp_path):
 
 def test_quick_leaves_a_field_out_and_says_so(measured, undrawn, tmp_path):
     seeds = (*SEEDS, 103)
-    keep_walks(tmp_path, walked.keys(ma2018.QUICK_FIELDS, seeds), error_m)
+    store_walks(tmp_path, walked.keys(ma2018.QUICK_FIELDS, seeds), error_m)
     told = []
     found = ma2018.reproduce(tmp_path, seeds, workers=1, progress=told.append, quick=True)
     assert found.seeds == seeds

@@ -10,7 +10,7 @@ import pytest
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce import munoz_diaz2017 as paper
-from fg_nav.lab.reproduce.file import written
+from fg_nav.lab.reproduce.file import write_reproduction
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import runs as measures
 from fg_nav.lab.reproduce.munoz_diaz2017 import seed as of_seed
@@ -214,23 +214,23 @@ def test_a_kept_seed_is_taken_up_and_gives_the_same_bytes(kept, monkeypatch):
     folder, found, _ = kept
     monkeypatch.setattr(of_seed, "walked", lambda *_: pytest.fail("the seed was made anew"))
     again = paper.reproduce(folder, [7], 1, lambda _: None, True, SHORT_M)
-    assert written(again) == written(found)
+    assert write_reproduction(again) == write_reproduction(found)
 
 
 def test_a_kept_seed_holds_no_longer_when_anything_it_was_made_with_differs(kept, monkeypatch, tmp_path):
     folder, _, _ = kept
     wanted = Wanted(True, True, SHORT_M)
     content = json.loads((folder / "cells" / "7.json").read_text())
-    assert of_seed.kept(7, wanted, folder) is not None
-    assert of_seed.kept(7, replace(wanted, quick=False), folder) is None
-    assert of_seed.kept(8, wanted, folder) is None
+    assert of_seed.read_values(7, wanted, folder) is not None
+    assert of_seed.read_values(7, replace(wanted, quick=False), folder) is None
+    assert of_seed.read_values(8, wanted, folder) is None
     (tmp_path / "cells").mkdir()
     place = tmp_path / "cells" / "7.json"
     place.write_text(json.dumps(content))
-    assert of_seed.kept(7, wanted, tmp_path) is None, "its pictures are not there"
+    assert of_seed.read_values(7, wanted, tmp_path) is None, "its pictures are not there"
     place.write_text(json.dumps({**content, "pictures": []}))
-    assert of_seed.kept(7, wanted, tmp_path) is not None
+    assert of_seed.read_values(7, wanted, tmp_path) is not None
     place.write_text(json.dumps({**content, "pictures": []})[:-20])
-    assert of_seed.kept(7, wanted, tmp_path) is None
+    assert of_seed.read_values(7, wanted, tmp_path) is None
     monkeypatch.setattr(of_seed, "code_sum", lambda: "other")
-    assert of_seed.kept(7, wanted, folder) is None
+    assert of_seed.read_values(7, wanted, folder) is None

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from fg_nav.lab.campaign.kept import Key
-from fg_nav.lab.campaign.sources import LOOP
+from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.reproduce.aiez2017 import figures as figures
 from fg_nav.lab.reproduce.aiez2017.corridor import DETECTOR_OF, STRENGTHS, corridor_experiment
 from fg_nav.lab.reproduce.aiez2017.magnet import SCENARIO, STRONGER, magnet_part, walks_of
 from fg_nav.lab.reproduce.aiez2017.walks import IEZ, building_experiment, keys
-from fg_nav.lab.reproduce.cells import made_elsewhere, make_missing, parameters_of, read_walks
 from fg_nav.lab.reproduce.drawing import Pictures
-from fg_nav.lab.reproduce.made_with import made_with
 from fg_nav.lab.reproduce.results import Reproduction, one_line
+from fg_nav.lab.reproduce.walks import describe_other_code, describe_walks, parameters_of, read_walks, run_missing
+from fg_nav.lab.store.results import Key
 
 PAPER = "aiez2017"
 
@@ -55,10 +54,10 @@ def reproduce(
     """
     corridors, wanted = seeds[:CORRIDORS], keys(FIELDS, seeds)
     parts = [magnet_part(strength, seed) for strength in STRENGTHS for seed in corridors]
-    make_missing(folder, wanted, parts, workers, progress)
+    run_missing(folder, wanted, parts, workers, progress)
     walks, pictures = read_walks(folder, wanted), Pictures(folder, PAPER)
     past = {strength: walks_of(folder, strength, corridors) for strength in STRENGTHS}
-    drawn = magnet_part(STRONGER, seeds[0]).of(folder)
+    drawn = magnet_part(STRONGER, seeds[0]).load(folder)
     return Reproduction(
         paper=PAPER,
         citation=CITATION,
@@ -67,8 +66,8 @@ def reproduce(
             corridor_experiment(past, [figures.figure_5(pictures, drawn), figures.figure_6(pictures, drawn)]),
             building_experiment(walks, FIELDS, [figures.figure_7(pictures, walks, FIELDS)]),
         ],
-        differs=[one_line(text) for text in (*_DIFFERS, *made_elsewhere(walks))],
-        parameters=parameters_of(walks) | made_with([*wanted, _PAST_MAGNET], DETECTOR_OF.values()),
+        differs=[one_line(text) for text in (*_DIFFERS, *describe_other_code(walks))],
+        parameters=parameters_of(walks) | describe_walks([*wanted, _PAST_MAGNET], DETECTOR_OF.values()),
     )
 
 

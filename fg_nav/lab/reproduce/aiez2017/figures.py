@@ -12,10 +12,10 @@ from fg_nav.lab.reproduce.aiez2017.corridor import CLASSICAL, DETECTOR_OF, PHYSI
 from fg_nav.lab.reproduce.aiez2017.corridor import PRINTED as AS_PRINTED
 from fg_nav.lab.reproduce.aiez2017.magnet import NEAR
 from fg_nav.lab.reproduce.aiez2017.walks import BUILDING, NAMES, PRINTED, columns_of
-from fg_nav.lab.reproduce.cells import Walks
 from fg_nav.lab.reproduce.drawing import Pictures, draw_path, estimate_of, new_panels, truth_of
-from fg_nav.lab.reproduce.parts import Arrays
 from fg_nav.lab.reproduce.results import Picture
+from fg_nav.lab.reproduce.walks import Walks
+from fg_nav.lab.store.entries import Arrays
 from fg_nav.report import style
 
 ZOOM_S = 8.0

@@ -25,10 +25,10 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.evaluation import make_roc, measure_compass_deviation
 from fg_nav.frames import heading_of
-from fg_nav.lab.reproduce.parts import Arrays, Part
 from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk, simulate
 from fg_nav.lab.simulation.fields import Sum
 from fg_nav.lab.simulation.scenarios import Choices
+from fg_nav.lab.store.entries import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
 from fg_nav.recording import TrajectoryTruth
 
@@ -72,9 +72,9 @@ def judged_field(walk: SimulatedWalk, field: FootfallField) -> Judged:
     return Judged(np.degrees(np.abs(turned_by_magnet(walk, field))), statistic)
 
 
-def magnet_part(strength: int, seed: int) -> Part:
+def magnet_part(strength: int, seed: int) -> Measurement:
     """What `walks_of` and Figures 5 and 6 read of one walk with a calibrated magnetometer."""
-    return Part(f"aiez2017_magnet_{strength}x_{seed}", partial(_magnet_arrays, strength, seed))
+    return Measurement(f"aiez2017_magnet_{strength}x_{seed}", partial(_magnet_arrays, strength, seed))
 
 
 def _magnet_arrays(strength: int, seed: int) -> Arrays:
@@ -91,7 +91,7 @@ def _magnet_arrays(strength: int, seed: int) -> Arrays:
 
 def walks_of(folder: Path, strength: int, seeds: Sequence[int]) -> list[Judged]:
     """Walks that are kept or made now."""
-    return [judged_of(magnet_part(strength, seed).of(folder)) for seed in seeds]
+    return [judged_of(magnet_part(strength, seed).load(folder)) for seed in seeds]
 
 
 def judged_of(arrays: Arrays) -> Judged:

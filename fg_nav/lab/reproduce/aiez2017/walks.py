@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from fg_nav.lab.campaign.kept import Key
-from fg_nav.lab.reproduce.cells import Walks, keys_of
 from fg_nav.lab.reproduce.results import ABOVE, BELOW, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
-from fg_nav.lab.reproduce.walk_figures import (
+from fg_nav.lab.reproduce.walks import (
     Figure,
+    Walks,
     end_m,
     end_percent,
     heading_deg,
+    keys_of,
     mean_m,
     spread_over,
     used_percent,
 )
+from fg_nav.lab.store.results import Key
 
 BUILDING = "teaching-building"
 IEZ, CLASSICAL, AIEZ, SMOOTHER, INERTIAL = "iez", "qsf-stance", "aiez", "smoother", "inertial"

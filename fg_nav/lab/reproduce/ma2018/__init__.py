@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fg_nav.lab.campaign.kept import Key
-from fg_nav.lab.reproduce.cells import Walks, made_elsewhere, make_missing, parameters_of, read_walks
 from fg_nav.lab.reproduce.drawing import Pictures
 from fg_nav.lab.reproduce.headings import headings_part
 from fg_nav.lab.reproduce.ma2018 import figures
@@ -16,9 +14,17 @@ from fg_nav.lab.reproduce.ma2018.calibration import calibration_experiment
 from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, cases_of, noise_part, roc_part
 from fg_nav.lab.reproduce.ma2018.detector import DETECTOR_OF, noise_experiment, roc_experiment
 from fg_nav.lab.reproduce.ma2018.loop import loop_part, loops_of
-from fg_nav.lab.reproduce.made_with import made_with
-from fg_nav.lab.reproduce.parts import Part
 from fg_nav.lab.reproduce.results import Experiment, Reproduction, one_line
+from fg_nav.lab.reproduce.walks import (
+    Walks,
+    describe_other_code,
+    describe_walks,
+    parameters_of,
+    read_walks,
+    run_missing,
+)
+from fg_nav.lab.store.entries import Measurement
+from fg_nav.lab.store.results import Key
 
 PAPER = "ma2018"
 
@@ -57,18 +63,18 @@ class Plan:
         return walked.keys(self.fields, self.seeds)
 
     @property
-    def noises(self) -> list[Part]:
+    def noises(self) -> list[Measurement]:
         """Noise, one of a seed."""
         return [noise_part(seed, 0.0 if k else self.rest_s) for k, seed in enumerate(self.seeds[:NOISES])]
 
     @property
-    def headings(self) -> dict[str, Part]:
+    def headings(self) -> dict[str, Measurement]:
         """Headings of the first office, by field."""
         method = figures.DRAWN[walked.PROPOSED]
         return {field: headings_part(PAPER, walked.OFFICE, field, self.seeds[0], method) for field in self.fields}
 
     @property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[Measurement]:
         """All else that is measured."""
         rocs = [roc_part(walked.MALL, seed) for seed in self.seeds[:ROCS]]
         loops = [loop_part(seed) for seed in self.seeds[:LOOPS]]
@@ -98,15 +104,15 @@ def reproduce(
         Where the folder cannot be written.
     """
     plan = Plan(seeds, QUICK_FIELDS, QUICK_REST_S) if quick else Plan(seeds)
-    make_missing(folder, plan.keys, plan.parts, workers, progress)
+    run_missing(folder, plan.keys, plan.parts, workers, progress)
     walks = read_walks(folder, plan.keys)
     return Reproduction(
         paper=PAPER,
         citation=CITATION,
         seeds=tuple(plan.seeds),
         experiments=_experiments(folder, plan, walks),
-        differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()), *made_elsewhere(walks))],
-        parameters=parameters_of(walks) | made_with(plan.keys, ("iqsf-printed", "iqsf", *DETECTOR_OF.values())),
+        differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()), *describe_other_code(walks))],
+        parameters=parameters_of(walks) | describe_walks(plan.keys, ("iqsf-printed", "iqsf", *DETECTOR_OF.values())),
     )
 
 
@@ -114,8 +120,8 @@ def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
     pictures = Pictures(folder, PAPER)
     loops = loops_of(folder, plan.seeds[:LOOPS])
     cases = cases_of(folder, walked.MALL, plan.seeds[:ROCS])
-    headings = {field: part.of(folder) for field, part in plan.headings.items()}
-    noises = [part.of(folder) for part in plan.noises]
+    headings = {field: part.load(folder) for field, part in plan.headings.items()}
+    noises = [part.load(folder) for part in plan.noises]
     return [
         calibration_experiment(loops, [figures.figure_6(pictures, loops[0]), figures.figure_7(pictures, loops[0])]),
         noise_experiment(noises, WALK_MINUTES * len(noises), plan.rest_s),

@@ -57,10 +57,10 @@ from fg_nav.evaluation import (
     measure_field_change,
 )
 from fg_nav.frames import wrap
-from fg_nav.lab.campaign.sources import LOOP, RAW, Simulated
-from fg_nav.lab.reproduce.parts import Arrays, Part
+from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
+from fg_nav.lab.store.entries import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
 from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
 from fg_nav.magnetic.footfall_field import integrate_attitude
@@ -228,9 +228,9 @@ def stretches(case: Case) -> dict[str, Bools]:
         }
 
 
-def roc_part(scenario: str, seed: int) -> Part:
+def roc_part(scenario: str, seed: int) -> Measurement:
     """What `cases_of` reads of one walk."""
-    return Part(f"ma2018_roc_{scenario}_{seed}", partial(_judged_arrays, scenario, seed))
+    return Measurement(f"ma2018_roc_{scenario}_{seed}", partial(_judged_arrays, scenario, seed))
 
 
 def _judged_arrays(scenario: str, seed: int) -> Arrays:
@@ -245,7 +245,7 @@ def _judged_arrays(scenario: str, seed: int) -> Arrays:
 
 def cases_of(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, Case]:
     """Cases by field, of walks that are kept or made now; the magnetometer calibrated as can be."""
-    walks = [roc_part(scenario, seed).of(folder) for seed in seeds]
+    walks = [roc_part(scenario, seed).load(folder) for seed in seeds]
     return {field: Case(scenario, field, [_judged_of(arrays, field) for arrays in walks]) for field in FIELDS}
 
 
@@ -268,9 +268,9 @@ WALKED, IRON_ON, AT_REST = "walked", "iron on", "at rest"
 REST_S, QUICK_REST_S = 7200.0, 600.0
 
 
-def noise_part(seed: int, rest_s: float) -> Part:
+def noise_part(seed: int, rest_s: float) -> Measurement:
     """Sigmas of one seed: (heading rad, inclination rad, strength uT), by the names above."""
-    return Part(f"ma2018_noise_{seed}_{rest_s:.0f}s", partial(noise, seed, rest_s))
+    return Measurement(f"ma2018_noise_{seed}_{rest_s:.0f}s", partial(noise, seed, rest_s))
 
 
 def noise(seed: int, rest_s: float) -> Arrays:

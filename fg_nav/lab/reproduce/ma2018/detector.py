@@ -15,7 +15,6 @@ import numpy as np
 from fg_nav.evaluation import Band, Roc
 from fg_nav.lab.reproduce.ma2018.detections import AT_REST, IRON_ON, LIMIT_UT, MA, MA_P_D, OURS, WALKED, Case, stretches
 from fg_nav.lab.reproduce.ma2018.loop import MG_PER_UT
-from fg_nav.lab.reproduce.parts import Arrays
 from fg_nav.lab.reproduce.results import (
     BELOW,
     Experiment,
@@ -27,6 +26,7 @@ from fg_nav.lab.reproduce.results import (
     reason_for,
     spread_of,
 )
+from fg_nav.lab.store.entries import Arrays
 from fg_nav.magnetic.presets import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH
 
 PRINTED, PHYSICAL = "as printed", "physical"

@@ -13,8 +13,6 @@ from matplotlib.axes import Axes
 from fg_nav.arrays import Bools, Floats
 from fg_nav.evaluation import Roc
 from fg_nav.evaluation.walked import AS_STARTED
-from fg_nav.lab.campaign.kept import Result
-from fg_nav.lab.reproduce.cells import Walks
 from fg_nav.lab.reproduce.drawing import (
     Pictures,
     draw_flags,
@@ -40,8 +38,10 @@ from fg_nav.lab.reproduce.ma2018.walks import (
     TUNED,
     ZUPT,
 )
-from fg_nav.lab.reproduce.parts import Arrays
 from fg_nav.lab.reproduce.results import Picture
+from fg_nav.lab.reproduce.walks import Walks
+from fg_nav.lab.store.entries import Arrays
+from fg_nav.lab.store.results import Result
 from fg_nav.report import style
 
 

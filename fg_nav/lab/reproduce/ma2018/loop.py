@@ -5,7 +5,7 @@ What shoe and floor do to the readings of the standing foot is the levelled line
 mG, long axis at 0.973 rad, ratio of the axes 0.896 (`ma_table_1`, in the mean true attitude of this walk's stances).
 
 Recovery: offset, eta and tau from the footfalls of a walk, against what was put in: the fitted ellipse, the extremes as
-printed, and the extremes with eta in its right quadrant (`fg_nav.calibration.ellipse`).
+printed, and the extremes with eta in its right quadrant (`fg_nav.calibration.ellipse_fit`).
 
 Heading: magnetic heading of the corrected footfalls minus that of the gyroscope, less its circular mean.
 
@@ -46,12 +46,12 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap
-from fg_nav.lab.reproduce.parts import Arrays, Part
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, fixed_iron, ma_table_1, preset
 from fg_nav.lab.simulation.sensors.magnetometer import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 from fg_nav.lab.simulation.walk import Streams
+from fg_nav.lab.store.entries import Arrays, Measurement
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.compass import compute_field_heading, compute_level_R_body, rotate_to_level
 from fg_nav.recording import TrajectoryTruth
@@ -141,9 +141,9 @@ def walked_loop(seed: int, field: str = "homogeneous") -> Loop:
     )
 
 
-def loop_part(seed: int) -> Part:
+def loop_part(seed: int) -> Measurement:
     """What `loops_of` reads of one loop."""
-    return Part(f"ma2018_loop_{seed}", partial(_loop_arrays, seed))
+    return Measurement(f"ma2018_loop_{seed}", partial(_loop_arrays, seed))
 
 
 def _loop_arrays(seed: int) -> Arrays:
@@ -157,7 +157,7 @@ def _loop_arrays(seed: int) -> Arrays:
 
 def loops_of(folder: Path, seeds: Sequence[int]) -> list[Loop]:
     """Loops that are kept or made now; of the tumbled readings each tenth."""
-    return [_loop_of(loop_part(seed).of(folder)) for seed in seeds]
+    return [_loop_of(loop_part(seed).load(folder)) for seed in seeds]
 
 
 def _loop_of(arrays: Arrays) -> Loop:

@@ -18,17 +18,17 @@ from typing import Literal
 import numpy as np
 
 from fg_nav.evaluation.walked import BEST_YAW
-from fg_nav.lab.campaign.kept import Key, Result
-from fg_nav.lab.reproduce.cells import Walks, keys_of
 from fg_nav.lab.reproduce.ma2018.detections import CURVED_DEG, STRAIGHT_DEG, Case
 from fg_nav.lab.reproduce.ma2018.detector import curve_rows
 from fg_nav.lab.reproduce.results import ABOVE, BELOW, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
-from fg_nav.lab.reproduce.walk_figures import (
+from fg_nav.lab.reproduce.walks import (
     Figure,
+    Walks,
     at_landmarks,
     end_m,
     end_percent,
     heading_deg,
+    keys_of,
     landmark_max_m,
     landmark_mean_m,
     max_m,
@@ -39,6 +39,7 @@ from fg_nav.lab.reproduce.walk_figures import (
     used_percent,
     walk_error,
 )
+from fg_nav.lab.store.results import Key, Result
 
 OFFICE, MALL = "office", "mall"
 ZUPT, IQSF, PROPOSED, SMOOTHER, INERTIAL = "iez", "iqsf", "ma2018", "smoother", "inertial"

@@ -13,10 +13,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from fg_nav.lab.campaign.pool import as_done
+from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.munoz_diaz2017.figures import FIGURES, file_of
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN, Planned, Reading
-from fg_nav.lab.reproduce.munoz_diaz2017.seed import DRAWN, Values, Wanted, made, name_of, parameters
+from fg_nav.lab.reproduce.munoz_diaz2017.seed import DRAWN, Values, Wanted, load_values, name_of, parameters
 from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
 from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
 
@@ -53,7 +53,7 @@ def reproduce(
 def _made(wanted: Mapping[int, Wanted], folder: Path, workers: int) -> Iterator[tuple[int, Values]]:
     """As they are done."""
     seeds = list(wanted)
-    for number, values in as_done([partial(made, seed, how, folder) for seed, how in wanted.items()], workers):
+    for number, values in run_tasks([partial(load_values, seed, how, folder) for seed, how in wanted.items()], workers):
         yield seeds[number], values
 
 

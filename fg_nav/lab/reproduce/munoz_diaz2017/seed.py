@@ -1,12 +1,11 @@
 """Both walks of a seed: every figure that is read off them, one small file a seed, so that an ended run goes on.
 
-A kept seed holds as long as what it was made with is the same: form, parameters, cases and readings, and the sources
-that make figures (`code_sum`); and as long as its pictures are there, if it has any.
+A stored seed holds as long as its settings are the same (parameters, cases, readings, and the sources that make
+figures), and as long as its pictures are there, if it has any.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,12 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
-import fg_nav
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import AllanCurve
-from fg_nav.lab.campaign.kept import sum_over
-from fg_nav.lab.reproduce.file import from_json, in_json, write_whole
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import (
@@ -61,12 +58,14 @@ from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
     sensor_errors,
     setting_of,
 )
+from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
+from fg_nav.lab.store.code import code_sum, sum_sources
+from fg_nav.lab.store.entries import Entry, Number, encode_number
+from fg_nav.lab.store.files import make_folder
 from fg_nav.plain import plain
 from fg_nav.pocket import PRESETS
 
-FORM = 1
-
-Values = dict[str, dict[str, float]]
+Values = dict[str, dict[str, Number]]
 """By row (`name_of`) and column; NaN where the walk has nothing to read it off, infinite where a method ended."""
 
 Found = dict[str, dict[str, Run | None]]
@@ -77,12 +76,6 @@ DRAWN = (FILTER, ONLINE)
 
 FOG_HOURS, ALLAN_HOURS = 1.0, 14.0
 """As in the paper."""
-
-_TEXT = "text"
-"""Module that no figure depends on."""
-
-_SEEN_ONLY = ("report/", "commands/", "lab/reproduce/", "lab/campaign/", "cli.py")
-"""Of the package's sources what makes no figure, beside the modules of this paper."""
 
 
 @dataclass(frozen=True)
@@ -101,57 +94,56 @@ class Wanted:
     leg_m: float | None = None
 
 
+@dataclass(frozen=True)
+class Stored:
+    """Content of a seed's file."""
+
+    pictures: list[str]
+    values: Values
+
+
 def name_of(experiment: str, reading: Reading) -> str:
     """Key of a row's values."""
     return f"{experiment}: {reading.row.quantity}"
 
 
-def made(seed: int, wanted: Wanted, folder: Path) -> Values:
-    """Figures of a seed, made and kept in the folder, and its pictures drawn there, unless they are there already."""
-    there = kept(seed, wanted, folder)
-    if there is not None:
-        return there
+def load_values(seed: int, wanted: Wanted, folder: Path) -> Values:
+    """Return the figures of a seed; they are made and stored, and its pictures drawn, if they are missing."""
+    stored = read_values(seed, wanted, folder)
+    if stored is not None:
+        return stored
     all_of = walked(seed, wanted)
     values = values_of(all_of)
     drawn = _drawn(folder, seed, all_of) if wanted.drawn else []
-    content = {"settings": settings_of(seed, wanted), "pictures": drawn, "values": _plain(values)}
-    place = folder / _file(seed)
-    place.parent.mkdir(exist_ok=True)
-    write_whole(place, json.dumps(content, indent=1) + "\n")
+    plain_values = {row: {column: encode_number(one) for column, one in of.items()} for row, of in values.items()}
+    make_folder(folder / RESULTS_FOLDER)
+    _entry(seed, wanted, folder).write({"pictures": drawn, "values": plain_values})
     return values
 
 
-def kept(seed: int, wanted: Wanted, folder: Path) -> Values | None:
-    """What is kept of a seed; None if that is nothing, of other settings, damaged, or without its pictures."""
+def read_values(seed: int, wanted: Wanted, folder: Path) -> Values | None:
+    """Return the stored figures of a seed; None if there are none that hold, or its pictures are missing."""
+    content = _entry(seed, wanted, folder).read()
     try:
-        content = json.loads((folder / _file(seed)).read_text(encoding="utf-8"))
-        if content["settings"] != settings_of(seed, wanted) or not all(
-            (folder / name).is_file() for name in content["pictures"]
-        ):
-            return None
-        return {row: {column: from_json(one) for column, one in of.items()} for row, of in content["values"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        stored = None if content is None else TypeAdapter(Stored).validate_python(content)
+    except ValidationError:
         return None
+    return stored.values if stored and all((folder / name).is_file() for name in stored.pictures) else None
 
 
-def _file(seed: int) -> str:
-    return f"cells/{seed}.json"
-
-
-def _plain(values: Values) -> dict[str, dict[str, float | str | None]]:
-    return {row: {column: in_json(one) for column, one in of.items()} for row, of in values.items()}
+def _entry(seed: int, wanted: Wanted, folder: Path) -> Entry:
+    return Entry(folder / RESULTS_FOLDER / f"{seed}.json", settings_of(seed, wanted))
 
 
 def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
     """What a seed is made with, as JSON has it."""
     made_with = {
-        "form": FORM,
         "seed": seed,
         "wanted": asdict(wanted),
         "cases": cases(wanted.quick),
         "rows": [name_of(planned.name, reading) for planned in PLAN for reading in planned.readings],
         "parameters": parameters(),
-        "code": code_sum(),
+        "code": _code(),
     }
     return dict(plain(made_with))
 
@@ -164,15 +156,10 @@ def parameters() -> dict[str, Any]:
 
 
 @cache
-def code_sum() -> str:
-    """Sum over the sources that make a figure, and what they run on."""
-    root = Path(str(fg_nav.__file__)).parent
-    sources = {
-        *(path for path in root.rglob("*.py") if not path.relative_to(root).as_posix().startswith(_SEEN_ONLY)),
-        *(path for path in (root / "lab" / "reproduce").glob("munoz_diaz2017/*.py") if path.stem != _TEXT),
-        *root.glob("factors/*.py"),
-    }
-    return sum_over(sorted(sources))
+def _code() -> str:
+    """Sum over the sources that make a figure; the texts make none."""
+    own = sorted(path for path in Path(__file__).parent.glob("*.py") if path.stem != "text")
+    return f"{code_sum()} {sum_sources(own)}"
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fg_nav.lab.campaign.pool import as_done
+from fg_nav.lab.processes import run_tasks
 from tests.lab.campaign.fakes import until_gone
 
 SCRIPT = """
@@ -18,12 +18,12 @@ import signal
 import sys
 from functools import partial
 from pathlib import Path
-from fg_nav.lab.campaign.pool import as_done
-from tests.lab.campaign.test_pool import slow
+from fg_nav.lab.processes import run_tasks
+from tests.lab.test_processes import slow
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what is in its background deaf to it
-    for _ in as_done([partial(slow, Path(sys.argv[1]), n, 60.0) for n in range(8)], 2):
+    for _ in run_tasks([partial(slow, Path(sys.argv[1]), n, 60.0) for n in range(8)], 2):
         pass
 """
 
@@ -43,7 +43,7 @@ def slow(folder, number, seconds):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_tasks_are_done_here_or_by_others(workers):
-    found = dict(as_done([partial(square, number) for number in range(6)], workers))
+    found = dict(run_tasks([partial(square, number) for number in range(6)], workers))
     assert {number: value for number, (value, _) in found.items()} == {n: n * n for n in range(6)}
     assert ({pid for _, pid in found.values()} == {os.getpid()}) == (workers == 1)
 
@@ -52,7 +52,7 @@ def test_after_an_error_nothing_is_begun_and_nothing_goes_on(tmp_path):
     tasks = [partial(slow, tmp_path, name, 30.0) for name in ("bad", *range(20))]
     began = time.monotonic()
     with pytest.raises(ValueError, match="bad"):
-        list(as_done(tasks, 2))
+        list(run_tasks(tasks, 2))
     assert time.monotonic() - began < 25.0
     names = {path.name for path in tmp_path.iterdir()}
     assert len(names) < 8
@@ -61,7 +61,7 @@ def test_after_an_error_nothing_is_begun_and_nothing_goes_on(tmp_path):
 
 def test_who_wants_no_more_does_not_wait_for_the_rest(tmp_path):
     tasks = [partial(slow, tmp_path, name, 0.0 if name == 0 else 30.0) for name in range(20)]
-    began, some = time.monotonic(), as_done(tasks, 2)
+    began, some = time.monotonic(), run_tasks(tasks, 2)
     assert next(some)[0] == 0
     some.close()
     assert time.monotonic() - began < 25.0
@@ -73,7 +73,7 @@ MINE = []
 def test_workers_are_no_copies_of_this_process():
     """What its threads hold would be held for ever in a copy."""
     MINE.append("here")
-    assert dict(as_done([partial(list_of_mine), partial(list_of_mine)], 2)) == {0: [], 1: []}
+    assert dict(run_tasks([partial(list_of_mine), partial(list_of_mine)], 2)) == {0: [], 1: []}
 
 
 def list_of_mine():
@@ -84,7 +84,7 @@ def test_ctrl_c_ends_all_and_only_the_parent_tells(tmp_path):
     """As a terminal does it: the signal goes to the parent and its workers."""
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    variables = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+    variables = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     words = [sys.executable, str(script), str(tmp_path)]
     ran = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=variables, start_new_session=True)
     end = time.monotonic() + 60.0

@@ -1,6 +1,7 @@
 """What a plan tells of the user's own: scenarios in files, and how recordings are read."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +9,9 @@ import pytest
 from fg_nav.calibration.file import Calibration, write_calibration
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical
-from fg_nav.lab.campaign.command import jobs_of_plan, keys_of, settings_of_plan
-from fg_nav.lab.campaign.parcel import parcel, unpacked
+from fg_nav.lab.campaign.execute import run_task
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.campaign.sources import NONE, RAW, Simulated, loop_calibration
+from fg_nav.lab.campaign.walks import NONE, RAW, Simulated, pack, simulate_calibration
 from fg_nav.lab.simulation import simulate
 
 WALK = 'like = "demo"\n[course]\npoints_m = [[0, 0], [0, 25]]\n'
@@ -31,22 +31,22 @@ def plan(folder, text):
     return read_plan(folder / "plan.toml")
 
 
-def jobs(found):
+def tasks(found):
     """Everything, as it comes to a worker."""
-    keys = keys_of(found)
-    all_of_them = jobs_of_plan(found, keys, settings_of_plan(found, keys))
-    return pickle.loads(pickle.dumps([parcel(job, True) for job in all_of_them]))
+    keys = found.list_keys()
+    packed = [replace(task, source=pack(task.source)) for task in found.tasks(keys, found.settings(keys))]
+    return pickle.loads(pickle.dumps(packed))
 
 
 def settings(found):
-    return list(settings_of_plan(found, keys_of(found)).values())
+    return list(found.settings(found.list_keys()).values())
 
 
 def test_a_scenario_of_a_file_is_walked(folder):
     found = plan(folder, PLAN)
     assert found.scenarios == ("demo", "my walk.toml")
-    _, own = jobs(found)
-    [result] = unpacked(own).results
+    _, own = tasks(found)
+    [result] = run_task(own).results
     assert (result.key.group, result.failed) == ("my walk.toml", "")
     ends = np.array(result.truth)[[0, -1]]
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(25.0, abs=1.0)
@@ -76,28 +76,28 @@ def test_recordings_are_read_as_told_and_a_calibration_is_their_loop(folder):
     recording = simulate("demo", 101).recording
     write_canonical(recording, folder / "walks" / "one.csv")
     before = settings(plan(folder, RECORDED))
-    assert [key.magnetometer for key in keys_of(plan(folder, RECORDED))] == ["walk", "raw", "none"]
-    write_calibration(folder / "foot.json", loop_calibration("demo", 101))
+    assert [key.magnetometer for key in plan(folder, RECORDED).list_keys()] == ["walk", "raw", "none"]
+    write_calibration(folder / "foot.json", simulate_calibration("demo", 101))
     told = f'{RECORDED}[reading.walks]\nformat = "canonical"\ncalibration = "foot.json"\n'
     found = plan(folder, told)
-    assert [key.magnetometer for key in keys_of(found)] == ["loop", "walk", "raw", "none"]
-    [sent] = jobs(found)
+    assert [key.magnetometer for key in found.list_keys()] == ["loop", "walk", "raw", "none"]
+    [sent] = tasks(found)
     (folder / "foot.json").unlink()  # a worker may have another disk
-    by_name = {one.key.magnetometer: one for one in unpacked(sent).results}
+    by_name = {one.key.magnetometer: one for one in run_task(sent).results}
     corrected = [name for name, one in by_name.items() if any("corrected by" in note for note in one.notes)]
     assert "loop" in corrected
     assert not {"raw", "none"} & set(corrected)
     assert [name for name, one in by_name.items() if one.failed] == ["none"]
     assert "needs a magnetometer that is used" in by_name["none"].failed
-    with_file, walk = [sent.job.missing[name]["ma2018"] for name in ("loop", "walk")]
+    with_file, walk = [sent.missing[name]["ma2018"] for name in ("loop", "walk")]
     assert with_file["magnetometer"]["magnetometer"]
     assert walk == before[0] | {"format": "canonical"}
 
 
 def test_a_wrong_format_is_told_by_the_result(folder):
     write_canonical(simulate("demo", 101).recording, folder / "walks" / "one.csv")
-    [sent] = jobs(plan(folder, 'recordings = ["walks"]\nmethods = ["iez"]\n[reading.walks]\nformat = "broad"\n'))
-    assert "so it cannot be 'broad'" in unpacked(sent).results[0].failed
+    [sent] = tasks(plan(folder, 'recordings = ["walks"]\nmethods = ["iez"]\n[reading.walks]\nformat = "broad"\n'))
+    assert "so it cannot be 'broad'" in run_task(sent).results[0].failed
 
 
 BAD = {
@@ -105,14 +105,14 @@ BAD = {
     PLAN.replace("my walk", "bad"): "bad.toml: it has no table [course]",
     PLAN.replace("my walk", "pocket"): "on no foot",
     PLAN.replace('"demo"', '"my walk.toml"'): "two scenarios are named 'my walk.toml'",
-    f"{RECORDED}reading = 3": "reading is no table",
-    f"{RECORDED}[reading]\nformat = 'xio'": "reading is no table",
+    f"{RECORDED}reading = 3": "write [reading.FOLDER]",
+    f"{RECORDED}[reading]\nformat = 'xio'": "write [reading.FOLDER]",
     f"{RECORDED}[reading.others]\nformat = 'xio'": "'others', which is no folder of recordings",
     f"{RECORDED}[reading.walks]\ncolour = 'red'": "no 'colour' in reading.walks",
     f"{RECORDED}[reading.walks]\nformat = 3": "format of reading.walks cannot be 3",
     f"{RECORDED}[reading.walks]\nformat = 'tum'": "no format 'tum'",
     f"{RECORDED}[reading.walks]\ncalibration = 'none.json'": "none.json does not exist",
-    f"{RECORDED}[reading.walks]\ncalibration = 'empty.json'": "empty.json tells nothing of the magnetometer",
+    f"{RECORDED}[reading.walks]\ncalibration = 'empty.json'": "empty.json has no magnetometer",
 }
 
 

@@ -12,10 +12,10 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from typing import TypeVar
 
-Made = TypeVar("Made")
+T = TypeVar("T")
 
 
-def as_done(tasks: Sequence[Callable[[], Made]], workers: int) -> Iterator[tuple[int, Made]]:
+def run_tasks(tasks: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[int, T]]:
     """Run tasks and yield the number and the result of each when it is done; here where one worker is enough.
 
     At the first error, on Ctrl-C, and where nobody wants more, what waits is not begun and the workers are ended.

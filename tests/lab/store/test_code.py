@@ -1,11 +1,11 @@
-"""What kept results rest on: sources, and what these run on."""
+"""What stored results rest on: sources, and what these run on."""
 
 import sys
 from importlib import metadata
 
 import pytest
 
-from fg_nav.lab.campaign import kept
+from fg_nav.lab.store import code
 
 
 @pytest.fixture
@@ -13,19 +13,19 @@ def source(tmp_path):
     path = tmp_path / "one.py"
     path.write_text("A = 1\n")
     yield path
-    kept.runs_on.cache_clear()
+    code.describe_runtime.cache_clear()
 
 
 def sum_of(path) -> str:
-    kept.runs_on.cache_clear()
-    return kept.sum_over([path])
+    code.describe_runtime.cache_clear()
+    return code.sum_sources([path])
 
 
-@pytest.mark.parametrize("name", kept.LIBRARIES)
+@pytest.mark.parametrize("name", code.LIBRARIES)
 def test_another_version_of_a_library_makes_another_sum(source, monkeypatch, name):
     installed, before = metadata.version, sum_of(source)
     assert sum_of(source) == before
-    assert f"{name} {installed(name)}" in kept.runs_on()
+    assert f"{name} {installed(name)}" in code.describe_runtime()
     monkeypatch.setattr(metadata, "version", lambda one: "99.0" if one == name else installed(one))
     assert sum_of(source) != before
 
@@ -44,4 +44,6 @@ def test_a_library_that_nobody_installed_has_a_version_too(source, monkeypatch):
 
     monkeypatch.setattr(metadata, "version", none)
     sum_of(source)
-    assert kept.runs_on().endswith("gtsam unknown, numpy unknown, scipy unknown, numba unknown, pandas unknown")
+    assert code.describe_runtime().endswith(
+        "gtsam unknown, numpy unknown, scipy unknown, numba unknown, pandas unknown"
+    )

@@ -1,9 +1,9 @@
-"""The tables of a campaign, from its kept results: the same campaign gives the same bytes, whoever made it and when.
+"""The tables of a campaign, from its stored results: the same campaign gives the same bytes, whenever it was run.
 
 ======================= ===========================================================================================
-results.parquet         one row a cell and alignment, in the order of their places; a cell that failed has one row
+results.parquet         one row a result and alignment, in the order of their keys; a result that failed has one row
 results.csv             the same
-timings.parquet         one row a cell: what differs from run to run: the time it took, and what code made it
+timings.parquet         one row a result, with what differs from run to run: its time, and the code that made it
 ======================= ===========================================================================================
 """
 
@@ -17,42 +17,42 @@ from pathlib import Path
 from typing import Any
 
 from fg_nav.evaluation.walked import WalkErrors
-from fg_nav.lab.campaign.kept import USED, Key, Result
 from fg_nav.lab.campaign.methods import method_of
-from fg_nav.lab.campaign.whole import whole
+from fg_nav.lab.store.files import atomic_write
+from fg_nav.lab.store.results import USED, Key, Result
 from fg_nav.plain import plain
 
 RESULTS, RESULTS_CSV, TIMINGS = "results.parquet", "results.csv", "timings.parquet"
 TABLES = (RESULTS, RESULTS_CSV, TIMINGS)
 
 WORDS = ("group", "field", "walk", "magnetometer", "method", "preset", "parameters")
-"""Columns that tell which cell it is."""
+"""Columns of the key."""
 
 ERRORS = tuple(item.name for item in fields(WalkErrors) if item.name != "alignment")
 
 
 BATCH = 1000
-"""Results that are put into the tables at once."""
+"""Results that are written into the tables at once."""
 
 
 def write_tables(folder: Path, results: Iterable[Result]) -> None:
-    """Write all tables, of results in the order of their places (`place_of`); each table is there whole or as it was.
+    """Write all tables, of results in the order of `place_of`; each table is complete or as it was.
 
-    Only some results are held at a time: a long one is a megabyte.
+    Only a batch of results is in memory at a time: a long one is a megabyte.
 
     Raises
     ------
     OutputError
-        Where the system refuses.
+        If the system refuses.
     """
     import pyarrow as pa
     from pyarrow import csv, parquet
 
     errors, times = results_schema(pa), timings_schema(pa)
     with (
-        whole(folder / RESULTS) as one,
-        whole(folder / RESULTS_CSV) as other,
-        whole(folder / TIMINGS) as third,
+        atomic_write(folder / RESULTS) as one,
+        atomic_write(folder / RESULTS_CSV) as other,
+        atomic_write(folder / TIMINGS) as third,
         parquet.ParquetWriter(one, errors) as as_parquet,
         csv.CSVWriter(other, errors) as as_csv,
         parquet.ParquetWriter(third, times) as timings,
@@ -65,14 +65,14 @@ def write_tables(folder: Path, results: Iterable[Result]) -> None:
 
 
 def _batches(results: Iterable[Result]) -> Iterator[list[tuple[list[dict[str, Any]], dict[str, Any]]]]:
-    """Rows of so many results at once; the results themselves are let go."""
+    """Yield the rows of so many results at once; the results themselves are released."""
     rows = ((list(rows_of(result)), timing_of(result)) for result in results)
     while some := list(islice(rows, BATCH)):
         yield some
 
 
 def results_schema(pa: Any) -> Any:
-    """Columns of the results, by the library that is only there with the extra."""
+    """Return the columns of the results, by the library of the extra."""
     text, number, count = pa.string(), pa.float64(), pa.int64()
     return pa.schema(
         [(name, text) for name in (*WORDS, "failed", "alignment")]
@@ -83,26 +83,26 @@ def results_schema(pa: Any) -> Any:
 
 
 def timings_schema(pa: Any) -> Any:
-    """Columns of the timings."""
+    """Return the columns of the timings."""
     numbers = [("runtime_s", pa.float64()), ("us_per_sample", pa.float64()), ("code", pa.string())]
     return pa.schema([(name, pa.string()) for name in WORDS] + numbers)
 
 
 def words_of(key: Key) -> dict[str, str]:
-    """Which cell it is; the parameters as in its key, without the spaces that a table would not need."""
+    """Return the columns of the key, the changed parameters as JSON."""
     method = method_of(key.method)
-    told = json.dumps(dict(method.changes), sort_keys=True) if method.changes else ""
+    changes = json.dumps(dict(method.changes), sort_keys=True) if method.changes else ""
     of_walk = (key.group, key.field, key.walk, key.magnetometer)
-    return dict(zip(WORDS, (*of_walk, method.name, method.preset, told), strict=True))
+    return dict(zip(WORDS, (*of_walk, method.name, method.preset, changes), strict=True))
 
 
 def place_of(key: Key) -> tuple[str, ...]:
-    """Place of a cell among others: its first columns, as text."""
+    """Return the place of a result among others: its first columns, as text."""
     return tuple(words_of(key).values())
 
 
 def rows_of(result: Result) -> Iterator[dict[str, Any]]:
-    """One row an alignment; one without figures where there is none."""
+    """Yield one row an alignment; one without figures if there is none."""
     head: dict[str, Any] = {**words_of(result.key), "failed": result.failed}
     if result.failed:
         yield head
@@ -117,6 +117,6 @@ def rows_of(result: Result) -> Iterator[dict[str, Any]]:
 
 
 def timing_of(result: Result) -> dict[str, Any]:
-    """What differs from run to run."""
+    """Return what differs from run to run."""
     times = {"runtime_s": result.runtime_s, "us_per_sample": result.us_per_sample}
     return {**words_of(result.key), **(dict.fromkeys(times) if result.failed else times), "code": result.code}

@@ -1,26 +1,30 @@
-"""Walks that methods are tried on, simulated or recorded, with what was known of the iron on the shoe.
+"""Walks that methods are tried on, simulated or recorded, and how their magnetometer is calibrated.
 
 ============ ===================================================================================================
-magnetometer what was known of the iron
+magnetometer calibration of the iron on the shoe
 ============ ===================================================================================================
-loop         what the scenario `calibration-loop` told, walked before with the same shoe and sensor (the ellipse,
-             `fg_nav.calibration.ellipse_fit`), as Ma et al. did it; of a recorded walk what a given file holds
-perfect      all of it: there is none; simulated walks only
-walk         what the walk itself told (`fg_nav.calibration.walk`); where that refuses, nothing
-raw          nothing
-none         nobody looked: the methods have no magnetometer
+loop         by the scenario `calibration-loop`, walked before with the same shoe and sensor (the ellipse,
+             `fg_nav.calibration.ellipse_fit`), as Ma et al. did it; of a recorded walk by a file, if one is given
+perfect      exact: there is no iron; simulated walks only
+walk         by the walk itself (`fg_nav.calibration.walk`); none where that refuses
+raw          none
+none         none: the methods have no magnetometer
 ============ ===================================================================================================
 
-A simulated walk starts with the true heading; of a recorded one nobody knows it.
+A simulated walk starts with the true heading; that of a recorded one is not known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -32,9 +36,8 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import heading_of
 from fg_nav.io import read, read_truth
-from fg_nav.lab.campaign.own import Own
-from fg_nav.lab.campaign.reading import AS_IT_IS, Reading
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
+from fg_nav.lab.simulation.scenario_file import scenario_of
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.session import Options, Session, prepare
@@ -44,29 +47,62 @@ MAGNETOMETERS = (LOOP, PERFECT, WALK, RAW, NONE)
 
 MIXTURES: Mapping[str, float] = {"between": 0.35}
 """Share of the field `indoor` in a mixture with `smooth`: with one seed the two have the same steps and the same
-noise, and what the magnetometer shows is linear in the field. The mixture's own truth is not kept."""
+noise, and the magnetometer's reading is linear in the field. The mixture has no truth of its own."""
+
+
+@dataclass(frozen=True)
+class UserScenario:
+    """A scenario of the user: name and text of its file (`lab.simulation.scenario_file`), as workers get it."""
+
+    name: str
+    text: str
+
+    @property
+    def scenario(self) -> Scenario:
+        """As the simulator takes it; raises `SimulationError` if the file describes what cannot be."""
+        return scenario_of(self.name, self.text)
+
+    @property
+    def course(self) -> Any:
+        """The file's course, which nothing else of the scenario contains."""
+        return tomllib.loads(self.text)["course"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How recordings are read: name of the format, None to recognize it; the calibration, None without.
+
+    The calibration itself, not its file: a worker may have another disk.
+    """
+
+    format: str | None = None
+    calibration: Calibration | None = None
+
+
+PLAIN_READING = Reading()
+"""Of a folder for which the plan has no table."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """The walk of one scenario, field and seed; simulated when first asked for. The scenario may be the user's own."""
+    """The walk of one scenario, field and seed; simulated when first asked for. The scenario may be the user's."""
 
     name: str
     level: str
     seed: int
-    own: Own | None = None
+    own: UserScenario | None = None
 
     def session(self, magnetometer: str) -> Session:
-        """What all methods see; raises `CalibrationError` where the loop does not calibrate."""
+        """Input of all methods; raises `CalibrationError` if the loop does not calibrate."""
         walk = self._perfect if magnetometer == PERFECT else self._with_iron
         truth = walk.recording.truth
         assert isinstance(truth, TrajectoryTruth)
         assert truth.nav_R_body is not None
         heading_deg = float(np.rad2deg(heading_of(truth.nav_R_body[0])))
-        calibration = loop_calibration(self._scenario, self.seed) if magnetometer == LOOP else None
+        calibration = simulate_calibration(self._scenario, self.seed) if magnetometer == LOOP else None
         options = Options(use_magnetometer=magnetometer != NONE, heading_deg=heading_deg)
         session = prepare(walk.recording, options, calibration)
-        return calibrated_on_itself(session) if magnetometer == WALK else session
+        return calibrate_on_itself(session) if magnetometer == WALK else session
 
     @property
     def landmark(self) -> tuple[str, ...]:
@@ -90,14 +126,14 @@ class Simulated:
 
     @cached_property
     def _with_iron(self) -> SimulatedWalk:
-        return simulated(self._scenario, self.seed, self.level)
+        return simulate_walk(self._scenario, self.seed, self.level)
 
     @cached_property
     def _perfect(self) -> SimulatedWalk:
-        return simulated(self._scenario, self.seed, self.level, calibrated=True)
+        return simulate_walk(self._scenario, self.seed, self.level, calibrated=True)
 
 
-def simulated(name: str | Scenario, seed: int, level: str, calibrated: bool = False) -> SimulatedWalk:
+def simulate_walk(name: str | Scenario, seed: int, level: str, calibrated: bool = False) -> SimulatedWalk:
     """Simulate a walk in one of the simulator's fields, or in one of `MIXTURES`."""
     if level not in MIXTURES:
         return simulate(name, seed, Choices(field=level, calibrated=calibrated))
@@ -109,8 +145,8 @@ def simulated(name: str | Scenario, seed: int, level: str, calibrated: bool = Fa
     return replace(smooth, recording=replace(smooth.recording, mag=mixed))
 
 
-def loop_calibration(name: str | Scenario, seed: int) -> Calibration:
-    """What the same shoe and sensor tell on a calibration loop; raises `CalibrationError` where they do not."""
+def simulate_calibration(name: str | Scenario, seed: int) -> Calibration:
+    """Calibrate the same shoe and sensor on a calibration loop; raises `CalibrationError` if it refuses."""
     one = scenario(name) if isinstance(name, str) else name
     loop = replace(scenario("calibration-loop"), sensor=one.sensor, worn=one.worn)
     recording = simulate(loop, seed).recording
@@ -118,8 +154,8 @@ def loop_calibration(name: str | Scenario, seed: int) -> Calibration:
     return Calibration(magnetometer=magnetometer)
 
 
-def calibrated_on_itself(session: Session) -> Session:
-    """The session with what its walk tells of the iron; as it is where that is not enough, or there is no field."""
+def calibrate_on_itself(session: Session) -> Session:
+    """Calibrate a session by its own walk; unchanged if that is not enough, or there is no field."""
     if session.field is None:
         return session
     try:
@@ -131,19 +167,30 @@ def calibrated_on_itself(session: Session) -> Session:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recorded walk, with its magnetometer; with the truth of a file, if one is named."""
+    """A recorded walk, with its magnetometer.
+
+    Attributes
+    ----------
+    path, truth : files of the recording and of its truth, if it has one.
+    beside : other files that the reader looks at.
+    reading : how it is read.
+    contents : name and content of the files, for a worker with another disk (`pack`).
+    landmark, passed : none.
+    """
 
     path: Path
+    truth: Path | None = None
+    beside: tuple[Path, ...] = ()
+    reading: Reading = PLAIN_READING
+    contents: tuple[tuple[str, bytes], ...] = ()
     landmark: tuple[str, ...] = ()
     passed: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros(0), np.zeros((0, 3))))
-    truth: Path | None = None
-    reading: Reading = AS_IT_IS
 
     def session(self, magnetometer: str) -> Session:
-        """What all methods see: the heading at the start is not known."""
+        """Input of all methods: the heading at the start is not known."""
         calibration = self.reading.calibration if magnetometer == LOOP else None
         session = prepare(self._recording, Options(use_magnetometer=magnetometer != NONE), calibration)
-        return calibrated_on_itself(session) if magnetometer == WALK else session
+        return calibrate_on_itself(session) if magnetometer == WALK else session
 
     @cached_property
     def _recording(self) -> Recording:
@@ -152,3 +199,30 @@ class Recorded:
 
 
 Source: TypeAlias = Simulated | Recorded
+
+
+def pack(source: Source) -> Source:
+    """Return a source with the contents of its files; one that cannot be read is left out, and will be missed."""
+    if not isinstance(source, Recorded):
+        return source
+    contents = []
+    for path in {source.path, *source.beside, source.truth or source.path}:
+        try:
+            contents.append((path.name, path.read_bytes()))
+        except OSError:
+            continue
+    return replace(source, contents=tuple(contents))
+
+
+@contextmanager
+def unpack(source: Source) -> Iterator[tuple[Source, str]]:
+    """Yield a source whose packed files are on this machine's disk, and their folder: empty where none are packed."""
+    if not isinstance(source, Recorded) or not source.contents:
+        yield source, ""
+        return
+    with tempfile.TemporaryDirectory(prefix="fg-nav-") as name:
+        folder = Path(name)
+        for file, content in source.contents:
+            (folder / file).write_bytes(content)
+        truth = source.truth and folder / source.truth.name
+        yield replace(source, path=folder / source.path.name, truth=truth, contents=()), f"{folder}{os.sep}"

@@ -1,12 +1,12 @@
-"""Results that stand in for walks, kept as a campaign would keep them."""
+"""Results that stand in for walks, stored as a campaign would."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, WalkErrors
-from fg_nav.lab.campaign import kept
-from fg_nav.lab.campaign.settings import settings_of
+from fg_nav.lab.campaign.execute import settings_of
+from fg_nav.lab.store.results import Result, write_result
 
 FOOTFALLS = 60
 
@@ -14,14 +14,14 @@ SHARES = {AS_STARTED: 1.0, BEST_YAW: 0.5}
 """What is left of a path's errors as it is laid on the truth; of those at its end all."""
 
 
-def keep_walks(folder, keys, error_m, failing=()):
-    """Keep a walk for each key whose errors are all `error_m(key)`; `failing` are keys that could not be solved."""
+def store_walks(folder, keys, error_m, failing=()):
+    """Store a walk for each key whose errors are all `error_m(key)`; `failing` are keys that could not be solved."""
     cells = folder / "cells"
     cells.mkdir(parents=True, exist_ok=True)
     for key in keys:
-        blank = kept.Result(key, settings_of(key), "some code")
+        blank = Result(key, settings_of(key), "some code")
         whole = replace(blank, failed="no such walk.") if key in failing else walk(blank, error_m(key))
-        kept.keep(cells, whole)
+        write_result(cells, whole)
 
 
 def walk(blank, error_m):

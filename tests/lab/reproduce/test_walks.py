@@ -1,4 +1,4 @@
-"""What experiments keep: parts come back to the last bit, walks are made once, figures are those of the papers."""
+"""What experiments store: measurements to the last bit, walks once; and figures of walks, as the papers have them."""
 
 import re
 from dataclasses import replace
@@ -9,14 +9,26 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.campaign import kept
-from fg_nav.lab.campaign.kept import Key, Result
-from fg_nav.lab.campaign.settings import settings_of
-from fg_nav.lab.reproduce import parts
-from fg_nav.lab.reproduce.cells import Walks, keys_of, made_by, made_elsewhere, make_missing, read_walks
-from fg_nav.lab.reproduce.parts import Part
-from fg_nav.lab.reproduce.walk_figures import end_m, heading_deg, reduction_over, spread_over, used_percent
-from tests.lab.reproduce.kept_walks import walk
+from fg_nav.lab import reproduce
+from fg_nav.lab.campaign.execute import settings_of
+from fg_nav.lab.reproduce.walks import (
+    Walks,
+    count_codes,
+    describe_other_code,
+    end_m,
+    heading_deg,
+    keys_of,
+    read_walks,
+    reduction_over,
+    run_missing,
+    spread_over,
+    used_percent,
+)
+from fg_nav.lab.store import entries
+from fg_nav.lab.store.code import code_sum
+from fg_nav.lab.store.entries import Measurement
+from fg_nav.lab.store.results import Key, Result
+from tests.lab.reproduce.stored_walks import walk
 
 
 def drawn(seed):
@@ -28,77 +40,77 @@ def result(method, seed, error_m):
 
 
 def test_a_part_comes_back_to_the_last_bit(tmp_path):
-    part = Part("some", partial(drawn, 3))
+    part = Measurement("some", partial(drawn, 3))
     assert part.read(tmp_path) is None
-    made = part.of(tmp_path)
+    made = part.load(tmp_path)
     np.testing.assert_array_equal(made["some/values"], drawn(3)["some/values"])
     assert set(made) == {"some/values", "count"}
     assert [path.name for path in (tmp_path / "parts").iterdir()] == ["some.npz"]
 
 
 def test_a_part_of_other_code_or_a_damaged_one_is_none(tmp_path, monkeypatch):
-    part = Part("some", partial(drawn, 3))
-    part.make_into(tmp_path)
+    part = Measurement("some", partial(drawn, 3))
+    part.run(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(parts, "code_sum", lambda: "other")
+        patch.setattr(entries, "code_sum", lambda: "other")
         assert part.read(tmp_path) is None
     assert part.read(tmp_path) is not None
     path = tmp_path / "parts" / "some.npz"
     path.write_bytes(path.read_bytes()[:100])
     assert part.read(tmp_path) is None
-    assert part.of(tmp_path)["count"] == 3
+    assert part.load(tmp_path)["count"] == 3
 
 
 def test_what_makes_parts_rests_on_no_other_module_of_the_experiments():
     """Its sum is over its own module and the library: another one's change would go unseen."""
-    sources = {str(path): path.read_text() for path in Path(parts.__file__).parent.rglob("*.py")}
-    makers = {name: text for name, text in sources.items() if "return Part(" in text}
+    sources = {str(path): path.read_text() for path in Path(reproduce.__file__).parent.rglob("*.py")}
+    makers = {name: text for name, text in sources.items() if "return Measurement(" in text}
     assert len(makers) >= 4
     for name, text in makers.items():
         imported = set(re.findall(r"fg_nav\.lab\.reproduce[.\w]*", text.split('"""', 2)[2]))
-        assert imported <= {"fg_nav.lab.reproduce.parts"}, name
+        assert not imported, name
 
 
 def test_a_part_that_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path):
     (tmp_path / "parts" / "some.npz").mkdir(parents=True)
     with pytest.raises(OutputError, match="could not be written"):
-        Part("some", partial(drawn, 3)).make_into(tmp_path)
+        Measurement("some", partial(drawn, 3)).run(tmp_path)
     assert [path.name for path in (tmp_path / "parts").iterdir()] == ["some.npz"]
 
 
 def test_a_folder_that_cannot_be_is_told(tmp_path):
     (tmp_path / "cells").write_text("a file")
     with pytest.raises(OutputError, match="name another"):
-        make_missing(tmp_path, [], [])
+        run_missing(tmp_path, [], [])
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
-    keys, part, told = keys_of("demo", ["smooth"], ["iez"], [3, 4]), Part("some", partial(drawn, 3)), []
-    make_missing(tmp_path, keys, [part], workers, told.append)
+    keys, part, told = keys_of("demo", ["smooth"], ["iez"], [3, 4]), Measurement("some", partial(drawn, 3)), []
+    run_missing(tmp_path, keys, [part], workers, told.append)
     assert told == pytest.approx([1 / 3, 2 / 3, 1.0])
     walks = read_walks(tmp_path, keys).of("demo", "smooth", "iez")
     assert [one.key.walk for one in walks] == ["3", "4"]
     assert 0.0 < spread_over(walks, end_m).median < 3.0
     assert [bool(one.estimate) for one in walks] == [True, False]
-    monkeypatch.setattr("fg_nav.lab.reproduce.cells.made", None)
-    make_missing(tmp_path, keys, [part], workers)
+    monkeypatch.setattr("fg_nav.lab.reproduce.walks.store_task", None)
+    run_missing(tmp_path, keys, [part], workers)
 
 
 def test_what_other_code_made_is_counted_and_told():
     def of(*codes):
         return [replace(result("iez", seed, 1.0), code=code) for seed, code in enumerate(codes)]
 
-    ours = kept.code_sum()
+    ours = code_sum()
     walks = Walks({("mall", "indoor", "iez"): of(ours, "554df78"), ("mall", "smooth", "iez"): of("554df78", "554df78")})
-    assert made_by(walks) == {ours: 1, "554df78": 3}
-    [told] = made_elsewhere(walks)
+    assert count_codes(walks) == {ours: 1, "554df78": 3}
+    [told] = describe_other_code(walks)
     assert told.startswith("3 of 4 results")
     assert "(sum 554df78)" in told
     walks.results["office", "smooth", "iez"] = of("aaaa")
-    assert "(3 with sum 554df78, 1 with sum aaaa)" in made_elsewhere(walks)[0]
-    assert made_elsewhere(Walks({("mall", "indoor", "iez"): of(ours, ours)})) == ()
-    assert made_elsewhere(Walks()) == ()
+    assert "(3 with sum 554df78, 1 with sum aaaa)" in describe_other_code(walks)[0]
+    assert describe_other_code(Walks({("mall", "indoor", "iez"): of(ours, ours)})) == ()
+    assert describe_other_code(Walks()) == ()
 
 
 def test_what_a_campaign_kept_is_known_by_its_settings():

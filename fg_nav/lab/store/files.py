@@ -1,0 +1,79 @@
+"""Files that appear complete or not at all, and marker files.
+
+A hidden marker file in a folder says which command fills it. A command writes into no folder that something else fills.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Container, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from fg_nav.errors import OutputError
+
+CAMPAIGN_MARKER, REPRODUCTION_MARKER = ".fg-nav-campaign", ".fg-nav-reproduce"
+MARKERS = (CAMPAIGN_MARKER, REPRODUCTION_MARKER)
+
+PART = ".part"
+"""End of a file's name while it is written."""
+
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yield a temporary path to write to; it becomes `path` at the end of the block and goes away if the block fails.
+
+    Raises
+    ------
+    OutputError
+        If the system refuses.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{PART}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        reason = (error.strerror or type(error).__name__).lower()
+        full = error.errno in _DISK_FULL  # another folder would be on the same disk, and start again
+        hint = "make room, and the same command goes on" if full else "name another folder"
+        raise OutputError(f"{path} could not be written ({reason}): {hint}.") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically; raises `OutputError` if the system refuses."""
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def make_folder(path: Path) -> Path:
+    """Return the folder, made if it is missing; raises `OutputError` if the system refuses."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path} could not be made ({error.strerror}): name another folder.") from error
+    return path
+
+
+def read_marker(out: Path, marker: str) -> list[str]:
+    """Return the lines of a folder's marker file; none if there is no such file."""
+    path = out / marker
+    return path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+
+
+def list_visible(out: Path) -> list[str]:
+    """Return the sorted names in a folder that are not hidden; none if there is no folder."""
+    return sorted(entry.name for entry in out.iterdir() if not entry.name.startswith(".")) if out.exists() else []
+
+
+def find_foreign(out: Path, marker: str, ours: Container[str] = ()) -> str:
+    """Return a name in a folder without our marker that is not ours, the marker of another command first; or ""."""
+    if (out / marker).is_file():
+        return ""
+    others = [other for other in MARKERS if other != marker and (out / other).is_file()]
+    return next(iter([*others, *(name for name in list_visible(out) if name not in ours)]), "")
