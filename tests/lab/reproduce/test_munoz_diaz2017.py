@@ -232,5 +232,5 @@ def test_a_kept_seed_holds_no_longer_when_anything_it_was_made_with_differs(kept
     assert of_seed.read_values(7, wanted, tmp_path) is not None
     place.write_text(json.dumps({**content, "pictures": []})[:-20])
     assert of_seed.read_values(7, wanted, tmp_path) is None
-    monkeypatch.setattr(of_seed, "code_sum", lambda: "other")
+    monkeypatch.setattr(of_seed, "_code", lambda: "other")
     assert of_seed.read_values(7, wanted, folder) is None
