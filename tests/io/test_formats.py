@@ -226,6 +226,25 @@ def test_broad_truth_leaves_out_what_was_not_seen(tmp_path: Path) -> None:
     assert np.isfinite(truth.nav_R_body).all()
 
 
+def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav(tmp_path: Path) -> None:
+    """A sensor turned about the diagonal: its x axis points north, its y axis up and its z axis east."""
+    import scipy.io
+
+    path, n = tmp_path / "turned.mat", len(RAW.t)
+    quaternion = np.tile([0.5, 0.5, 0.5, 0.5], (n, 1))
+    quaternion[n // 2 :] = [np.cos(0.3), 0.0, 0.0, np.sin(0.3)]  # 0.6 rad to the left about up
+    variables = {"imu_acc": RAW.acc, "imu_gyr": RAW.gyr, "opt_quat": quaternion, "opt_pos": np.zeros((n, 3))}
+    scipy.io.savemat(path, {**variables, "sampling_rate": 100.0})
+    truth = read_raw(path).truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    north, up, east = [0, 1, 0], [0, 0, 1], [1, 0, 0]
+    axes = truth.nav_R_body[0].T
+    np.testing.assert_allclose(axes, [north, up, east], atol=1e-12)
+    left = [[np.cos(0.6), -np.sin(0.6), 0.0], [np.sin(0.6), np.cos(0.6), 0.0], [0.0, 0.0, 1.0]]
+    np.testing.assert_allclose(truth.nav_R_body[-1], left, atol=1e-12)
+
+
 def test_formats_are_described() -> None:
     assert list(FORMATS) == ["canonical", "sensorconnect", "pyshoe", "openshoe", "xio", "broad"]
     assert all(known.name == name and known.description for name, known in FORMATS.items())
