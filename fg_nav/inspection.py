@@ -82,8 +82,8 @@ class StanceShare:
 
 
 @dataclass(frozen=True)
-class Facts:
-    """A recording in numbers.
+class Inspection:
+    """A recording in numbers, and its `verdict` in words.
 
     `refusal` is why it cannot be navigated with, None if it can; `find_unit_problems` name wrong units and axes;
     `field` is None without a magnetometer; `wearing` is "foot" or "pocket" where the turning is clearly that of one
@@ -112,62 +112,59 @@ class Facts:
         """Whether estimators accept the recording."""
         return self.refusal is None
 
-
-@dataclass(frozen=True)
-class Inspection(Facts):
-    """A recording in numbers, and the `verdict` in words: one sentence a finding, problems first."""
-
-    verdict: tuple[str, ...]
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """One sentence a finding, the most important first."""
+        refused = self.refusal is not None
+        first = f"It cannot be navigated with: {self.refusal}" if refused else "It can be navigated with."
+        further = [f"{p[0].upper()}{p[1:]}." for p in self.unit_problems if p not in (self.refusal or "")]
+        problems = [*_stamp_problems(self), *_saturation(self), *_rest_problems(self), *_field_problems(self)]
+        return (first, *further, *problems, *_stance_problems(self), *_good(self))
 
 
 def inspect(raw: RawRecording) -> Inspection:
     """Look at a recording, and say what is good about it and what is not. Never fails on content."""
-    facts = _facts(raw)
-    return Inspection(**vars(facts), verdict=verdict(facts))
-
-
-def _facts(raw: RawRecording) -> Facts:
-    recording, refusal = _judged(raw)
+    recording, refusal = _admit(raw)
     usable = find_usable_samples(raw)
     t, acc, gyr = raw.t[usable], raw.acc[usable], raw.gyr[usable]
     duration = float(np.ptp(t)) if len(t) else 0.0
-    rising = _rising(raw, usable)
-    stamps = _stamps(raw, usable, rising)
-    return Facts(
+    rising = _find_rising(raw, usable)
+    stamps = _measure_stamps(raw, usable, rising)
+    return Inspection(
         name=raw.provenance.path.name if raw.provenance.path else "recording",
         format=raw.provenance.format,
         samples=len(raw.t),
         duration_s=duration,
         stamps=stamps,
-        acc_range=_range(acc),
-        gyr_range=_range(gyr),
-        rest=_rest(raw, rising),
+        acc_range=_measure_range(acc),
+        gyr_range=_measure_range(gyr),
+        rest=_measure_rest(raw, rising),
         gravity=plausibility.measure_gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
-        field=None if raw.mag is None else _field(raw.mag, duration),
-        stance=_stance_share(recording),
+        field=None if raw.mag is None else _measure_field(raw.mag, duration),
+        stance=_measure_stances(recording),
         wearing=None if recording is None else measure_turning(recording).wearing,
-        truth=_described(raw.truth),
+        truth=_describe_truth(raw.truth),
         refusal=refusal,
         unit_problems=plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
         notes=(recording or raw).provenance.notes,
     )
 
 
-def _judged(raw: RawRecording) -> tuple[Recording | None, str | None]:
+def _admit(raw: RawRecording) -> tuple[Recording | None, str | None]:
     try:
         return Recording.from_raw(raw), None
     except RecordingError as error:
         return None, str(error)
 
 
-def _rising(raw: RawRecording, usable: Bools) -> Ints:
+def _find_rising(raw: RawRecording, usable: Bools) -> Ints:
     """Find the usable samples that are later than all before them."""
     kept = np.flatnonzero(usable)
     latest = np.maximum.accumulate(raw.t[kept])
     return kept[np.diff(latest, prepend=-np.inf) > 0]
 
 
-def _stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
+def _measure_stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
     step = np.diff(raw.t[usable])
     counts = {
         "repeated": int(np.count_nonzero(step == 0)),
@@ -190,7 +187,7 @@ def _stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
     )
 
 
-def _range(samples: Floats) -> Range:
+def _measure_range(samples: Floats) -> Range:
     flags = find_saturated(samples)
     level = np.full(3, np.nan)
     for axis in np.flatnonzero(flags.any(axis=0)):
@@ -198,7 +195,7 @@ def _range(samples: Floats) -> Range:
     return Range(share=flags.sum(axis=0) / max(1, len(flags)), level=level)
 
 
-def _rest(raw: RawRecording, rising: Ints) -> Rest:
+def _measure_rest(raw: RawRecording, rising: Ints) -> Rest:
     """Measure the rests among samples in order of time, even if the recording is refused."""
     t, acc, gyr = raw.t[rising], raw.acc[rising], raw.gyr[rising]
     period = plausibility.median_period_s(t)
@@ -212,7 +209,7 @@ def _rest(raw: RawRecording, rising: Ints) -> Rest:
     return Rest(float(weight.sum()), float(np.average(acc_at_rest, weights=weight)), np.rad2deg(rate_at_rest))
 
 
-def _field(mag: Floats, duration: float) -> MagneticField:
+def _measure_field(mag: Floats, duration: float) -> MagneticField:
     strength = plausibility.measure_field_strength(mag)
     strength = strength[np.isfinite(strength)]
     if not strength.size:
@@ -221,7 +218,7 @@ def _field(mag: Floats, duration: float) -> MagneticField:
     return MagneticField(float(np.median(strength)), float(np.std(strength)), rate)
 
 
-def _stance_share(recording: Recording | None) -> StanceShare:
+def _measure_stances(recording: Recording | None) -> StanceShare:
     if recording is None:
         return StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with")
     try:
@@ -231,7 +228,7 @@ def _stance_share(recording: Recording | None) -> StanceShare:
     return StanceShare(len(stances), float(np.mean(stances.mask)))
 
 
-def _described(truth: Truth | None) -> str:
+def _describe_truth(truth: Truth | None) -> str:
     if truth is None:
         return "none"
     if isinstance(truth, FootprintTruth):
@@ -259,16 +256,7 @@ _STANCE_SHARES = (0.15, 0.8)
 """A running foot stands for a fifth of the time or more; one that stands for longer hardly walks."""
 
 
-def verdict(facts: Facts) -> tuple[str, ...]:
-    """Sentences on a recording, the most important first."""
-    refused = facts.refusal is not None
-    first = f"It cannot be navigated with: {facts.refusal}" if refused else "It can be navigated with."
-    further = [f"{p[0].upper()}{p[1:]}." for p in facts.unit_problems if p not in (facts.refusal or "")]
-    problems = [*_stamp_problems(facts), *_saturation(facts), *_rest_problems(facts), *_field_problems(facts)]
-    return (first, *further, *problems, *_stance_problems(facts), *_good(facts))
-
-
-def _stamp_problems(facts: Facts) -> list[str]:
+def _stamp_problems(facts: Inspection) -> list[str]:
     stamps = facts.stamps
     said = []
     if stamps.missing:
@@ -285,7 +273,7 @@ def _stamp_problems(facts: Facts) -> list[str]:
     return said
 
 
-def _saturation(facts: Facts) -> list[str]:
+def _saturation(facts: Inspection) -> list[str]:
     return [
         f"{name} saturates on {axis}: {100 * share:.2g} % of the samples are beyond {level:.4g} {unit}."
         for name, unit, limits in (("gyr", "rad/s", facts.gyr_range), ("acc", "m/s^2", facts.acc_range))
@@ -298,7 +286,7 @@ def _saturated_axes(limits: Range) -> list[tuple[str, float, float]]:
     return [row for row in rows if row[1] > 0]
 
 
-def _rest_problems(facts: Facts) -> list[str]:
+def _rest_problems(facts: Inspection) -> list[str]:
     if facts.unit_problems:
         return []
     rest, said = facts.rest, []
@@ -316,7 +304,7 @@ def _rest_problems(facts: Facts) -> list[str]:
     return said
 
 
-def _field_problems(facts: Facts) -> list[str]:
+def _field_problems(facts: Inspection) -> list[str]:
     field = facts.field
     if field is None:
         return ["There is no magnetometer: the heading is that of the gyroscope alone."]
@@ -328,7 +316,7 @@ def _field_problems(facts: Facts) -> list[str]:
     return []
 
 
-def _stance_problems(facts: Facts) -> list[str]:
+def _stance_problems(facts: Inspection) -> list[str]:
     stance = facts.stance
     if facts.refusal is not None:
         return []
@@ -344,7 +332,7 @@ def _stance_problems(facts: Facts) -> list[str]:
     return []
 
 
-def _good(facts: Facts) -> list[str]:
+def _good(facts: Inspection) -> list[str]:
     stamps, rest, field = facts.stamps, facts.rest, facts.field
     said = []
     if stamps.jitter_s * stamps.rate_hz <= _JITTER_SHARE and not (stamps.gaps or stamps.backward):

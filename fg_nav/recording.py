@@ -9,7 +9,7 @@ gyr    rad/s     (N, 3) angular rate of the body in the body frame
 mag    uT        (N, 3) magnetic flux density in the body frame; NaN rows where there is no new sample
 ====== ========= ======================================================================
 
-A `RawRecording` is what a file says, in SI units but unjudged; a `Recording` is what estimators accept.
+A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` is what estimators accept.
 `Recording.from_raw` is the one door between the two, and this is its policy:
 
 =============================== =======================================================================
@@ -98,7 +98,7 @@ class Provenance:
 
 @dataclass(frozen=True)
 class RawRecording:
-    """A file's samples in SI units, unjudged: stamps may repeat, run backward or be NaN; so may samples.
+    """A file's samples in SI units, unchecked: stamps may repeat, run backward or be NaN; so may samples.
 
     `row` (N,) is the 1-based line (or array row) of each sample in its file, for messages.
     """
@@ -148,7 +148,7 @@ class Recording:
     def from_raw(cls, raw: RawRecording) -> Recording:
         """Judge a file's samples and take what can be navigated with; the policy is on top of this file.
 
-        What was left out is told in the notes of `provenance`.
+        What was left out stands in the notes of `provenance`.
 
         Raises
         ------
@@ -156,7 +156,7 @@ class Recording:
             If the recording is refused: what is wrong, at which row and time, and what to try.
         """
         try:
-            return _admitted(raw)
+            return _admit(raw)
         except RecordingError as error:
             path = raw.provenance.path
             raise RecordingError(f"{path.name}: {error}" if path else str(error)) from None
@@ -168,7 +168,7 @@ class Recording:
 
     @cached_property
     def gaps(self) -> Gaps:
-        """Where samples are missing, and what lies there as far as the recording tells."""
+        """Where samples are missing, and what lies there as far as the recording shows."""
         return fill_gaps(self.t, self.acc, self.gyr)
 
     @cached_property
@@ -190,7 +190,7 @@ class Recording:
         return find_clipping_levels(self.acc), find_clipping_levels(self.gyr)
 
     def assume(self, period_s: float, clipping: tuple[Floats, Floats]) -> Recording:
-        """Return the same samples with what a longer recording of the same sensor tells of it."""
+        """Return the same samples with period and clipping of a longer recording of the same sensor."""
         same = replace(self)
         same.__dict__.update(period_s=period_s, clipping=clipping)
         return same
@@ -239,7 +239,7 @@ def find_usable_samples(raw: RawRecording) -> Bools:
     )
 
 
-def _admitted(raw: RawRecording) -> Recording:
+def _admit(raw: RawRecording) -> Recording:
     _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
     _check_count(len(raw.t))
     for problem in plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag):
@@ -248,21 +248,21 @@ def _admitted(raw: RawRecording) -> Recording:
     notes = [*raw.provenance.notes, *_judge_missing(raw, usable)]
     kept = np.flatnonzero(usable)
     _check_count(len(kept))
-    kept, remarks = _without_repeats(raw, kept)
+    kept, remarks = _drop_repeats(raw, kept)
     notes += [*remarks, *_judge_gaps(raw, kept)]
-    t, remarks = _evened(raw.t[kept])
+    t, remarks = _even_stamps(raw.t[kept])
     notes += remarks
     return Recording(
         t=t,
         acc=raw.acc[kept],
         gyr=raw.gyr[kept],
-        mag=_magnetometer(raw, kept),
-        truth=_on_clock(raw.truth, raw.t[kept], t),
+        mag=_clean_magnetometer(raw, kept),
+        truth=_move_to_clock(raw.truth, raw.t[kept], t),
         provenance=replace(raw.provenance, notes=tuple(notes)),
     )
 
 
-def _evened(t: Floats) -> tuple[Floats, list[str]]:
+def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:
     """Stamps without transport jitter: a sensor samples evenly, however its samples were stamped on the way."""
     even = remove_jitter(t)
     if np.array_equal(even, t):
@@ -271,7 +271,7 @@ def _evened(t: Floats) -> tuple[Floats, list[str]]:
     return even, [f"evened out the jitter of the stamps, up to {worst_ms:.1f} ms"]
 
 
-def _on_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
+def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
     """Truth that was recorded with the samples, stamp for stamp, moves with their stamps."""
     if isinstance(truth, TrajectoryTruth) and np.array_equal(truth.t, stamped):
         return replace(truth, t=t)
@@ -320,7 +320,7 @@ def _judge_missing(raw: RawRecording, usable: Bools) -> list[str]:
     return [f"left out {counted(missing, 'missing sample')}, the first in row {raw.row[start[0]]}"]
 
 
-def _without_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
+def _drop_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
     """Leave out rows whose stamp repeats the one before; refuse stamps that run backward."""
     step = np.diff(raw.t[kept])
     if (step < 0).any():
@@ -359,7 +359,7 @@ def _judge_gaps(raw: RawRecording, kept: Ints) -> list[str]:
     return [f"{counted(gaps, 'gap')} of more than two samples, the longest of {longest}"]
 
 
-def _magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
+def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
     """Magnetometer with whole rows only: a row with one bad axis is no sample. None if there is no sample."""
     if raw.mag is None:
         return None

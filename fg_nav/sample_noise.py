@@ -1,10 +1,10 @@
-"""Samples that are doubted for themselves, on top of the noise of all.
+"""The extra standard deviation of single samples, on top of the noise of all.
 
-One at the end of the sensor's range is part of a peak that was rebuilt, with the sigma of that
-(`fg_nav.samples.peaks`), and the peak may hide a share of the range besides. One before a gap stands for motion that
-nobody saw: of that it has the sigma with which the gap was bridged (`fg_nav.samples.gaps`), times the share of the
-period that it fills. The doubt is a standard deviation in the units of the sample, constant over the sample's own
-period h, and taken axis by axis: a foot clips its pitch rate, and its heading need not suffer.
+A sample at the end of the sensor's range is part of a peak that was rebuilt, with the sigma of that
+(`fg_nav.samples.peaks`), and the peak may hide a share of the range besides. A sample before a gap stands for motion
+that was not observed, with the sigma of `fg_nav.samples.gaps` times the share of the period that the gap fills. Both
+are in the units of the sample, constant over the sample's own period h, and axis by axis: a foot clips its pitch rate,
+and its heading need not suffer.
 """
 
 from __future__ import annotations
@@ -18,17 +18,8 @@ from fg_nav.recording import Recording
 def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Floats, Floats]:
     """Find the standard deviations (N, 3) of single samples on top of the densities: zero for most.
 
-    Parameters
-    ----------
-    recording
-        With N samples.
-    saturated_share
-        What a clipped peak may hide beyond what is rebuilt, as a share of the range, one sigma; 0 to believe it.
-
-    Returns
-    -------
-    tuple
-        Of specific forces, m/s^2, and of rates, rad/s.
+    `saturated_share` is what a clipped peak may hide beyond what is rebuilt, as a share of the range, one sigma; 0 for
+    no extra sigma of peaks. Returns those of specific forces, m/s^2, and of rates, rad/s.
     """
     gaps = recording.gaps
     held_s = recording.t[gaps.sample + 1] - recording.t[gaps.sample]
@@ -36,7 +27,7 @@ def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Flo
     found = []
     sensors = (recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)
     for (samples, unseen), peaks in zip(sensors, recording.peaks, strict=True):
-        doubt = np.hypot(peaks.sigma, saturated_share * np.abs(samples) * np.sqrt(peaks.run)) * (saturated_share > 0)
-        doubt[gaps.sample] = np.hypot(doubt[gaps.sample], share * unseen)
-        found.append(doubt)
+        sigma = np.hypot(peaks.sigma, saturated_share * np.abs(samples) * np.sqrt(peaks.run)) * (saturated_share > 0)
+        sigma[gaps.sample] = np.hypot(sigma[gaps.sample], share * unseen)
+        found.append(sigma)
     return found[0], found[1]

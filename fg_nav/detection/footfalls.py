@@ -99,23 +99,21 @@ def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[
 
     Parameters
     ----------
-    t, acc, gyr
-        (N,) s, (N, 3) m/s^2 and (N, 3) rad/s.
-    level
-        (N,) decades, log10 of SHOE.
+    t, acc, gyr : (N,) s, (N, 3) m/s^2 and (N, 3) rad/s.
+    level : (N,) decades, log10 of SHOE.
 
     Returns
     -------
-    start, stop, threshold
-        (K,) first sample, sample after the last, and level of the threshold of each interval.
+    start, stop, threshold : (K,) first sample, sample after the last, and level of the threshold of each interval.
     """
-    falls = _falls(acc)
+    falls = _is_falling(acc)
     if falls.all():
-        return _nothing()
+        return _find_nothing()
     stillest = int(np.argmin(np.where(falls, np.inf, level)))
     up = levelled(acc[stillest])
     velocity = [
-        _free_velocity(t, acc, gyr, level < link.still_level, stillest, up, GRAVITY_M_S2) for link in (WALKING, ROUGH)
+        _integrate_velocity(t, acc, gyr, level < link.still_level, stillest, up, GRAVITY_M_S2)
+        for link in (WALKING, ROUGH)
     ]
     return choose_footfalls(t, acc, gyr, level, velocity)
 
@@ -125,21 +123,12 @@ def choose_footfalls(
 ) -> tuple[Ints, Ints, Floats]:
     """Find the stance intervals where the free velocities are known: all but step 2.
 
-    Parameters
-    ----------
-    t, acc, gyr, level
-        As for `find_footfalls`.
-    velocity
-        (N, 3) m/s of a free strapdown pass for `WALKING` and for `ROUGH`, up to a slow drift.
-
-    Returns
-    -------
-    start, stop, threshold
-        As of `find_footfalls`.
+    As `find_footfalls`, with the `velocity` (N, 3) m/s of a free strapdown pass for `WALKING` and for `ROUGH`, up to a
+    slow drift.
     """
-    candidates = _candidates(acc, level)
+    candidates = _find_candidates(acc, level)
     if candidates.size == 0:
-        return _nothing()
+        return _find_nothing()
     found = [_search(t, level, v, candidates, link) for v, link in zip(velocity, (WALKING, ROUGH), strict=True)]
     stances, rough = (_grow_intervals(level, samples) for samples in found)
     merged = _fill_gaps(t, stances, rough)
@@ -148,21 +137,21 @@ def choose_footfalls(
     return start[kept], stop[kept], threshold[kept]
 
 
-def _nothing() -> tuple[Ints, Ints, Floats]:
+def _find_nothing() -> tuple[Ints, Ints, Floats]:
     nothing = np.empty(0, dtype=np.int64)
     return nothing, nothing, np.empty(0)
 
 
-def _candidates(acc: Floats, level: Floats) -> Ints:
+def _find_candidates(acc: Floats, level: Floats) -> Ints:
     """First and last sample (2, C) of the local minima: step 1. They differ where the foot rests."""
     cut = np.maximum(level, REST_LEVEL)
-    first, last = _minima(cut, PROMINENCE)
+    first, last = _find_minima(cut, PROMINENCE)
     at_an_end = (first == 0) | (last == len(level) - 1)
     low = cut[first] < np.where(at_an_end, FLOOR, HIGHEST_LEVEL)
-    return np.stack([first, last])[:, low & ~_falls(acc[first])]
+    return np.stack([first, last])[:, low & ~_is_falling(acc[first])]
 
 
-def _falls(acc: Floats) -> Bools:
+def _is_falling(acc: Floats) -> Bools:
     """Whether the sensor falls freely (N,), or its gravity has been removed."""
     return np.asarray(np.linalg.norm(acc, axis=1) < FREE_FALL_M_S2)
 
@@ -171,7 +160,7 @@ def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: 
     """Samples of the footfalls: step 3."""
     first = candidates[0]
     worth = link.reward - np.maximum(level[first] - EASY_LEVEL, 0.0)
-    chain = _best_chain(
+    chain = _find_best_chain(
         t[candidates],
         worth,
         velocity[candidates],
@@ -223,7 +212,7 @@ def is_too_close(t: Floats, gyr: Floats, stop: int, start: int) -> bool:
 
 
 @njit(cache=True)
-def _minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
+def _find_minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
     """First and last lowest sample of the minima from which the level rises by `PROMINENCE` before it falls lower.
 
     Beyond both ends the level is high. (`scipy.signal.find_peaks` takes quadratic time where many minima are cut off
@@ -252,7 +241,7 @@ def _minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
 
 
 @njit(cache=True)
-def _free_velocity(
+def _integrate_velocity(
     t: Floats, acc: Floats, gyr: Floats, still: Bools, first: int, nav_R_body: Floats, gravity: float
 ) -> Floats:
     """Velocity (N, 3) m/s of a strapdown pass from rest and this attitude at the sample `first`, both ways.
@@ -291,16 +280,16 @@ class FreePass:
         h = np.minimum(np.diff(t), self._longest_step_s)
         still = level < self._still_level
         if self._state is not None:
-            return np.asarray(_carried_on(self._state, acc, gyr, h, still, GRAVITY_M_S2))
-        falls = _falls(acc)
+            return np.asarray(_continue_pass(self._state, acc, gyr, h, still, GRAVITY_M_S2))
+        falls = _is_falling(acc)
         if falls.all():
             return np.zeros_like(acc)
         first = int(np.argmin(np.where(falls, np.inf, level)))
         up = levelled(acc[first])
         self._state = _at_rest(up)
-        after = _carried_on(self._state, acc[first:], gyr[first:], h[first:], still[first:], GRAVITY_M_S2)
+        after = _continue_pass(self._state, acc[first:], gyr[first:], h[first:], still[first:], GRAVITY_M_S2)
         back = np.arange(first)[::-1]
-        before = _carried_on(_at_rest(up), acc[back], gyr[back], -h[back], still[back], GRAVITY_M_S2)
+        before = _continue_pass(_at_rest(up), acc[back], gyr[back], -h[back], still[back], GRAVITY_M_S2)
         return np.concatenate([before[::-1], after])
 
 
@@ -309,7 +298,7 @@ def _at_rest(nav_R_body: Floats) -> NavState:
 
 
 @njit(cache=True)
-def _carried_on(state: NavState, acc: Floats, gyr: Floats, h: Floats, still: Bools, gravity: float) -> Floats:
+def _continue_pass(state: NavState, acc: Floats, gyr: Floats, h: Floats, still: Bools, gravity: float) -> Floats:
     """Velocity (n, 3) at the stamp of each sample; the state goes over all of them, backward where `h` is negative."""
     velocity = np.empty((len(h), 3))
     turn, push = np.empty((3, 3)), np.empty(3)
@@ -325,7 +314,9 @@ def _carried_on(state: NavState, acc: Floats, gyr: Floats, h: Floats, still: Boo
 
 
 @njit(cache=True)
-def _best_chain(t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float, swing: float) -> Ints:
+def _find_best_chain(
+    t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float, swing: float
+) -> Ints:
     """Indices of the candidates of the best chain: the dynamic programme of step 3.
 
     `t` (2, C) s and `velocity` (2, C, 3) m/s of the candidates' first and last samples: a link spans what is between.

@@ -1,6 +1,6 @@
 """Rests: stretches in which the foot stands so still that its mean angular rate is the gyroscope's bias.
 
-A foot "in stance" still turns at a few deg/s; to believe a rest is to fix a bias, so it must be one. The recording is
+A foot "in stance" still turns at a few deg/s; a rest fixes the bias, so it must be one. The recording is
 cut into blocks of a quarter of a second, shorter than body sway. A rest is a run of blocks that are quiet within
 and agree with each other, in rate and in specific force.
 

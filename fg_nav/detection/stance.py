@@ -118,20 +118,20 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
         For an unknown detector, an automatic threshold with another detector than SHOE, a threshold that makes no
         sense, or if no stance is found.
     """
-    statistic = _statistic(recording, parameters)
-    one = _one_threshold(recording, parameters)
-    found = _automatic(recording, statistic, parameters) if one is None else _below(statistic, one)
-    start, stop, threshold = _long_enough(recording.t, *found)
+    statistic = _compute_statistic(recording, parameters)
+    one = _choose_threshold(recording, parameters)
+    found = _detect_footfalls(recording, statistic, parameters) if one is None else _cut_below(statistic, one)
+    start, stop, threshold = _drop_short(recording.t, *found)
     if len(start) == 0:
-        raise DetectionError(_nothing_found(recording, statistic, parameters.detector, one))
-    footfall = _footfalls(recording.gyr, start, stop)
-    relative = statistic / _threshold_along(len(recording), start, stop, threshold)
+        raise DetectionError(_explain_no_stance(recording, statistic, parameters.detector, one))
+    footfall = _number_footfalls(recording.gyr, start, stop)
+    relative = statistic / _spread_threshold(len(recording), start, stop, threshold)
     return Stances(
         start, stop, footfall, len(recording), parameters.detector, float(np.median(threshold)), statistic=relative
     )
 
 
-def _statistic(recording: Recording, p: StanceParameters) -> Floats:
+def _compute_statistic(recording: Recording, p: StanceParameters) -> Floats:
     if p.detector not in STATISTICS:
         raise DetectionError(f"there is no stance detector '{p.detector}': choose one of {', '.join(STATISTICS)}.")
     return STATISTICS[p.detector](recording.acc, recording.gyr, _window(recording))
@@ -141,7 +141,7 @@ def _window(recording: Recording) -> int:
     return max(3, round(WINDOW_S / recording.period_s))
 
 
-def _automatic(recording: Recording, statistic: Floats, p: StanceParameters) -> tuple[Ints, Ints, Floats]:
+def _detect_footfalls(recording: Recording, statistic: Floats, p: StanceParameters) -> tuple[Ints, Ints, Floats]:
     if p.detector != "shoe":
         raise DetectionError(
             f"the automatic threshold works on shoe: give {p.detector} a threshold or a false-alarm rate."
@@ -151,7 +151,7 @@ def _automatic(recording: Recording, statistic: Floats, p: StanceParameters) -> 
     return start, stop, 10.0**threshold
 
 
-def _one_threshold(recording: Recording, p: StanceParameters) -> float | None:
+def _choose_threshold(recording: Recording, p: StanceParameters) -> float | None:
     """Threshold for the whole recording; None if it shall be automatic."""
     if p.threshold is not None and p.false_alarm_rate is not None:
         raise DetectionError("a threshold and a false-alarm rate are given: choose one of them.")
@@ -162,17 +162,17 @@ def _one_threshold(recording: Recording, p: StanceParameters) -> float | None:
     return threshold_at_rest(p.detector, _window(recording), p.false_alarm_rate)
 
 
-def _below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]:
+def _cut_below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]:
     start, stop = runs(statistic < threshold)
     return start, stop, np.full(len(start), threshold)
 
 
-def _long_enough(t: Floats, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
+def _drop_short(t: Floats, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
     keep = t[stop - 1] - t[start] >= SHORTEST_S
     return start[keep], stop[keep], threshold[keep]
 
 
-def _footfalls(gyr: Floats, start: Ints, stop: Ints) -> Ints:
+def _number_footfalls(gyr: Floats, start: Ints, stop: Ints) -> Ints:
     """Number (K,) of the footfall of each interval: a new one after each swing."""
     rate = np.linalg.norm(gyr, axis=1)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
@@ -180,13 +180,13 @@ def _footfalls(gyr: Floats, start: Ints, stop: Ints) -> Ints:
     return np.concatenate([[0], np.cumsum(peak > SWING_RATE_RAD_S)])
 
 
-def _threshold_along(n: int, start: Ints, stop: Ints, threshold: Floats) -> Floats:
+def _spread_threshold(n: int, start: Ints, stop: Ints, threshold: Floats) -> Floats:
     """Threshold (N,) of the nearest interval."""
     edges = (stop[:-1] + start[1:]) // 2
     return np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
 
 
-def _nothing_found(recording: Recording, statistic: Floats, detector: str, threshold: float | None) -> str:
+def _explain_no_stance(recording: Recording, statistic: Floats, detector: str, threshold: float | None) -> str:
     i = int(np.argmin(statistic))
     if threshold is not None:
         return (

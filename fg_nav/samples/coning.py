@@ -6,18 +6,17 @@ change within the period that misses, to third order in h, the angle and the vel
     h^3/12 w x w'                     coning: a swinging foot that rolls and pitches out of step seems to turn about up
     h^3/12 (w x f' - w' x f)          sculling
 
-so the sample that integrates to the right turn and push, when held, is
+so the sample that integrates to the right angle and velocity, when held, is
 
     w + h/12 w x dw,     f + h/12 (w x df - dw x f),     with dw = h w', df = h f' from the neighbouring samples.
 
-At 100 Hz a walking foot's coning is some 0.035 deg/s about up, which nothing tells from a gyroscope bias that comes and
-goes with the gait; it falls with the square of the rate. What is left is of fourth order
+At 100 Hz a walking foot's coning is some 0.035 deg/s about up, like a gyroscope bias that comes and goes with the
+gait; it falls with the square of the rate. What is left is of fourth order
 (`scripts/sample_errors.py integration`). Source: Savage (1998), "Strapdown inertial navigation integration algorithm
 design", parts 1 and 2, for samples that are integrals over their period.
 
-Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.samples.peaks`). And a sample before a gap, which is
-held until the next stamp, is made the mean over all of that: of what the sensor saw and of what lies in the gap
-(`fg_nav.samples.gaps`).
+Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.samples.peaks`), and a sample before a gap, held until
+the next stamp, is made the mean over all of that time (`fg_nav.samples.gaps`).
 """
 
 from __future__ import annotations
@@ -29,10 +28,7 @@ from fg_nav.samples.gaps import Gaps
 
 
 def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
-    """Specific forces and rates that integrate to what was moved when held over periods `h` (N,) s.
-
-    `acc`, `gyr` (N, 3) with their peaks rebuilt.
-    """
+    """Specific forces and rates (N, 3), from rebuilt ones, that integrate to the motion when held over `h` (N,) s."""
     share = (gaps.unseen_s / h[gaps.sample])[:, None]
     acc, gyr = acc.copy(), gyr.copy()
     acc[gaps.sample] += share * (gaps.acc - acc[gaps.sample])
@@ -42,13 +38,13 @@ def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Fl
 
 def compensate_coning(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floats]:
     """Add sculling to specific forces and coning to rates, both (N, 3) means over periods `h` (N,) s, N > 1."""
-    d_acc, d_gyr = _change_within(acc, h), _change_within(gyr, h)
+    d_acc, d_gyr = _differentiate(acc, h), _differentiate(gyr, h)
     share = h[:, None] / 12
     sculling = np.cross(gyr, d_acc) - np.cross(d_gyr, acc)
     return acc + share * sculling, gyr + share * np.cross(gyr, d_gyr)
 
 
-def _change_within(samples: Floats, h: Floats) -> Floats:
+def _differentiate(samples: Floats, h: Floats) -> Floats:
     """(N, 3) by how much samples change over their own period: a parabola's slope, at either end that to the next."""
     middle = np.cumsum(h) - h / 2
     return np.asarray(np.gradient(samples, middle, axis=0) * h[:, None])

@@ -1,9 +1,9 @@
 """Lost samples: what a sensor would have read where a sample is missing, from how the same foot moves elsewhere.
 
-A sample is the mean over its period T; before a gap it stands for T only, and the h - T up to the next stamp nobody
-saw. A foot repeats itself, and so a recording shows what lies between such samples. With m the samples of acc and gyr
-within R periods on either side, each sensor over its own spread, and l the means of acc and gyr between, those in a gap
-are
+A sample is the mean over its period T; before a gap it stands for T only, and the h - T up to the next stamp are not
+observed. A foot repeats itself, and so a recording shows what lies between such samples. With m the samples of acc and
+gyr within R periods on either side, each sensor over its own spread, and l the means of acc and gyr between, those in a
+gap are
 
     l = linear interpolation + W m + c,
 
@@ -23,7 +23,7 @@ lost samples held interpolated learned
 
 Where there is too little to learn from, and over gaps too long for a mean to stand for what moved, l is the linear
 interpolation, and its sigma the spread s of the recording. In a gap of T > `LONGEST_S` that is no less than the spread
-of a walking foot, for who has stood up to now may have walked in it.
+of a walking foot: a foot that stood before the gap may have walked in it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LOST_PERIODS = 1.5
 """After a step between stamps of more periods than this, a sample or more is missing."""
 
 REACH = 6
-"""R, periods on either side: more samples do not tell more of the gap, and ask for more windows."""
+"""R, periods on either side: more samples show no more of the gap, and need more windows."""
 
 ALIKE = 500
 """Windows that W and c are learned from: several times the 12 R + 1 unknowns, and few enough to be of one phase of
@@ -51,7 +51,7 @@ WALKING = np.repeat([5.0, 2.0], 3)
 """Spread of a walking foot's specific force, m/s^2, and rate, rad/s; both axis by axis, however the sensor sits."""
 
 FEWEST = 100
-"""Fewer windows than this teach nothing."""
+"""Windows that a regression needs."""
 
 MOST_WINDOWS = 20_000
 """Of those in the recording, evenly taken: minutes of walking; the time to look through them grows with each gap."""
@@ -63,8 +63,8 @@ DIGITS = 0.01
 class Gaps(NamedTuple):
     """G gaps and what lies in them.
 
-    `sample` (G,) is the one before each, `unseen_s` (G,) s how long nobody saw. `acc` and `gyr` (G, 3) m/s^2 and rad/s
-    are means over that time; `acc_sigma` and `gyr_sigma` (G, 3) are theirs, axis by axis.
+    `sample` (G,) is the one before each, `unseen_s` (G,) s the time not observed. `acc` and `gyr` (G, 3) m/s^2 and
+    rad/s are means over that time; `acc_sigma` and `gyr_sigma` (G, 3) are theirs, axis by axis.
     """
 
     sample: Ints
@@ -89,12 +89,12 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     scale = np.repeat([_spread(acc), _spread(gyr)], 3)
     values = np.hstack([acc, gyr]) / scale
     tick = np.concatenate([[0], np.cumsum(np.maximum(np.rint(step / period).astype(int), 1))])
-    around = [_around(tick, int(i)) for i in gap]
+    around = [_find_ticks(tick, int(i)) for i in gap]
     long = _Long(LONGEST_S / period, WALKING / scale)
     mean, sigma = np.empty((len(gap), 6)), np.empty((len(gap), 6))
     for offsets in set(around):
         here = np.array([one == offsets for one in around])
-        mean[here], sigma[here] = _learned(values, gap, gap[here], np.array(offsets), long)
+        mean[here], sigma[here] = _predict(values, gap, gap[here], np.array(offsets), long)
     mean, sigma = mean * scale, sigma * scale
     return Gaps(gap, step[gap] - period, mean[:, :3], mean[:, 3:], sigma[:, :3], sigma[:, 3:])
 
@@ -104,7 +104,7 @@ def _spread(samples: Floats) -> float:
     return float(np.sqrt(samples.var(axis=0).mean())) or 1.0
 
 
-def _around(tick: Ints, i: int) -> tuple[int, ...]:
+def _find_ticks(tick: Ints, i: int) -> tuple[int, ...]:
     """Ticks from sample `i`, before a gap, to those samples within `REACH` of the gap that there are."""
     near = tick[max(i + 1 - REACH, 0) : i + 1 + REACH] - tick[i]
     after = tick[i + 1] - tick[i]
@@ -118,26 +118,26 @@ class _Long(NamedTuple):
     least: Floats
 
 
-def _learned(values: Floats, gap: Ints, asked: Ints, offsets: Ints, long: _Long) -> tuple[Floats, Floats]:
-    """Mean and sigma (A, 6) in the gaps behind the samples `asked` (A,), of which all have samples at these ticks."""
+def _predict(values: Floats, gap: Ints, before: Ints, offsets: Ints, long: _Long) -> tuple[Floats, Floats]:
+    """Mean and sigma (A, 6) in the gaps behind the samples `before` (A,), of which all have samples at these ticks."""
     after = int(offsets[offsets > 0][0])
-    linear = (values[asked] + values[asked + 1]) / 2
-    last = _windows(gap, len(values), offsets)
+    linear = (values[before] + values[before + 1]) / 2
+    last = _find_windows(gap, len(values), offsets)
     if after > long.ticks:
-        return linear, np.tile(np.maximum(values.std(axis=0), long.least), (len(asked), 1))
+        return linear, np.tile(np.maximum(values.std(axis=0), long.least), (len(before), 1))
     if len(last) < FEWEST:
-        return linear, np.tile(values.std(axis=0), (len(asked), 1))
+        return linear, np.tile(values.std(axis=0), (len(before), 1))
     known = values[last[:, None] + offsets].reshape(len(last), -1)
     total = np.vstack([np.zeros(6), np.cumsum(values, axis=0)])
     between = (total[last + after] - total[last + 1]) / (after - 1)
     beyond = between - (values[last] + values[last + after]) / 2
-    beside = np.arange(len(offsets)) - np.searchsorted(offsets, 0)
-    looks = values[asked[:, None] + beside].reshape(len(asked), -1)
-    found = [_regressed(known, beyond, one) for one in looks]
+    near = np.arange(len(offsets)) - np.searchsorted(offsets, 0)
+    patterns = values[before[:, None] + near].reshape(len(before), -1)
+    found = [_regress(known, beyond, one) for one in patterns]
     return linear + np.array([mean for mean, _ in found]), np.array([sigma for _, sigma in found])
 
 
-def _windows(gap: Ints, count: int, offsets: Ints) -> Ints:
+def _find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
     """Sample (M,) from which the offsets count, of each window of the recording that has no gap in it."""
     last = np.arange(-offsets[0], count - offsets[-1])
     gaps_before = np.searchsorted(gap, [last + offsets[0], last + offsets[-1]])
@@ -145,15 +145,15 @@ def _windows(gap: Ints, count: int, offsets: Ints) -> Ints:
     return np.asarray(clear[:: max(1, -(-len(clear) // MOST_WINDOWS))])
 
 
-def _regressed(known: Floats, beyond: Floats, looks: Floats) -> tuple[Floats, Floats]:
-    """What follows (6,) from `looks` (C,) and its sigma, by those of the rows `known` (M, C) that look most like it."""
-    distance = ((known - looks) ** 2).sum(axis=1)
+def _regress(known: Floats, beyond: Floats, pattern: Floats) -> tuple[Floats, Floats]:
+    """What follows (6,) from a `pattern` (C,) and its sigma, by the rows `known` (M, C) that are most like it."""
+    distance = ((known - pattern) ** 2).sum(axis=1)
     alike = np.sort(np.argpartition(distance, min(ALIKE, len(known)) - 1)[:ALIKE])
-    x, y = known[alike] - looks, beyond[alike]
+    x, y = known[alike] - pattern, beyond[alike]
     half = len(x) // 2
-    first, second = _line(x[:half], y[:half]), _line(x[half:], y[half:])
+    first, second = _fit_line(x[:half], y[:half]), _fit_line(x[half:], y[half:])
     missed = np.vstack([y[half:] - first.at(x[half:]), y[:half] - second.at(x[:half])])
-    line = _line(x, y)
+    line = _fit_line(x, y)
     return line.at_zero, np.sqrt(np.maximum((missed**2).mean(axis=0) * line.stretch, line.strange))
 
 
@@ -175,7 +175,7 @@ class _Line(NamedTuple):
         return np.asarray(self.at_zero + x @ self.slopes)
 
 
-def _line(x: Floats, y: Floats) -> _Line:
+def _fit_line(x: Floats, y: Floats) -> _Line:
     """Fit a line; `DIGITS` keeps it from following noise."""
     x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
     x = x - x_mean

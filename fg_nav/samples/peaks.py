@@ -8,15 +8,14 @@ height H there is taken
     H / (1 + H / (`MOST_RANGES` L)),
 
 and of its area, two thirds of height times T: never less than what was read. A slope is the steeper of the last whole
-step beside the run and the step into it, which the clipping can only have made smaller.
+step next to the run and the step into it, which the clipping can only have made smaller.
 
 What is rebuilt is off by `OFF_SHARE` of the parabola, one sigma, and that is one error for the whole run: a peak that
 was higher was so in all its samples. A simulated foot's peak cut at 95 per cent hides 4 deg, rms, and rebuilt it is off
-by 1.1; at 85 per cent 5.6 and 2.4, at 70 per cent 10 and 3.4. Of pushes, of real walks that were cut on purpose, and of
-`scripts/sample_errors.py peaks` prints what is left over its sigma.
+by 1.1; at 85 per cent 5.6 and 2.4, at 70 per cent 10 and 3.4; `scripts/sample_errors.py
+peaks` prints what is left over its sigma.
 
-Of a run of more than `LONGEST_S` the flanks tell nothing, and of one without flanks there are none: they are left as
-they are, and may hide as much as they show.
+Runs of more than `LONGEST_S`, and those without flanks, are left as they are, and may hide as much as they show.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ OFF_SHARE = 0.6
 
 
 class Peaks(NamedTuple):
-    """Samples (N, 3) with the peaks that were cut, and for each the sigma (N, 3) of what is still missed.
+    """Samples (N, 3) with the peaks that were cut, and for each the sigma (N, 3) of what is still missing.
 
     The errors of the samples of a run are one error. The sigmas are those of independent ones that add up to it over
     the run: so they can be taken sample by sample. `run` (N, 3) is how many samples the run has. Both are zero where
@@ -61,27 +60,27 @@ def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None
     for axis in np.flatnonzero(clipped.any(axis=0)):
         for sign in (1.0, -1.0):
             cut = clipped[:, axis] & (sign * samples[:, axis] > 0)
-            rise, sigma, run = _hidden(sign * samples[:, axis], cut, clipped[:, axis], period_s)
+            rise, sigma, run = _rebuild_tops(sign * samples[:, axis], cut, clipped[:, axis], period_s)
             peaks.whole[:, axis] += sign * rise
             peaks.sigma[:, axis] += sigma
             peaks.run[:, axis] += run
     return peaks
 
 
-def _hidden(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -> Floats:
+def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -> Floats:
     """What to add to each sample of a signal (N,) that is cut at its upper end, sigma and length of run: (3, N)."""
     found = np.zeros((3, len(signal)))
     edge = np.flatnonzero(np.diff(np.concatenate([[False], cut, [False]]).astype(np.int8)))
     start, stop = edge[::2], edge[1::2]
     count = stop - start
-    slope = _slope(signal, clipped, start, -1, period_s), _slope(signal, clipped, stop - 1, 1, period_s)
-    told = (count * period_s <= LONGEST_S) & ~(np.isnan(slope[0]) & np.isnan(slope[1]))
+    slope = _measure_slope(signal, clipped, start, -1, period_s), _measure_slope(signal, clipped, stop - 1, 1, period_s)
+    usable = (count * period_s <= LONGEST_S) & ~(np.isnan(slope[0]) & np.isnan(slope[1]))
     mean_slope = np.zeros(len(start))
-    mean_slope[told] = np.nanmean(np.array(slope)[:, told], axis=0)
+    mean_slope[usable] = np.nanmean(np.array(slope)[:, usable], axis=0)
     height = mean_slope * count * period_s / 4
     area = 2 / 3 * height * count * period_s
     hidden = area / (1 + height / (MOST_RANGES * signal[start]))
-    off = np.where(told, OFF_SHARE * area, np.add.reduceat(np.append(signal, 0.0), edge)[::2] * period_s)
+    off = np.where(usable, OFF_SHARE * area, np.add.reduceat(np.append(signal, 0.0), edge)[::2] * period_s)
     within = np.arange(len(start)).repeat(count)
     middle = (np.arange(len(within)) - (np.cumsum(count) - count)[within] + 0.5) / count[within]
     shape = middle * (1 - middle)
@@ -92,14 +91,14 @@ def _hidden(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -> Floa
     return found
 
 
-def _slope(signal: Floats, clipped: Bools, last: Ints, way: int, period_s: float) -> Floats:
-    """How steeply (R,) the signal rises to the samples `last` (R,) from before (`way` -1) or behind (1).
+def _measure_slope(signal: Floats, clipped: Bools, last: Ints, side: int, period_s: float) -> Floats:
+    """How steeply (R,) the signal rises to the samples `last` (R,) from before (`side` -1) or behind (1).
 
     NaN where there is nothing.
     """
-    inside = (last + way >= 0) & (last + way < len(signal))
-    beside = np.where(inside, last + way, last)
-    beyond = np.clip(beside + way, 0, len(signal) - 1)
-    into = signal[last] - signal[beside]
-    whole = np.where(clipped[beside] | clipped[beyond], 0.0, signal[beside] - signal[beyond])
+    inside = (last + side >= 0) & (last + side < len(signal))
+    outer = np.where(inside, last + side, last)
+    beyond = np.clip(outer + side, 0, len(signal) - 1)
+    into = signal[last] - signal[outer]
+    whole = np.where(clipped[outer] | clipped[beyond], 0.0, signal[outer] - signal[beyond])
     return np.where(inside, np.maximum(np.maximum(into, whole), 0.0) / period_s, np.nan)

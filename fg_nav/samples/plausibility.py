@@ -1,4 +1,4 @@
-"""Are these numbers what they claim to be? Wrong units, removed gravity and mirrored axes, told by physics.
+"""Are these numbers what they claim to be? Wrong units, removed gravity and mirrored axes, found by physics.
 
 A sensor on a person cannot help measuring some known things:
 
@@ -9,7 +9,7 @@ A sensor on a person cannot help measuring some known things:
   da/dt = -k w x a, with k = 1. k = pi/180 is a gyroscope in deg/s, k = -1 a mirrored set of axes;
 * field: the Earth's field is 25-65 uT, buildings and shoes make 10-200 uT of it.
 
-Everything here bears NaN and nonsense: the samples may come from a broken file.
+NaN and nonsense are allowed everywhere: the samples may come from a broken file.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _ACC_UNIT_RANGE = (0.85, 1.15)
 _NO_GRAVITY_M_S2 = 3.0  # what is left of gravity where an attitude filter has removed it, at its worst
 _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple of rest
 
-_TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest tells nothing, for however long
+_TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest shows nothing, for however long
 _TOO_FAST_RAD_S = 40.0
 _TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
 
@@ -79,10 +79,7 @@ class GravityTransport:
 def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> tuple[str, ...]:
     """Name everything whose unit is wrong, with what to do about it; empty if all is plausible.
 
-    Parameters
-    ----------
-    t, acc, gyr, mag
-        (N,) s, (N, 3) m/s^2, (N, 3) rad/s, (N, 3) uT or None; as claimed. NaN is ignored.
+    `t` (N,) s, `acc` (N, 3) m/s^2, `gyr` (N, 3) rad/s, `mag` (N, 3) uT or None, as claimed; NaN is ignored.
     """
     period = median_period_s(t)
     stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)

@@ -8,7 +8,7 @@ corners. So:
 * cut: within a few samples on either side, the steps are many times larger. On a parabola, the top of any
 smooth peak, steps grow linearly from the middle: next to n steps below a bound, the j-th step outside is
 below (n + 2 j) / n times the bound. A larger one is a corner;
-* recurring: a range ends at the same level every time. One long flat top is believed on its own, and so is
+* recurring: a range ends at the same level every time. One long flat top counts on its own, and so does
 one of many peaks that pile up just below the extreme, where those of a natural motion thin out.
 
 Every sample at or above the lowest of the levels so found counts as saturated.
@@ -32,10 +32,10 @@ _CORNER = 6.0
 """A corner is a step this many times the flat bound; the parabola's largest within reach is four times."""
 
 _REACH = 3
-"""Samples beside a flat top in which its corner must come, or half the length of the top if that is more."""
+"""Samples next to a flat top in which its corner must come, or half the length of the top if that is more."""
 
 _LONE_STEPS = 5
-"""Flat steps of a top that is believed though it does not recur."""
+"""Flat steps of a top that counts though it does not recur."""
 
 _CUT_SHARE = 0.1
 """At least this share of the peaks that reach the level must be cut: chance makes a few flat tops in many."""
@@ -49,15 +49,12 @@ def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
 
     Parameters
     ----------
-    samples
-        (N, 3) of one sensor, evenly sampled, any unit.
-    levels
-        (2, 3) from which on it is clipped, where known; None to find them in the samples (`find_clipping_levels`).
+    samples : (N, 3) of one sensor, evenly sampled, any unit.
+    levels : (2, 3) from which on it is clipped, where known; None to find them (`find_clipping_levels`).
 
     Returns
     -------
-    Bools
-        (N, 3) True where an axis is saturated, at either end of its range.
+    (N, 3) True where an axis is saturated, at either end of its range.
     """
     upper, lower = find_clipping_levels(samples) if levels is None else levels
     return np.asarray((samples >= upper) | (-samples >= lower))

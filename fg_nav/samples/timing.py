@@ -57,16 +57,8 @@ class Clock(NamedTuple):
 def remove_jitter(t: Floats) -> Floats:
     """Even out stamps whose jitter is that of their transport.
 
-    Parameters
-    ----------
-    t
-        (N,) s, strictly increasing.
-
-    Returns
-    -------
-    Floats
-        (N,) s, strictly increasing: the ticks of the sensor's clock. True gaps and dropped samples stay.
-        `t` itself where the jitter is negligible, or not that of transport, or the samples too few to tell.
+    From stamps (N,) s, strictly increasing, to the ticks of the sensor's clock, likewise. True gaps and dropped samples
+    stay. `t` itself where the jitter is negligible, or not that of transport, or the samples are too few to decide.
     """
     clock = fit_clock(t)
     if not (np.diff(clock.even) > 0).all() or not _is_transport(t - clock.even, clock.period):
@@ -81,10 +73,7 @@ def fit_clock(t: Floats) -> Clock:
     samples of a 200 Hz sensor 6 ms apart, and some of them at once. So several periods are tried, and the
     clock with the fewest restarts, then the least deviation, is taken.
 
-    Parameters
-    ----------
-    t
-        (N,) s, strictly increasing, N > 1. Fewer than 50 are taken as they are.
+    `t` (N,) s, strictly increasing, N > 1. Fewer than 50 are taken as they are.
     """
     if len(t) < _MIN_SAMPLES:
         return Clock(t, np.arange(len(t)), float(np.median(np.diff(t))), 1)

@@ -267,7 +267,7 @@ def test_the_best_chain_is_the_best_of_all(seed):
     velocity = rng.choice([0.2, 1.0, 4.0]) * rng.standard_normal((2, n, 3))
     problem = (edges, worth, velocity, 0.2, 0.3, rng.uniform(0.5, 2.5), rng.uniform(0.3, 1.5))
     best, score = brute_force(*problem)
-    chain = ff._best_chain(*problem)
+    chain = ff._find_best_chain(*problem)
     assert np.all(np.diff(chain) > 0)
     assert score(tuple(chain)) == pytest.approx(best, rel=1e-12)
 
@@ -279,7 +279,7 @@ def test_the_best_chain_is_the_best_of_all(seed):
 def test_minima_are_the_prominent_ones(values, prominence):
     level = np.array(values, dtype=np.float64) + 0.5 * np.arange(len(values)) / len(values)  # no two equally prominent
     assume(len(level) == 1 or np.abs(np.abs(np.subtract.outer(level, level)) - prominence).min() > 1e-9)
-    first, last = ff._minima(level, float(prominence))
+    first, last = ff._find_minima(level, float(prominence))
     walled = np.concatenate([[1e3], level, [1e3]])
     peaks, _ = find_peaks(-walled, prominence=prominence)
     np.testing.assert_array_equal(first, peaks - 1)
@@ -288,7 +288,7 @@ def test_minima_are_the_prominent_ones(values, prominence):
 
 def test_a_rest_is_one_minimum_from_its_first_sample_to_its_last():
     level = np.array([5.0, 3, 3, 3.2, 3, 5, 4, 5, 3, 3])
-    first, last = ff._minima(level, 0.5)
+    first, last = ff._find_minima(level, 0.5)
     np.testing.assert_array_equal(first, [1, 6, 8])
     np.testing.assert_array_equal(last, [4, 6, 9])
 
@@ -301,7 +301,7 @@ def test_free_velocity_both_ways_from_any_sample(rate_hz):
     true = walk.motion.at(t)
     start = len(t) // 2
     never = np.zeros(len(t), dtype=bool)
-    velocity = ff._free_velocity(t, acc, gyr, never, start, true.nav_R_body[start], GRAVITY_M_S2)
+    velocity = ff._integrate_velocity(t, acc, gyr, never, start, true.nav_R_body[start], GRAVITY_M_S2)
     error = velocity - (true.velocity - true.velocity[start])
     assert np.abs(error).max() < 0.3 * (100 / rate_hz) ** 2
     assert np.ptp(true.velocity, axis=0).max() > 3.0
@@ -315,7 +315,7 @@ def test_tilt_is_forgotten_at_the_same_pace_at_every_rate():
         acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1))
         wrong = Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix()
         still = np.ones(n, dtype=bool)
-        reached.append(ff._free_velocity(np.arange(n) / rate_hz, acc, 0 * acc, still, 0, wrong, GRAVITY_M_S2)[-1])
+        reached.append(ff._integrate_velocity(np.arange(n) / rate_hz, acc, 0 * acc, still, 0, wrong, GRAVITY_M_S2)[-1])
     expected = GRAVITY_M_S2 * tilt * ff.TILT_TIME_S
     np.testing.assert_allclose([np.linalg.norm(v[:2]) for v in reached], expected, rtol=0.02)
 
