@@ -1,0 +1,110 @@
+"""A walk in progress past a magnet: that footfall's compass is not used, and the heading stays."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import M
+
+from fg_nav.detection import detect_stances
+from fg_nav.frames import heading_of
+from fg_nav.online import OnlineNavigator, isam2, smoother
+from fg_nav.online.buffer import rows_of
+from fg_nav.smoother.field_state import PHI
+from tests.online.walks import TOLD, push, short_walk
+
+STRIDES = 16
+SOLVED_AGAIN = (1, 2, 3, 4)
+"""Footfalls; those behind are judged by the walk in progress."""
+
+AT = 8
+"""Footfall at the magnet."""
+
+MAGNET_UT = np.array([25.0, -18.0, 12.0])
+NEAR = 8
+"""Samples before and after the stance that the magnet reaches."""
+
+
+@pytest.fixture(autouse=True)
+def solved_again_early(monkeypatch):
+    monkeypatch.setattr(smoother, "WARM_UPS", SOLVED_AGAIN)
+
+
+def walked(field_there: np.ndarray | float, lag_s: float | None = None) -> OnlineNavigator:
+    """The navigator of a walk in whose field there is something more at one footfall."""
+    recording = short_walk(STRIDES)
+    stances, rows = detect_stances(recording), rows_of(recording)
+    of = stances.footfall == AT
+    rows[stances.start[of][0] - NEAR : stances.stop[of][-1] + NEAR, 7:] += field_there
+    navigator = OnlineNavigator(replace(TOLD, lag_s=lag_s))
+    push(navigator, rows)
+    navigator.close()
+    return navigator
+
+
+@cache
+def past_a_magnet() -> OnlineNavigator:
+    return walked(MAGNET_UT)
+
+
+@cache
+def without_magnet() -> OnlineNavigator:
+    return walked(0.0)
+
+
+@cache
+def without_field_there() -> OnlineNavigator:
+    return walked(np.nan)
+
+
+def headings(navigator: OnlineNavigator) -> np.ndarray:
+    return np.degrees(heading_of(navigator.causal().nav_R_body))
+
+
+def test_the_footfall_at_the_magnet_is_disturbed_and_no_other():
+    field = past_a_magnet().causal().field
+    assert field[AT] == "disturbed"
+    assert set(field[SOLVED_AGAIN[-1] : AT] + field[AT + 1 :]) == {"quasi-static"}
+    assert "disturbed" not in without_magnet().causal().field
+
+
+def test_its_compass_is_not_used():
+    """At the footfall all is as if there had been no sample of the field."""
+    disturbed, unseen = past_a_magnet().causal(), without_field_there().causal()
+    assert unseen.field[AT] == "none"
+    np.testing.assert_allclose(disturbed.nav_R_body[AT], unseen.nav_R_body[AT], atol=1e-9)
+    np.testing.assert_allclose(disturbed.pose_cov[AT], unseen.pose_cov[AT], rtol=1e-6, atol=1e-12)
+    assert without_magnet().causal().heading_sigma[AT] < 0.97 * disturbed.heading_sigma[AT]
+
+
+def test_the_heading_stays():
+    np.testing.assert_allclose(headings(past_a_magnet()), headings(without_magnet()), atol=0.1)
+    np.testing.assert_allclose(past_a_magnet().causal().position, without_magnet().causal().position, atol=0.05)
+
+
+def potential_variances(navigator: OnlineNavigator) -> np.ndarray:
+    """Variance of the field's potential at each footfall, uT^2 m^2."""
+    backend = navigator._smoother._backend
+    return np.array([backend.covariance(M(k))[PHI, PHI] for k in range(len(navigator.footfalls))])
+
+
+def test_the_field_may_change_by_much_into_the_magnet_and_out_of_it():
+    """By thirty times the usual innovation on both strides, of which little is left a stride later, and on no other."""
+    usual, disturbed = (potential_variances(n) for n in (without_field_there(), past_a_magnet()))
+    np.testing.assert_allclose(disturbed[:AT], usual[:AT], rtol=1e-3)
+    assert disturbed[AT] == pytest.approx(900.0 * usual[AT], rel=0.2)
+    assert disturbed[AT + 1] == pytest.approx(900.0 * usual[AT + 1], rel=0.2)
+    assert disturbed[AT + 2] < 0.2 * disturbed[AT + 1]
+
+
+@pytest.mark.parametrize("lag_s", [None, 6.0])
+def test_footfalls_that_leave_keep_their_verdicts(monkeypatch, lag_s):
+    monkeypatch.setattr(isam2, "MOST_FOOTFALLS", 6)
+    navigator = walked(MAGNET_UT, lag_s)
+    causal, smoothed = navigator.causal(), navigator.smoothed()
+    assert len(navigator._smoother._places) < len(causal) - AT
+    assert smoothed.field[AT] == "disturbed"
+    assert smoothed.field[SOLVED_AGAIN[-1] :] == causal.field[SOLVED_AGAIN[-1] :]
+    assert smoothed.field_reason[SOLVED_AGAIN[-1] :] == causal.field_reason[SOLVED_AGAIN[-1] :]
+    np.testing.assert_array_equal(smoothed.sample, causal.sample)
