@@ -9,17 +9,21 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
+from fg_nav.detection import RestParameters, detect_stances, find_rests
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation.alignment import align
 from fg_nav.magnetic import average_footfall_field
+from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.fixed_lag import FixedLagBackend
-from fg_nav.online.resolve import WARM_UPS
+from fg_nav.online.resolve import WARM_UPS, solve_so_far
 from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
+from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.field_parameters import FieldParameters
+from tests.online.walks import TOLD, push, short_walk
 from tests.simulated import corridor
 from tests.smoother.walks import Walk, demo, part
 
@@ -265,3 +269,33 @@ def test_what_is_no_walk_is_refused():
 def test_warm_ups_rise():
     assert list(WARM_UPS) == sorted(set(WARM_UPS))
     assert WARM_UPS[0] == 1
+
+
+def cut_into_its_last_standing() -> Recording:
+    """A walk whose samples so far end where the foot has stood for half a second after its last step."""
+    recording = short_walk()
+    last = find_rests(recording)[-1]
+    assert len(recording) - last.start > 150
+    return recording.slice(0, last.start + 50)
+
+
+def test_the_end_of_the_samples_makes_no_rest():
+    """Such a standing at the end of a recording is a rest, but a walk in progress does not end there."""
+    recording = cut_into_its_last_standing()
+    stances, rests = detect_stances(recording), find_rests(recording)
+    assert rests[-1].stop > len(recording) - 25
+    assert not rests[-1].lasts(recording.period_s, RestParameters().shortest_s)
+    solved = solve_so_far(recording, stances, 0.0, False, SmootherParameters())
+    assert [rest.start for rest in solved.known.rests] == [rest.start for rest in rests[:-1]]
+
+
+def test_nor_does_the_end_of_a_window(monkeypatch):
+    monkeypatch.setattr(online_smoother, "WARM_UPS", (1, 2, 3, 4))
+    recording = cut_into_its_last_standing()
+    navigator = OnlineNavigator(replace(TOLD, use_field=False))
+    push(navigator, rows_of(recording))
+    navigator.close()
+    assert navigator.footfalls[-1].stop[-1] > len(recording) - 5
+    counted = navigator._smoother._rests.counted
+    assert counted is not None
+    assert counted.stop < find_rests(recording)[-1].start

@@ -34,20 +34,41 @@ def undisturbed():
     return tables
 
 
-def walked(lag: float | None, remark: Callable[[str], None] = lambda words: None) -> OnlineNavigator:
-    navigator = OnlineNavigator(replace(TOLD, lag_s=lag), remark)
-    rows = rows_of(short_walk())
+def walked(
+    lag: float | None,
+    remark: Callable[[str], None] = lambda words: None,
+    heading_rad: float | None = 0.0,
+    standing_s: float = 0.0,
+) -> OnlineNavigator:
+    navigator = OnlineNavigator(replace(TOLD, lag_s=lag, heading_rad=heading_rad), remark)
+    rows = stand_on(rows_of(short_walk()), standing_s)
     push(navigator, rows, range(40, len(rows), 40))
     navigator.close()
     return navigator
 
 
+def stand_on(rows: np.ndarray, seconds: float) -> np.ndarray:
+    """Rows of a walk whose foot stands on at its end, at 100 Hz."""
+    n, rng = round(100.0 * seconds), np.random.default_rng(1)
+    more = np.repeat(rows[-100:].mean(axis=0)[None], n, axis=0)
+    more[:, 1:] += rng.normal(0.0, np.repeat([0.01, 0.001, 0.3], 3), (n, 9))
+    more[:, 0] = rows[-1, 0] + 0.01 * np.arange(1, n + 1)
+    return np.concatenate([rows, more])
+
+
 class Failing:
     """Breaks a function from footfall `BEGINS` on: for so many footfalls, or so many calls of one footfall."""
 
-    def __init__(self, monkeypatch, footfalls: int = 1, calls: int = 10**9, error: type[Exception] = RuntimeError):
+    def __init__(
+        self,
+        monkeypatch,
+        footfalls: int = 1,
+        calls: int = 10**9,
+        error: type[Exception] = RuntimeError,
+        begins: int = BEGINS,
+    ):
         self._monkeypatch, self._error = monkeypatch, error
-        self._footfalls, self._calls = range(BEGINS, BEGINS + footfalls), calls
+        self._footfalls, self._calls = range(begins, begins + footfalls), calls
         self._now, self.failed = -1, 0
         add = OnlineSmoother.add_footfall
 
@@ -103,6 +124,33 @@ def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, 
     assert fault.failed == 1
     goes_on(navigator, undisturbed[lag], 1.0)
     assert navigator.causal().field_reason[BEGINS] == recovery.REASON
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_the_uncertainty_about_north_is_counted_once_after_a_recovery(monkeypatch, lag):
+    """It is of the walk as a whole: no part of the prior from which the graph goes on."""
+    usual = walked(lag, heading_rad=None)
+    about_north = usual._smoother._batch.verdict.north_sigma
+    fault = Failing(monkeypatch, calls=1)
+    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
+    found, expected = walked(lag, heading_rad=None).causal(), usual.causal()
+    assert fault.failed == 1
+    assert about_north > 0.5 * expected.heading_sigma[BEGINS]
+    growth = found.heading_sigma[BEGINS] ** 2 - expected.heading_sigma[BEGINS] ** 2
+    assert 0.0 < growth < 0.25 * about_north**2
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_a_rest_of_an_update_that_failed_is_counted_with_the_next(monkeypatch, lag):
+    """The first piece of the standing at the end fails; the second shows what both show, and shows it once."""
+    usual = walked(lag, standing_s=6.0)
+    first = next(k for k, footfall in enumerate(usual.footfalls) if footfall.continues)
+    fault = Failing(monkeypatch, calls=1, begins=first)
+    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
+    found, expected = (n.causal().gyro_bias_sigma[:, 0] for n in (walked(lag, standing_s=6.0), usual))
+    assert fault.failed == 1
+    assert found[first] > 1.5 * expected[first]
+    assert expected[first + 1] <= found[first + 1] < 1.27 * expected[first + 1]
 
 
 @pytest.mark.parametrize("lag", LAGS)
