@@ -17,44 +17,33 @@ out.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from .guarded import Array, guarded_factor
+from .guarded import Array
 
 
-def floor_height_residual(height: Array | float, floor_height: Array | float) -> Array:
-    """Residual (..., 1) m: heights (...) of footfalls and of their floors (...)."""
-    return np.asarray(np.asarray(height) - np.asarray(floor_height))[..., None]
+@dataclass(frozen=True)
+class FloorHeight:
+    """Height of a footfall above its floor, with `sigma` m; variables nav_T_body and the floor's height (1,) m."""
 
+    name: ClassVar[str] = "floor height"
+    dims: ClassVar[tuple[int, ...]] = (6, 1)
+    rows: ClassVar[int] = 1
 
-def floor_height_jacobian(nav_R_body: Array) -> Array:
-    """Derivative (..., 1, 6) of the residual by the pose, attitude (..., 3, 3); that by the floor's height is -1."""
-    by_pose = np.zeros((*nav_R_body.shape[:-2], 1, 6))
-    by_pose[..., 0, 3:] = nav_R_body[..., 2, :]
-    return by_pose
+    sigma: float
 
-
-def floor_height_factor(pose_key: int, floor_key: int, noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
-    """Tie the height of a footfall to that of its floor.
-
-    Parameters
-    ----------
-    pose_key, floor_key
-        Keys of nav_T_body (Pose3) and of the floor's height (1-vector, m).
-    noise
-        Of dimension 1, m, robust or not.
-    """
-    by_floor = -np.eye(1)
-
-    def residual(values: gtsam.Values, with_jacobians: bool) -> tuple[Array, Sequence[Array]]:
-        pose = values.atPose3(pose_key)
-        e = floor_height_residual(pose.z(), float(values.atVector(floor_key)[0]))
-        return e, [floor_height_jacobian(pose.rotation().matrix()), by_floor] if with_jacobians else []
-
-    return guarded_factor("floor height", [pose_key, floor_key], [6, 1], noise, residual)
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (..., 1) and its Jacobians by pose and floor."""
+        nav_T_body, floor = variables
+        e = (nav_T_body[..., 2, 3, None] - floor) / self.sigma
+        if not with_jacobians:
+            return e, []
+        by_pose = np.zeros((*e.shape, 6))
+        by_pose[..., 0, 3:] = nav_T_body[..., 2, :3] / self.sigma
+        return e, [by_pose, np.full((*e.shape, 1), -1.0 / self.sigma)]
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,10 @@
 """A position fix: a surveyed point, or a receiver's position, in the navigation frame.
 
-The point that was fixed stands at the lever l (m, body frame) from the sensor: an antenna on the shoulder, a mark on
-the tip of the shoe, or the sensor itself. The residual is that of gtsam's own `GPSFactor` and `GPSFactorArm`,
+The residual is that of gtsam's own `GPSFactor`, on the axes of the navigation frame,
 
-    e = p + nav_R_body l - fix,    de/dpose = [-nav_R_body [l]x, nav_R_body],
+    e = p - fix,    de/dpose = [0, nav_R_body].
 
-on the axes of the navigation frame, with l = 0 the former. A fix that is known in the plane only has an infinite sigma
-upwards, and says nothing of the height.
+A fix that is known in the plane only has an infinite sigma upwards, and says nothing of the height.
 
 Errors of a receiver persist for many seconds. Fixes are taken as independent here: take one each ten seconds or so,
 or enlarge sigma by the square root of how many share an error. Where some are plainly wrong (between houses) wrap the
@@ -27,9 +25,7 @@ def position_fix_noise(horizontal_sigma: float, vertical_sigma: float = np.inf) 
     return gtsam.noiseModel.Diagonal.Precisions(sigmas**-2.0)
 
 
-def position_fix_factor(
-    pose_key: int, nav_position: Array, noise: gtsam.noiseModel.Base, body_lever: Array | None = None
-) -> gtsam.GPSFactor | gtsam.GPSFactorArm:
+def position_fix_factor(pose_key: int, nav_position: Array, noise: gtsam.noiseModel.Base) -> gtsam.GPSFactor:
     """Tie a pose to a fix.
 
     Parameters
@@ -40,10 +36,5 @@ def position_fix_factor(
         The fix; with a planar noise its height does not count.
     noise
         Of dimension 3, m, on nav's axes; see `position_fix_noise`.
-    body_lever : (3,) m
-        From the sensor to the point that was fixed, in the body frame; none if it is the sensor.
     """
-    fix = np.asarray(nav_position, dtype=np.float64)
-    if body_lever is None:
-        return gtsam.GPSFactor(pose_key, fix, noise)
-    return gtsam.GPSFactorArm(pose_key, fix, np.asarray(body_lever, dtype=np.float64), noise)
+    return gtsam.GPSFactor(pose_key, np.asarray(nav_position, dtype=np.float64), noise)

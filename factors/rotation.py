@@ -25,14 +25,17 @@ Ints = NDArray[np.int64]
 
 def skew(v: Array) -> Array:
     """Matrices (..., 3, 3) of the cross product with the vectors (..., 3)."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 2, 1] = out[..., 1, 2] = v[..., 0]
-    out[..., 0, 2] = out[..., 2, 0] = v[..., 1]
-    out[..., 1, 0] = out[..., 0, 1] = v[..., 2]
-    out[..., 1, 2] *= -1
-    out[..., 2, 0] *= -1
-    out[..., 0, 1] *= -1
-    return out
+    return np.asarray((v @ _CROSS).reshape(*v.shape, 3))
+
+
+_CROSS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
+        [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    ]
+)
+"""Row i: the matrix [e_i]x, row by row."""
 
 
 def unskew(R: Array) -> Array:

@@ -33,12 +33,12 @@ no row. The mixture is this project's.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from .guarded import Array, guarded_factor
+from .guarded import Array
 
 
 @dataclass(frozen=True)
@@ -66,16 +66,51 @@ class StraightParameters:
         return float(self.sigma * (1.0 - self.straight_share) / (self.straight_share * np.sqrt(2.0 * np.pi)))
 
 
-def straight_walk_residual(before: Array, here: Array, after: Array) -> Array:
-    """Change of course (...,) rad, anticlockwise, at the middle one of three footfalls (..., 3) m."""
+@dataclass(frozen=True)
+class StraightWalk:
+    """Change of course at the middle one of three footfalls; variables nav_T_body at all three.
+
+    Two rows, the half square of which is the loss rho(x), at the weight w(x) of the mixture at hand:
+
+        [ sqrt(w) x | sqrt(2 rho - w x^2) ],     of which the second depends on nothing.
+
+    Half the square of both with the weight held is rho at the point of linearization, and above it anywhere else: the
+    error that the linear model promises is one the loss keeps, and a solver's criterion is meaningful (IRLS).
+    """
+
+    name: ClassVar[str] = "straight walk"
+    dims: ClassVar[tuple[int, ...]] = (6, 6, 6)
+    rows: ClassVar[int] = 2
+
+    sigma: float
+    odds_of_curve: float
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return both rows (..., 2) and, with the weight held, their Jacobians by the three poses."""
+        points = [nav_T_body[..., :3, 3] for nav_T_body in variables]
+        x = change_of_course(*points) / self.sigma
+        weight = straight_probability(x, self.odds_of_curve)
+        above = 2.0 * straight_walk_loss(x, self.odds_of_curve) - weight * x**2
+        e = np.stack([np.sqrt(weight) * x, -np.sqrt(np.maximum(above, 0.0))], axis=-1)
+        if not with_jacobians:
+            return e, []
+        scale = (np.sqrt(weight) / self.sigma)[..., None]
+        H = [np.zeros((*e.shape, 6)) for _ in variables]
+        for by_pose, by_point, nav_T_body in zip(H, change_of_course_slopes(*points), variables, strict=True):
+            by_pose[..., 0, 3:] = ((scale * by_point)[..., None, :] @ nav_T_body[..., :3, :3])[..., 0, :]
+        return e, H
+
+
+def change_of_course(before: Array, here: Array, after: Array) -> Array:
+    """Change of course r (...,) rad, anticlockwise, at the middle one of three footfalls (..., 3) m."""
     first, second = here - before, after - here
     across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     along = first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1]
     return np.asarray(np.arctan2(across, along))
 
 
-def straight_walk_jacobians(before: Array, here: Array, after: Array) -> tuple[Array, Array, Array]:
-    """Derivatives (..., 3) of the residual by the three positions, in the navigation frame."""
+def change_of_course_slopes(before: Array, here: Array, after: Array) -> tuple[Array, Array, Array]:
+    """Derivatives (..., 3) of the change of course by the three positions, in the navigation frame."""
     by_before, by_after = _by_displacement(here - before), _by_displacement(after - here)
     return by_before, -by_before - by_after, by_after
 
@@ -111,39 +146,3 @@ def straight_walk_loss(whitened: Array | float, odds_of_curve: float) -> Array:
     """Loss (...) of residuals (...) over their sigma: half a square near zero, and log(1 + 1/c) far out."""
     either = np.logaddexp(-0.5 * np.square(whitened), np.log(odds_of_curve))
     return np.asarray(np.log1p(odds_of_curve) - either)
-
-
-def straight_walk_noise(parameters: StraightParameters = StraightParameters()) -> gtsam.noiseModel.Robust:
-    """Mixture of straight and anything, as a robust noise of gtsam of dimension 1."""
-    c = parameters.odds_of_curve
-    estimator = gtsam.noiseModel.mEstimator.Custom(
-        lambda x: float(straight_probability(float(x), c)), lambda x: float(straight_walk_loss(float(x), c))
-    )
-    return gtsam.noiseModel.Robust.Create(estimator, gtsam.noiseModel.Isotropic.Sigma(1, parameters.sigma))
-
-
-def straight_walk_factor(pose_keys: Sequence[int], noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
-    """Keep the course over three footfalls, or more precisely: believe that it was kept.
-
-    Parameters
-    ----------
-    pose_keys
-        Keys of nav_T_body (Pose3) at three footfalls, in order, for which `has_course` holds.
-    noise
-        Of dimension 1, rad; `straight_walk_noise` is the mixture.
-    """
-    keys = list(pose_keys)
-
-    def residual(values: gtsam.Values, with_jacobians: bool) -> tuple[Array, Sequence[Array]]:
-        poses = [values.atPose3(key) for key in keys]
-        points = [pose.translation() for pose in poses]
-        e = straight_walk_residual(*points)[None]
-        if not with_jacobians:
-            return e, []
-        by_point = straight_walk_jacobians(*points)
-        H = [np.zeros((1, 6)) for _ in keys]
-        for H_, by, pose in zip(H, by_point, poses, strict=True):
-            H_[0, 3:] = by @ pose.rotation().matrix()
-        return e, H
-
-    return guarded_factor("straight walk", keys, [6] * len(keys), noise, residual)

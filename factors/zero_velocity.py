@@ -3,81 +3,79 @@
 A shoe on the ground is not at rest. It rolls slowly from heel to toe, and its sole gives way. A sensor at `l` from
 the point about which the foot rolls (body frame, from that point to the sensor) moves with
 
-    nav_v = nav_R_body (w x l) + nav_settling,
+    nav_v = R u + settling - s S up,     u = w x l,     R = nav_R_body,
 
-w the angular rate, bias taken off. The residual is the difference of the two sides, in the navigation frame:
+w the angular rate, bias taken off. All soles of a walk are the same: where they give way by more than was expected,
+they do so in every stance. So that excess is a variable S (m), of which a sole sinks by s = `sinks_per_m` (1/s, one
+over the time in which it settles). With D = diag(1/sigma) on nav's axes the residual is, in the body's axes,
 
-    e = nav_v - nav_R_body u - nav_settling,     u = w x l.
+    e = R^T D (nav_v - R u - settling + s S up),
+    de/dpose = [R^T D R [u]x + [e]x, 0],     de/dv = R^T D,     de/dS = s R^T D up.
 
-With pose perturbations (rotation, translation) in the body frame,
+Turned into the body's axes its square stays as it is. In navigation axes a residual turns with the heading, and
+Gauss-Newton, which has no second derivative to set against that, takes it for a measurement of the heading: each stance
+would add one over a radian squared.
 
-    de/dpose = [nav_R_body [u]x, 0],     de/dv = I.
+With l = 0 and no settling this is the plain zero-velocity update (ZUPT).
 
-All soles of a walk are the same: where they give way by more than was thought, they do so in every stance. With a
-variable S, m, for that excess, and a sole that sinks by `sinks_per_m` (1/s, one over the time in which it settles)
-faster for each metre of it, the residual has sinks_per_m S more upward, and de/dS = (0, 0, sinks_per_m).
-
-With l = 0 and no settling this is the plain zero-velocity update, for which gtsam's own `PriorFactorVector` does.
+Zero rate (ZARU). Over a rest the mean rate w of the gyroscope is its bias, and gtsam's own prior does: scale factors
+do nothing to a sensor that does not turn. A rest that is part of a stance is none (Skog et al. 2010, on zero angular
+rate): a foot that leans by half a degree in half a second shows its bias to 1 deg/s.
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import gtsam
 import numpy as np
 
-from .guarded import Array, guarded_factor
+from .guarded import Array
+from .rotation import skew
 
 
-def rolling_stance_residual(nav_R_body: Array, nav_v: Array, body_velocity: Array, nav_settling: Array) -> Array:
-    """Residual (..., 3) of one or many stances: attitudes (..., 3, 3), velocities (..., 3) m/s."""
-    return np.asarray(nav_v - np.einsum("...ab,...b->...a", nav_R_body, body_velocity) - nav_settling)
+@dataclass(frozen=True)
+class StanceVelocity:
+    """Velocity of a sensor on a rolling, settling foot; variables nav_T_body, nav_v (m/s) and the excess S (m).
+
+    `body_velocity` (..., 3) u, m/s; `settling` (..., 3) of the sole in nav, m/s; `sigma` (..., 3) on nav's axes, m/s;
+    `sinks_per_m` (...) 1/s.
+    """
+
+    name: ClassVar[str] = "stance velocity"
+    dims: ClassVar[tuple[int, ...]] = (6, 3, 1)
+    rows: ClassVar[int] = 3
+
+    body_velocity: Array
+    settling: Array
+    sigma: Array
+    sinks_per_m: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (..., 3) and its Jacobians by pose, velocity and excess."""
+        nav_T_body, nav_v, excess = variables
+        nav_R_body = nav_T_body[..., :3, :3]
+        off = nav_v - (nav_R_body @ self.body_velocity[..., None])[..., 0] - self.settling
+        off[..., 2] += self.sinks_per_m * excess[..., 0]
+        weight = np.swapaxes(nav_R_body, -1, -2) / self.sigma[..., None, :]
+        e = (weight @ off[..., None])[..., 0]
+        if not with_jacobians:
+            return e, []
+        by_pose = np.zeros((*e.shape, 6))
+        by_pose[..., :3] = weight @ nav_R_body @ skew(self.body_velocity) + skew(e)
+        return e, [by_pose, weight, self.sinks_per_m[..., None, None] * weight[..., 2:]]
 
 
-def rolling_stance_jacobian(nav_R_body: Array, body_velocity: Array) -> Array:
-    """Derivative (..., 3, 3) of the residual by the rotation of the pose: nav_R_body [u]x."""
-    columns = [np.cross(body_velocity, axis) for axis in np.eye(3)]
-    return nav_R_body @ np.stack(columns, axis=-1)
-
-
-def rolling_stance_factor(
-    pose_key: int,
-    velocity_key: int,
-    body_velocity: Array,
-    nav_settling: Array,
-    noise: gtsam.noiseModel.Base,
-    sole_key: int | None = None,
-    sinks_per_m: float = 0.0,
-) -> gtsam.CustomFactor:
-    """Tie the velocity of a sensor on a rolling, settling foot to its attitude.
+def zero_rate_factor(bias_key: int, rate: Array, sigma: float) -> gtsam.PriorFactorConstantBias:
+    """Prior on the gyroscope's half of a bias (imuBias.ConstantBias); that of the accelerometer stays free.
 
     Parameters
     ----------
-    pose_key, velocity_key
-        Keys of nav_T_body (Pose3) and nav_v (3-vector).
-    body_velocity : (3,) m/s
-        w x l in the body frame.
-    nav_settling : (3,) m/s
-        Velocity of the sole as it gives way, in the navigation frame.
-    noise
-        Of dimension 3, m/s, on the axes of the navigation frame.
-    sole_key
-        Key of the excess S (1-vector, m) by which the sole settles; None where that is known.
-    sinks_per_m : 1/s
-        By how much faster it sinks for each metre of it.
+    rate : (3,) rad/s
+        Mean over the rest.
+    sigma : rad/s
+        Of each axis.
     """
-    u = np.array(body_velocity, dtype=np.float64)
-    settling = np.array(nav_settling, dtype=np.float64)
-    by_velocity, by_sole = np.eye(3), np.array([[0.0], [0.0], [sinks_per_m]])
-    of_sole = [] if sole_key is None else [sole_key]
-
-    def residual(values: gtsam.Values, with_jacobians: bool) -> tuple[Array, list[Array]]:
-        nav_R_body = values.atPose3(pose_key).rotation().matrix()
-        e = rolling_stance_residual(nav_R_body, values.atVector(velocity_key), u, settling)
-        for key in of_sole:
-            e = e + by_sole @ values.atVector(key)
-        if not with_jacobians:
-            return e, []
-        by_pose = np.zeros((3, 6))
-        by_pose[:, :3] = rolling_stance_jacobian(nav_R_body, u)
-        return e, [by_pose, by_velocity, *(by_sole for _ in of_sole)]
-
-    keys = [pose_key, velocity_key, *of_sole]
-    return guarded_factor("rolling stance", keys, [6, 3, 1][: len(keys)], noise, residual)
+    bias = gtsam.imuBias.ConstantBias(np.zeros(3), np.asarray(rate, dtype=np.float64))
+    precisions = np.repeat([0.0, sigma**-2], 3)
+    return gtsam.PriorFactorConstantBias(bias_key, bias, gtsam.noiseModel.Diagonal.Precisions(precisions))

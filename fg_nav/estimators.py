@@ -116,14 +116,11 @@ def _filter(method: str) -> Estimator:
 
 
 def _swing_density(given: Given) -> float:
-    """Noise of the rate in a swing as the smoother finds it, for the filter that is to believe what it believes."""
+    """Noise of the rate in a swing as the smoother finds it, for the filter that is to use the same."""
     from fg_nav.smoother import SmootherParameters
-    from fg_nav.smoother.known import known_before
-    from fg_nav.start import starting_point
+    from fg_nav.smoother.problem import estimate_swing_noise
 
-    p = SmootherParameters()
-    rests = starting_point(given.recording, given.stances, parameters=p.rest).rests
-    return known_before(given.recording, given.stances, rests, p).swing.gyr_relative_density
+    return estimate_swing_noise(given.recording, given.stances, SmootherParameters())
 
 
 def _pocket(method: str) -> Estimator:

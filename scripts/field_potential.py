@@ -49,7 +49,7 @@ from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import OutputError
-from fg_nav.factors.field_potential import way_integral
+from fg_nav.factors.field_potential import integrate_field
 from fg_nav.factors.rotation import rotation_exp, turn_about_up
 from fg_nav.frames import wrap
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
@@ -198,7 +198,7 @@ def summed(way: Way, body_field: Floats) -> Way:
     """Return the way with the integrals of another field."""
     where, instants = way.trajectory, way.t[way.footfall]
     vertical = float(np.median(way.stance_field[:, 2]))
-    found = way_integral(way.t, where.nav_R_body, where.position, body_field, instants, vertical)
+    found = integrate_field(way.t, where.nav_R_body, where.position, body_field, instants, vertical)
     return replace(way, body_field=body_field, u=found.u - found.u[0], s=found.s - found.s[0])
 
 

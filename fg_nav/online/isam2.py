@@ -44,7 +44,7 @@ from fg_nav.online.backend import (
     weak_sigmas,
 )
 from fg_nav.online.strides import Place
-from fg_nav.smoother.covariances import marginal_covariances
+from fg_nav.smoother.marginals import marginal_covariances
 from fg_nav.smoother.solver import UNSOLVED
 
 ATTITUDE_RAD = 0.005

@@ -28,7 +28,7 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track, interpolate_stances
 from fg_nav.online.judge import SampleJudge
-from fg_nav.online.resolve import field_seen
+from fg_nav.online.resolve import measure_walk_field
 from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
@@ -141,7 +141,7 @@ class OnlineNavigator:
             recording = self.recording()
             if stances is None:
                 stances = detect_stances(recording, self.detection.stance)
-                field, _ = field_seen(recording, stances, self.options.heading_rad, self.options.use_field)
+                field, _ = measure_walk_field(recording, stances, self.options.heading_rad, self.options.use_field)
             found = self._solve_whole(recording, stances, field, progress)
         else:
             self.stances()  # or there was no walk

@@ -15,14 +15,13 @@ import numpy as np
 from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
+from fg_nav.factors.field_state import E_H, SIZE
 from fg_nav.online.backend import Backend, join_factors, list_factors, marginalize, weak_priors
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.strides import Place, StrideWindow, initialize_stride
-from fg_nav.online.ties import GraphTies
-from fg_nav.smoother.field_state import E_H, SIZE
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
-from fg_nav.smoother.strides import Stride, add_stride
+from fg_nav.smoother.strides import Stride, stride_graph
 
 REASON = "the walk had no solution here, and goes on from the footfall before"
 """In place of a verdict on the field."""
@@ -153,7 +152,7 @@ def _add_stride(
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Factors and values of the newest footfall: its stride and the prior, the last footfall marginalized."""
     graph = gtsam.NonlinearFactorGraph(prior)
-    add_stride(graph, GraphTies(graph), stride, p)
+    graph.push_back(stride_graph(stride, p))
     whole = gtsam.Values(held)
     whole.insert(values)
     before, place = window.before, window.place
@@ -169,9 +168,7 @@ def _predict_stride(window: StrideWindow, stride: Stride, held: gtsam.Values, p:
     """Values of the newest footfall by its stride alone; those of the last one, if they are not finite."""
     bias = held.atConstantBias(B(window.before.bias))
     try:
-        graph = gtsam.NonlinearFactorGraph()
-        add_stride(graph, GraphTies(graph), stride, p)
-        values = initialize_stride(window, graph, held, bias, p)
+        values = initialize_stride(window, stride_graph(stride, p), held, bias, p)
         if _is_finite(values, window.place):
             return values
     except UNSOLVED:

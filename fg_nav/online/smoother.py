@@ -28,12 +28,11 @@ from fg_nav.mechanisation import NavState
 from fg_nav.online.backend import Backend
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table, propagate_strapdown
-from fg_nav.online.field import Verdict
-from fg_nav.online.field_seen import seen_on
+from fg_nav.online.field import Verdict, measure_field
 from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.recovery import REASON, check_solution, recover
-from fg_nav.online.resolve import LAST_WITH_LAG, WARM_UPS, Warm, solve_so_far
+from fg_nav.online.resolve import LAST_WITH_LAG, RESOLVE_AT, WalkSolution, solve_so_far
 from fg_nav.online.strides import (
     CONTEXT_S,
     Place,
@@ -44,13 +43,12 @@ from fg_nav.online.strides import (
     list_places,
     measure_stride,
 )
-from fg_nav.online.ties import GraphTies
 from fg_nav.recording import MIN_SAMPLES, Recording
-from fg_nav.smoother.covariances import in_nav, turned_about_start
 from fg_nav.smoother.dense import Trajectory, dense_trajectory
+from fg_nav.smoother.marginals import in_nav, turn_covariance
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
-from fg_nav.smoother.strides import add_stride
+from fg_nav.smoother.strides import stride_graph
 from fg_nav.solution import StanceTable
 
 
@@ -93,7 +91,7 @@ class OnlineSmoother:
         self._frozen: list[EstimateRow] = []
         self._causal: list[EstimateRow] = []
         self._latest: StanceEstimate | None = None
-        self._batch: Warm | None = None
+        self._batch: WalkSolution | None = None
         self._rests = RestLedger()
 
     def add_footfall(self, footfall: Footfall, until: int) -> StanceEstimate:
@@ -197,8 +195,8 @@ class OnlineSmoother:
     def _schedule(self) -> tuple[int, ...]:
         """Footfalls at which the walk so far is solved again."""
         if self._options.lag_s is None:
-            return WARM_UPS
-        return tuple(step for step in WARM_UPS if step <= LAST_WITH_LAG)
+            return RESOLVE_AT
+        return tuple(step for step in RESOLVE_AT if step <= LAST_WITH_LAG)
 
     def _solve_again(self) -> bool:
         """Solve the walk so far in batch and go on from there; False where that finds no solution."""
@@ -207,7 +205,7 @@ class OnlineSmoother:
             recording, stances = self._walk.cut_whole(), self._walk.cut_stances(0, 0)
             batch = solve_so_far(recording, stances, options.heading_rad, options.use_field, options.parameters)
             places = list_places(batch.nodes, recording.t)
-            self._backend.reset(batch.graph, batch.values, places)
+            self._backend.reset(batch.problem.factors(), batch.values, places)
             check_solution(self._backend, places[-1])
         except UNSOLVED as error:
             if self._batch is None:
@@ -250,8 +248,7 @@ class OnlineSmoother:
         window = cut_window(self._walk, before, self._t_first, p)
         rests, ledger = self._rests.collect(window, self._options.parameters.rest)
         stride = measure_stride(window, known.gyro_bias, known.lever.lever, rests, p)
-        graph = gtsam.NonlinearFactorGraph()
-        add_stride(graph, GraphTies(graph), stride, p)
+        graph = stride_graph(stride, p)
         # Initial values of its variables, and the solution with them.
         linearized, bias = self._backend.linearization_point(), self._backend.bias(B(before.bias))
         values = initialize_stride(window, graph, linearized, bias, p)
@@ -268,7 +265,7 @@ class OnlineSmoother:
         last, batch, p = self._latest, self._batch, self._batch.parameters
         window = cut_window(self._walk, self._places[-1], self._t_first, p)
         stride = measure_stride(window, batch.known.gyro_bias, batch.known.lever.lever, (), p)
-        about_north = turned_about_start(last.position[None], batch.verdict.north_sigma)[0]
+        about_north = turn_covariance(last.position[None], batch.verdict.north_sigma)[0]
         recover(self._backend, last, last.pose_cov - about_north, window, stride, p, batch.field is not None)
         self._backend.take_marginalized()
         self._frozen += self._causal[len(self._frozen) :]
@@ -284,7 +281,7 @@ class OnlineSmoother:
         recording = window.recording.slice(begins, len(window.recording))
         stances = self._walk.cut_stances(window.before.number, window.first_sample + begins)
         track = self._track(recording, window, begins, p.gravity)
-        seen = seen_on(recording, stances, track, field.up_uT, p.magnetic)
+        seen = measure_field(recording, stances, track, field.up_uT, p.magnetic)
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         k, pose = window.place.number, self._backend.pose(X(window.place.result))
         state, verdict = field.add(
@@ -353,7 +350,7 @@ class OnlineSmoother:
         """Estimate of a footfall in navigation axes, with the uncertainty about north of the whole walk."""
         assert self._batch is not None
         position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
-        about_north = turned_about_start(position[None], self._batch.verdict.north_sigma)[0]
+        about_north = turn_covariance(position[None], self._batch.verdict.north_sigma)[0]
         return StanceEstimate(
             number=place.number,
             sample=place.sample,

@@ -20,11 +20,10 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import Rest, RestParameters, find_rests
 from fg_nav.online.buffer import WalkSoFar
 from fg_nav.recording import Recording
-from fg_nav.smoother.initial import initial_values
+from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.strides import Stride, strides_of
+from fg_nav.smoother.strides import Stride, preintegrate, strides_of
 from fg_nav.stances import Stances
 
 CONTEXT_S = 10.0

@@ -1,7 +1,7 @@
 """How rough the field of a walk is, measured on the walk itself.
 
 At footfall k the field deviates from the walk's mean, across it by delta (uT) and in potential by phi (uT m). Each is
-taken for a stationary process along the way,
+taken for a stationary process along the path,
 
     x_k = a_k x_{k-1} + w_k,    a_k = exp(-distance_k / length),    sd(w_k) = sigma sqrt(1 - a_k^2):
 
@@ -14,11 +14,13 @@ correlation of neighbours:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.factors.field_state import PHI, across_field
+from fg_nav.smoother.parameters import FieldParameters
 
 MAD_TO_SIGMA = 1.4826
 """Median absolute deviation to standard deviation, of a normal distribution."""
@@ -32,9 +34,22 @@ LEAST_STEP_M = 0.2
 MOST_CORRELATED = 0.98
 
 
+LEAST_SIGMA_UT = 0.2
+"""Spread of the field below which a walk's differences are the magnetometer's."""
+
+LEAST_REGIONAL_UT = 0.01
+"""Of a region: keeps the equations well conditioned where the field is the same everywhere."""
+
+POTENTIAL_PER_FIELD_M = 1.5
+"""Potential over field before it is measured: the reach of the steel of a building."""
+
+LEAST_POTENTIAL_PER_FIELD_M = 1.0
+"""And at least: a smoothed heading takes some of the potential for its own."""
+
+
 @dataclass(frozen=True)
 class Roughness:
-    """Of a deviation along the way: spread `sigma` (its unit) and correlation length, m."""
+    """Of a deviation along the path: spread `sigma` (its unit) and correlation length, m."""
 
     sigma: float
     length_m: float
@@ -66,7 +81,7 @@ def robust_sigma(values: Floats) -> float:
     return MAD_TO_SIGMA * float(np.median(np.abs(values)))
 
 
-def roughness(values: Floats, seen: Bools, distance_m: Floats, least_sigma: float) -> Roughness:
+def roughness_of(values: Floats, seen: Bools, distance_m: Floats, least_sigma: float) -> Roughness:
     """Measure the roughness.
 
     Parameters
@@ -89,7 +104,7 @@ def roughness(values: Floats, seen: Bools, distance_m: Floats, least_sigma: floa
     return Roughness(float(np.sqrt(variance)), -float(distance_m[strides].mean()) / np.log(rho))
 
 
-def regional(
+def roughness_of_regions(
     values: Floats, own: Floats, seen: Bools, distance_m: Floats, assumed: Roughness, reach_m: float, weight: float
 ) -> Roughness:
     """Measure how much whole regions deviate, beginning from an assumption that is worth `weight` regions.
@@ -129,3 +144,43 @@ NOTHING_KNOWN_M = 1.0
 
 LEAST_CORRELATED = 0.02
 """A correlation below is taken for this one: white from stride to stride."""
+
+
+def field_deviation(nav_field: Floats, reference: Floats) -> Floats:
+    """(F, 3) uT of fields (F, 3) across a horizontal one (F, 2), along it, and up."""
+    along = (nav_field[:, :2] * reference).sum(axis=1) / np.linalg.norm(reference, axis=1)
+    return np.stack([across_field(nav_field, reference), along, nav_field[:, 2]], axis=1)
+
+
+def usual_deviation(deviation: Floats) -> Floats:
+    """(3,) uT, the median of deviations (F, 3) along the mean field and up; none across it."""
+    return np.asarray(np.median(deviation, axis=0) * [0.0, 1.0, 1.0])
+
+
+def over_threshold(deviation: Floats, usual: Floats, p: FieldParameters) -> Floats:
+    """(F,) the largest component of deviations (F, c) over what the spread of the walk's usual ones (K, c) allows."""
+    spread = np.array([max(robust_sigma(column), LEAST_SIGMA_UT) for column in usual.T])
+    return np.asarray(np.abs(deviation / (p.outlier_sigmas * spread)).max(axis=1))
+
+
+def measure_roughness(
+    deviation: Floats, states: Floats | None, seen: Bools, distance_m: Floats, p: FieldParameters
+) -> FieldRoughness:
+    """Of deviations (F, 3) across, along and up, and of the potential where it is known from a round before."""
+    deviation = np.nan_to_num(deviation)
+    across = roughness_of(deviation[:, 0], seen, distance_m, LEAST_SIGMA_UT)
+    # Along and up no heading can hide: they stand for the deviation across as well.
+    steady = deviation[:, 1:]
+    own = np.array([max(robust_sigma(column[seen]), LEAST_SIGMA_UT) for column in steady.T])
+    beyond_sensor = np.sqrt(max(across.sigma**2 - LEAST_SIGMA_UT**2, LEAST_REGIONAL_UT**2))
+    assumed = Roughness(p.regional_share * float(beyond_sensor), p.regional_length_m)
+    region = roughness_of_regions(steady, own, seen, distance_m, assumed, across.length_m, p.regional_weight)
+    return FieldRoughness(_measure_potential(states, across, distance_m), across, region)
+
+
+def _measure_potential(states: Floats | None, across: Roughness, distance_m: Floats) -> Roughness:
+    if states is None:
+        return Roughness(POTENTIAL_PER_FIELD_M * across.sigma, POTENTIAL_PER_FIELD_M)
+    phi = states[:, PHI]
+    found = roughness_of(phi - np.median(phi), np.ones(len(phi), dtype=bool), distance_m, LEAST_SIGMA_UT)
+    return replace(found, sigma=max(found.sigma, LEAST_POTENTIAL_PER_FIELD_M * across.sigma))

@@ -1,9 +1,9 @@
-"""How noisy the gyroscope is in a swing, told by the walk itself.
+"""How noisy the gyroscope is in a swing, by the evidence of the walk itself.
 
 `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
 for scale, misalignment, coning between samples, a mount that gives, a range that is too small; it differs tenfold from
 sensor to sensor and from gait to gait, and too large a k costs as much as too small a one. The evidence of a few dozen
-strides tells it. With a graph that is linear about its minimum, and all that does not depend on k left out,
+strides shows it. With a graph that is linear about its minimum, and all that does not depend on k left out,
 
     -log p(z | k) = E + log|R| + 1/2 sum_i log|S_i(k)|                 (Laplace; MacKay 2003, section 27)
 
@@ -13,7 +13,7 @@ pessimistic.
 
 Pieces. The strides come in up to `PIECES` stretches from the beginning, the middle and the end, each with a gauge of
 its own, and their evidence is added. No k is taken that a piece alone finds too small by more than `MOST_NATS`: a walk
-that is run in part is believed no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides the cost is
+that is run in part is trusted no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides the cost is
 constant.
 
 Cost. The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
@@ -33,12 +33,9 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
-from fg_nav.smoother.initial import initial_values
-from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.graph import Known, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import solve, time_order
-from fg_nav.smoother.strides import VelocityTies, add_start, add_stride, gauge, strides_of
+from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
 from fg_nav.start import starting_point
 from fg_nav.wording import counted
@@ -47,10 +44,10 @@ LEVELS = (2e-3, 1e-3, 3e-4, 1e-4)
 """1/sqrt(Hz), falling. 2e-3 is a consumer sensor in a run; 1e-4 is the white noise of a good one over a swing."""
 
 PIECES, PIECE_STRIDES = 3, 50
-"""150 strides tell 3e-4 from 1e-4 by some 5 nats, 1e-3 from 3e-4 by 30."""
+"""150 strides separate 3e-4 from 1e-4 by some 5 nats, 1e-3 from 3e-4 by 30."""
 
 LONGEST_PIECE_S = 90.0
-"""A third more than 50 strides take; who stands in between shows nothing of a swing."""
+"""A third more than 50 strides take; standing in between shows nothing of a swing."""
 
 STANDING_S = 1.0
 """Of the standing before the first swing and after the last."""
@@ -73,46 +70,29 @@ class SwingNoise:
     note: str
 
 
-def swing_noise(
-    recording: Recording,
-    stances: Stances,
-    gyro_bias: Floats,
-    gyro_bias_sigma: float,
-    lever: Floats,
-    p: SmootherParameters,
-    levels: tuple[float, ...] = LEVELS,
+def choose_swing_noise(
+    recording: Recording, stances: Stances, known: Known, p: SmootherParameters, levels: tuple[float, ...] = LEVELS
 ) -> SwingNoise:
-    """Choose the noise of the rate in a swing.
+    """Choose the noise of the rate in a swing from these levels, 1/sqrt(Hz), falling.
 
-    Parameters
-    ----------
-    recording, stances
-        Of the same length.
-    gyro_bias, gyro_bias_sigma
-        Bias (3,) to linearise at and sigma of its prior about zero, rad/s.
-    lever : Floats
-        (3,) m, of the rolling foot.
-    p : SmootherParameters
-        All else; its own `gyr_relative_density` is kept where the walk is too short to tell.
-    levels : tuple of float
-        To choose from, 1/sqrt(Hz), falling.
+    The `gyr_relative_density` of `p` is kept where the walk is too short to show another.
     """
     evidences, strides = [], 0
     for piece_recording, piece_stances in _pieces(recording, stances):
         try:
-            piece = _Piece(piece_recording, piece_stances, gyro_bias, gyro_bias_sigma, lever, p)
+            piece = _Piece(piece_recording, piece_stances, known, p)
             evidences.append([piece.minus_log_evidence(level) for level in levels])
         except EstimationError:
             continue
         strides += piece_stances.n_footfalls - 1
     if not evidences:
         level = p.gyr_relative_density
-        return SwingNoise(level, f"swing noise {_words(level)}: too few strides to tell it from")
-    level = choose(levels, np.array(evidences))
+        return SwingNoise(level, f"swing noise {_words(level)}: too few strides to see it from")
+    level = choose_level(levels, np.array(evidences))
     return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {counted(strides, 'stride')}")
 
 
-def choose(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
+def choose_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
     """Level for a walk from the evidence (pieces, levels): see above."""
     level = np.array(levels)
     together = _near_best(minus_log_evidence.sum(axis=0))
@@ -167,46 +147,28 @@ def _cut(recording: Recording, stances: Stances, first: int, last: int) -> tuple
 
 
 class _Piece:
-    """The graph of a stretch, its noise free to change."""
+    """The problem of a stretch, its noise free to change."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        stances: Stances,
-        gyro_bias: Floats,
-        gyro_bias_sigma: float,
-        lever: Floats,
-        p: SmootherParameters,
-    ) -> None:
-        self._p = p
-        start = starting_point(recording, stances, 0.0, p.rest)
-        nodes = place_nodes(recording, stances, p)
-        self._order = time_order(nodes)
-        self._graph, self._ties = gtsam.NonlinearFactorGraph(), VelocityTies()
-        add_start(self._graph, gyro_bias_sigma, p)
-        self._graph.push_back(gauge(start.nav_R_body, p.gauge_sigma, p))
-        bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias)
-        low, high = (
-            list(preintegrate(recording, nodes.sample, bias, replace(p, gyr_relative_density=level))) for level in _BASE
-        )
-        strides = strides_of(recording, stances, nodes, iter(low), gyro_bias, lever, (), p)
-        for stride in strides:
-            add_stride(self._graph, self._ties, stride, p)
-        self._at_zero = np.array([measured.preintMeasCov() for measured in low])
-        self._by_square = np.array([measured.preintMeasCov() for measured in high]) - self._at_zero
-        self._values = initial_values(recording, stances, nodes, start.nav_R_body, gyro_bias, p.gravity)
-        factors = ((i, self._graph.at(i)) for i in range(self._graph.size()))
+    def __init__(self, recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> None:
+        nav_R_body = starting_point(recording, stances, 0.0, p.rest).nav_R_body
+        without_swing, with_some = (replace(p, gyr_relative_density=level) for level in _BASE)
+        self._problem = build_problem(recording, stances, nav_R_body, replace(known, rests=()), without_swing)
+        factors = ((i, self._problem.graph.at(i)) for i in range(self._problem.graph.size()))
         self._inertial = [(i, cast("gtsam.GalileanImuFactor", f)) for i, f in factors if f.size() == INERTIAL_KEYS]
+        bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
+        high = preintegrate(recording, self._problem.nodes.sample, bias, with_some)
+        self._at_zero = np.array([f.preintegratedMeasurements().preintMeasCov() for _, f in self._inertial])
+        self._by_square = np.array([measured.preintMeasCov() for measured in high]) - self._at_zero
 
     def minus_log_evidence(self, level: float) -> float:
         """Of the swing noise `level`, up to a constant."""
         covariance = self._at_zero + (level / _BASE[1]) ** 2 * self._by_square
+        graph, blocks = self._problem.graph, self._problem.blocks
         for (i, factor), noise in zip(self._inertial, covariance, strict=True):
-            self._graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
-        p = self._p
-        solved = solve(self._graph, [self._ties], self._values, self._order, p.convergence, p.largest_steps)
-        self._values = solved.values
-        error = self._graph.error(solved.values) + self._ties.error(solved.values)
+            graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
+        solved = solve(self._problem)
+        self._problem = replace(self._problem, values=solved.values)
+        error = graph.error(solved.values) + sum(block.error(solved.values) for block in blocks)
         return float(error + _log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
 
 

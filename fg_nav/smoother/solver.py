@@ -1,9 +1,9 @@
 """Gauss-Newton with halved steps, its outer loop in Python so that no factor is handed a copy of the values.
 
-    repeat   linearise, eliminate, step; halve the step while it raises the error
+    repeat   linearize, eliminate, step; halve the step while it raises the error
     until    the error after the step is the one that the linear model promised
 
-where the model holds its minimum is that of the graph: one linearisation less than waiting for a step that changes
+where the model holds its minimum is that of the graph: one linearization less than waiting for a step that changes
 nothing, and its Bayes tree serves for the marginals. QR elimination: the information of a bias over hours and of a
 node over milliseconds differ by more than Cholesky bears. The variables are eliminated in the order of time, which on
 a chain is as good as any ordering and leaves the last footfall at the root.
@@ -17,7 +17,7 @@ from typing import Protocol
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, S, V, X
+from gtsam.symbol_shorthand import B, M, S, V, X, Z
 
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.smoother.nodes import Nodes
@@ -29,17 +29,17 @@ UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)
 matrix that cannot be divided by, no convergence."""
 
 
-class Part(Protocol):
-    """A part of the graph that is linearised in numpy, many factors of a kind together."""
+class LinearizableBlock(Protocol):
+    """Factors that are linearized next to the graph, many of a kind together in numpy."""
 
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearised at these values."""
+        """Yield its factors, linearized at these values."""
 
 
-class Native:
+class GtsamFactors:
     """Factors of gtsam that are not in the graph of the walk."""
 
     def __init__(self, *factors: gtsam.NonlinearFactor) -> None:
@@ -52,15 +52,16 @@ class Native:
         return float(self._graph.error(values))
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearised at these values."""
+        """Yield its factors, linearized at these values."""
         linear = self._graph.linearize(values)
         return (linear.at(i) for i in range(linear.size()))
 
 
-def time_order(nodes: Nodes, with_field: bool = False) -> gtsam.Ordering:
+def time_order(nodes: Nodes, with_field: bool = False, floors: int = 0) -> gtsam.Ordering:
     """Order in which the variables are eliminated: node by node, bias and settling after the last node that uses them.
 
-    With the field its state M at each footfall follows the node of the footfall's result.
+    With the field its state M at each footfall follows the node of the footfall's result. Floors come after all else,
+    as the walk may come back to each.
     """
     ordering = gtsam.Ordering()
     bias = nodes.bias[nodes.footfall]
@@ -75,27 +76,29 @@ def time_order(nodes: Nodes, with_field: bool = False) -> gtsam.Ordering:
             ordering.push_back(M(footfall[j]))
     ordering.push_back(S(bias[-1]))
     ordering.push_back(B(bias[-1]))
+    for floor in range(floors):
+        ordering.push_back(Z(floor))
     return ordering
 
 
 @dataclass(frozen=True)
 class Solved:
-    """Values at the minimum, the Bayes tree of the last linearisation, and the number of linearisations."""
+    """Values at the minimum, the Bayes tree of the last linearization, and the number of linearizations."""
 
     values: gtsam.Values
     tree: gtsam.GaussianBayesTree
     steps: int
 
 
-def solve(
+def minimize(
     graph: gtsam.NonlinearFactorGraph,
-    parts: Sequence[Part],
+    blocks: Sequence[LinearizableBlock],
     values: gtsam.Values,
     ordering: gtsam.Ordering,
     convergence: float,
     largest_steps: int,
 ) -> Solved:
-    """Minimise the error of the graph and its parts.
+    """Minimize the error of the graph and its blocks.
 
     Parameters
     ----------
@@ -109,8 +112,8 @@ def solve(
     """
     error = np.inf
     for steps in range(1, largest_steps + 1):
-        tree, step, promised = _solve_linear(graph, parts, values, ordering)
-        values, error = _descend(graph, parts, values, step, error)
+        tree, step, promised = _solve_linear(graph, blocks, values, ordering)
+        values, error = _descend(graph, blocks, values, step, error)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * ordering.size():
@@ -122,13 +125,16 @@ def solve(
 
 
 def _solve_linear(
-    graph: gtsam.NonlinearFactorGraph, parts: Sequence[Part], values: gtsam.Values, ordering: gtsam.Ordering
+    graph: gtsam.NonlinearFactorGraph,
+    blocks: Sequence[LinearizableBlock],
+    values: gtsam.Values,
+    ordering: gtsam.Ordering,
 ) -> tuple[gtsam.GaussianBayesTree, gtsam.VectorValues, float]:
-    """Bayes tree of the linearised graph, its minimum, and the error there."""
+    """Bayes tree of the linearized graph, its minimum, and the error there."""
     try:
         linear = graph.linearize(values)
-        for part in parts:
-            for factor in part.linearize(values):
+        for block in blocks:
+            for factor in block.linearize(values):
                 linear.push_back(factor)
         tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
         step = tree.optimize()
@@ -141,7 +147,7 @@ def _solve_linear(
 
 def _descend(
     graph: gtsam.NonlinearFactorGraph,
-    parts: Sequence[Part],
+    blocks: Sequence[LinearizableBlock],
     values: gtsam.Values,
     step: gtsam.VectorValues,
     before: float,
@@ -149,7 +155,7 @@ def _descend(
     """Values after the step, halved as often as it takes not to raise the error `before` it, and their error."""
     for _ in range(MOST_HALVINGS):
         moved = values.retract(step)
-        error = graph.error(moved) + sum(part.error(moved) for part in parts)
+        error = graph.error(moved) + sum(block.error(moved) for block in blocks)
         if error <= before:
             return moved, error
         step = step.scale(0.5)

@@ -1,11 +1,11 @@
-"""One function turns a stride into factors; a walk is its strides, added one after the other.
+"""From samples to strides, and from strides to factors: a walk is its strides, added one after the other.
 
 Variables: pose X and velocity V at each node; for the footfalls of ten seconds one bias B and one excess S of the
 settling of the sole. A stride is a footfall and the swing that led to it. It adds
 
 * inertial factors from the last node of the footfall before, through all nodes of this one;
-* at each node a tie of the velocity, V = R (w x l) + settling - S / (duration of the stance) up, with a sigma that
-  grows with how fast the foot turns and how far its specific force is from gravity there;
+* at each node the velocity of the stance (`factors.zero_velocity`), V = R (w x l) + settling - S / (duration of the
+  stance) up, with a sigma that grows with how fast the foot turns and how far its specific force is from gravity there;
 * where a new bias begins, random-walk factors of B and S from those before;
 * for each rest in the footfall, what it shows of the gyro bias.
 
@@ -14,28 +14,37 @@ adds up stride by stride, not by the root of their number. Nothing inertial show
 looks like none. So S is a variable, m: known to its prior, but where floors or fixes show the height it is learned, and
 all strides between have the profit.
 
-The velocity tie is `factors.rolling_stance_factor`, its residual turned into the body's axes. There are thousands in a
-walk, and each costs a call from C++ into Python at every linearisation; `VelocityTies` holds them all, and linearises
-them together in numpy.
-
 The first footfall has in place of the swing a prior on the bias, and the gauge: position and heading by definition,
 tilt from gravity.
+
+Preintegration is Galilean: each sample is held over its own period, and a constant body rate and specific force are
+integrated exactly; the default preintegration of GTSAM is first order in the period, and its error on a swinging foot
+looks like a yaw bias. The noise of an interval is the mean over its samples of
+
+    s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
+
+and the interval gets the same total as from a noise set sample by sample. What is less certain, on an axis at the end
+of its range and before a gap (`fg_nav.sample_noise`), is so at its own sample: a force that was hidden when the foot
+pushed off moves the end of its swing, and one that was hidden when it came down does not. A gap is integrated in steps
+of the sample period: within a step, what turns does not yet move.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, S, V, X
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import Rest
-from fg_nav.factors import rolling_stance_jacobian, rolling_stance_residual, zero_rate_factor
-from fg_nav.factors.rotation import skew
+from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.recording import Recording
+from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.stances import Stances
@@ -51,9 +60,7 @@ class Stride:
     """What a footfall and the swing before it measured.
 
     Nodes `first <= j < last`, bias `bias` and before the footfall `bias_before`, begun `bias_age_s` ago;
-    `measurements` from each node's predecessor to it (none before the very first);
-    `body_velocity`, `settling`, `velocity_sigma` (last - first, 3) m/s of the sensor in stance, `sinks_per_m`
-    (last - first,) m/s by which it sinks faster for each metre that the sole settles more.
+    `measurements` from each node's predecessor to it (none before the very first); `velocity` at each of the nodes.
     """
 
     first: int
@@ -62,10 +69,7 @@ class Stride:
     bias_before: int
     bias_age_s: float
     measurements: list[gtsam.PreintegratedImuMeasurementsG]
-    body_velocity: Floats
-    settling: Floats
-    velocity_sigma: Floats
-    sinks_per_m: Floats
+    velocity: StanceVelocity
     rests: list[Rest]
 
 
@@ -102,81 +106,42 @@ def strides_of(
             bias_before=nodes.bias[max(k - 1, 0)],
             bias_age_s=t[k] - begun[nodes.bias[max(k - 1, 0)]],
             measurements=[next(measurements) for _ in range(max(first, 1), last)],
-            body_velocity=body_velocity[first:last],
-            settling=settling[first:last],
-            velocity_sigma=sigma[first:last],
-            sinks_per_m=sinks_per_m[first:last],
+            velocity=StanceVelocity(
+                body_velocity[first:last], settling[first:last], sigma[first:last], sinks_per_m[first:last]
+            ),
             rests=rests_of.get(k, []),
         )
 
 
-class VelocityTies:
-    """The velocity ties of a walk: residual e = V - R u - settling + sinks_per_m S up, over sigma.
-
-    With u = w x l in the body frame, and S the excess of the settling that the footfall's number `sole` has.
-    """
-
-    def __init__(self) -> None:
-        self._node: list[int] = []
-        self._body_velocity: list[Floats] = []
-        self._settling: list[Floats] = []
-        self._sigma: list[Floats] = []
-        self._sole: list[int] = []
-        self._sinks_per_m: list[float] = []
-
-    def add(
-        self, node: int, body_velocity: Floats, settling: Floats, sigma: Floats, sole: int, sinks_per_m: float
-    ) -> None:
-        """Add the tie of a node: velocities and sigmas (3,) m/s, excess S(sole), and `sinks_per_m` 1/s."""
-        self._node.append(node)
-        self._body_velocity.append(body_velocity)
-        self._settling.append(settling)
-        self._sigma.append(sigma)
-        self._sole.append(sole)
-        self._sinks_per_m.append(sinks_per_m)
-
-    def error(self, values: gtsam.Values) -> float:
-        """Half the sum of squares of the residuals over their sigmas."""
-        residual, _ = self._residuals(values)
-        return 0.5 * float((residual**2).sum())
-
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
-        """Yield the linearised ties: r = R^T e / sigma, dr/dpose = [R^T (R [u]x / sigma) + [r]x, 0], dr/dV = R^T/sigma.
-
-        And dr/dS = sinks_per_m dr/dV up.
-
-        The residual is turned into the body's axes, which leaves its square as it is. In navigation axes a residual
-        turns with the heading, and Gauss-Newton, which has no second derivative to set against that, takes it for a
-        measurement of the heading: each tie would add one over a radian squared.
-        """
-        residual, attitude = self._residuals(values)
-        weight = attitude.transpose(0, 2, 1) / np.array(self._sigma)[:, None, :]
-        turned = np.einsum("kji,kj->ki", attitude, residual)
-        by_pose = np.zeros((len(weight), 3, 6))
-        by_pose[:, :, :3] = weight @ rolling_stance_jacobian(attitude, np.array(self._body_velocity)) + skew(turned)
-        by_excess = weight[:, :, 2:] * np.array(self._sinks_per_m)[:, None, None]
-        unit = gtsam.noiseModel.Unit.Create(3)
-        for j, k, A, B_, C, b in zip(self._node, self._sole, by_pose, weight, by_excess, -turned, strict=True):
-            yield gtsam.JacobianFactor(X(j), A, V(j), B_, S(k), C, b, unit)
-
-    def _residuals(self, values: gtsam.Values) -> tuple[Floats, Floats]:
-        """Residuals over sigma (J, 3), and attitudes (J, 3, 3)."""
-        attitude = np.array([values.atPose3(X(j)).rotation().matrix() for j in self._node])
-        velocity = np.array([values.atVector(V(j)) for j in self._node])
-        body_velocity, settling = np.array(self._body_velocity), np.array(self._settling)
-        settling[:, 2] -= np.array(self._sinks_per_m) * [values.atVector(S(k))[0] for k in self._sole]
-        residual = rolling_stance_residual(attitude, velocity, body_velocity, settling)
-        return residual / np.array(self._sigma), attitude
+def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
+    """Add the factors of a stride but those of its velocities, which a batch linearizes together (`velocity_block`)."""
+    _add_inertial(graph, stride)
+    _add_sensor(graph, stride, p)
 
 
-def add_stride(graph: gtsam.NonlinearFactorGraph, ties: VelocityTies, stride: Stride, p: SmootherParameters) -> None:
-    """Turn a stride into factors."""
+def velocity_block(stride: Stride) -> ResidualBlock:
+    """Return the velocities of a stride's stance, with their keys."""
+    return ResidualBlock(stride.velocity, [(X(j), V(j), S(stride.bias)) for j in range(stride.first, stride.last)])
+
+
+def stride_graph(stride: Stride, p: SmootherParameters) -> gtsam.NonlinearFactorGraph:
+    """Return all factors of a stride, one by one."""
+    graph = gtsam.NonlinearFactorGraph()
+    _add_inertial(graph, stride)
+    for factor in velocity_block(stride).factors():
+        graph.push_back(factor)
+    _add_sensor(graph, stride, p)
+    return graph
+
+
+def _add_inertial(graph: gtsam.NonlinearFactorGraph, stride: Stride) -> None:
     for j, measurement in enumerate(stride.measurements, start=max(stride.first, 1)):
         bias = B(stride.bias_before if j == stride.first else stride.bias)
         graph.push_back(gtsam.GalileanImuFactor(X(j - 1), V(j - 1), X(j), V(j), bias, measurement))
-    for i, j in enumerate(range(stride.first, stride.last)):
-        velocity = stride.body_velocity[i], stride.settling[i], stride.velocity_sigma[i]
-        ties.add(j, *velocity, stride.bias, float(stride.sinks_per_m[i]))
+
+
+def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
+    """Add the random walk of bias and settling where a new one begins, and the rests."""
     if stride.bias != stride.bias_before:
         walk = np.repeat([p.acc_bias_walk, np.radians(p.gyro_bias_walk_deg_s)], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
@@ -191,21 +156,6 @@ def add_start(graph: gtsam.NonlinearFactorGraph, gyro_bias_sigma: float, p: Smoo
     """Add the priors on the bias and on the excess of the settling."""
     graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(p.acc_bias_sigma, gyro_bias_sigma))
     graph.push_back(gtsam.PriorFactorVector(S(0), np.zeros(1), _one_sigma(p.settling_sigma_m)))
-
-
-def gauge(nav_R_body: Floats, heading_sigma: float, p: SmootherParameters) -> gtsam.PriorFactorPose3:
-    """Fix the gauge at the first node: position zero, this attitude, its heading with a sigma in rad."""
-    pose = gtsam.Pose3(gtsam.Rot3(nav_R_body), np.zeros(3))
-    tilt = np.radians(p.tilt_sigma_deg)
-    nav_rotation = np.diag([tilt, tilt, heading_sigma]) ** 2
-    covariance = np.eye(6) * p.gauge_sigma**2
-    covariance[:3, :3] = nav_R_body.T @ nav_rotation @ nav_R_body
-    return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
-
-
-def gauge_of(nav_R_body: Floats, free: bool, p: SmootherParameters) -> gtsam.PriorFactorPose3:
-    """Fix the gauge at an attitude whose heading is free to be found, or is so by definition."""
-    return gauge(nav_R_body, np.radians(p.unknown_heading_deg) if free else p.gauge_sigma, p)
 
 
 NO_CHANGE = gtsam.imuBias.ConstantBias()
@@ -267,3 +217,57 @@ def _by_footfall(rests: tuple[Rest, ...], nodes: Nodes) -> dict[int, list[Rest]]
     for rest, footfall in zip(rests, nodes.footfall[nearest], strict=True):
         found.setdefault(int(footfall), []).append(rest)
     return found
+
+
+def preintegrate(
+    recording: Recording,
+    sample: Ints,
+    bias: gtsam.imuBias.ConstantBias,
+    p: SmootherParameters,
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[gtsam.PreintegratedImuMeasurementsG]:
+    """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
+    acc_noise, gyr_noise = _interval_variances(recording, sample, p)
+    doubt = [size**2 for size in find_extra_sigmas(recording, p.saturated_share)]
+    doubted = np.concatenate([[0], np.cumsum((doubt[0] + doubt[1]).any(axis=1))])[sample]
+    period = np.diff(recording.t).tolist()
+    force, rate = recording.integrable
+    params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
+    params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
+    for k, (i, j) in enumerate(pairwise(sample)):
+        params.setAccelerometerCovariance(np.diag(acc_noise[k]))
+        params.setGyroscopeCovariance(np.diag(gyr_noise[k]))
+        measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
+        integrate = measurement.integrateMeasurement
+        samples = zip(force[i:j], rate[i:j], period[i:j], strict=True)
+        if doubted[k] == doubted[k + 1]:
+            for acc, gyr, h in samples:
+                integrate(acc, gyr, h)
+        else:
+            for (acc, gyr, h), acc_doubt, gyr_doubt in zip(samples, doubt[0][i:j], doubt[1][i:j], strict=True):
+                params.setAccelerometerCovariance(np.diag(acc_noise[k] + acc_doubt * h))
+                params.setGyroscopeCovariance(np.diag(gyr_noise[k] + gyr_doubt * h))
+                steps = max(1, round(h / recording.period_s))
+                for _ in range(steps):
+                    integrate(acc, gyr, h / steps)
+        if progress is not None and k % 64 == 0:
+            progress(k / len(sample))
+        yield measurement
+
+
+def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameters) -> tuple[Floats, Floats]:
+    """Squared noise densities (M-1, 3) of specific force and rate in each interval, without what is doubted."""
+    off_gravity = np.linalg.norm(recording.acc, axis=1) - p.gravity
+    rate_squared = (recording.gyr**2).sum(axis=1)
+    acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2
+    gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * rate_squared
+    h = np.append(np.diff(recording.t), recording.period_s)
+    acc, gyr = (np.repeat(variance[:, None], 3, axis=1) for variance in (acc, gyr))
+    return _means(acc, h, sample), _means(gyr, h, sample)
+
+
+def _means(values: Floats, h: Floats, sample: Ints) -> Floats:
+    """Mean (M-1, 3) over the time from each node to the next of values (N, 3), each held for `h` (N,) seconds."""
+    total = np.vstack([np.zeros(3), np.cumsum(values * h[:, None], axis=0)])
+    elapsed = np.concatenate([[0.0], np.cumsum(h)])
+    return np.asarray(np.diff(total[sample], axis=0) / np.diff(elapsed[sample])[:, None])

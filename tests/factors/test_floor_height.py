@@ -8,16 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fg_nav.factors.floor_height import (
-    FloorParameters,
-    floor_height_factor,
-    floor_height_jacobian,
-    floor_height_residual,
-    floor_labels,
-)
+from fg_nav.factors.floor_height import FloorHeight, FloorParameters, floor_labels
+from fg_nav.factors.residual import factor_of
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
-UNIT = gtsam.noiseModel.Unit.Create(1)
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
 heights = st.floats(-50, 50)
 
@@ -32,27 +26,19 @@ def values_of(rotvec, position, floor):
 @given(rotvec=vectors, position=vectors, floor=heights)
 @settings(max_examples=20, deadline=None)
 def test_jacobians_are_the_derivatives_on_the_manifold(rotvec, position, floor):
-    assert_jacobians_are_derivatives(floor_height_factor(X(0), Z(0), UNIT), values_of(rotvec, position, floor), 1e-6)
+    assert_jacobians_are_derivatives(
+        factor_of(FloorHeight(1.0), [X(0), Z(0)]), values_of(rotvec, position, floor), 1e-6
+    )
 
 
 @given(rotvec=vectors, position=vectors, floor=heights, across=vectors, up=heights)
 @settings(max_examples=20, deadline=None)
 def test_only_the_height_above_the_floor_counts(rotvec, position, floor, across, up):
-    factor = floor_height_factor(X(0), Z(0), UNIT)
+    factor = factor_of(FloorHeight(1.0), [X(0), Z(0)])
     here = residual(factor, values_of(rotvec, position, floor))
     elsewhere = position + np.array([across[0], across[1], up])
     assert here == pytest.approx([position[2] - floor])
     assert residual(factor, values_of(-rotvec, elsewhere, floor + up)) == pytest.approx(here, abs=1e-9)
-
-
-def test_many_are_as_each_alone():
-    rng = np.random.default_rng(0)
-    z, floor, R = rng.normal(size=4), rng.normal(size=4), Rotation.random(4, rng=rng).as_matrix()
-    e, H = floor_height_residual(z, floor), floor_height_jacobian(R)
-    assert e.shape == (4, 1)
-    for k in range(4):
-        assert e[k] == floor_height_residual(z[k], floor[k])
-        np.testing.assert_array_equal(H[k], floor_height_jacobian(R[k]))
 
 
 STOREY, RISER = 3.4, 0.34
@@ -68,7 +54,7 @@ def up_and_down(level=20):
 
 @given(seed=st.integers(0, 1000), drift=st.floats(-0.015, 0.015), shift=heights)
 @settings(max_examples=40, deadline=None)
-def test_floors_are_told_apart_in_spite_of_drift(seed, drift, shift):
+def test_floors_are_distinguished_in_spite_of_drift(seed, drift, shift):
     height, floor = up_and_down()
     seen = height + shift + drift * np.arange(len(height)) + np.random.default_rng(seed).normal(0, 0.01, len(height))
     np.testing.assert_array_equal(floor_labels(seen), floor)
@@ -113,7 +99,7 @@ def climbed(rng, sigma, step_sigma, floors=True):
             graph.push_back(gtsam.BetweenFactorPose3(X(k - 1), X(k), step, step_noise))
     labels = floor_labels(at)
     for k in np.flatnonzero(labels >= 0) if floors else []:
-        graph.push_back(floor_height_factor(X(k), Z(labels[k]), gtsam.noiseModel.Isotropic.Sigma(1, sigma)))
+        graph.push_back(factor_of(FloorHeight(sigma), [X(k), Z(labels[k])]))
     for f in np.unique(labels[labels >= 0]) if floors else []:
         values.insert(Z(f), np.array([at[labels == f].mean()]))
     values = values.retract(graph.linearize(values).optimize())
@@ -129,13 +115,3 @@ def test_a_floor_visited_again_gets_its_height_back_within_the_sigma_that_is_rep
     assert np.sqrt(np.mean(without**2)) > 0.12
     assert np.sqrt(np.mean(with_it[:, 0] ** 2)) < 0.03
     assert with_it[:, 1].mean() == pytest.approx(1.0, abs=3.5 * np.sqrt(2 / 60))
-
-
-def test_a_robust_noise_lets_a_mat_be():
-    huber = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
-    noise = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Isotropic.Sigma(1, 0.01))
-    factor = floor_height_factor(X(0), Z(0), noise)
-    on_a_mat = values_of(np.zeros(3), np.array([0.0, 0.0, 0.08]), 0.0)
-    assert factor.error(on_a_mat) < 0.5 * floor_height_factor(
-        X(0), Z(0), gtsam.noiseModel.Isotropic.Sigma(1, 0.01)
-    ).error(on_a_mat)

@@ -11,16 +11,15 @@ from scipy.stats import norm
 
 from fg_nav.factors.straight_walk import (
     StraightParameters,
+    change_of_course,
+    change_of_course_slopes,
     has_course,
     straight_probability,
     straight_triples,
-    straight_walk_factor,
-    straight_walk_jacobians,
     straight_walk_loss,
-    straight_walk_noise,
-    straight_walk_residual,
 )
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
+from tests.factors.straight import straight_walk_factor, straight_walk_noise
 
 UNIT = gtsam.noiseModel.Unit.Create(1)
 POSES = [X(0), X(1), X(2)]
@@ -48,7 +47,7 @@ def values_at(footfalls, seed=0):
 @settings(max_examples=30, deadline=None)
 def test_the_residual_is_the_turn(course, turn, origin, stride, climb, seed):
     footfalls = points(course, turn, stride, origin, climb)
-    assert straight_walk_residual(*footfalls) == pytest.approx(turn, abs=1e-9)
+    assert change_of_course(*footfalls) == pytest.approx(turn, abs=1e-9)
     assert residual(straight_walk_factor(POSES, UNIT), values_at(footfalls, seed)) == pytest.approx([turn], abs=1e-9)
 
 
@@ -56,28 +55,28 @@ def test_the_residual_is_the_turn(course, turn, origin, stride, climb, seed):
 @settings(max_examples=30, deadline=None)
 def test_neither_where_nor_whereto_matters_and_the_way_back_turns_the_other_way(footfalls, yaw, shift):
     assume(has_course(*footfalls, 0.3))
-    turn = straight_walk_residual(*footfalls)
+    turn = change_of_course(*footfalls)
     assume(abs(turn) < 3.1)
     moved = [Rotation.from_euler("z", yaw).apply(p) + shift for p in footfalls]
-    assert straight_walk_residual(*moved) == pytest.approx(turn, abs=1e-9)
-    assert straight_walk_residual(*footfalls[::-1]) == pytest.approx(-turn, abs=1e-9)
+    assert change_of_course(*moved) == pytest.approx(turn, abs=1e-9)
+    assert change_of_course(*footfalls[::-1]) == pytest.approx(-turn, abs=1e-9)
 
 
 @given(footfalls=st.tuples(vectors, vectors, vectors), seed=seeds)
 @settings(max_examples=30, deadline=None)
 def test_jacobians_are_the_derivatives_on_the_manifold(footfalls, seed):
     assume(has_course(*footfalls, 0.3))
-    assume(abs(straight_walk_residual(*footfalls)) < 3.1)
+    assume(abs(change_of_course(*footfalls)) < 3.1)
     assert_jacobians_are_derivatives(straight_walk_factor(POSES, UNIT), values_at(footfalls, seed))
 
 
 def test_many_are_as_each_alone():
     before, here, after = np.random.default_rng(2).normal(size=(3, 4, 2, 3))
-    turns, jacobians = straight_walk_residual(before, here, after), straight_walk_jacobians(before, here, after)
+    turns, jacobians = change_of_course(before, here, after), change_of_course_slopes(before, here, after)
     assert turns.shape == (4, 2)
     for i in np.ndindex(4, 2):
-        assert turns[i] == straight_walk_residual(before[i], here[i], after[i])
-        for H, alone in zip(jacobians, straight_walk_jacobians(before[i], here[i], after[i]), strict=True):
+        assert turns[i] == change_of_course(before[i], here[i], after[i])
+        for H, alone in zip(jacobians, change_of_course_slopes(before[i], here[i], after[i]), strict=True):
             np.testing.assert_array_equal(H[i], alone)
 
 
@@ -157,14 +156,14 @@ PRIOR = np.radians(0.5)
 
 
 def drift_found(footfalls, drift, rounds=30):
-    """Drift per stride that a prior and the belief in straight walking find, and its sigma; the first guess is zero."""
+    """Drift per stride that a prior and straight walking find, and its sigma; the first guess is zero."""
     p, guess = DEFAULT, 0.0
     for _ in range(rounds):
         position, by_drift = reckoned(footfalls, drift - guess)
         triples = straight_triples(position)
         there = np.moveaxis(position[triples], 1, 0)
-        x = straight_walk_residual(*there) / p.sigma
-        by_point = np.stack(straight_walk_jacobians(*there), axis=1)
+        x = change_of_course(*there) / p.sigma
+        by_point = np.stack(change_of_course_slopes(*there), axis=1)
         H = -(by_point * by_drift[triples]).sum(axis=(1, 2)) / p.sigma
         weight = straight_probability(x, p.odds_of_curve)
         information = (weight * H**2).sum() + PRIOR**-2

@@ -8,10 +8,10 @@ import pytest
 from gtsam.symbol_shorthand import M
 
 from fg_nav.detection import detect_stances
+from fg_nav.factors.field_state import PHI
 from fg_nav.frames import heading_of
 from fg_nav.online import OnlineNavigator, isam2, smoother
 from fg_nav.online.buffer import rows_of
-from fg_nav.smoother.field_state import PHI
 from tests.online.walks import TOLD, push, short_walk
 
 STRIDES = 16
@@ -28,7 +28,7 @@ NEAR = 8
 
 @pytest.fixture(autouse=True)
 def solved_again_early(monkeypatch):
-    monkeypatch.setattr(smoother, "WARM_UPS", SOLVED_AGAIN)
+    monkeypatch.setattr(smoother, "RESOLVE_AT", SOLVED_AGAIN)
 
 
 def walked(field_there: np.ndarray | float, lag_s: float | None = None) -> OnlineNavigator:

@@ -18,18 +18,18 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.fixed_lag import FixedLagBackend
-from fg_nav.online.resolve import WARM_UPS, solve_so_far
+from fg_nav.online.resolve import RESOLVE_AT, solve_so_far
 from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.field_parameters import FieldParameters
+from fg_nav.smoother.parameters import FieldParameters
 from tests.online.walks import TOLD, push, short_walk
 from tests.simulated import corridor
 from tests.smoother.walks import Walk, demo, part
 
 FOOTFALLS = 40
 EARTH = np.array([1.0, 20.0, -43.0])
-WITH_WAY = SmootherParameters(magnetic=FieldParameters(potential_least_way_m=0.0))
+WITH_WAY = SmootherParameters(magnetic=FieldParameters(potential_least_path_m=0.0))
 
 
 @cache
@@ -157,7 +157,7 @@ def test_a_lag_keeps_what_left_it_and_little_else():
 
 
 def test_samples_are_forgotten_after_the_last_warm_up(monkeypatch):
-    monkeypatch.setattr("fg_nav.online.smoother.WARM_UPS", (1, 4, 8))
+    monkeypatch.setattr("fg_nav.online.smoother.RESOLVE_AT", (1, 4, 8))
     lagged = fed(demo(), OnlineOptions(lag_s=8.0))
     kept = lagged._walk.buffer
     assert lagged._walk.stop - kept.first < 30.0 * 200.0
@@ -168,7 +168,7 @@ def test_samples_are_forgotten_after_the_last_warm_up(monkeypatch):
 def test_a_long_walk_is_cut_and_nothing_else_changes(monkeypatch):
     """When the graph is full its older half leaves: as told then in the past, and as a prior for what follows."""
     monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 12)
-    monkeypatch.setattr("fg_nav.online.smoother.WARM_UPS", (1, 2, 3, 4, 8))
+    monkeypatch.setattr("fg_nav.online.smoother.RESOLVE_AT", (1, 2, 3, 4, 8))
     cut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
     monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 2000)
     uncut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
@@ -229,7 +229,7 @@ def test_a_long_standing_told_in_pieces_is_one_rest():
 @pytest.mark.parametrize("options", [OnlineOptions(), OnlineOptions(lag_s=8.0)])
 def test_a_warm_up_that_fails_late_leaves_no_trace(monkeypatch, options):
     """Nothing of it is left in the graph, whether it has no solution or one that is not finite."""
-    monkeypatch.setattr(online_smoother, "WARM_UPS", (1, 4, 8))
+    monkeypatch.setattr(online_smoother, "RESOLVE_AT", (1, 4, 8))
     tables = []
     for broken in ("solve_so_far", "check_solution"):
         whole_of_it, calls = getattr(online_smoother, broken), []
@@ -267,8 +267,8 @@ def test_what_is_no_walk_is_refused():
 
 
 def test_warm_ups_rise():
-    assert list(WARM_UPS) == sorted(set(WARM_UPS))
-    assert WARM_UPS[0] == 1
+    assert list(RESOLVE_AT) == sorted(set(RESOLVE_AT))
+    assert RESOLVE_AT[0] == 1
 
 
 def cut_into_its_last_standing() -> Recording:
@@ -290,7 +290,7 @@ def test_the_end_of_the_samples_makes_no_rest():
 
 
 def test_nor_does_the_end_of_a_window(monkeypatch):
-    monkeypatch.setattr(online_smoother, "WARM_UPS", (1, 2, 3, 4))
+    monkeypatch.setattr(online_smoother, "RESOLVE_AT", (1, 2, 3, 4))
     recording = cut_into_its_last_standing()
     navigator = OnlineNavigator(replace(TOLD, use_field=False))
     push(navigator, rows_of(recording))

@@ -22,13 +22,13 @@ BEGINS = 7
 
 @pytest.fixture(autouse=True)
 def early_warm_ups(monkeypatch):
-    monkeypatch.setattr(smoother, "WARM_UPS", (1, 2, 3, 4))
+    monkeypatch.setattr(smoother, "RESOLVE_AT", (1, 2, 3, 4))
 
 
 @pytest.fixture(scope="module")
 def undisturbed():
     patched = pytest.MonkeyPatch()
-    patched.setattr(smoother, "WARM_UPS", (1, 2, 3, 4))
+    patched.setattr(smoother, "RESOLVE_AT", (1, 2, 3, 4))
     tables = {lag: walked(lag).causal() for lag in LAGS}
     patched.undo()
     return tables

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.field_noise import FEWEST, NOTHING_KNOWN_M, Roughness, regional, robust_sigma, roughness
+from fg_nav.smoother.field_noise import (
+    FEWEST,
+    NOTHING_KNOWN_M,
+    Roughness,
+    robust_sigma,
+    roughness_of,
+    roughness_of_regions,
+)
 
 LEAST_UT = 0.2
 STRIDE_M = 1.3
@@ -29,7 +36,7 @@ def found(seed: int, sigma: float, length_m: float, count: int = 400) -> Roughne
     rng = np.random.default_rng(seed)
     distance = strides(rng, count)
     values = drawn(rng, sigma, length_m, distance)
-    return roughness(values, np.ones(count + 1, dtype=bool), distance, LEAST_UT)
+    return roughness_of(values, np.ones(count + 1, dtype=bool), distance, LEAST_UT)
 
 
 @pytest.mark.parametrize(("sigma", "length_m"), [(5.0, 0.8), (2.0, 3.0), (8.0, 10.0)])
@@ -55,14 +62,14 @@ def test_a_field_that_is_new_at_each_footfall_is_told_from_one_that_lasts() -> N
 
 
 def test_a_field_that_does_not_change_at_all_has_a_length_that_is_finite() -> None:
-    one = roughness(np.full(50, 3.0), np.ones(50, dtype=bool), np.full(49, STRIDE_M), LEAST_UT)
+    one = roughness_of(np.full(50, 3.0), np.ones(50, dtype=bool), np.full(49, STRIDE_M), LEAST_UT)
     assert one.sigma == pytest.approx(3.0)
     assert 50.0 < one.length_m < 100.0
 
 
 def test_a_field_that_swings_from_side_to_side_has_a_length_that_is_positive() -> None:
     values = 3.0 * (-1.0) ** np.arange(50)
-    one = roughness(values, np.ones(50, dtype=bool), np.full(49, STRIDE_M), LEAST_UT)
+    one = roughness_of(values, np.ones(50, dtype=bool), np.full(49, STRIDE_M), LEAST_UT)
     assert 0.0 < one.length_m < 0.5
 
 
@@ -77,9 +84,9 @@ def test_a_magnet_on_the_way_does_not_set_the_scale() -> None:
     distance = strides(rng, 300)
     values = drawn(rng, 2.0, 1.0, distance)
     seen = np.ones(301, dtype=bool)
-    clean = roughness(values, seen, distance, LEAST_UT)
+    clean = roughness_of(values, seen, distance, LEAST_UT)
     values[[20, 21, 150, 290]] = 500.0, -300.0, 1e4, -80.0
-    beside_magnets = roughness(values, seen, distance, LEAST_UT)
+    beside_magnets = roughness_of(values, seen, distance, LEAST_UT)
     assert beside_magnets.sigma == pytest.approx(clean.sigma, rel=0.2)
     assert beside_magnets.length_m == pytest.approx(clean.length_m, rel=0.5)
     assert np.std(values) > 100 * clean.sigma
@@ -97,11 +104,11 @@ def test_standing_between_the_strides_does_not_lengthen_them() -> None:
     rng = np.random.default_rng(5)
     distance = strides(rng, 400)
     values = drawn(rng, 3.0, 1.5, distance)
-    walked = roughness(values, np.ones(401, dtype=bool), distance, LEAST_UT)
+    walked = roughness_of(values, np.ones(401, dtype=bool), distance, LEAST_UT)
     stood = np.repeat(values, 2)
     between = np.zeros(2 * 401 - 1)
     between[1::2] = distance
-    paused = roughness(stood, np.ones(802, dtype=bool), between, LEAST_UT)
+    paused = roughness_of(stood, np.ones(802, dtype=bool), between, LEAST_UT)
     assert paused.length_m == pytest.approx(walked.length_m, rel=1e-6)
     assert paused.sigma == pytest.approx(walked.sigma, rel=1e-6)
 
@@ -112,29 +119,29 @@ def test_footfalls_that_were_not_seen_are_left_out() -> None:
     values = drawn(rng, 3.0, 4.0, distance)
     seen = np.arange(2001) % 5 > 0
     hidden = np.where(seen, values, 0.0)
-    all_seen = roughness(values, np.ones(2001, dtype=bool), distance, LEAST_UT)
-    partly = roughness(hidden, seen, distance, LEAST_UT)
+    all_seen = roughness_of(values, np.ones(2001, dtype=bool), distance, LEAST_UT)
+    partly = roughness_of(hidden, seen, distance, LEAST_UT)
     assert partly.sigma == pytest.approx(all_seen.sigma, rel=0.05)
     assert partly.length_m == pytest.approx(all_seen.length_m, rel=0.2)
-    counted = roughness(hidden, np.ones(2001, dtype=bool), distance, LEAST_UT)
+    counted = roughness_of(hidden, np.ones(2001, dtype=bool), distance, LEAST_UT)
     assert counted.length_m < 0.7 * all_seen.length_m
 
 
 @pytest.mark.parametrize("count", [0, 1, FEWEST - 1])
 def test_too_few_strides_tell_a_spread_and_no_length(count: int) -> None:
     values = 5.0 * np.ones(count + 1)
-    one = roughness(values, np.ones(count + 1, dtype=bool), np.full(count, STRIDE_M), LEAST_UT)
+    one = roughness_of(values, np.ones(count + 1, dtype=bool), np.full(count, STRIDE_M), LEAST_UT)
     assert one == Roughness(5.0, NOTHING_KNOWN_M)
 
 
 def test_where_nothing_was_seen_the_spread_is_the_sensor_s() -> None:
-    one = roughness(np.zeros(20), np.zeros(20, dtype=bool), np.full(19, STRIDE_M), LEAST_UT)
+    one = roughness_of(np.zeros(20), np.zeros(20, dtype=bool), np.full(19, STRIDE_M), LEAST_UT)
     assert one == Roughness(LEAST_UT, NOTHING_KNOWN_M)
 
 
 def test_the_noise_of_the_sensor_is_no_roughness() -> None:
     rng = np.random.default_rng(0)
-    one = roughness(0.05 * rng.standard_normal(100), np.ones(100, dtype=bool), strides(rng, 99), LEAST_UT)
+    one = roughness_of(0.05 * rng.standard_normal(100), np.ones(100, dtype=bool), strides(rng, 99), LEAST_UT)
     assert one == Roughness(LEAST_UT, NOTHING_KNOWN_M)
 
 
@@ -154,7 +161,7 @@ def region_of(rng: np.random.Generator, sigma: float, own: float, own_m: float, 
         [drawn(rng, sigma, ASSUMED.length_m, distance) + drawn(rng, own, own_m, distance) for _ in range(2)], axis=1
     )
     spread = np.full(2, np.hypot(sigma, own))
-    return regional(values, spread, np.ones(count + 1, dtype=bool), distance, ASSUMED, own_m, WEIGHT)
+    return roughness_of_regions(values, spread, np.ones(count + 1, dtype=bool), distance, ASSUMED, own_m, WEIGHT)
 
 
 @pytest.mark.parametrize("sigma", [0.5, 10.0])
@@ -182,9 +189,9 @@ def test_a_homogeneous_field_has_almost_no_regions() -> None:
     rng = np.random.default_rng(0)
     values = 0.05 * rng.standard_normal((200, 2))
     seen, distance = np.ones(200, dtype=bool), strides(rng, 199)
-    across = roughness(values[:, 0], seen, distance, LEAST_UT)
+    across = roughness_of(values[:, 0], seen, distance, LEAST_UT)
     assumed = Roughness(across.sigma, 20.0)
-    one = regional(values, np.full(2, LEAST_UT), seen, distance, assumed, across.length_m, WEIGHT)
+    one = roughness_of_regions(values, np.full(2, LEAST_UT), seen, distance, assumed, across.length_m, WEIGHT)
     assert one.sigma <= LEAST_UT
     assert one.length_m == 20.0
 
@@ -194,19 +201,21 @@ def test_a_magnet_makes_no_region() -> None:
     values = 0.5 * rng.standard_normal((400, 2))
     seen, distance = np.ones(400, dtype=bool), strides(rng, 399)
     own, assumed = np.full(2, 0.5), Roughness(0.5, 20.0)
-    clean = regional(values, own, seen, distance, assumed, 0.5, WEIGHT)
+    clean = roughness_of_regions(values, own, seen, distance, assumed, 0.5, WEIGHT)
     values[[100, 300]] = 800.0
-    assert regional(values, own, seen, distance, assumed, 0.5, WEIGHT).sigma == pytest.approx(clean.sigma, rel=0.2)
+    assert roughness_of_regions(values, own, seen, distance, assumed, 0.5, WEIGHT).sigma == pytest.approx(
+        clean.sigma, rel=0.2
+    )
 
 
 @pytest.mark.parametrize("seen", [np.zeros(30, dtype=bool), np.arange(30) == 29], ids=["none", "the last"])
 def test_where_nothing_was_seen_the_assumption_stands(seen: np.ndarray) -> None:
-    one = regional(np.zeros((30, 2)), np.full(2, 1.0), seen, np.full(29, STRIDE_M), ASSUMED, 1.0, WEIGHT)
+    one = roughness_of_regions(np.zeros((30, 2)), np.full(2, 1.0), seen, np.full(29, STRIDE_M), ASSUMED, 1.0, WEIGHT)
     expected = ASSUMED.sigma * np.sqrt(WEIGHT / (WEIGHT + seen.sum()))
     assert one == Roughness(pytest.approx(expected), ASSUMED.length_m)
 
 
 def test_a_foot_that_only_stands_is_in_one_region() -> None:
     values = np.full((40, 2), 3.0)
-    one = regional(values, np.full(2, 3.0), np.ones(40, dtype=bool), np.zeros(39), ASSUMED, 0.0, WEIGHT)
+    one = roughness_of_regions(values, np.full(2, 3.0), np.ones(40, dtype=bool), np.zeros(39), ASSUMED, 0.0, WEIGHT)
     assert one.sigma == pytest.approx(np.sqrt((WEIGHT * 25.0 + 9.0) / (WEIGHT + 1)))

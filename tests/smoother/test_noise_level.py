@@ -10,16 +10,20 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
+from fg_nav.calibration import RollingLever
 from fg_nav.recording import Recording
 from fg_nav.smoother import noise_level
+from fg_nav.smoother.graph import Known
 from fg_nav.smoother.nodes import place_nodes
-from fg_nav.smoother.noise_level import LEVELS, choose, swing_noise
-from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.smoother.noise_level import LEVELS, choose_level, choose_swing_noise
+from fg_nav.smoother.solver import time_order
+from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
 from tests.simulated import LEVER
 from tests.smoother.walks import DEFAULT, Walk, noise_free, part
 
 BIAS_SIGMA = np.radians(DEFAULT.gyro_bias_sigma_deg_s)
+KNOWN = Known(np.zeros(3), BIAS_SIGMA, (), RollingLever(np.array(LEVER), np.zeros((3, 3)), 0))
 
 
 def noisy(level: float, seed: int = 0, share: float = 0.0, white: float = 0.01) -> Walk:
@@ -34,15 +38,13 @@ def noisy(level: float, seed: int = 0, share: float = 0.0, white: float = 0.01) 
 
 
 def chosen(walk: Walk) -> float:
-    return swing_noise(
-        walk.recording, walk.stances, np.zeros(3), BIAS_SIGMA, np.array(LEVER), DEFAULT
-    ).gyr_relative_density
+    return choose_swing_noise(walk.recording, walk.stances, KNOWN, DEFAULT).gyr_relative_density
 
 
 @cache
 def whole_piece() -> noise_level._Piece:
     walk = part(noise_free(), 12)
-    return noise_level._Piece(walk.recording, walk.stances, np.zeros(3), BIAS_SIGMA, np.array(LEVER), DEFAULT)
+    return noise_level._Piece(walk.recording, walk.stances, KNOWN, DEFAULT)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -58,12 +60,12 @@ def test_a_part_that_is_noisier_is_not_outvoted(monkeypatch: pytest.MonkeyPatch)
 
 def test_what_a_piece_refutes_is_not_chosen() -> None:
     agreed = [0.0, 30.0, 60.0, 90.0]
-    assert choose(LEVELS, np.array([agreed[::-1], agreed[::-1]])) == LEVELS[-1]
-    assert choose(LEVELS, np.array([agreed[::-1], [90.0, 0.0, 10.0, 40.0], agreed[::-1]])) == LEVELS[1]
+    assert choose_level(LEVELS, np.array([agreed[::-1], agreed[::-1]])) == LEVELS[-1]
+    assert choose_level(LEVELS, np.array([agreed[::-1], [90.0, 0.0, 10.0, 40.0], agreed[::-1]])) == LEVELS[1]
 
 
 def test_the_largest_is_chosen_that_is_not_refuted() -> None:
-    assert choose(LEVELS, np.array([[9.0, 2.9, 0.0, 0.5]])) == LEVELS[1]
+    assert choose_level(LEVELS, np.array([[9.0, 2.9, 0.0, 0.5]])) == LEVELS[1]
 
 
 def test_evidence_is_that_of_the_gaussian() -> None:
@@ -72,10 +74,12 @@ def test_evidence_is_that_of_the_gaussian() -> None:
     found, expected = [], []
     for level in (1e-3, 1e-4):
         found.append(piece.minus_log_evidence(level))
-        linear = piece._graph.linearize(piece._values)
-        for tie in piece._ties.linearize(piece._values):
-            linear.push_back(tie)
-        A, b = linear.jacobian(piece._order)
+        problem = piece._problem
+        linear = problem.graph.linearize(problem.values)
+        for block in problem.blocks:
+            for factor in block.linearize(problem.values):
+                linear.push_back(factor)
+        A, b = linear.jacobian(time_order(problem.nodes))
         scale = np.linalg.norm(A, axis=0)
         left, singular, _ = np.linalg.svd(A / scale, full_matrices=False)
         error = 0.5 * (b @ b - ((left.T @ b) ** 2).sum())
@@ -87,7 +91,7 @@ def test_evidence_is_that_of_the_gaussian() -> None:
 
 def _noises(piece: noise_level._Piece) -> list[Floats]:
     """Covariances of the inertial factors as they are now."""
-    models = [cast(gtsam.GalileanImuFactor, piece._graph.at(i)).noiseModel() for i, _ in piece._inertial]
+    models = [cast(gtsam.GalileanImuFactor, piece._problem.graph.at(i)).noiseModel() for i, _ in piece._inertial]
     return [cast(gtsam.noiseModel.Gaussian, model).covariance() for model in models]
 
 
@@ -104,7 +108,7 @@ def test_noise_of_a_level_is_that_integrated_with_it() -> None:
 
 def test_a_walk_too_short_keeps_its_level_and_says_so() -> None:
     walk = part(noise_free(), 4)
-    found = swing_noise(walk.recording, walk.stances, np.zeros(3), BIAS_SIGMA, np.array(LEVER), DEFAULT)
+    found = choose_swing_noise(walk.recording, walk.stances, KNOWN, DEFAULT)
     assert found.gyr_relative_density == DEFAULT.gyr_relative_density
     assert "too few strides" in found.note
 

@@ -12,7 +12,7 @@ from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.samples.peaks import rebuild_peaks
 from fg_nav.samples.saturation import find_saturated
-from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.smoother.strides import preintegrate
 from tests.smoother.walks import DEFAULT, demo
 
 NO_BIAS = gtsam.imuBias.ConstantBias()

@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
-from fg_nav.smoother.solver import MOST_HALVINGS, Solved, solve
+from fg_nav.smoother.solver import MOST_HALVINGS, Solved, minimize
 from tests.smoother.walks import DEFAULT, demo, minimum, node_arrays, problem
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
@@ -43,7 +43,7 @@ def run(
     largest_steps: int = 25,
 ) -> Solved:
     """Solve a graph that is no walk."""
-    return solve(graph, [], values, ordering(*keys), convergence, largest_steps)
+    return minimize(graph, [], values, ordering(*keys), convergence, largest_steps)
 
 
 def test_a_walk_takes_few_steps_to_its_minimum() -> None:
@@ -97,7 +97,7 @@ def test_a_step_uphill_is_not_taken() -> None:
     graph, values = of_one_vector(residual, start=1.0)
     with pytest.raises(EstimationError, match="did not converge"):
         run(graph, values, largest_steps=3)
-    assert seen.count(2.0) >= 3  # where the first step led: linearised there, and there again
+    assert seen.count(2.0) >= 3  # where the first step led: linearized there, and there again
     assert min(x for x in seen[2:] if x != 2.0) == pytest.approx(2.0 + 0.5 ** (MOST_HALVINGS - 1))
 
 

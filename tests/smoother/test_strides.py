@@ -61,32 +61,32 @@ def test_solution_is_that_of_the_exact_factors(walk) -> None:
     assert degrees < 0.01
 
 
-def test_linearised_ties_have_error_and_slope_of_the_factors() -> None:
-    """At any point. Their curvature differs: the ties are written in the body's axes (`test_tie_invariance`)."""
-    ties, exact = problem(part(demo(), 4)), with_exact_factors(part(demo(), 4))
+def test_linearized_velocities_have_error_and_slope_of_the_factors() -> None:
+    """At any point. Their curvature differs: the velocities are written in the body's axes (`test_invariance`)."""
+    walk, exact = problem(part(demo(), 4)), with_exact_factors(part(demo(), 4))
     rng = np.random.default_rng(0)
     values, none = gtsam.Values(), gtsam.VectorValues()
-    for j in range(len(ties.nodes)):
+    for j in range(len(walk.nodes)):
         values.insert(X(j), gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.standard_normal(3)), rng.standard_normal(3)))
         values.insert(V(j), 0.01 * rng.standard_normal(3))
         none.insert(X(j), np.zeros(6))
         none.insert(V(j), np.zeros(3))
-    for k in range(ties.nodes.bias[-1] + 1):
+    for k in range(walk.nodes.bias[-1] + 1):
         values.insert(S(k), 0.01 * rng.standard_normal(1))
         none.insert(S(k), np.zeros(1))
     factors = [f for f in map(exact.graph.at, range(exact.graph.size())) if isinstance(f, gtsam.CustomFactor)]
-    assert len(factors) == len(ties.nodes)
-    assert ties.ties.error(values) == pytest.approx(sum(f.error(values) for f in factors), rel=1e-9)
+    assert len(factors) == len(walk.nodes)
+    assert walk.velocities.error(values) == pytest.approx(sum(f.error(values) for f in factors), rel=1e-9)
     by_tie, by_factor = gtsam.GaussianFactorGraph(), gtsam.GaussianFactorGraph()
-    for tie, factor in zip(ties.ties.linearize(values), factors, strict=True):
+    for tie, factor in zip(walk.velocities.linearize(values), factors, strict=True):
         by_tie.push_back(tie)
         by_factor.push_back(factor.linearize(values))
     assert by_tie.error(none) == pytest.approx(by_factor.error(none), rel=1e-9)
     slope, expected = by_tie.gradientAtZero(), by_factor.gradientAtZero()
-    for j in range(len(ties.nodes)):
+    for j in range(len(walk.nodes)):
         for key in (X(j), V(j)):
             np.testing.assert_allclose(slope.at(key), expected.at(key), rtol=1e-9, atol=1e-9)
-    for k in range(ties.nodes.bias[-1] + 1):
+    for k in range(walk.nodes.bias[-1] + 1):
         np.testing.assert_allclose(slope.at(S(k)), expected.at(S(k)), rtol=1e-9, atol=1e-9)
 
 
@@ -97,7 +97,7 @@ def stance_truth(walk: Walk) -> tuple[Floats, Floats]:
 
 
 def at_nodes(one: Problem, name: str) -> Floats:
-    return np.concatenate([getattr(stride, name) for stride in one.strides])
+    return np.concatenate([getattr(stride.velocity, name) for stride in one.strides])
 
 
 def inner_nodes(one: Problem) -> np.ndarray:
@@ -150,9 +150,9 @@ def test_a_standing_in_pieces_sinks_no_more_than_in_one() -> None:
     )
     strides = problem(Walk(walk.recording, cut)).strides
     first, second = (strides[s.footfall[k] + i] for i in (0, 1))
-    assert first.settling.any()
-    assert not second.settling.any()
-    assert not second.sinks_per_m.any()
+    assert first.velocity.settling.any()
+    assert not second.velocity.settling.any()
+    assert not second.velocity.sinks_per_m.any()
 
 
 def test_a_sole_settles_once_in_a_footfall_though_its_stance_is_in_pieces() -> None:
@@ -168,12 +168,12 @@ def test_a_sole_settles_once_in_a_footfall_though_its_stance_is_in_pieces() -> N
     )
     whole, pieces = (problem(Walk(walk.recording, stances)).strides for stances in (s, torn))
     footfall = int(s.footfall[k])
-    per_m = whole[footfall].sinks_per_m[0]
-    np.testing.assert_allclose(pieces[footfall].sinks_per_m, per_m)
-    np.testing.assert_allclose(pieces[footfall].settling[:, 2], -DEFAULT.settling_m * per_m)
+    per_m = whole[footfall].velocity.sinks_per_m[0]
+    np.testing.assert_allclose(pieces[footfall].velocity.sinks_per_m, per_m)
+    np.testing.assert_allclose(pieces[footfall].velocity.settling[:, 2], -DEFAULT.settling_m * per_m)
 
 
-def test_ties_are_firm_where_the_foot_is_still() -> None:
+def test_velocities_are_firm_where_the_foot_is_still() -> None:
     """Three stances between swings: still, turning at 0.5 rad/s, pushed at 0.5 m/s^2 off gravity."""
     n, stances = 500, Stances.from_mask(np.isin(np.arange(500) // 100, [0, 2, 4]))
     acc, gyr = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1)), np.zeros((n, 3))
@@ -182,19 +182,19 @@ def test_ties_are_firm_where_the_foot_is_still() -> None:
     acc[400:, 2] += 0.5
     recording = Recording(t=np.arange(n) / 200.0, acc=acc, gyr=gyr)
     one = problem(Walk(recording, stances), KNOWN)
-    sigma, p = at_nodes(one, "velocity_sigma"), DEFAULT
+    sigma, p = at_nodes(one, "sigma"), DEFAULT
     expected = np.hypot(p.velocity_sigma, np.array([0.0, 0.5 * p.roll_sigma_m, 0.5 * p.unsteady_s]))
     np.testing.assert_allclose(sigma[:, :2], np.repeat(expected[one.nodes.interval][:, None], 2, axis=1), rtol=1e-9)
     assert np.all(sigma[:, 2] > sigma[:, 0])  # how deep a sole sinks is not known
 
 
-def test_velocity_in_stance_is_within_the_sigma_of_its_tie() -> None:
+def test_velocity_in_stance_is_within_its_sigma() -> None:
     walk = noise_free()
     one = problem(walk)
     velocity, attitude = stance_truth(walk)
     sample = one.nodes.sample
     said = np.einsum("nij,nj->ni", attitude[sample], at_nodes(one, "body_velocity")) + at_nodes(one, "settling")
-    z = (velocity[sample] - said) / at_nodes(one, "velocity_sigma")
+    z = (velocity[sample] - said) / at_nodes(one, "sigma")
     assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.2)
 
 
@@ -202,7 +202,7 @@ def test_plain_zero_velocity_is_zero_and_equally_firm() -> None:
     one = problem(demo(), PLAIN)
     assert not at_nodes(one, "body_velocity").any()
     assert not at_nodes(one, "settling").any()
-    np.testing.assert_allclose(at_nodes(one, "velocity_sigma"), PLAIN.velocity_sigma)
+    np.testing.assert_allclose(at_nodes(one, "sigma"), PLAIN.velocity_sigma)
 
 
 def test_every_node_is_reached_and_every_rest_is_told_once() -> None:
@@ -248,12 +248,12 @@ def functions_that_mention(name: str) -> Iterator[str]:
 
 
 def test_one_function_turns_a_stride_into_factors() -> None:
-    assert list(functions_that_mention("GalileanImuFactor")) == ["add_stride"]
-    assert list(functions_that_mention("BetweenFactorConstantBias")) == ["add_stride"]
+    assert list(functions_that_mention("GalileanImuFactor")) == ["_add_inertial"]
+    assert list(functions_that_mention("BetweenFactorConstantBias")) == ["_add_sensor"]
     source = Path(fg_nav.smoother.__file__).parent
-    calls = [path.name for path in source.glob("*.py") if "ties.add(" in path.read_text(encoding="utf-8")]
+    calls = [path.name for path in source.glob("*.py") if "StanceVelocity(" in path.read_text(encoding="utf-8")]
     assert calls == ["strides.py"]
-    assert list(functions_that_mention("body_velocity")) == ["add_stride"]
+    assert not list(functions_that_mention("body_velocity"))
 
 
 def test_a_walk_is_its_strides_one_after_the_other() -> None:

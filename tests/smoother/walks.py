@@ -1,28 +1,29 @@
 """Walks to smooth, simulated and real, and their graphs before they are solved."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import B, S, V, X
+from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration import estimate_lever
 from fg_nav.detection import detect_stances, find_rests
-from fg_nav.factors import rolling_stance_factor
+from fg_nav.factors import guarded_factor
+from fg_nav.factors.residual import ResidualBlock, join_blocks, one_of
+from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.frames import levelled
 from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.initial import initial_values
+from fg_nav.smoother.graph import StartPrior, initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
-from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import Solved, solve, time_order
-from fg_nav.smoother.strides import Stride, VelocityTies, add_start, add_stride, gauge, strides_of
+from fg_nav.smoother.solver import Solved, minimize, time_order
+from fg_nav.smoother.strides import Stride, add_start, add_stride, preintegrate, strides_of, velocity_block
 from fg_nav.stances import Stances
 from tests.real_data import DATA
 from tests.simulated import IDEAL, QUIET, corridor
@@ -94,30 +95,17 @@ def part(walk: Walk, footfalls: int) -> Walk:
 
 @dataclass(frozen=True)
 class Problem:
-    """A walk's graph, its velocity ties, and where its solution starts."""
+    """A walk's graph, the velocities of its stances, and where its solution starts."""
 
     nodes: Nodes
     strides: list[Stride]
     graph: gtsam.NonlinearFactorGraph
-    ties: VelocityTies
+    velocities: ResidualBlock
     initial: gtsam.Values
     ordering: gtsam.Ordering
 
 
-class NoTies(VelocityTies):
-    """In place of `VelocityTies`, to leave them out."""
-
-    def add(self, *_: object) -> None:
-        pass
-
-    def error(self, values: gtsam.Values) -> float:
-        return 0.0
-
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
-        return iter(())
-
-
-def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: VelocityTies | None = None) -> Problem:
+def problem(walk: Walk, p: SmootherParameters = DEFAULT) -> Problem:
     """Build the graph of a walk from the smoother's own parts, in its own order."""
     recording, stances = walk.recording, walk.stances
     rests = find_rests(recording, p.rest)
@@ -127,32 +115,43 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT, ties: VelocityTies | No
     start = levelled(recording.acc[stances.start[0] : stances.stop[0]].mean(axis=0))
     measurements = preintegrate(recording, nodes.sample, gtsam.imuBias.ConstantBias(np.zeros(3), bias), p)
     graph = gtsam.NonlinearFactorGraph()
-    ties = VelocityTies() if ties is None else ties
-    graph.push_back(gauge(start, p.gauge_sigma, p))
+    graph.push_back(StartPrior(start, p.gauge_sigma).factor(p))
     add_start(graph, np.radians(p.gyro_bias_sigma_deg_s), p)
     strides = list(strides_of(recording, stances, nodes, measurements, bias, lever, rests, p))
     for stride in strides:
-        add_stride(graph, ties, stride, p)
+        add_stride(graph, stride, p)
+    velocities = join_blocks([velocity_block(stride) for stride in strides])
     initial = initial_values(recording, stances, nodes, start, bias, p.gravity)
-    return Problem(nodes, strides, graph, ties, initial, time_order(nodes))
+    return Problem(nodes, strides, graph, velocities, initial, time_order(nodes))
+
+
+def rolling_stance_factor(keys: Sequence[int], one: StanceVelocity) -> gtsam.CustomFactor:
+    """The velocity of a stance in navigation axes, as it is written in the books: e = V - R u - settling + s S up."""
+
+    def residual(values: gtsam.Values, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
+        R = values.atPose3(keys[0]).rotation().matrix()
+        sinks = np.array([[0.0], [0.0], [float(one.sinks_per_m)]])
+        e = values.atVector(keys[1]) - R @ one.body_velocity - one.settling + sinks @ values.atVector(keys[2])
+        by_turn = R @ np.stack([np.cross(one.body_velocity, axis) for axis in np.eye(3)], axis=-1)
+        return e, [np.hstack([by_turn, np.zeros((3, 3))]), np.eye(3), sinks] if with_jacobians else []
+
+    noise = gtsam.noiseModel.Diagonal.Sigmas(one.sigma)
+    return guarded_factor("rolling stance", list(keys), [6, 3, 1], noise, residual)
 
 
 def with_exact_factors(walk: Walk) -> Problem:
-    """The graph of the same strides, its ties the factors of the ground floor."""
-    one = problem(walk, ties=NoTies())
-    for stride in one.strides:
-        for i, j in enumerate(range(stride.first, stride.last)):
-            noise = gtsam.noiseModel.Diagonal.Sigmas(stride.velocity_sigma[i])
-            velocity = stride.body_velocity[i], stride.settling[i]
-            sole = S(stride.bias), float(stride.sinks_per_m[i])
-            tie = rolling_stance_factor(X(j), V(j), *velocity, noise, *sole)
-            one.graph.push_back(tie)
-    return one
+    """The graph of the same strides, the velocities of their stances in navigation axes."""
+    one = problem(walk)
+    velocities = one.velocities.residuals
+    assert isinstance(velocities, StanceVelocity)
+    for k, keys in enumerate(one.velocities.keys):
+        one.graph.push_back(rolling_stance_factor(keys, one_of(velocities, k)))
+    return replace(one, velocities=ResidualBlock(velocities, []))
 
 
 def minimum(one: Problem, convergence: float = DEFAULT.convergence) -> Solved:
     """Solve a problem as the smoother does."""
-    return solve(one.graph, [one.ties], one.initial, one.ordering, convergence, DEFAULT.largest_steps)
+    return minimize(one.graph, [one.velocities], one.initial, one.ordering, convergence, DEFAULT.largest_steps)
 
 
 def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:

@@ -20,8 +20,8 @@ from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.field_parameters import FieldParameters
-from fg_nav.smoother.field_rounds import FEWEST
+from fg_nav.smoother.field import FEWEST_SEEN
+from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from tests.smoother.walks import DEFAULT, demo
@@ -109,7 +109,7 @@ def plain() -> Recording:
 @pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
 def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None, way_m: float) -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, heading, with_field(NOT_RESTED, potential_least_way_m=way_m))
+    found = smoothed(drifting, heading, with_field(NOT_RESTED, potential_least_path_m=way_m))
     assert np.abs(heading_error_deg(found)).max() < 0.4
     without = inertial(drifting, p=NOT_RESTED)
     assert np.abs(heading_error_deg(without)).max() > 15.0
@@ -213,7 +213,7 @@ def test_its_doubt_about_north_is_in_all_its_poses() -> None:
 def test_hard_iron_upward_is_found_in_the_swing() -> None:
     """The line integral sees it, and takes it for a part of the field where it may not be."""
     recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
-    along = {"potential_least_way_m": 0.0, "regional_share": 1.0}
+    along = {"potential_least_path_m": 0.0, "regional_share": 1.0}
     asked, told_none = (
         np.abs(heading_error_deg(smoothed(recording, 0.0, with_field(**along, hard_iron_up_uT=up))))
         for up in (15.0, 1e-3)
@@ -243,13 +243,13 @@ def jump_at(k: int, error: Floats) -> float:
 @pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
 def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None, way_m: float) -> None:
     recording = in_field(lambda x: earth() + near(20).at(x))
-    found = smoothed(recording, heading, with_field(potential_least_way_m=way_m))
+    found = smoothed(recording, heading, with_field(potential_least_path_m=way_m))
     assert footfalls(DISTURBED, found) == [20]
     assert "times the threshold" in found.stances.field_reason[20]
     error = heading_error_deg(found)
     assert np.abs(np.diff(error)).max() < 0.1
     assert np.abs(error).max() < 0.5
-    blind = with_field(potential_least_way_m=way_m, outlier_sigmas=1e6)
+    blind = with_field(potential_least_path_m=way_m, outlier_sigmas=1e6)
     assert jump_at(20, heading_error_deg(smoothed(recording, heading, blind))) > 2.0 * jump_at(20, error)
 
 
@@ -290,7 +290,7 @@ def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, way_m: 
     t = drifting.t
     from_s, to_s = {"begin": (-1.0, 20.0), "end": (45.0, 99.0), "middle": (25.0, 40.0)}[part]
     recording = unseen(drifting, (t > from_s) & (t < to_s))
-    found = smoothed(recording, None, with_field(NOT_RESTED, potential_least_way_m=way_m))
+    found = smoothed(recording, None, with_field(NOT_RESTED, potential_least_path_m=way_m))
     dark = (found.stances.t > from_s + 0.5) & (found.stances.t < to_s - 0.5)
     assert dark.sum() > 10
     assert {found.stances.field[k] for k in np.flatnonzero(dark)} == {UNKNOWN}
@@ -308,11 +308,11 @@ def test_without_a_field_it_is_the_inertial_walk_and_says_so() -> None:
 
 def test_too_few_fields_are_left_alone() -> None:
     stances = demo().stances
-    last = stances.stop[np.flatnonzero(stances.footfall < FEWEST - 1)[-1]]
+    last = stances.stop[np.flatnonzero(stances.footfall < FEWEST_SEEN - 1)[-1]]
     recording = unseen(plain(), np.arange(len(plain().t)) >= last)
     found = smoothed(recording)
     assert set(found.stances.field) == {UNKNOWN}
-    assert set(found.stances.field_reason) == {f"the field was seen at {FEWEST - 1} footfalls only"}
+    assert set(found.stances.field_reason) == {f"the field was seen at {FEWEST_SEEN - 1} footfalls only"}
     assert_same(found, inertial(plain()))
 
 
@@ -332,7 +332,7 @@ def test_a_foot_that_only_stands_keeps_its_heading() -> None:
     body_field = np.array([12.0, 16.0, UP])
     still = Recording(np.arange(n) / 100.0, acc, gyr, np.tile(body_field, (n, 1)))
     stances = Stances.from_mask(np.arange(n) % 300 < 250)
-    assert stances.n_footfalls >= FEWEST
+    assert stances.n_footfalls >= FEWEST_SEEN
     found = smooth(still, stances, heading=None, field=average_footfall_field(still, stances))
     np.testing.assert_allclose(np.degrees(heading_of(found.nav_R_body)), np.degrees(np.arctan2(16, 12)), atol=0.2)
     assert np.isfinite(found.stances.heading_sigma).all()
@@ -345,14 +345,14 @@ def test_a_short_walk_leaves_the_potential_out() -> None:
     recording = in_field(lambda x: earth() + near(20, 20.0).at(x))
     short = smoothed(recording)
     assert_same(short, smoothed(recording, p=with_field(potential=False)))
-    long_enough = smoothed(recording, p=with_field(potential_least_way_m=50.0))
+    long_enough = smoothed(recording, p=with_field(potential_least_path_m=50.0))
     assert np.abs(long_enough.position - short.position).max() > 1e-3
-    assert_same(smoothed(recording, p=with_field(potential_least_way_m=100.0)), short)  # it is 76 m long
+    assert_same(smoothed(recording, p=with_field(potential_least_path_m=100.0)), short)  # it is 76 m long
 
 
 def test_the_potential_alone_holds_a_heading() -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, 0.0, with_field(NOT_RESTED, compass=False, potential_least_way_m=0.0))
+    found = smoothed(drifting, 0.0, with_field(NOT_RESTED, compass=False, potential_least_path_m=0.0))
     assert np.abs(heading_error_deg(found)).max() < 1.5
 
 

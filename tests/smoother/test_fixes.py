@@ -1,4 +1,4 @@
-"""Fixes: where they are believed, what they do to the heading at the start, and which are refused."""
+"""Fixes: where they are used, what they do to the heading at the start, and which are refused."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,9 +16,11 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
+from fg_nav.smoother.constraints import add_fixes, pin_fixes
+from fg_nav.smoother.graph import StartPrior
 from fg_nav.smoother.nodes import place_nodes
-from fg_nav.smoother.walk_fixes import free_heading, pin_fixes
-from fg_nav.smoother.walk_parameters import WalkParameters
+from fg_nav.smoother.parameters import WalkParameters
+from fg_nav.smoother.problem import walk_problem
 from fg_nav.solution import Solution
 from tests.smoother.walks import DEFAULT, Walk, demo
 
@@ -83,14 +85,14 @@ def test_the_walk_goes_through_its_fixes_and_is_nearer_to_the_truth_between_them
 
 
 @pytest.mark.parametrize("turn_deg", [TURN_DEG, -50.0, 180.0])
-def test_a_heading_nobody_told_comes_from_the_fixes(turn_deg: float) -> None:
+def test_a_heading_that_is_not_given_comes_from_the_fixes(turn_deg: float) -> None:
     fixes = fixes_at([20, 30], turn_deg, sigma=0.02)
     found = with_fixes(fixes)
     assert errors(found, turn_deg).max() < 0.25
     assert np.degrees(found.stances.heading_sigma[0]) < 1.0
 
 
-def test_a_heading_that_was_told_wrongly_gives_way() -> None:
+def test_a_heading_that_was_given_wrongly_gives_way() -> None:
     found = with_fixes(fixes_at([20, 30], 4.0), heading=0.0)
     assert errors(found, 4.0).max() < 0.25
 
@@ -103,7 +105,7 @@ def test_a_fix_at_the_start_leaves_the_heading_as_it_is_by_definition() -> None:
         assert np.linalg.norm(found.stances.position[-1, :2]) < 0.1
 
 
-def test_a_vague_fix_does_not_touch_what_was_told() -> None:
+def test_a_vague_fix_does_not_touch_what_was_given() -> None:
     vague = [replace(fix, horizontal_sigma_m=200.0) for fix in fixes_at([20], TURN_DEG)]
     found = with_fixes(vague, heading=0.0)
     assert np.abs(found.position - inertial().position).max() < 0.02
@@ -118,23 +120,23 @@ def test_a_planar_fix_says_nothing_of_the_height() -> None:
     assert spatial.stances.position_cov[20, 2, 2] < 1.01e-4
 
 
-@pytest.mark.parametrize("told", [True, False], ids=["told", "not told"])
-def test_field_and_fixes_agree_on_north(told: bool) -> None:
+@pytest.mark.parametrize("given", [True, False], ids=["given", "not given"])
+def test_field_and_fixes_agree_on_north(given: bool) -> None:
     """The field points to the truth's north, and fixes are in the truth's frame: 0.2 m at 25 m were half a degree."""
     walk, table = with_field(demo().recording), inertial().stances
     truth = walk.truth
     field = average_footfall_field(walk, demo().stances)
     place = truth.position - truth.position[table.sample[0]]
     x_axis = truth.nav_R_body[table.sample[0]][:, 0]
-    heading = float(np.arctan2(x_axis[0], x_axis[1])) if told else None
+    heading = float(np.arctan2(x_axis[0], x_axis[1])) if given else None
     fixes = [Fix(float(table.t[k]), place[table.sample[k]], 0.02) for k in (20, 30)]
     found = smooth(walk, demo().stances, DEFAULT, heading, field=field, fixes=fixes)
     assert np.linalg.norm((found.stances.position - place[table.sample])[:, :2], axis=1).max() < 0.2
     assert any("field over ground 20" in note for note in found.notes)
 
 
-def test_where_fixes_tell_north_the_direction_of_the_field_is_found() -> None:
-    """The field points 1.5 deg to the west of the fixes' north, and nobody told the heading: most of it is found.
+def test_where_fixes_show_north_the_direction_of_the_field_is_found() -> None:
+    """The field points 1.5 deg to the west of the fixes' north, and the heading is not given: most of it is found.
 
     Not all: before the walk compass and fixes have the same north to within 2 deg.
     """
@@ -150,7 +152,7 @@ def test_where_fixes_tell_north_the_direction_of_the_field_is_found() -> None:
     assert float(note.split(",")[1].split()[0]) == pytest.approx(-west_deg, abs=0.6)
 
 
-def test_ties_of_the_walk_hold_in_the_solution_with_the_field_too() -> None:
+def test_constraints_hold_in_the_solution_with_the_field_too() -> None:
     walk = with_field(demo().recording)
     field = average_footfall_field(walk, demo().stances)
     p = replace(DEFAULT, walk=WalkParameters(straight=True, floors=True))
@@ -192,16 +194,18 @@ def test_a_walk_is_turned_as_a_whole_about_its_start() -> None:
         values.insert(V(j), velocity)
         expected.append((turn @ pose.rotation().matrix(), turn @ pose.translation(), turn @ velocity))
     fix = Fix(float(t[nodes.sample[10]]), expected[10][1], 0.1)
-    freed = free_heading(pin_fixes([fix], t, nodes, P), False, values, nodes, DEFAULT)
-    assert freed is not None
-    np.testing.assert_allclose(freed.turn, turn, atol=1e-9)
+    free = walk_problem(demo().recording, demo().stances, None, replace(DEFAULT, choose_swing_noise=False))
+    free = replace(free, start=StartPrior(np.eye(3), DEFAULT.gauge_sigma))
+    turned = add_fixes(free, values, [fix])
+    assert turned.heading_known
+    np.testing.assert_allclose(turned.start.nav_R_body, turn, atol=1e-9)
     for j, (attitude, place, velocity) in enumerate(expected):
         np.testing.assert_allclose(values.atPose3(X(j)).rotation().matrix(), attitude, atol=1e-9)
         np.testing.assert_allclose(values.atPose3(X(j)).translation(), place, atol=1e-9)
         np.testing.assert_allclose(values.atVector(V(j)), velocity, atol=1e-9)
 
 
-def test_doubt_of_the_heading_is_that_of_a_lever() -> None:
+def test_sigma_of_the_heading_is_that_of_a_lever() -> None:
     nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
     t = demo().recording.t
     at = float(t[nodes.sample[30]])

@@ -1,26 +1,27 @@
-"""The velocity ties say nothing of the heading: neither at the minimum nor beside it, neither truly nor linearised."""
+"""The velocities of stances show nothing of the heading: at the minimum or next to it, truly or linearized."""
 
 import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import S, V, X
 
-from fg_nav.smoother.strides import VelocityTies
+from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.zero_velocity import StanceVelocity
 
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def some_ties(seed: int = 0, nodes: int = 5) -> tuple[VelocityTies, gtsam.Values]:
-    """Ties of nodes in any attitude, with residuals of some sigmas, and a vertical sigma of its own."""
-    rng, ties, values = np.random.default_rng(seed), VelocityTies(), gtsam.Values()
+def some_stances(seed: int = 0, nodes: int = 5) -> tuple[ResidualBlock, gtsam.Values]:
+    """Nodes in any attitude, with residuals of some sigmas, and a vertical sigma of its own."""
+    rng, values = np.random.default_rng(seed), gtsam.Values()
     for k in range(2):
         values.insert(S(k), 0.002 * rng.standard_normal(1))
     for j in range(nodes):
-        sigma = np.array([0.02, 0.02, 0.05])
-        ties.add(j, 0.1 * rng.standard_normal(3), np.array([0.0, 0.0, -0.005]), sigma, j % 2, 3.0)
         values.insert(X(j), gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.standard_normal(3)), rng.standard_normal(3)))
         values.insert(V(j), 0.1 * rng.standard_normal(3))
-    return ties, values
+    settling, sigma = np.tile([0.0, 0.0, -0.005], (nodes, 1)), np.tile([0.02, 0.02, 0.05], (nodes, 1))
+    velocity = StanceVelocity(0.1 * rng.standard_normal((nodes, 3)), settling, sigma, np.full(nodes, 3.0))
+    return ResidualBlock(velocity, [(X(j), V(j), S(j % 2)) for j in range(nodes)]), values
 
 
 def turned(values: gtsam.Values, nodes: int = 5) -> gtsam.VectorValues:
@@ -37,17 +38,17 @@ def turned(values: gtsam.Values, nodes: int = 5) -> gtsam.VectorValues:
 
 
 def test_a_turn_of_everything_is_not_seen() -> None:
-    ties, values = some_ties()
+    velocities, values = some_stances()
     step = turned(values)
-    for tie in ties.linearize(values):
-        A, _ = tie.jacobian()
-        keys = list(tie.keys())
+    for factor in velocities.linearize(values):
+        A, _ = factor.jacobian()
+        keys = list(factor.keys())
         seen = A @ np.concatenate([step.at(key) for key in keys])
         np.testing.assert_allclose(seen, 0.0, atol=1e-9)
 
 
 def test_linearised_error_has_the_slope_of_the_error() -> None:
-    ties, values = some_ties(1)
+    velocities, values = some_stances(1)
     rng = np.random.default_rng(2)
     step = gtsam.VectorValues()
     for j in range(5):
@@ -57,9 +58,11 @@ def test_linearised_error_has_the_slope_of_the_error() -> None:
         step.insert(S(k), rng.standard_normal(1))
 
     def linear(scale: float) -> float:
-        return sum(tie.error(step.scale(scale)) for tie in ties.linearize(values))
+        return sum(factor.error(step.scale(scale)) for factor in velocities.linearize(values))
 
     h = 1e-6
-    slope = (ties.error(values.retract(step.scale(h))) - ties.error(values.retract(step.scale(-h)))) / (2 * h)
+    slope = (velocities.error(values.retract(step.scale(h))) - velocities.error(values.retract(step.scale(-h)))) / (
+        2 * h
+    )
     assert (linear(h) - linear(-h)) / (2 * h) == pytest.approx(slope, rel=1e-5)
-    assert linear(0.0) == pytest.approx(ties.error(values), rel=1e-12)
+    assert linear(0.0) == pytest.approx(velocities.error(values), rel=1e-12)

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import levelled, yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
-from fg_nav.smoother.field_parameters import FieldParameters
-from fg_nav.smoother.field_way import FieldWay, field_way
+from fg_nav.smoother.field_factors import FieldPath, integrate_path
+from fg_nav.smoother.parameters import FieldParameters
 
 P = FieldParameters()
 EARTH = np.array([3.0, 20.0, -43.0])
@@ -55,8 +55,8 @@ def round_a_circle(rate_hz: float = 200.0, clearance_m: float = 0.15, mount: Flo
     return Trodden(t, position, attitude.as_matrix(), footfall)
 
 
-def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2], p: FieldParameters = P) -> FieldWay:
-    return field_way(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT, p)
+def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2], p: FieldParameters = P) -> FieldPath:
+    return integrate_path(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT, p)
 
 
 def moves(trodden: Trodden) -> Floats:
@@ -71,7 +71,7 @@ def test_a_homogeneous_field_integrates_to_itself_times_the_move() -> None:
     np.testing.assert_allclose(way.distance_m, np.linalg.norm(moves(trodden), axis=1))
     in_body = np.einsum("nij,nj->ni", trodden.nav_R_body[trodden.footfall[:-1]], way.body_move)
     np.testing.assert_allclose(in_body, moves(trodden), atol=1e-12)
-    np.testing.assert_array_equal(way.sigma_uT_m, P.way_sigma_uT_m)
+    np.testing.assert_array_equal(way.sigma_uT_m, P.path_sigma_uT_m)
 
 
 @pytest.mark.parametrize("angle", [0.3, -2.0, np.pi])
@@ -79,7 +79,7 @@ def test_where_the_trajectory_heads_makes_no_difference(angle: float) -> None:
     trodden = round_a_circle()
     mag = trodden.mag(EARTH + magnet(np.array([2.8, 0.4, -0.2]), MOMENT).at(trodden.position), np.array([1.0, 2, 5]))
     right, wrong = along(trodden, mag), along(trodden.turned(angle), mag)
-    for name in ("u", "level_way", "body_move", "distance_m", "level_R_body"):
+    for name in ("u", "level_path", "body_move", "distance_m", "level_R_body"):
         np.testing.assert_allclose(getattr(wrong, name), getattr(right, name), atol=1e-9, err_msg=name)
     moved = along(replace(trodden, position=trodden.position + np.array([100.0, -50.0, 3.0])), mag)
     np.testing.assert_allclose(moved.u, right.u, atol=1e-9)
@@ -100,7 +100,7 @@ def test_hard_iron_adds_its_part_along_the_way() -> None:
     trodden, iron = round_a_circle(), np.array([0.5, -1.0, 15.0])
     way = along(trodden, trodden.mag(EARTH, iron))
     of_iron = way.u - along(trodden, trodden.mag(EARTH)).u
-    np.testing.assert_allclose(of_iron, way.level_way @ (way.level_R_body @ iron), atol=1e-9)
+    np.testing.assert_allclose(of_iron, way.level_path @ (way.level_R_body @ iron), atol=1e-9)
     assert np.abs(of_iron).min() > 0.1
 
 
@@ -124,7 +124,7 @@ def test_rows_without_a_sample_are_passed_over() -> None:
     held = mag[np.arange(len(mag)) // 4 * 4]
     whole, found, false = along(trodden, mag), along(trodden, slow), along(trodden, held)
     np.testing.assert_allclose(found.u, whole.u, atol=0.02)
-    np.testing.assert_allclose(found.level_way, whole.level_way, atol=2e-3)
+    np.testing.assert_allclose(found.level_path, whole.level_path, atol=2e-3)
     assert np.isfinite(found.sigma_uT_m).all()
     assert np.abs(false.u - whole.u).max() > 0.2  # were they held
 
@@ -134,7 +134,7 @@ def test_iron_adds_the_same_to_slow_samples() -> None:
     slow = np.where((np.arange(len(trodden.t)) % 8 == 0)[:, None], trodden.mag(EARTH, iron), np.nan)
     without = np.where(np.isfinite(slow), trodden.mag(EARTH), np.nan)
     way = along(trodden, slow)
-    np.testing.assert_allclose(way.u - along(trodden, without).u, way.level_way @ way.level_R_body @ iron, atol=1e-9)
+    np.testing.assert_allclose(way.u - along(trodden, without).u, way.level_path @ way.level_R_body @ iron, atol=1e-9)
 
 
 def strides_unseen(trodden: Trodden, start: float, stop: float) -> Ints:
@@ -205,11 +205,11 @@ def test_standing_on_one_spot_moves_nothing() -> None:
     trodden = Trodden(np.arange(n) / 100.0, np.zeros((n, 3)), np.tile(MOUNT, (n, 1, 1)), np.array([10, 100, 290]))
     way = along(trodden, trodden.mag(EARTH))
     np.testing.assert_array_equal(way.u, 0.0)
-    np.testing.assert_array_equal(way.level_way, 0.0)
+    np.testing.assert_array_equal(way.level_path, 0.0)
     assert np.isfinite(way.sigma_uT_m).all()
 
 
 def test_one_footfall_has_no_stride() -> None:
     trodden = replace(round_a_circle(), footfall=np.array([5]))
     way = along(trodden, trodden.mag(EARTH))
-    assert len(way.u) == len(way.level_way) == len(way.sigma_uT_m) == len(way.distance_m) == 0
+    assert len(way.u) == len(way.level_path) == len(way.sigma_uT_m) == len(way.distance_m) == 0

@@ -1,4 +1,4 @@
-"""The ties of the field: their derivatives, what they leave alone, and the factors that are their limits."""
+"""The factors of the field: their derivatives, what they leave alone, and the factors that are their limits."""
 
 from dataclasses import replace
 
@@ -9,13 +9,7 @@ from gtsam.symbol_shorthand import M, X
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.factors.differential_field import differential_field_factor
-from fg_nav.factors.magnetic_heading import heading_sigma, magnetic_heading_factor
-from fg_nav.frames import yaw_rotation
-from fg_nav.smoother import field_noise
-from fg_nav.smoother.field_noise import FieldRoughness, Roughness
-from fg_nav.smoother.field_parameters import FieldParameters
-from fg_nav.smoother.field_state import (
+from fg_nav.factors.field_state import (
     DELTA,
     E_H,
     IRON,
@@ -23,13 +17,15 @@ from fg_nav.smoother.field_state import (
     RHO,
     SIZE,
     FieldPrior,
-    FieldSeen,
-    FieldTies,
-    across_by_reference,
     across_direction,
     across_field,
 )
-from fg_nav.smoother.field_way import FieldWay
+from fg_nav.factors.rotation import skew
+from fg_nav.frames import yaw_rotation
+from fg_nav.smoother import field_noise
+from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath
+from fg_nav.smoother.field_noise import FieldRoughness, Roughness
+from fg_nav.smoother.parameters import FieldParameters
 from tests.factors.attitudes import eliminated, pose, values_of
 
 P = FieldParameters()
@@ -42,6 +38,7 @@ FIRST = FieldPrior(
 NEVER = 1e-4
 """Sigma of what is as good as known."""
 STEP = 1e-5
+UNIT = gtsam.noiseModel.Unit.Create(1)
 
 
 def attitudes(rng: np.random.Generator, count: int, tilt: float = 0.3) -> Floats:
@@ -50,20 +47,22 @@ def attitudes(rng: np.random.Generator, count: int, tilt: float = 0.3) -> Floats
     return np.array([yaw_rotation(a) for a in yaw]) @ tilted
 
 
-def way_of(position: Floats, nav_R_body: Floats, u: Floats, level_way: Floats, level: Floats = np.eye(3)) -> FieldWay:
+def path_of(
+    position: Floats, nav_R_body: Floats, u: Floats, level_path: Floats, level: Floats = np.eye(3)
+) -> FieldPath:
     move = np.diff(position, axis=0)
-    return FieldWay(
+    return FieldPath(
         u=u,
-        level_way=level_way,
+        level_path=level_path,
         body_move=np.einsum("nji,nj->ni", nav_R_body[:-1], move),
-        sigma_uT_m=np.full(len(move), P.way_sigma_uT_m),
+        sigma_uT_m=np.full(len(move), P.path_sigma_uT_m),
         distance_m=np.linalg.norm(move, axis=1),
         level_R_body=level,
     )
 
 
 class Walked:
-    """Footfalls in a field, their ties, and values at which to linearise them."""
+    """Footfalls in a field, their factors, and values at which to linearize them."""
 
     def __init__(
         self,
@@ -86,13 +85,13 @@ class Walked:
         field = EARTH + (np.zeros((count, 3)) if deviation is None else deviation)
         level = Rotation.random(rng=rng).as_matrix()
         u = np.diff(self.position, axis=0)[:, :2] @ EARTH[:2]
-        self.way = way_of(self.position, self.nav_R_body, u, rng.standard_normal((count - 1, 3)), level)
+        self.path = path_of(self.position, self.nav_R_body, u, rng.standard_normal((count - 1, 3)), level)
         disturbed = np.zeros(count, dtype=bool) if disturbed is None else disturbed
         sigma = np.where(disturbed, np.inf, P.compass_sigma_uT)
         sigma = sigma if used is None else np.where(used, sigma, np.inf)
         body_field = np.einsum("nji,nj->ni", self.nav_R_body, field)
-        self.seen = FieldSeen(2 * np.arange(count), body_field, sigma, disturbed)
-        self.ties = FieldTies(self.seen, self.way, first, rough, p)
+        self.readings = CompassReadings(2 * np.arange(count), body_field, sigma, disturbed)
+        self.factors = FieldFactors(self.readings, self.path, first, rough, p)
         self.rng, self.count = rng, count
 
     def values(self, off: float = 0.0) -> gtsam.Values:
@@ -102,7 +101,7 @@ class Walked:
             turn = Rotation.from_rotvec(0.1 * off * self.rng.standard_normal(3)).as_matrix()
             poses[X(2 * k)] = pose(R @ turn, at)
         values = values_of(poses)
-        self.ties.insert(values)
+        self.factors.insert(values)
         for k in range(self.count):
             values.update(M(k), values.atVector(M(k)) + off * self.rng.standard_normal(SIZE))
         return values
@@ -116,8 +115,10 @@ class Walked:
 
     def linear(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
         graph = gtsam.GaussianFactorGraph()
-        for factor in self.ties.linearize(values):
+        for factor in self.factors.linearize(values):
             graph.push_back(factor)
+        for k in range(self.count):  # a pose that no factor knows is there all the same
+            graph.push_back(gtsam.JacobianFactor(X(2 * k), np.zeros((1, 6)), np.zeros(1), UNIT))
         return graph
 
     def of_yaws(self, values: gtsam.Values) -> Floats:
@@ -142,7 +143,7 @@ def slopes(walked: Walked, values: gtsam.Values) -> tuple[Floats, Floats]:
     """Slope of the error by the heading (F,) of each pose and by each number of the states (F, 8)."""
 
     def between(before: gtsam.Values, after: gtsam.Values) -> float:
-        return (walked.ties.error(after) - walked.ties.error(before)) / (2 * STEP)
+        return (walked.factors.error(after) - walked.factors.error(before)) / (2 * STEP)
 
     yaw = [between(about_up(values, X(2 * k), -STEP), about_up(values, X(2 * k), STEP)) for k in range(walked.count)]
     state = np.zeros((walked.count, SIZE))
@@ -176,8 +177,8 @@ def test_jacobians_are_the_derivatives_of_the_error(seed: int, part: str) -> Non
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_field_tilts_and_shifts_nobody(seed: int) -> None:
-    """What the ties know of a pose is one direction: the turn about up."""
+def test_the_field_tilts_and_shifts_no_pose(seed: int) -> None:
+    """What they know of a pose is one direction: the turn about up."""
     walked = Walked(seed)
     values = walked.values(off=1.0)
     information = walked.linear(values).hessian(walked.order())[0]
@@ -191,14 +192,14 @@ def test_the_field_tilts_and_shifts_nobody(seed: int) -> None:
 
 def test_the_truth_has_no_error() -> None:
     walked = Walked()
-    assert walked.ties.error(walked.values()) < 1e-18
+    assert walked.factors.error(walked.values()) < 1e-18
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_error_of_the_linear_graph_is_the_error(seed: int) -> None:
     walked = Walked(seed, disturbed=np.array([False, True, False, False]))
     values = walked.values(off=1.0)
-    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(walked.ties.error(values), rel=1e-9)
+    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(walked.factors.error(values), rel=1e-9)
 
 
 def _zeros(walked: Walked) -> gtsam.VectorValues:
@@ -213,23 +214,23 @@ def test_residuals_are_in_units_of_their_sigmas() -> None:
     """One sigma off, each alone, is an error of one half."""
     walked = Walked(count=2)
     true = walked.values()
-    for part, off in {PHI: P.way_sigma_uT_m, DELTA: P.compass_sigma_uT, RHO: P.compass_sigma_uT}.items():
+    for part, off in {PHI: P.path_sigma_uT_m, DELTA: P.compass_sigma_uT, RHO: P.compass_sigma_uT}.items():
         changed = gtsam.Values(true)
         m = true.atVector(M(1)).copy()
         m[part] += off
         changed.update(M(1), m)
-        d = walked.way.distance_m
+        d = walked.path.distance_m
         rough = (ROUGH.potential, ROUGH.across, ROUGH.regional)[part]
         new = rough.sigma * np.sqrt(1 - np.exp(-2 * d[0] / rough.length_m))
-        assert walked.ties.error(changed) == pytest.approx(0.5 + 0.5 * (off / new) ** 2, rel=1e-6)
+        assert walked.factors.error(changed) == pytest.approx(0.5 + 0.5 * (off / new) ** 2, rel=1e-6)
 
 
-def test_a_heading_wrong_by_an_angle_is_seen_across_and_along_the_way() -> None:
+def test_a_heading_wrong_by_an_angle_is_seen_across_and_along_the_path() -> None:
     walked = Walked(count=2, seed=3)
     angle = 1e-3
-    error = walked.ties.error(about_up(walked.values(), X(0), angle))
+    error = walked.factors.error(about_up(walked.values(), X(0), angle))
     east, north = np.diff(walked.position, axis=0)[0, :2]
-    along = (EARTH[1] * east - EARTH[0] * north) * angle / P.way_sigma_uT_m
+    along = (EARTH[1] * east - EARTH[0] * north) * angle / P.path_sigma_uT_m
     across = STRENGTH * angle / P.compass_sigma_uT
     assert error == pytest.approx(0.5 * (across**2 + along**2), rel=2e-3)
     assert abs(along) > 1e-3
@@ -240,18 +241,18 @@ def test_a_deviation_across_the_field_is_delta_and_a_wrong_heading() -> None:
     right = np.array([EARTH[1], -EARTH[0], 0.0]) / STRENGTH
     walked = Walked(count=2, deviation=np.tile(2.0 * right, (2, 1)))
     values = walked.values()
-    told = gtsam.Values(values)
+    given = gtsam.Values(values)
     for k in range(2):
         m = values.atVector(M(k)).copy()
         m[DELTA] = 2.0
-        told.update(M(k), m)
+        given.update(M(k), m)
     compass = replace(P, potential=False)
-    ties = FieldTies(walked.seen, walked.way, FIRST, _held(ROUGH), compass)
-    assert ties.error(told) == pytest.approx(0.5 * (2.0 / 5.0) ** 2, rel=1e-6)
+    factors = FieldFactors(walked.readings, walked.path, FIRST, _held(ROUGH), compass)
+    assert factors.error(given) == pytest.approx(0.5 * (2.0 / 5.0) ** 2, rel=1e-6)
     turned = values
     for k in range(2):
         turned = about_up(turned, X(2 * k), np.arctan2(2.0, STRENGTH))
-    assert ties.error(turned) < 1e-12
+    assert factors.error(turned) < 1e-12
 
 
 def _held(rough: FieldRoughness) -> FieldRoughness:
@@ -260,18 +261,18 @@ def _held(rough: FieldRoughness) -> FieldRoughness:
 
 def test_hard_iron_is_that_of_the_stance_s_axes() -> None:
     walked, iron = Walked(count=3), np.array([0.2, -0.1, 5.0])
-    body_iron = walked.way.level_R_body.T @ iron
-    seen = replace(walked.seen, body_field=walked.seen.body_field + body_iron)
-    way = replace(walked.way, u=walked.way.u + walked.way.level_way @ iron)
-    ties = FieldTies(seen, way, FIRST, ROUGH, P)
+    body_iron = walked.path.level_R_body.T @ iron
+    seen = replace(walked.readings, body_field=walked.readings.body_field + body_iron)
+    path = replace(walked.path, u=walked.path.u + walked.path.level_path @ iron)
+    factors = FieldFactors(seen, path, FIRST, ROUGH, P)
     values = walked.values()
-    assert ties.error(values) > 1.0
+    assert factors.error(values) > 1.0
     for k in range(3):
         m = values.atVector(M(k)).copy()
         m[IRON] = iron
         values.update(M(k), m)
     of_prior = 0.5 * float(((iron / FIRST.sigma[IRON]) ** 2).sum())
-    assert ties.error(values) == pytest.approx(of_prior, rel=1e-9)
+    assert factors.error(values) == pytest.approx(of_prior, rel=1e-9)
 
 
 def solved(walked: Walked, values: gtsam.Values, heading_sigma_rad: float) -> gtsam.Values:
@@ -297,8 +298,8 @@ def headings_off(walked: Walked, values: gtsam.Values) -> Floats:
     return np.array([Rotation.from_matrix(one).as_rotvec()[2] for one in turn])
 
 
-def beside_a_magnet(judged: bool) -> tuple[Walked, gtsam.Values]:
-    """The fourth of eight footfalls stands beside a magnet, which is judged or not."""
+def next_to_a_magnet(judged: bool) -> tuple[Walked, gtsam.Values]:
+    """The fourth of eight footfalls stands next to a magnet, which is judged or not."""
     right = np.array([EARTH[1], -EARTH[0], 0.0]) / STRENGTH
     deviation = np.zeros((8, 3))
     deviation[3] = 60.0 * right
@@ -306,30 +307,30 @@ def beside_a_magnet(judged: bool) -> tuple[Walked, gtsam.Values]:
     smooth = FieldRoughness(Roughness(0.5, 1.5), Roughness(0.5, 1.5), Roughness(0.2, 20.0))
     walked = Walked(count=8, tilt=0.0, deviation=deviation, rough=smooth, disturbed=disturbed)
     # Its potential is there at that footfall and at no other: 40 uT m.
-    u = walked.way.u + np.array([0.0, 0.0, -40.0, 40.0, 0.0, 0.0, 0.0])
-    walked.way = replace(walked.way, u=u)
-    walked.ties = FieldTies(walked.seen, walked.way, FIRST, smooth, P)
+    u = walked.path.u + np.array([0.0, 0.0, -40.0, 40.0, 0.0, 0.0, 0.0])
+    walked.path = replace(walked.path, u=u)
+    walked.factors = FieldFactors(walked.readings, walked.path, FIRST, smooth, P)
     return walked, solved(walked, walked.values(), np.radians(1.0))
 
 
 def test_a_magnet_moves_the_potential_where_it_lies_and_not_the_heading() -> None:
-    walked, values = beside_a_magnet(judged=True)
+    walked, values = next_to_a_magnet(judged=True)
     assert np.degrees(np.abs(headings_off(walked, values))).max() < 0.3
-    states = walked.ties.states(values)
+    states = walked.factors.states(values)
     assert states[3, PHI] == pytest.approx(40.0, abs=3.0)
     assert np.abs(np.delete(states[:, PHI], 3)).max() < 2.0
-    walked, values = beside_a_magnet(judged=False)
+    walked, values = next_to_a_magnet(judged=False)
     assert np.degrees(np.abs(headings_off(walked, values))).max() > 1.0
 
 
-def test_a_compass_beside_a_magnet_moves_delta_where_it_may() -> None:
+def test_a_compass_next_to_a_magnet_moves_delta_where_it_may() -> None:
     """Used as it is, but in a stride in which the deviation is not that of the walk."""
-    walked, _ = beside_a_magnet(judged=True)
-    seen = replace(walked.seen, compass_sigma_uT=np.full(8, P.compass_sigma_uT))
+    walked, _ = next_to_a_magnet(judged=True)
+    seen = replace(walked.readings, sigma_uT=np.full(8, P.compass_sigma_uT))
     smooth = FieldRoughness(Roughness(2.0, 1.5), Roughness(2.0, 1.5), Roughness(0.2, 20.0))
-    walked.ties = FieldTies(seen, walked.way, FIRST, smooth, P)
+    walked.factors = FieldFactors(seen, walked.path, FIRST, smooth, P)
     values = solved(walked, walked.values(), np.radians(1.0))
-    states = walked.ties.states(values)
+    states = walked.factors.states(values)
     assert states[3, DELTA] == pytest.approx(60.0, abs=5.0)
     assert np.abs(np.delete(states[:, DELTA], 3)).max() < 3.0
     assert np.degrees(np.abs(headings_off(walked, values))).max() < 1.0
@@ -346,7 +347,7 @@ def test_a_field_that_is_not_where_it_was_expected_turns_and_does_not_shrink() -
     walked = Walked(
         count=30, tilt=0.0, deviation=deviation, rough=smooth, first=expected, p=replace(P, potential=False)
     )
-    states = walked.ties.states(solved(walked, walked.values(), NEVER))
+    states = walked.factors.states(solved(walked, walked.values(), NEVER))
     strength = np.linalg.norm(states[:, E_H], axis=1)
     np.testing.assert_allclose(strength, STRENGTH, atol=1.0)
     direction = np.arctan2(*states[:, E_H].T)
@@ -360,17 +361,11 @@ NONE = Roughness(NEVER, 1.0)
 
 
 def test_without_any_deviation_it_is_a_compass() -> None:
-    """As much information on each heading as `magnetic_heading` with its honest sigma, and none that is shared."""
+    """As much information on each heading as an azimuth with its honest sigma, and none that is shared."""
     walked = Walked(rough=FieldRoughness(NONE, NONE, NONE), first=KNOWN, p=STEADY)
     found = walked.of_yaws(walked.values())
-    expected = heading_sigma(STRENGTH, P.compass_sigma_uT) ** -2
+    expected = (P.compass_sigma_uT / STRENGTH) ** -2
     np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-4, atol=1e-4 * expected)
-    north = float(np.arctan2(EARTH[0], EARTH[1]))
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, float(heading_sigma(STRENGTH, P.compass_sigma_uT)))
-    factor = magnetic_heading_factor(X(0), walked.seen.body_field[0], north, noise)
-    of_pose = factor.linearize(walked.values()).information()
-    up = np.concatenate([walked.nav_R_body[0][2], np.zeros(3)])
-    assert found[0, 0] == pytest.approx(up @ of_pose @ up, rel=1e-4)
 
 
 def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
@@ -380,7 +375,7 @@ def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
         first=replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 5.0, NEVER)),
         p=STEADY,
     )
-    expected = heading_sigma(STRENGTH, np.hypot(P.compass_sigma_uT, 5.0)) ** -2
+    expected = (np.hypot(P.compass_sigma_uT, 5.0) / STRENGTH) ** -2
     found = walked.of_yaws(walked.values())
     np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-3, atol=1e-3 * expected)
 
@@ -393,14 +388,19 @@ def nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("nothing_new")
 def test_with_endless_deviation_that_stays_it_is_the_difference_of_two_fields() -> None:
-    """Nothing on the heading itself; on the difference of two, what `differential_field` has across the field."""
+    """Nothing on the heading itself; on the difference of two, what their difference has across the field."""
     endless = Roughness(1e4, 1e14)
     first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 1e4, NEVER))
     walked = Walked(count=2, tilt=0.0, rough=FieldRoughness(NONE, endless, NONE), first=first, p=STEADY)
     found = walked.of_yaws(walked.values())
-    noise = gtsam.noiseModel.Isotropic.Sigma(3, np.sqrt(2.0) * P.compass_sigma_uT)
-    factor = differential_field_factor(X(0), X(2), *walked.seen.body_field, noise)
-    information = factor.linearize(walked.values()).information()
+    # e = R_i y_i - R_j y_j of two poses that see one field, whatever it is
+    of_turn = [
+        sign * R @ skew(y) / (np.sqrt(2.0) * P.compass_sigma_uT)
+        for sign, R, y in zip((-1, 1), walked.nav_R_body, walked.readings.body_field, strict=True)
+    ]
+    none = np.zeros((3, 3))
+    H = np.hstack([of_turn[0], none, of_turn[1], none])
+    information = H.T @ H
     turn = np.zeros((12, 2))
     turn[:3, 0], turn[6:9, 1] = walked.nav_R_body[0][2], walked.nav_R_body[1][2]
     expected = turn.T @ information @ turn
@@ -425,17 +425,17 @@ def test_a_footfall_without_a_field_is_passed_over() -> None:
     found = walked.of_yaws(walked.values())
     np.testing.assert_allclose(found[1], 0.0, atol=1e-6 * found[0, 0])
     assert found[0, 0] > 1.0
-    anything = replace(walked.seen, body_field=walked.seen.body_field + 1e4 * (np.arange(4) == 1)[:, None])
-    ties = FieldTies(anything, walked.way, FIRST, ROUGH, replace(P, potential=False))
-    assert ties.error(walked.values()) < 1e-18
+    anything = replace(walked.readings, body_field=walked.readings.body_field + 1e4 * (np.arange(4) == 1)[:, None])
+    factors = FieldFactors(anything, walked.path, FIRST, ROUGH, replace(P, potential=False))
+    assert factors.error(walked.values()) < 1e-18
 
 
 @pytest.mark.parametrize("used", [np.array([False, True, True, False]), np.zeros(4, dtype=bool)], ids=["ends", "all"])
 def test_equations_have_a_solution_wherever_the_field_was_not_seen(used: Floats) -> None:
     walked = Walked(used=used)
-    walked.ties = FieldTies(walked.seen, replace(walked.way, sigma_uT_m=np.full(3, np.inf)), FIRST, ROUGH, P)
+    walked.factors = FieldFactors(walked.readings, replace(walked.path, sigma_uT_m=np.full(3, np.inf)), FIRST, ROUGH, P)
     values = solved(walked, walked.values(off=0.1), np.radians(1.0))
-    assert np.isfinite(walked.ties.states(values)).all()
+    assert np.isfinite(walked.factors.states(values)).all()
 
 
 def test_a_foot_that_only_stands_has_equations_with_a_solution() -> None:
@@ -447,7 +447,7 @@ def test_a_foot_that_only_stands_has_equations_with_a_solution() -> None:
 def test_one_footfall_alone_has_a_compass_and_no_way() -> None:
     walked = Walked(count=1)
     values = walked.values(off=0.5)
-    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(walked.ties.error(values), rel=1e-9)
+    assert walked.linear(values).error(_zeros(walked)) == pytest.approx(walked.factors.error(values), rel=1e-9)
     assert walked.of_yaws(values)[0, 0] > 0.0
 
 
@@ -462,8 +462,22 @@ def test_the_length_of_the_reference_makes_no_difference() -> None:
     rng = np.random.default_rng(0)
     field, reference = rng.standard_normal((5, 3)), rng.standard_normal((5, 2))
     np.testing.assert_allclose(across_field(field, 7.0 * reference), across_field(field, reference))
-    by_reference = across_by_reference(field, reference)
-    np.testing.assert_allclose((by_reference * reference).sum(axis=1), 0.0, atol=1e-12)
-    for axis in np.eye(2):
-        ends = [across_field(field, reference + sign * STEP * axis) for sign in (1, -1)]
-        np.testing.assert_allclose(by_reference @ axis, (ends[0] - ends[1]) / (2 * STEP), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_by_one_they_are_the_same(seed: int) -> None:
+    """As factors of gtsam, for iSAM2: error, information and gradient."""
+    walked = Walked(seed, disturbed=np.array([False, False, True, False]))
+    values, graph = walked.values(off=0.3), gtsam.NonlinearFactorGraph()
+    for factor in walked.factors.factors():
+        graph.push_back(factor)
+    assert graph.error(values) == pytest.approx(walked.factors.error(values), rel=1e-9)
+    (A, b), (C, d) = graph.linearize(values).jacobian(walked.order()), walked.linear(values).jacobian(walked.order())
+    np.testing.assert_allclose(A.T @ A, C.T @ C, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(A.T @ b, C.T @ d, rtol=1e-9, atol=1e-6)
+
+
+def test_the_prior_turns_with_its_walk() -> None:
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = Walked().factors.turned(quarter).prior
+    np.testing.assert_allclose(turned.mean[E_H], [-FIRST.mean[4], FIRST.mean[3]])

@@ -6,19 +6,27 @@ stand in the parent clique. With P_SS known from the parent,
     W = -R^-1 S,    P_FS = W P_SS,    P_FF = R^-1 R^-T + W P_SS W^T,
 
 so every clique's joint covariance follows from its parent's, and the cost is linear in the walk. (GTSAM's `Marginals`
-eliminates anew, by Cholesky: after half an hour of walking its covariances are off by some per mille, and each takes
+eliminates again, by Cholesky: after half an hour of walking its covariances are off by some per mille, and each takes
 milliseconds.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B, X
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.smoother.nodes import Nodes
+from fg_nav.smoother.solver import Solved
+from fg_nav.solution import StanceTable
+
+if TYPE_CHECKING:
+    from fg_nav.smoother.field import FieldVerdict
 
 DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, ord("z"): 1}
 """Of the tangent space of pose, velocity, bias, settling, state of the field and floor, by the letter in the key."""
@@ -109,8 +117,35 @@ def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])
 
 
-def turned_about_start(position: Floats, sigma: float) -> Floats:
+def turn_covariance(position: Floats, sigma: float) -> Floats:
     """Covariances (F, 4, 4) of place and yaw where a walk may be turned about its start by `sigma` rad."""
     lever = np.zeros((len(position), 4))
     lever[:, 0], lever[:, 1], lever[:, 3] = -position[:, 1], position[:, 0], 1.0
     return np.asarray(sigma**2 * lever[:, :, None] * lever[:, None, :])
+
+
+def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> StanceTable:
+    """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
+    pose_keys = [X(j) for j in nodes.result]
+    bias_keys = [B(k) for k in nodes.bias]
+    covariance = marginal_covariances(solved.tree, {*pose_keys, *bias_keys})
+    poses = [solved.values.atPose3(key) for key in pose_keys]
+    attitude = np.array([pose.rotation().matrix() for pose in poses])
+    body = np.array([covariance[key] for key in pose_keys])
+    position = np.array([pose.translation() for pose in poses])
+    pose_cov = in_nav(attitude, body) + turn_covariance(position, verdict.north_sigma)
+    bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
+    sample = nodes.sample[nodes.result]
+    return StanceTable(
+        sample=sample,
+        t=t[sample],
+        position=position,
+        nav_R_body=attitude,
+        gyro_bias=np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys]),
+        position_cov=pose_cov[:, :3, :3],
+        heading_sigma=np.sqrt(pose_cov[:, 3, 3]),
+        gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
+        field=verdict.words,
+        field_reason=verdict.reason,
+        pose_cov=pose_cov,
+    )

@@ -11,23 +11,28 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors import guarded_factor
-from fg_nav.factors.floor_height import FloorParameters, floor_height_factor, floor_labels
+from fg_nav.factors.floor_height import FloorHeight, FloorParameters, floor_labels
+from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.factors.straight_walk import (
     StraightParameters,
+    change_of_course,
     straight_probability,
     straight_triples,
-    straight_walk_factor,
-    straight_walk_noise,
-    straight_walk_residual,
 )
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.covariances import marginal_covariances
-from fg_nav.smoother.nodes import Nodes
-from fg_nav.smoother.solver import Part, Solved, solve
-from fg_nav.smoother.walk_parameters import WalkParameters
-from fg_nav.smoother.walk_ties import FloorTies, StraightTies, off_line, stepped, walk_ties
-from tests.smoother.walks import DEFAULT, demo
+from fg_nav.smoother.constraints import (
+    constrain_courses,
+    constrain_heights,
+    find_constraints,
+    keep_steps,
+    off_line,
+)
+from fg_nav.smoother.marginals import marginal_covariances
+from fg_nav.smoother.parameters import WalkParameters
+from fg_nav.smoother.solver import LinearizableBlock, Solved, minimize, time_order
+from tests.factors.straight import straight_walk_factor, straight_walk_noise
+from tests.smoother.walks import DEFAULT, demo, problem
 
 STRIDE_M = 1.3
 STRAIGHT = StraightParameters()
@@ -35,11 +40,6 @@ STRAIGHT_ONLY = WalkParameters(straight=True)
 FLOORS_ONLY = WalkParameters(floors=True)
 FIRM = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
 STOREY, RISER = 3.4, 0.34
-
-
-def one_node_a_footfall(count: int) -> Nodes:
-    each = np.arange(count)
-    return Nodes(each, each, each, np.arange(count + 1), each, np.zeros(count, dtype=np.int64))
 
 
 def poses_of(position: Floats, course: Floats) -> list[gtsam.Pose3]:
@@ -70,19 +70,18 @@ def dead_reckoned(poses: list[gtsam.Pose3], sigma: Floats) -> gtsam.NonlinearFac
     return graph
 
 
-def order(count: int) -> gtsam.Ordering:
+def order(count: int, floors: int = 0) -> gtsam.Ordering:
     ordering = gtsam.Ordering()
-    for k in range(count):
-        ordering.push_back(X(k))
+    for key in [*(X(k) for k in range(count)), *(Z(k) for k in range(floors))]:
+        ordering.push_back(key)
     return ordering
 
 
-def with_ties(poses: list[gtsam.Pose3], sigma: Floats, p: WalkParameters) -> Solved:
-    """A dead-reckoned walk with its ties."""
+def with_constraints(poses: list[gtsam.Pose3], sigma: Floats, p: WalkParameters) -> Solved:
+    """A dead-reckoned walk with its constraints."""
     values = values_of(poses)
-    ties = walk_ties(one_node_a_footfall(len(poses)), values, p)
-    ordering = ties.ordering(order(len(poses)))
-    return solve(dead_reckoned(poses, sigma), ties.parts, values, ordering, 1e-6, 50)
+    blocks, floors = find_constraints(np.arange(len(poses)), values, p)
+    return minimize(dead_reckoned(poses, sigma), blocks, values, order(len(poses), floors), 1e-6, 50)
 
 
 def anywhere(count: int, seed: int = 0) -> gtsam.Values:
@@ -100,9 +99,9 @@ def steps_of(values: gtsam.Values, seed: int, size: float) -> gtsam.VectorValues
     return step
 
 
-def linear(part: Part, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+def linear(block: LinearizableBlock, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
     graph = gtsam.GaussianFactorGraph()
-    for factor in part.linearize(values):
+    for factor in block.linearize(values):
         graph.push_back(factor)
     return graph
 
@@ -111,25 +110,25 @@ def positions(values: gtsam.Values, count: int) -> Floats:
     return np.array([values.atPose3(X(k)).translation() for k in range(count)])
 
 
-def straight_at(values: gtsam.Values, count: int) -> tuple[StraightTies, gtsam.NonlinearFactorGraph]:
-    """The ties of a walk, and the same as factors of gtsam."""
+def straight_at(values: gtsam.Values, count: int) -> tuple[ResidualBlock, gtsam.NonlinearFactorGraph]:
+    """The courses of a walk, and the same as robust factors of gtsam."""
     triples = straight_triples(positions(values, count), STRAIGHT)
     graph = gtsam.NonlinearFactorGraph()
     for triple in triples:
         graph.push_back(straight_walk_factor([X(int(k)) for k in triple], straight_walk_noise(STRAIGHT)))
     assert graph.size() > 5
-    return StraightTies(one_node_a_footfall(count), triples, STRAIGHT), graph
+    return constrain_courses(np.arange(count), triples, STRAIGHT), graph
 
 
-def test_straight_ties_are_the_factors_with_their_mixture() -> None:
+def test_courses_are_the_factors_with_their_mixture() -> None:
     values = anywhere(60)
-    ties, graph = straight_at(values, 60)
+    courses, graph = straight_at(values, 60)
     step = steps_of(values, 1, 0.01)
-    assert len(ties) == graph.size()
-    assert ties.error(values) == pytest.approx(graph.error(values), rel=1e-9)
-    # each linearisation of gtsam's lacks the constant by which the loss is above the weighted square
+    assert len(courses) == graph.size()
+    assert courses.error(values) == pytest.approx(graph.error(values), rel=1e-9)
+    # each linearization of gtsam's lacks the constant by which the loss is above the weighted square
     nothing = steps_of(values, 1, 0.0)
-    found, expected = linear(ties, values), graph.linearize(values)
+    found, expected = linear(courses, values), graph.linearize(values)
     change = found.error(step) - found.error(nothing)
     assert change == pytest.approx(expected.error(step) - expected.error(nothing), rel=1e-9)
 
@@ -138,7 +137,7 @@ def test_straight_ties_are_the_factors_with_their_mixture() -> None:
 def test_linear_model_has_the_error_at_hand_and_its_slope(p: WalkParameters) -> None:
     values = anywhere(60)
     p = replace(p, floor=FloorParameters(step_m=1.0), straight_within_m=np.inf)
-    (part,) = walk_ties(one_node_a_footfall(60), values, p).parts
+    (part,), _ = find_constraints(np.arange(60), values, p)
     model = linear(part, values)
     assert model.error(steps_of(values, 2, 0.0)) == pytest.approx(part.error(values), rel=1e-9)
     for seed in range(5):
@@ -153,22 +152,22 @@ def test_linear_model_is_never_below_the_loss() -> None:
     for bend_m in (0.0, 0.1, 0.3, 0.8):
         position[5, 1] = bend_m
         values = values_of(poses_of(position, np.zeros(11)))
-        ties = StraightTies(one_node_a_footfall(11), straight_triples(position, STRAIGHT), STRAIGHT)
-        model = linear(ties, values)
+        block = constrain_courses(np.arange(11), straight_triples(position, STRAIGHT), STRAIGHT)
+        model = linear(block, values)
         for across_m in np.linspace(-1.0, 1.0, 21):
             step = gtsam.VectorValues()
             for k in (0, 5, 10):
                 step.insert(X(k), np.array([0.0, 0.0, 0.0, 0.0, across_m if k == 5 else 0.0, 0.0]))
-            assert model.error(step) >= 0.9 * ties.error(values.retract(step)) - 0.05
+            assert model.error(step) >= 0.9 * block.error(values.retract(step)) - 0.05
 
 
-def test_nothing_is_believed_in_a_curve() -> None:
+def test_nothing_is_assumed_in_a_curve() -> None:
     """Round a circle of 8 m, 47 deg each five strides: no information, on whatever."""
     poses = walked(np.full(59, STRIDE_M / 8.0), np.zeros(59))
     values = values_of(poses)
-    ties = StraightTies(one_node_a_footfall(60), straight_triples(positions(values, 60), STRAIGHT), STRAIGHT)
-    assert len(ties) == 10
-    assert np.abs(linear(ties, values).hessian(order(60))[0]).max() < 1e-20
+    block = constrain_courses(np.arange(60), straight_triples(positions(values, 60), STRAIGHT), STRAIGHT)
+    assert len(block) == 10
+    assert np.abs(linear(block, values).hessian(order(60))[0]).max() < 1e-20
 
 
 DRIFT = np.radians(0.3)
@@ -209,10 +208,10 @@ def course_after(turn: Floats, drift: float) -> float:
     """Course at the end, rad, of a walk that drifts and is tied to be straight."""
     graph, values = drifting(turn, drift)
     count = len(turn) + 1
-    ties = walk_ties(one_node_a_footfall(count), values, STRAIGHT_ONLY)
+    blocks, _ = find_constraints(np.arange(count), values, STRAIGHT_ONLY)
     ordering = order(count)
     ordering.push_back(BIAS)
-    solved = solve(graph, ties.parts, values, ordering, 1e-6, 50)
+    solved = minimize(graph, blocks, values, ordering, 1e-6, 50)
     return float(solved.values.atPose3(X(count - 1)).rotation().yaw())
 
 
@@ -241,7 +240,7 @@ def test_a_corner_that_is_grazed_does_not_pass_for_drift() -> None:
     kept = triples[off_line(position, triples) <= WalkParameters().straight_within_m]
 
     def believed(some: Ints) -> float:
-        change = straight_walk_residual(*np.moveaxis(position[some], 1, 0))
+        change = change_of_course(*np.moveaxis(position[some], 1, 0))
         weight = straight_probability(change / STRAIGHT.sigma, STRAIGHT.odds_of_curve)
         return float(np.degrees((weight * change).sum() / weight.sum()))
 
@@ -274,29 +273,32 @@ def test_floors_are_told_by_their_stairs_whatever_the_drift(drift_m: float) -> N
     height, floor = storeys(level=300)
     seen = height + drift_m * np.arange(len(height)) + np.random.default_rng(0).normal(0, 0.008, len(height))
     assert abs(seen[-1] - height[-1]) >= 50.0 * abs(drift_m)
-    label = floor_labels(stepped(seen, FloorParameters().step_m))
+    label = floor_labels(keep_steps(seen, FloorParameters().step_m))
     np.testing.assert_array_equal(label, floor)
     if abs(drift_m) > 0.01:  # and the heights as they are do not tell
         assert not np.array_equal(floor_labels(seen), floor)
 
 
 def test_steps_are_kept_and_drift_is_not() -> None:
-    np.testing.assert_allclose(stepped(np.array([5.0, 5.02, 5.3, 5.65, 5.6, 5.3]), 0.1), [0, 0, 0.28, 0.63, 0.63, 0.33])
-    assert not stepped(np.linspace(0.0, 20.0, 1000), 0.1).any()
+    np.testing.assert_allclose(
+        keep_steps(np.array([5.0, 5.02, 5.3, 5.65, 5.6, 5.3]), 0.1), [0, 0, 0.28, 0.63, 0.63, 0.33]
+    )
+    assert not keep_steps(np.linspace(0.0, 20.0, 1000), 0.1).any()
 
 
-def test_floor_ties_are_the_factors() -> None:
+def test_heights_are_the_factors() -> None:
     values, rng = anywhere(30), np.random.default_rng(3)
     label = rng.integers(-1, 3, 30)
-    ties = FloorTies(one_node_a_footfall(30), label, 0.02)
-    ties.insert(values)
-    noise, graph = gtsam.noiseModel.Isotropic.Sigma(1, 0.02), gtsam.NonlinearFactorGraph()
+    block = constrain_heights(np.arange(30), label, 0.02)
+    for floor in range(3):
+        values.insert(Z(floor), rng.normal(0.0, 0.1, 1))
+    graph = gtsam.NonlinearFactorGraph()
     for k in np.flatnonzero(label >= 0):
-        graph.push_back(floor_height_factor(X(int(k)), Z(int(label[k])), noise))
+        graph.push_back(factor_of(FloorHeight(0.02), [X(int(k)), Z(int(label[k]))]))
     step = steps_of(values, 4, 0.01)
-    assert len(ties) == 3
-    assert ties.error(values) == pytest.approx(graph.error(values), rel=1e-9)
-    assert linear(ties, values).error(step) == pytest.approx(graph.linearize(values).error(step), rel=1e-9)
+    assert len(block) == (label >= 0).sum()
+    assert block.error(values) == pytest.approx(graph.error(values), rel=1e-9)
+    assert linear(block, values).error(step) == pytest.approx(graph.linearize(values).error(step), rel=1e-9)
 
 
 CLIMBING = np.array([1e-4, 1e-4, 1e-4, 0.01, 0.01, 0.015])
@@ -306,7 +308,7 @@ CLIMBING = np.array([1e-4, 1e-4, 1e-4, 0.01, 0.01, 0.015])
 def test_a_floor_that_is_visited_again_gets_its_height_back(drift_m: float) -> None:
     height, floor = storeys()
     seen = np.diff(height) + drift_m + np.random.default_rng(1).normal(0, 0.005, len(height) - 1)
-    solved = with_ties(walked(np.zeros(len(seen)), seen), CLIMBING, FLOORS_ONLY)
+    solved = with_constraints(walked(np.zeros(len(seen)), seen), CLIMBING, FLOORS_ONLY)
     found = positions(solved.values, len(height))[:, 2]
     for k in range(3):
         assert np.ptp(found[floor == k]) < 0.05
@@ -317,24 +319,24 @@ def test_a_floor_that_is_visited_again_gets_its_height_back(drift_m: float) -> N
 def test_a_walk_on_no_floor_is_left_alone() -> None:
     poses = walked(np.zeros(20), np.full(20, 0.3))
     values = values_of(poses)
-    ties = walk_ties(one_node_a_footfall(21), values, FLOORS_ONLY)
-    assert ties.floors == 0
-    assert ties.parts[0].error(values) == 0.0
-    assert list(ties.parts[0].linearize(values)) == []
+    (heights,), floors = find_constraints(np.arange(21), values, FLOORS_ONLY)
+    assert floors == 0
+    assert heights.error(values) == 0.0
+    assert list(heights.linearize(values)) == []
 
 
 def test_marginals_are_those_of_the_information_matrix() -> None:
-    """With ties across ten footfalls and floors at the end of the order, down the tree as if on a chain."""
+    """With block across ten footfalls and floors at the end of the order, down the tree as if on a chain."""
     height, _ = storeys(level=12, visits=(0, 1, 0))
     rng = np.random.default_rng(5)
     poses = walked(rng.normal(0, 0.01, len(height) - 1), np.diff(height))
     values = values_of(poses)
-    ties = walk_ties(one_node_a_footfall(len(poses)), values, WalkParameters(straight=True, floors=True))
-    ordering = ties.ordering(order(len(poses)))
-    assert ties.floors == 2
+    blocks, floors = find_constraints(np.arange(len(poses)), values, WalkParameters(straight=True, floors=True))
+    ordering = order(len(poses), floors)
+    assert floors == 2
     graph = dead_reckoned(poses, SIGMA).linearize(values)
-    for part in ties.parts:
-        for factor in part.linearize(values):
+    for block in blocks:
+        for factor in block.linearize(values):
             graph.push_back(factor)
     full = np.linalg.inv(graph.hessian(ordering)[0])
     keys = [*(X(k) for k in range(len(poses))), Z(0), Z(1)]
@@ -347,18 +349,18 @@ def test_marginals_are_those_of_the_information_matrix() -> None:
     assert first == len(full)
 
 
-def test_order_of_others_is_not_touched() -> None:
-    height, _ = storeys(level=12, visits=(0, 1))
-    values = values_of(walked(np.zeros(len(height) - 1), np.diff(height)))
-    ties, theirs = walk_ties(one_node_a_footfall(len(height)), values, FLOORS_ONLY), order(len(height))
-    assert ties.ordering(theirs).size() == theirs.size() + 2 == len(height) + 2
+def test_floors_are_eliminated_after_all_else() -> None:
+    one = problem(demo())
+    plain, with_floors = time_order(one.nodes), time_order(one.nodes, floors=2)
+    assert [with_floors.at(i) for i in range(plain.size())] == [plain.at(i) for i in range(plain.size())]
+    assert [with_floors.at(plain.size() + i) for i in range(2)] == [Z(0), Z(1)]
 
 
 def test_all_is_off_unless_asked_for() -> None:
     values = anywhere(30)
     p = SmootherParameters().walk
     assert (p.straight, p.floors) == (False, False)
-    assert walk_ties(one_node_a_footfall(30), values, p).parts == ()
+    assert find_constraints(np.arange(30), values, p) == ((), 0)
     assert values.size() == 30
 
 

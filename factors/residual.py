@@ -1,0 +1,129 @@
+"""One residual, two ways into a graph: one factor of gtsam, or many residuals linearized together in numpy.
+
+A residual is a frozen dataclass of what was measured, for one instant or, with a leading axis of length K in all its
+arrays, for K of them. `evaluate` is the only place where its formula and its derivatives stand:
+
+    e (..., r)  in units of its sigma,     H_i = de/dx_i (..., r, d_i)  in gtsam's tangent space of the variable x_i.
+
+iSAM2 takes one `factor_of` each, of unit noise. A batch solver takes a `ResidualBlock`: there are thousands of a kind
+in a walk, and a call from C++ into Python for each costs more than all of them together in numpy.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import gtsam
+import numpy as np
+
+from .guarded import Array, guarded_factor
+
+POSE = 6
+"""Tangent-space dimension by which a pose is known: its variable is the matrix (..., 4, 4) of nav_T_body.
+
+All other variables are vectors (..., d).
+"""
+
+
+class Residual(Protocol):
+    """What was measured, and the residual it leaves.
+
+    `name` is for messages, `dims` are the tangent-space dimensions of the variables, `rows` is the dimension r.
+    """
+
+    name: ClassVar[str]
+    dims: ClassVar[tuple[int, ...]]
+    rows: ClassVar[int]
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual over its sigma, and where asked for its Jacobians."""
+
+
+R = TypeVar("R", bound=Residual)
+
+
+def _read(values: gtsam.Values, key: int, dim: int) -> Array:
+    return values.atPose3(key).matrix() if dim == POSE else values.atVector(key)
+
+
+def factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.CustomFactor:
+    """Make a factor of gtsam of one residual, without leading axes."""
+    sizes = list(zip(keys, residual.dims, strict=True))
+
+    def evaluate(values: gtsam.Values, with_jacobians: bool) -> tuple[Array, list[Array]]:
+        return residual.evaluate([_read(values, key, d) for key, d in sizes], with_jacobians)
+
+    return guarded_factor(residual.name, keys, residual.dims, gtsam.noiseModel.Unit.Create(residual.rows), evaluate)
+
+
+def linear_factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.LinearContainerFactor:
+    """Make a factor that runs in C++ of one residual that is linear in vectors."""
+    zero = [np.zeros(d) for d in residual.dims]
+    at = gtsam.Values()
+    for key, x in zip(keys, zero, strict=True):
+        at.insert(key, x)
+    return gtsam.LinearContainerFactor(_linear(keys, *residual.evaluate(zero, True)), at)
+
+
+def _linear(keys: Sequence[int], e: Array, H: Sequence[Array]) -> gtsam.JacobianFactor:
+    """Return the linear factor of residual e (r,) and Jacobians H (r, d) by each key."""
+    terms: list[Any] = [x for pair in zip(keys, H, strict=True) for x in pair]
+    factor: gtsam.JacobianFactor = _JACOBIAN_FACTOR(*terms, -e, gtsam.noiseModel.Unit.Create(len(e)))
+    return factor
+
+
+_JACOBIAN_FACTOR: Any = gtsam.JacobianFactor
+"""Of any number of keys, which its types do not say."""
+
+
+class ResidualBlock:
+    """K residuals of a kind with their keys (K, n), linearized together."""
+
+    def __init__(self, residuals: Residual, keys: Sequence[Sequence[int]]) -> None:
+        self.residuals, self.keys = residuals, keys
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def evaluate(self, values: gtsam.Values, with_jacobians: bool = True) -> tuple[Array, list[Array]]:
+        """Return residuals (K, r) over their sigmas, and Jacobians (K, r, d) by each of the n variables."""
+        columns = zip(self.residuals.dims, zip(*self.keys, strict=True), strict=True)
+        variables = [np.array([_read(values, key, d) for key in column]) for d, column in columns]
+        return self.residuals.evaluate(variables, with_jacobians)
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
+        """Yield one factor a residual, linearized at these values."""
+        if len(self):
+            e, H = self.evaluate(values)
+            yield from (_linear(keys, *one) for keys, *one in zip(self.keys, e, zip(*H, strict=True), strict=True))
+
+    def factors(self) -> Iterator[gtsam.CustomFactor]:
+        """Yield the same residuals as factors of gtsam, one by one."""
+        return (factor_of(one_of(self.residuals, k), keys) for k, keys in enumerate(self.keys))
+
+
+def one_of(residuals: R, k: int) -> R:
+    """Return the residual number k of K: its row of every array."""
+    one: R = _with_arrays(residuals, {name: np.array(a[k]) for name, a in _arrays(residuals).items()})
+    return one
+
+
+def join_blocks(blocks: Sequence[ResidualBlock]) -> ResidualBlock:
+    """Return blocks of one kind as one."""
+    arrays = [_arrays(block.residuals) for block in blocks]
+    together = {name: np.concatenate([one[name] for one in arrays]) for name in arrays[0]}
+    keys = [keys for block in blocks for keys in block.keys]
+    return ResidualBlock(_with_arrays(blocks[0].residuals, together), keys)
+
+
+def _arrays(residuals: Any) -> dict[str, Array]:
+    values = {f.name: getattr(residuals, f.name) for f in fields(residuals)}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+
+def _with_arrays(residuals: Any, arrays: dict[str, Array]) -> Any:
+    return replace(residuals, **arrays)

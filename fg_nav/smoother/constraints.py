@@ -1,0 +1,215 @@
+"""What is known of a walk beyond its sensor: fixes, and constraints between footfalls from people and buildings.
+
+Fixes are in the walk's own frame, with its start at the origin: where the walk began remains known. That it began in
+this heading does not, as any fix away from the start shows it as well, with
+
+    sigma^-2 = sum |fix - start|^2 / sigma_fix^2    over ground, rad^-2.
+
+A heading that was given becomes a prior of some degrees as soon as the fixes show more. Where none was given, the walk
+is first turned about its start to where it fits the fixes best, and then its heading is free. A fix is tied to the node
+nearest in time. Between the two the foot moves on, at walking pace on the mean; its sigma grows by as much.
+
+Constraints are off unless asked for.
+
+Straight on (`factors.straight_walk`): the change of course between footfalls n strides apart. Nothing is assumed in a
+curve, as a row of zeros holds no information. A corner that begins within the last stride of a displacement turns its
+course by a few degrees, which passes for straight. On a walk that turns one way more often than the other such changes
+do not cancel: on loops to the right they were worth 0.04 deg a stride. So no footfall may stand farther off the line
+between the ends of its displacement than people weave; drift bends such a line by centimetres.
+
+Floors (`factors.floor_height`). Each floor has its height Z as a variable. Factors from footfall to footfall would do
+without, but sum up to a walk of their own: after a thousand strides a floor of factors of 2 cm is as steep as 0.6 m. A
+variable costs one row in each clique between the first footfall on a floor and the last, and floors are few. Which
+footfall is on which floor is proposed from a first solution. Its height drifts by metres, smoothly: some millimetres a
+stride, while a stride on stairs climbs decimetres. `keep_steps` keeps of the heights what was climbed in strides above
+the step, and of that the floors are proposed; how long the walk stayed away makes no difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X, Z
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EstimationError
+from fg_nav.factors.floor_height import FloorHeight, floor_labels
+from fg_nav.factors.position_fix import position_fix_factor, position_fix_noise
+from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.straight_walk import StraightParameters, StraightWalk, straight_triples
+from fg_nav.fixes import Fix
+from fg_nav.frames import yaw_rotation
+from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
+from fg_nav.smoother.nodes import Nodes
+from fg_nav.smoother.parameters import WalkParameters
+from fg_nav.smoother.solver import GtsamFactors
+
+LEAST_KNOWN_HEADING_RAD = 1.0
+"""Sigma that fixes leave of the heading at the start beyond which they show nothing of it."""
+
+
+@dataclass(frozen=True)
+class PinnedFixes:
+    """Fixes at their nodes: `node` (K,), `position` (K, 3) m, `horizontal` and `vertical` (K,) sigmas, m."""
+
+    node: Ints
+    position: Floats
+    horizontal: Floats
+    vertical: Floats
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+    def factors(self) -> GtsamFactors:
+        """Tie the nodes to their fixes."""
+        return GtsamFactors(
+            *(
+                position_fix_factor(X(int(j)), at, position_fix_noise(float(horizontal), float(vertical)))
+                for j, at, horizontal, vertical in zip(
+                    self.node, self.position, self.horizontal, self.vertical, strict=True
+                )
+            )
+        )
+
+    @property
+    def heading_sigma(self) -> float:
+        """Sigma that the fixes leave of the heading at the start, rad; infinite where all are at the start."""
+        information = float((np.hypot(*self.position.T[:2]) ** 2 / self.horizontal**2).sum())
+        return information**-0.5 if information else float("inf")
+
+    def best_turn(self, values: gtsam.Values) -> Floats:
+        """Rotation (3, 3) about up and the start that brings a walk nearest to its fixes."""
+        walked = np.array([values.atPose3(X(int(j))).translation() for j in self.node])
+        weight = self.horizontal**-2.0
+        across = weight @ (walked[:, 0] * self.position[:, 1] - walked[:, 1] * self.position[:, 0])
+        along = weight @ (walked[:, :2] * self.position[:, :2]).sum(axis=1)
+        return yaw_rotation(float(np.arctan2(across, along)))
+
+
+def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes, p: WalkParameters) -> PinnedFixes:
+    """Find the node of each fix.
+
+    Raises
+    ------
+    EstimationError
+        For a fix outside the walk or farther than a stride from any node, or one without a place or a sigma.
+    """
+    t_node = t[nodes.sample]
+    node = [_node_of(fix, t_node, p.fix_reach_s) for fix in fixes]
+    apart = np.array([fix.time_s - t_node[j] for fix, j in zip(fixes, node, strict=True)])
+    return PinnedFixes(
+        np.array(node, dtype=np.intp),
+        np.array([fix.position for fix in fixes], dtype=np.float64).reshape(-1, 3),
+        np.hypot([fix.horizontal_sigma_m for fix in fixes], p.fix_speed_m_s * apart),
+        np.array([fix.vertical_sigma_m for fix in fixes], dtype=np.float64),
+    )
+
+
+def _node_of(fix: Fix, t_node: Floats, reach_s: float) -> int:
+    """Index of the node nearest to a fix in time."""
+    if not (np.isfinite(fix.position).all() and 0 < fix.horizontal_sigma_m < np.inf and fix.vertical_sigma_m > 0):
+        raise EstimationError(
+            f"the fix at {fix.time_s:.2f} s needs a finite position and sigmas above zero: correct it or leave it out."
+        )
+    if not t_node[0] - reach_s <= fix.time_s <= t_node[-1] + reach_s:
+        raise EstimationError(
+            f"the fix at {fix.time_s:.2f} s is outside the walk, which lasts from {t_node[0]:.2f} s to "
+            f"{t_node[-1]:.2f} s: give its time as in the recording, or leave it out."
+        )
+    apart = np.abs(t_node - fix.time_s)
+    if apart.min() > reach_s:
+        raise EstimationError(
+            f"the fix at {fix.time_s:.2f} s is {apart.min():.1f} s from the nearest footfall, which is farther than a "
+            "stride: take fixes where the foot stands, or leave it out."
+        )
+    return int(apart.argmin())
+
+
+def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) -> WalkProblem:
+    """Add fixes to a walk, on its first solution.
+
+    Where the fixes show the heading at the start better than it was given, it gets a sigma. Where it was not given, the
+    walk is first turned, in place, to where it fits them best.
+
+    Raises
+    ------
+    EstimationError
+        As `pin_fixes`.
+    """
+    p = problem.parameters
+    pinned = pin_fixes(fixes, problem.recording.t, problem.nodes, p.walk)
+    problem = replace(problem, constraints=(*problem.constraints, pinned.factors()))
+    start = free_heading(problem, pinned, values)
+    return problem if start is None else replace(problem, start=start, heading_known=True)
+
+
+def free_heading(problem: WalkProblem, pinned: PinnedFixes, values: gtsam.Values) -> StartPrior | None:
+    """Return the start with a heading to be found, where the fixes show it; None where it stays as it is."""
+    p, nav_R_body = problem.parameters, problem.start.nav_R_body
+    if problem.heading_known:
+        sigma = float(np.radians(p.walk.given_heading_deg))
+        return StartPrior(nav_R_body, sigma) if pinned.heading_sigma < sigma else None
+    if pinned.heading_sigma > LEAST_KNOWN_HEADING_RAD:
+        return None
+    turn = pinned.best_turn(values)
+    turn_walk(values, problem.nodes, turn)
+    return StartPrior(turn @ nav_R_body, float(np.radians(p.unknown_heading_deg)))
+
+
+def add_constraints(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
+    """Add the straight stretches and floors found on a first solution, into whose values the floors are put."""
+    found, floors = find_constraints(problem.nodes.result, values, problem.parameters.walk)
+    return replace(problem, constraints=(*problem.constraints, *found), floors=floors)
+
+
+def find_constraints(node: Ints, values: gtsam.Values, p: WalkParameters) -> tuple[tuple[ResidualBlock, ...], int]:
+    """Return the constraints that are asked for on footfalls at `node` (F,), and the number of floors."""
+    position = np.array([values.atPose3(X(int(j))).translation() for j in node])
+    found, floors = [], 0
+    if p.straight:
+        triples = straight_triples(position, p.straight_walk)
+        triples = triples[off_line(position, triples) <= p.straight_within_m]
+        found.append(constrain_courses(node, triples, p.straight_walk))
+    if p.floors:
+        label = floor_labels(keep_steps(position[:, 2], p.floor.step_m), p.floor)
+        found.append(constrain_heights(node, label, p.floor_sigma_m))
+        floors = int(label.max(initial=-1)) + 1
+        for floor in range(floors):
+            values.insert(Z(floor), np.array([position[label == floor, 2].mean()]))
+    return tuple(found), floors
+
+
+def constrain_courses(node: Ints, triples: Ints, p: StraightParameters) -> ResidualBlock:
+    """Keep the course between three footfalls each, `triples` (M, 3), of those at `node` (F,)."""
+    keys = [tuple(X(int(j)) for j in node[triple]) for triple in triples]
+    return ResidualBlock(StraightWalk(p.sigma, p.odds_of_curve), keys)
+
+
+def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:
+    """Keep footfalls at `node` (F,) at the heights of their floors `label` (F,), -1 on none."""
+    on_floor = np.flatnonzero(label >= 0)
+    return ResidualBlock(FloorHeight(sigma_m), [(X(int(node[k])), Z(int(label[k]))) for k in on_floor])
+
+
+def off_line(position: Floats, triples: Ints) -> Floats:
+    """How far (M,) m over ground footfalls stand off the lines from the first to the second of three and on."""
+    farthest = [max(_off_line(position[i : j + 1, :2]) for i, j in pairwise(triple)) for triple in triples]
+    return np.array(farthest, dtype=np.float64)
+
+
+def _off_line(place: Floats) -> float:
+    """How far one of some places (N, 2) is from the line from the first to the last."""
+    along = place[-1] - place[0]
+    from_first = place - place[0]
+    across = from_first[:, 0] * along[1] - from_first[:, 1] * along[0]
+    return float(np.abs(across).max() / np.linalg.norm(along))
+
+
+def keep_steps(height: Floats, step_m: float) -> Floats:
+    """Heights (F,) m with all changes of no more than a step taken out, from zero."""
+    climbed = np.diff(height, prepend=height[:1])
+    return np.cumsum(np.where(np.abs(climbed) > step_m, climbed, 0.0))

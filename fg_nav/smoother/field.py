@@ -1,0 +1,379 @@
+"""The walk with its magnetic field: rounds of looking at the field along the smoothed walk and smoothing it again.
+
+    trajectory         -> line integrals of the field over the strides, which no heading changes
+    repeat a few times
+        attitudes      -> field at each footfall, in nav
+        its deviations -> roughness of the field, and which footfalls are disturbed
+        walk and field -> solution
+
+The first trajectory is that of the walk without the field. Its heading has drifted, so the first verdicts rest on
+strength and inclination alone, and strength stands in for the deviation across; from the second round on the smoothed
+heading is used as well, but never alone, so that it cannot talk itself into a wrong field.
+
+Where the heading at the start was given, the field's direction is estimated. Where it was not, north is where the field
+points, and the walk is turned there first. A long walk's line integrals then show which field is the building's: its
+direction is fixed, and the start is free. A short walk has nothing to tell a region's field from the building's, and
+an assumption on regions bends it or leaves no north. So it is smoothed as if its start had been given, with the field's
+direction free, and turned as one piece until its mean field points north. How far a mean can be off there,
+
+    variance = sum over (footfalls, regions) of sigma^2 min(1, 2 length / path length),
+
+goes into the sigmas of all its poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import M, X
+
+from fg_nav.arrays import Floats
+from fg_nav.factors.field_state import E_H, IRON, FieldPrior
+from fg_nav.frames import yaw_rotation
+from fg_nav.magnetic import FootfallField
+from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, judge_field
+from fg_nav.smoother.dense import trajectory_of
+from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath, integrate_path
+from fg_nav.smoother.field_noise import (
+    FieldRoughness,
+    Roughness,
+    field_deviation,
+    measure_roughness,
+    over_threshold,
+    usual_deviation,
+)
+from fg_nav.smoother.graph import StartPrior, WalkProblem, solve, turn_walk
+from fg_nav.smoother.parameters import FieldParameters
+from fg_nav.smoother.solver import Solved
+
+FEWEST_SEEN = 4
+"""Footfalls with a field without which it is not used."""
+
+LEAST_PATH_M = 0.1
+"""Length of the path of a person who stands all the time."""
+
+FIRST_FOOTFALLS = 10
+"""At which the heading is still the one that was given."""
+
+CONTRADICTED_SIGMAS = 3.0
+"""By how much the field there has to be off for the heading not to be from magnetic north."""
+
+FOUND_SIGMA_DEG = 60.0
+"""Sigma of the field's direction where only the field shows it."""
+
+DECLINATION_SIGMA_DEG = 0.05
+"""Where the heading was not given, north is magnetic north by definition."""
+
+
+@dataclass(frozen=True)
+class FieldVerdict:
+    """What the smoother made of the field at the footfalls: `words` and `reason` as in a stance table, and notes.
+
+    `north_sigma` rad, by how much the whole walk may be turned beyond what its marginals say.
+    """
+
+    words: tuple[str, ...]
+    reason: tuple[str, ...]
+    notes: tuple[str, ...]
+    north_sigma: float = 0.0
+
+
+@dataclass(frozen=True)
+class FieldSolution:
+    """A walk solved with its field: the problem of the last round, its minimum, the states (F, 8), and the verdict."""
+
+    problem: WalkProblem
+    solved: Solved
+    states: Floats
+    verdict: FieldVerdict
+
+
+@dataclass(frozen=True)
+class FieldResiduals:
+    """The field along a walk against its mean.
+
+    Deviations (F, 3) across, along and up, uT, NaN where it was not seen; the largest of them over its threshold (F,);
+    roughness; attitudes (F, 3, 3); and the horizontal field (F, 2) that the deviations are taken from.
+    """
+
+    deviation: Floats
+    statistic: Floats
+    rough: FieldRoughness
+    nav_R_body: Floats
+    reference: Floats
+
+
+def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
+    """Say why the field of a walk shows no heading; empty where it does."""
+    if field is None:
+        return "the magnetometer was not used"
+    seen = np.isfinite(field.strength)
+    if seen.sum() < FEWEST_SEEN:
+        return f"the field was seen at {seen.sum()} footfalls only"
+    level = float(np.median(np.hypot(field.level_field[seen, 0], field.level_field[seen, 1])))
+    if level < p.least_strength_uT:
+        return f"the field is {level:.1f} uT over ground, which is too little for a compass"
+    return ""
+
+
+def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
+    """Return the verdict on a walk whose field is not used."""
+    footfalls = len(problem.nodes.result)
+    return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, ())
+
+
+def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField) -> FieldSolution:
+    """Smooth a walk that was solved without its field together with it."""
+    p = problem.parameters.magnetic
+    # A short walk does without the line integral.
+    if _path_length(problem, solved.values) < p.potential_least_path_m:
+        p = replace(p, potential=False)
+    # Without a heading the walk is turned until its mean field points north.
+    values = gtsam.Values(solved.values)
+    if not problem.heading_known:
+        _turn_to(problem, values, np.nanmean(_nav_field(field, _attitudes(problem, values)), axis=0))
+        unknown = np.radians(problem.parameters.unknown_heading_deg)
+        sigma = float(unknown) if p.potential else problem.parameters.gauge_sigma
+        problem = replace(problem, start=StartPrior(values.atPose3(X(0)).rotation().matrix(), sigma))
+    # The first round has residuals without the heading, and finds the direction in which the field is expected.
+    path = _integrate_path(problem, field, values, p)
+    residuals = _compare_field(problem, field, values, path, None, p)
+    direction = _expect_direction(problem, field, residuals, p)
+    problem = _with_field(problem, field, residuals, path, direction, p)
+    assert problem.field is not None
+    problem.field.insert(values)
+    solved = solve(replace(problem, values=values))
+    # Later rounds take noise and verdicts from the smoothed walk.
+    for _ in range(p.rounds - 1):
+        states = _states(problem, field, solved.values, residuals, path, p)
+        residuals = _compare_field(problem, field, solved.values, path, states, p)
+        problem = _with_field(problem, field, residuals, path, direction, p)
+        solved = solve(replace(problem, values=solved.values))
+    # Where only the mean field shows north, the solved walk is turned there as one piece.
+    north_sigma = 0.0
+    if _north_is_open(problem, p):
+        problem = _turn_solution(problem, field, solved.values, residuals, path)
+        north_sigma = _mean_field_sigma(residuals, path, p)
+    assert problem.field is not None
+    states = _states(problem, field, solved.values, residuals, path, p)
+    verdict = _judge(residuals, states, north_sigma)
+    return FieldSolution(problem, solved, problem.field.states(solved.values), verdict)
+
+
+def _path_length(problem: WalkProblem, values: gtsam.Values) -> float:
+    place = np.array([values.atPose3(X(int(j))).translation() for j in problem.nodes.result])
+    return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
+
+
+def _north_is_open(problem: WalkProblem, p: FieldParameters) -> bool:
+    """Whether only the walk's mean field shows north."""
+    return not problem.heading_known and not p.potential
+
+
+def _turn_solution(
+    problem: WalkProblem, field: FootfallField, values: gtsam.Values, residuals: FieldResiduals, path: FieldPath
+) -> WalkProblem:
+    """Turn a solved walk, in place, until its mean field points north; return its problem turned as well."""
+    assert problem.field is not None
+    states = problem.field.states(values)
+    turn = _turn_to(problem, values, _mean_field(problem, field, values, states, residuals, path))
+    states[:, E_H] = states[:, E_H] @ turn[:2, :2].T
+    for k, state in enumerate(states):
+        values.update(M(k), state)
+    start = replace(problem.start, nav_R_body=turn @ problem.start.nav_R_body)
+    return replace(problem, start=start, field=problem.field.turned(turn))
+
+
+def _turn_to(problem: WalkProblem, values: gtsam.Values, nav_north: Floats) -> Floats:
+    """Turn the walk about up, in place, so that what points along `nav_north` (3,) points north; return the turn."""
+    east, north, _ = nav_north
+    turn = yaw_rotation(float(np.arctan2(east, north)))
+    turn_walk(values, problem.nodes, turn)
+    return turn
+
+
+def _states(
+    problem: WalkProblem,
+    field: FootfallField,
+    values: gtsam.Values,
+    residuals: FieldResiduals,
+    path: FieldPath,
+    p: FieldParameters,
+) -> Floats:
+    """(F, 8); with the mean field for the building's where regions as wide as assumed leave that open."""
+    assert problem.field is not None
+    states = problem.field.states(values)
+    if _north_is_open(problem, p):
+        states[:, E_H] = _mean_field(problem, field, values, states, residuals, path)[:2]
+    return states
+
+
+def _mean_field(
+    problem: WalkProblem,
+    field: FootfallField,
+    values: gtsam.Values,
+    states: Floats,
+    residuals: FieldResiduals,
+    path: FieldPath,
+) -> Floats:
+    """(3,) in nav, uT, over the footfalls that are not disturbed, without the hard iron that was found."""
+    nav_R_body = _attitudes(problem, values)
+    iron = np.einsum("kij,kj->ki", nav_R_body, states[:, IRON] @ path.level_R_body)
+    without_iron = _nav_field(field, nav_R_body) - iron
+    undisturbed = residuals.statistic < 1.0
+    return np.asarray(np.nanmean(without_iron[undisturbed] if undisturbed.any() else without_iron, axis=0))
+
+
+def _mean_field_sigma(residuals: FieldResiduals, path: FieldPath, p: FieldParameters) -> float:
+    """How far the direction of a walk's mean field is from north, rad."""
+    own = residuals.rough.across
+    region = Roughness(p.regional_share_of_mean * own.sigma, p.regional_length_m)
+    path_m = max(float(path.distance_m.sum()), LEAST_PATH_M)
+    variance = sum(one.sigma**2 * min(1.0, 2.0 * one.length_m / path_m) for one in (own, region))
+    return float(np.sqrt(variance) / np.linalg.norm(np.median(residuals.reference, axis=0)))
+
+
+def _attitudes(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    return np.array([values.atPose3(X(int(j))).rotation().matrix() for j in problem.nodes.result])
+
+
+def _nav_field(field: FootfallField, nav_R_body: Floats) -> Floats:
+    return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
+
+
+def _integrate_path(problem: WalkProblem, field: FootfallField, values: gtsam.Values, p: FieldParameters) -> FieldPath:
+    recording, nodes = problem.recording, problem.nodes
+    assert recording.mag is not None
+    track = trajectory_of(recording, nodes, values, problem.parameters.gravity)
+    up_uT = float(np.nanmedian(_nav_field(field, _attitudes(problem, values))[:, 2]))
+    footfall = nodes.sample[nodes.result]
+    return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT, p)
+
+
+def _compare_field(
+    problem: WalkProblem,
+    field: FootfallField,
+    values: gtsam.Values,
+    path: FieldPath,
+    states: Floats | None,
+    p: FieldParameters,
+) -> FieldResiduals:
+    """Compare the field along the walk with its mean; `states` (F, 8) of the last round, None before the first."""
+    nav_R_body = _attitudes(problem, values)
+    nav_field = _nav_field(field, nav_R_body)
+    seen = np.isfinite(nav_field[:, 0])
+    level = np.hypot(nav_field[:, 0], nav_field[:, 1])
+    if states is None:
+        reference = np.tile([0.0, float(np.median(level[seen]))], (len(nav_field), 1))
+        deviation = np.stack([level, level, nav_field[:, 2]], axis=1)
+        deviation = deviation - np.nanmedian(deviation, axis=0)
+        used = slice(1, None)
+    else:
+        reference = states[:, E_H]
+        deviation = field_deviation(nav_field, reference)
+        deviation = deviation - usual_deviation(deviation[seen])
+        used = slice(None)
+    statistic = over_threshold(deviation[:, used], deviation[seen, used], p)
+    rough = measure_roughness(deviation, states, seen, path.distance_m, p)
+    return FieldResiduals(deviation, statistic, rough, nav_R_body, reference)
+
+
+def _with_field(
+    problem: WalkProblem,
+    field: FootfallField,
+    residuals: FieldResiduals,
+    path: FieldPath,
+    direction: tuple[float, float],
+    p: FieldParameters,
+) -> WalkProblem:
+    """Add the factors of the field to a walk, in place of those of the round before."""
+    readings = _read_compass(problem, field, residuals, p)
+    factors = FieldFactors(readings, path, _expect_field(residuals, direction, p), residuals.rough, p)
+    return replace(problem, field=factors)
+
+
+def _read_compass(
+    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, p: FieldParameters
+) -> CompassReadings:
+    usable = np.isfinite(residuals.statistic)
+    disturbed = usable & (residuals.statistic >= 1.0)
+    sigma = np.where(usable & ~disturbed, p.compass_sigma_uT, np.inf)
+    if p.gate is not None:
+        passed = judge_field(replace(field, nav_R_body=residuals.nav_R_body), p.gate).quasi_static
+        sigma = np.where(passed, sigma, p.outside_gate * sigma)
+    body_field = np.where(usable[:, None], field.body_field, 0.0)
+    return CompassReadings(problem.nodes.result, body_field, sigma, disturbed)
+
+
+def _expect_direction(
+    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, p: FieldParameters
+) -> tuple[float, float]:
+    """Direction of the mean field, rad clockwise from north, and its sigma.
+
+    A given heading is taken to be from magnetic north, unless the first footfalls have the field where neither that nor
+    its own deviations let it be: a heading of zero is often given where none is known.
+    """
+    if not problem.heading_known:
+        return 0.0, np.radians(DECLINATION_SIGMA_DEG if p.potential else FOUND_SIGMA_DEG)
+    first = _nav_field(field, residuals.nav_R_body)[residuals.statistic < 1.0][:FIRST_FOOTFALLS]
+    east, north, _ = first.mean(axis=0) if len(first) else (0.0, 1.0, 0.0)
+    strength = np.linalg.norm(np.median(residuals.reference, axis=0))
+    deviations = np.hypot(residuals.rough.across.sigma, residuals.rough.regional.sigma) / strength
+    sigma, found = np.radians(p.reference_sigma_deg), float(np.arctan2(east, north))
+    if abs(found) <= CONTRADICTED_SIGMAS * np.hypot(sigma, deviations):
+        return 0.0, sigma
+    return found, np.radians(FOUND_SIGMA_DEG)
+
+
+def _expect_field(residuals: FieldResiduals, direction: tuple[float, float], p: FieldParameters) -> FieldPrior:
+    strength = float(np.linalg.norm(np.median(residuals.reference, axis=0)))
+    azimuth, direction_sigma = direction
+    east, north = strength * np.sin(azimuth), strength * np.cos(azimuth)
+    sigma = np.array(
+        [
+            residuals.rough.potential.sigma,
+            residuals.rough.across.sigma,
+            residuals.rough.regional.sigma,
+            direction_sigma * strength,
+            p.strength_sigma_uT,
+            p.hard_iron_level_uT,
+            p.hard_iron_level_uT,
+            p.hard_iron_up_uT,
+        ]
+    )
+    return FieldPrior(np.array([0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
+
+
+def _judge(residuals: FieldResiduals, states: Floats, north_sigma: float) -> FieldVerdict:
+    both = [judge_footfall(*one) for one in zip(residuals.deviation, residuals.statistic, strict=True)]
+    words, reasons = zip(*both, strict=True)
+    used = (residuals.statistic < 1.0).mean()
+    return FieldVerdict(words, reasons, _write_notes(residuals, states, used), north_sigma)
+
+
+def judge_footfall(deviation: Floats, statistic: float) -> tuple[str, str]:
+    """Return verdict and reason for a footfall: deviation (3,) across, along and up, uT, and over its threshold."""
+    if not np.isfinite(statistic):
+        return str(UNKNOWN), NO_FIELD
+    across, along, up = deviation
+    off = f"{across:+.1f} uT across the mean field, {along:+.1f} along, {up:+.1f} up"
+    return str(QUASI_STATIC if statistic < 1.0 else DISTURBED), f"{off}; {statistic:.2g} times the threshold"
+
+
+def _write_notes(residuals: FieldResiduals, states: Floats, used: float) -> tuple[str, ...]:
+    east, north = np.median(states[:, E_H], axis=0)
+    forward, left, up = states[-1, IRON]
+    rough = residuals.rough
+    return (
+        f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
+        f"{100 * used:.0f} % of the footfalls are used",
+        f"it deviates by {_write(rough.across, 'uT')}, by region {_write(rough.regional, 'uT')}, "
+        f"its potential by {_write(rough.potential, 'uT m')}",
+        f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
+    )
+
+
+def _write(rough: Roughness, unit: str) -> str:
+    return f"{rough.sigma:.1f} {unit} over {rough.length_m:.1f} m"

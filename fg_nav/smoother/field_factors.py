@@ -1,0 +1,202 @@
+"""All factors of the magnetic field of a walk, whose state m (`factors.field_state`) is a variable at each footfall.
+
+    magnetic heading   (X_k, M_k)              compass, where the field at the footfall is used
+    field potential    (X_k, M_k, M_k+1)       line integral of the field over the stride
+    transition         (M_k, M_k+1)            by how rough the field is (`field_noise`)
+    prior              (M_0)                   by direction and strength
+
+The line integrals come from the first trajectory of the walk. With y the body field and nav_T_body the trajectory,
+between footfalls k and k+1
+
+    u_k = int (y - R^T e_z E_up) . R^T dp,      s_k = L int R^T dp,      d_k = R_k^T (p_{k+1} - p_k).
+
+E_up is the median vertical field at the footfalls, so that a trajectory that climbs falsely adds nothing; L turns the
+body axes into those of a stance: x forward as far as level, z up. A stride whose samples of the field lie too far apart
+measured nothing. The trajectory must be good within a stride; where it is and which way it heads makes no difference to
+u, s and d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, pairwise
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import M, X
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.factors.field_potential import FieldPotential, integrate_field
+from fg_nav.factors.field_state import DELTA, E_H, IRON, PHI, RHO, SIZE, FieldPrior, FieldTransition
+from fg_nav.factors.magnetic_heading import MagneticHeading
+from fg_nav.factors.residual import ResidualBlock, factor_of, linear_factor_of, one_of
+from fg_nav.frames import levelled
+from fg_nav.smoother.field_noise import FieldRoughness
+from fg_nav.smoother.parameters import FieldParameters
+from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
+
+DISTURBED_FACTOR = 30.0
+"""By how much more than usual deviation and potential may change into a disturbed footfall and out of it."""
+
+
+@dataclass(frozen=True)
+class CompassReadings:
+    """The field at F footfalls as the magnetometer has it, and how much each is worth.
+
+    ================ ======= =========================================================================
+    node             (F,)    of the graph, at the footfall
+    body_field       (F, 3)  uT; anything where it was not seen
+    sigma_uT         (F,)    noise of the compass; infinite where it is not used
+    disturbed        (F,)    where potential and deviation are not those of the walk
+    ================ ======= =========================================================================
+    """
+
+    node: Ints
+    body_field: Floats
+    sigma_uT: Floats
+    disturbed: Bools
+
+
+@dataclass(frozen=True)
+class FieldPath:
+    """Of F footfalls and the F - 1 strides between them.
+
+    ============== ============ =============================================================================
+    u              (F-1,)       uT m, line integral of the body field less the vertical part
+    level_path     (F-1, 3)     m, the path in the stance's axes
+    body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
+    sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
+    distance_m     (F-1,)       from footfall to footfall
+    level_R_body   (3, 3)       stance's axes from the body's
+    ============== ============ =============================================================================
+    """
+
+    u: Floats
+    level_path: Floats
+    body_move: Floats
+    sigma_uT_m: Floats
+    distance_m: Floats
+    level_R_body: Floats
+
+
+class FieldFactors:
+    """The factors of a walk's field, linearized together, or one by one as factors of gtsam."""
+
+    def __init__(
+        self,
+        readings: CompassReadings,
+        path: FieldPath,
+        prior: FieldPrior,
+        rough: FieldRoughness,
+        p: FieldParameters,
+    ) -> None:
+        self.readings, self.path, self.prior = readings, path, prior
+        pose, state = [X(int(j)) for j in readings.node], [M(k) for k in range(len(readings.node))]
+        self._states = state
+        used = np.flatnonzero(np.isfinite(readings.sigma_uT) & p.compass)
+        level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
+        compass = MagneticHeading(readings.body_field[used], level, readings.sigma_uT[used])
+        self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
+        seen = np.flatnonzero(np.isfinite(path.sigma_uT_m) & p.potential)
+        integrals = FieldPotential(path.u[seen], path.level_path[seen], path.body_move[seen], path.sigma_uT_m[seen])
+        self.potential = ResidualBlock(integrals, [(pose[k], state[k], state[k + 1]) for k in seen])
+        about = readings.disturbed[1:] | readings.disturbed[:-1]
+        changes = transition(path.distance_m, about, rough, p)
+        self.transition = ResidualBlock(changes, list(pairwise(state)))
+
+    def insert(self, values: gtsam.Values) -> None:
+        """Put the first state at all footfalls."""
+        for key in self._states:
+            values.insert(key, self.prior.mean)
+
+    def states(self, values: gtsam.Values) -> Floats:
+        """(F, 8)."""
+        return np.array([values.atVector(key) for key in self._states])
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        return sum(block.error(values) for block in self._blocks())
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
+        """Yield its factors, linearized at these values."""
+        return chain.from_iterable(block.linearize(values) for block in self._blocks())
+
+    def _blocks(self) -> tuple[LinearizableBlock, ...]:
+        return self.heading, self.potential, GtsamFactors(factor_of(self.prior, self._states[:1])), self.transition
+
+    def factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """Yield the same as factors of gtsam, footfall by footfall."""
+        heading = {keys[1]: factor for keys, factor in zip(self.heading.keys, self.heading.factors(), strict=True)}
+        potential = {keys[2]: f for keys, f in zip(self.potential.keys, self.potential.factors(), strict=True)}
+        yield factor_of(self.prior, self._states[:1])
+        for k, state in enumerate(self._states):
+            if state in heading:
+                yield heading[state]
+            if k > 0:
+                yield linear_factor_of(one_of(self.transition.residuals, k - 1), self._states[k - 1 : k + 1])
+            if state in potential:
+                yield potential[state]
+
+    def turned(self, nav_R_nav: Floats) -> FieldFactors:
+        """Return those of a walk that was turned about up: its field is expected there."""
+        mean = self.prior.mean.copy()
+        mean[E_H] = nav_R_nav[:2, :2] @ mean[E_H]
+        other = FieldFactors.__new__(FieldFactors)
+        other.__dict__.update(self.__dict__ | {"prior": replace(self.prior, mean=mean)})
+        return other
+
+
+def transition(distance_m: Floats, disturbed: Bools, rough: FieldRoughness, p: FieldParameters) -> FieldTransition:
+    """Change of the state over strides (...) of these lengths, m, that begin or end at a disturbed footfall or not."""
+    keep, new = np.ones((*distance_m.shape, SIZE)), np.empty((*distance_m.shape, SIZE))
+    new[..., E_H], new[..., IRON] = p.mean_walk_uT, p.hard_iron_walk_uT
+    for column, one in ((PHI, rough.potential), (DELTA, rough.across), (RHO, rough.regional)):
+        keep[..., column] = one.left(distance_m)
+        new[..., column] = one.innovation(distance_m)
+    new[..., [PHI, DELTA]] *= np.where(disturbed, DISTURBED_FACTOR, 1.0)[..., None]
+    return FieldTransition(keep, new)
+
+
+def integrate_path(
+    t: Floats, mag: Floats, position: Floats, nav_R_body: Floats, footfall: Ints, up_uT: float, p: FieldParameters
+) -> FieldPath:
+    """Integrate the field along a walk.
+
+    Parameters
+    ----------
+    t, mag : (N,) s, (N, 3) uT; NaN rows where there was no sample.
+    position, nav_R_body : (N, 3) m, (N, 3, 3), at every sample.
+    footfall : (F,) their samples.
+    up_uT : vertical field of the walk.
+    """
+    row = np.flatnonzero(np.isfinite(mag[:, 0]))
+    move = np.diff(position[row], axis=0)
+    integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)
+    level = _level_R_body(nav_R_body[footfall])
+    straight = np.diff(position[footfall], axis=0)
+    return FieldPath(
+        u=np.diff(integral.u),
+        level_path=np.diff(integral.s, axis=0) @ level.T,
+        body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
+        sigma_uT_m=np.where(_coarsest(move, row, footfall) <= p.coarsest_m, p.path_sigma_uT_m, np.inf),
+        distance_m=np.linalg.norm(straight, axis=1),
+        level_R_body=level,
+    )
+
+
+def _coarsest(move: Floats, row: Ints, footfall: Ints) -> Floats:
+    """(F-1,) m, the longest move (M-1, 3) between samples of the field `row` (M,) that a stride has a part in.
+
+    Endless before the first sample and after the last.
+    """
+    endless = [np.inf]
+    size = np.concatenate([endless, np.linalg.norm(move, axis=1), endless, endless])  # one more, for `reduceat` to end
+    first = np.searchsorted(row, footfall[:-1], side="right")
+    stop = np.searchsorted(row, footfall[1:], side="left") + 1
+    return np.asarray(np.maximum.reduceat(size, np.stack([first, stop], axis=1).ravel())[::2])
+
+
+def _level_R_body(nav_R_body: Floats) -> Floats:
+    """Stance's axes from the body's: z is the median up of the footfalls, x the body's x as far as it is level."""
+    return levelled(np.median(nav_R_body[:, 2], axis=0), heading=np.pi / 2)

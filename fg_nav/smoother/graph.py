@@ -1,0 +1,212 @@
+"""From nodes and strides to the problem that is solved: factors, initial values, and the prior on the start.
+
+The initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set
+to zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt
+is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, S, V, X
+from numba import njit
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.calibration import RollingLever
+from fg_nav.detection import Rest
+from fg_nav.factors.residual import ResidualBlock, join_blocks
+from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
+from fg_nav.recording import Recording
+from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.nodes import Nodes, place_nodes
+from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved, minimize, time_order
+from fg_nav.smoother.strides import add_start, add_stride, preintegrate, strides_of, velocity_block
+from fg_nav.stances import Stances
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of sensor, mounting and walk before the graph is built.
+
+    Gyro bias (3,) rad/s to start from and the sigma of its prior about zero, rests, lever; and the same in words.
+    """
+
+    gyro_bias: Floats
+    gyro_bias_sigma: float
+    rests: tuple[Rest, ...]
+    lever: RollingLever
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StartPrior:
+    """The gauge: position zero at the first node, this attitude (3, 3), its heading with a sigma in rad."""
+
+    nav_R_body: Floats
+    heading_sigma: float
+
+    def factor(self, p: SmootherParameters) -> gtsam.PriorFactorPose3:
+        """Return it as a prior on the first pose, with the tilt of levelling."""
+        pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.zeros(3))
+        tilt = np.radians(p.tilt_sigma_deg)
+        nav_rotation = np.diag([tilt, tilt, self.heading_sigma]) ** 2
+        covariance = np.eye(6) * p.gauge_sigma**2
+        covariance[:3, :3] = self.nav_R_body.T @ nav_rotation @ self.nav_R_body
+        return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
+
+
+@dataclass(frozen=True)
+class WalkProblem:
+    """A walk as a graph, before it is solved.
+
+    Attributes
+    ----------
+    recording, nodes, known, parameters : of the walk; with the swing noise that was chosen.
+    heading_known : whether the heading at the start was given, or fixes show it.
+    start : prior on the first pose.
+    graph : inertial factors, and those on biases and settling.
+    velocities : of the stances.
+    constraints : factors of fixes, straight stretches and floors, and the number of floors.
+    field : factors of the magnetic field, where it is used.
+    values : of all variables, to start from.
+    """
+
+    recording: Recording
+    nodes: Nodes
+    known: Known
+    parameters: SmootherParameters
+    heading_known: bool
+    start: StartPrior
+    graph: gtsam.NonlinearFactorGraph
+    velocities: ResidualBlock
+    values: gtsam.Values
+    constraints: tuple[LinearizableBlock, ...] = ()
+    floors: int = 0
+    field: FieldFactors | None = None
+
+    @property
+    def blocks(self) -> tuple[LinearizableBlock, ...]:
+        """What is linearized next to the graph."""
+        field = () if self.field is None else (self.field,)
+        return (self.velocities, GtsamFactors(self.start.factor(self.parameters)), *field, *self.constraints)
+
+    def factors(self) -> gtsam.NonlinearFactorGraph:
+        """Return all of it but the constraints as factors of gtsam, one by one."""
+        graph = gtsam.NonlinearFactorGraph(self.graph)
+        for factor in self.velocities.factors():
+            graph.push_back(factor)
+        graph.push_back(self.start.factor(self.parameters))
+        for field_factor in () if self.field is None else self.field.factors():
+            graph.push_back(field_factor)
+        return graph
+
+
+def solve(problem: WalkProblem, convergence: float | None = None) -> Solved:
+    """Minimize the error of a walk, to the smoother's own convergence if no other is given."""
+    p = problem.parameters
+    ordering = time_order(problem.nodes, problem.field is not None, problem.floors)
+    nearest = p.convergence if convergence is None else convergence
+    return minimize(problem.graph, problem.blocks, problem.values, ordering, nearest, p.largest_steps)
+
+
+def build_problem(
+    recording: Recording,
+    stances: Stances,
+    nav_R_body: Floats,
+    known: Known,
+    p: SmootherParameters,
+    heading_known: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> WalkProblem:
+    """Turn a walk that starts in this attitude (3, 3) into nodes, factors and initial values."""
+    nodes = place_nodes(recording, stances, p)
+    bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
+    measurements = preintegrate(recording, nodes.sample, bias, p, progress)
+    graph, velocities = gtsam.NonlinearFactorGraph(), []
+    add_start(graph, known.gyro_bias_sigma, p)
+    lever = known.lever.lever
+    for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, known.rests, p):
+        add_stride(graph, stride, p)
+        velocities.append(velocity_block(stride))
+    return WalkProblem(
+        recording,
+        nodes,
+        known,
+        p,
+        heading_known,
+        StartPrior(nav_R_body, p.gauge_sigma),
+        graph,
+        join_blocks(velocities),
+        initial_values(recording, stances, nodes, nav_R_body, known.gyro_bias, p.gravity),
+    )
+
+
+def initial_values(
+    recording: Recording,
+    stances: Stances,
+    nodes: Nodes,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    gravity: float,
+) -> gtsam.Values:
+    """Values of all variables; `nav_R_body` (3, 3) is the attitude at the first node."""
+    position, attitude = _stop_and_go(
+        recording.t,
+        *recording.integrable,
+        stances.mask,
+        nodes.sample,
+        nav_R_body,
+        gyro_bias,
+        gravity,
+    )
+    values = gtsam.Values()
+    rest = np.zeros(3)
+    for j in range(len(nodes)):
+        values.insert(X(j), gtsam.Pose3(gtsam.Rot3(attitude[j]), position[j]))
+        values.insert(V(j), rest)
+    bias = gtsam.imuBias.ConstantBias(rest, gyro_bias)
+    for k in range(nodes.bias[-1] + 1):
+        values.insert(B(k), bias)
+        values.insert(S(k), np.zeros(1))
+    return values
+
+
+def turn_walk(values: gtsam.Values, nodes: Nodes, nav_R_nav: Floats) -> None:
+    """Turn the poses and velocities of a walk about its origin, in place."""
+    about = gtsam.Pose3(gtsam.Rot3(nav_R_nav), np.zeros(3))
+    for j in range(len(nodes)):
+        values.update(X(j), about.compose(values.atPose3(X(j))))
+        values.update(V(j), nav_R_nav @ values.atVector(V(j)))
+
+
+@njit(cache=True)
+def _stop_and_go(
+    t: Floats,
+    acc: Floats,
+    gyr: Floats,
+    stands: Bools,
+    sample: Ints,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    gravity: float,
+) -> tuple[Floats, Floats]:
+    """Position (M, 3) and attitude (M, 3, 3) at the nodes."""
+    position, attitude = np.zeros((len(sample), 3)), np.empty((len(sample), 3, 3))
+    state = NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), gyro_bias, np.zeros(3))
+    turn, push = np.empty((3, 3)), np.empty(3)
+    attitude[0] = nav_R_body
+    for j in range(1, len(sample)):
+        for i in range(sample[j - 1], sample[j]):
+            h = t[i + 1] - t[i]
+            strapdown(state, acc[i], gyr[i], h, gravity, turn, push)
+            if stands[i]:
+                nudge_tilt(state.nav_R_body, acc[i], min(h / TILT_TIME_S, 1.0))
+        state.position[:] -= state.velocity * (0.5 * (t[sample[j]] - t[sample[j - 1]]))
+        state.velocity[:] = 0.0
+        position[j], attitude[j] = state.position, state.nav_R_body
+    return position, attitude

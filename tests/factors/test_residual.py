@@ -1,0 +1,141 @@
+"""One residual, two ways: linearized together in numpy and one by one by gtsam it is the same, sign for sign."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import M, S, V, X, Z
+from scipy.spatial.transform import Rotation
+
+from fg_nav.factors import (
+    FieldPotential,
+    FieldPrior,
+    FieldTransition,
+    FloorHeight,
+    MagneticHeading,
+    ResidualBlock,
+    StanceVelocity,
+    StraightWalk,
+    factor_of,
+    linear_factor_of,
+)
+from fg_nav.factors.field_state import SIZE
+from fg_nav.factors.residual import join_blocks, one_of
+from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians, residual
+
+COUNT = 5
+
+
+def random_blocks(seed):
+    """Blocks of all residuals, with anything measured, and values of all their variables."""
+    rng, values = np.random.default_rng(seed), gtsam.Values()
+    for k in range(COUNT + 2):
+        R = gtsam.Rot3(Rotation.random(rng=rng).as_matrix())
+        values.insert(X(k), gtsam.Pose3(R, np.array([1.5 * k, 0.0, 0.0]) + 0.3 * rng.standard_normal(3)))
+        values.insert(V(k), rng.standard_normal(3))
+        values.insert(S(k), 0.01 * rng.standard_normal(1))
+        values.insert(Z(k), rng.standard_normal(1))
+        values.insert(M(k), np.array([0.0, 0, 0, 3.0, 20.0, 0, 0, 0]) + rng.standard_normal(SIZE))
+    three, sigma = (lambda: rng.standard_normal((COUNT, 3))), rng.uniform(0.5, 2.0, (COUNT, SIZE))
+    level = Rotation.random(COUNT, rng=rng).as_matrix()
+    residuals = {
+        "xvs": StanceVelocity(three(), three(), sigma[:, :3], sigma[:, 3]),
+        "xm": MagneticHeading(20.0 * three(), level, sigma[:, 0]),
+        "xmm": FieldPotential(sigma[:, 1], three(), three(), sigma[:, 0]),
+        "mm": FieldTransition(np.exp(-sigma), sigma),
+        "xz": FloorHeight(0.02),
+        "xxx": StraightWalk(0.5, 0.05),
+    }
+    letter = {"x": X, "v": V, "s": S, "m": M, "z": Z}
+    blocks = {}
+    for names, one in residuals.items():
+        shift = [names[:i].count(name) for i, name in enumerate(names)]
+        keys = [[letter[name](k + by) for name, by in zip(names, shift, strict=True)] for k in range(COUNT)]
+        blocks[one.name] = ResidualBlock(one, keys)
+    return blocks, values
+
+
+NAMES = list(random_blocks(0)[0])
+YAW_ONLY = ("magnetic heading", "field potential")
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", NAMES)
+def test_a_block_has_the_linearization_of_its_factors(name, seed):
+    blocks, values = random_blocks(seed)
+    block = blocks[name]
+    factors = list(block.factors())
+    assert len(factors) == len(block) == COUNT
+    for together, factor in zip(block.linearize(values), factors, strict=True):
+        alone = factor.linearize(values)
+        assert list(together.keys()) == list(alone.keys()) == list(factor.keys())
+        for a, b in zip(together.jacobian(), alone.jacobian(), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
+    assert block.error(values) == pytest.approx(sum(factor.error(values) for factor in factors), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in (*YAW_ONLY, "straight walk")])
+def test_jacobians_are_the_derivatives_with_their_sign(name, seed):
+    blocks, values = random_blocks(seed)
+    for factor in blocks[name].factors():
+        assert_jacobians_are_derivatives(factor, values, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", YAW_ONLY)
+def test_the_field_knows_a_pose_by_a_turn_about_up_alone(name):
+    """There the Jacobian is the derivative; of tilt and place it has nothing."""
+    blocks, values = random_blocks(4)
+    step = 1e-6
+    for factor in blocks[name].factors():
+        pose_key, *others = factor.keys()
+        stated = jacobians(factor, values)
+        pose = values.atPose3(pose_key)
+        ends = []
+        for angle in (-step, step):
+            turned, turn = gtsam.Values(values), gtsam.Rot3.Rz(angle)
+            turned.update(pose_key, gtsam.Pose3(turn.compose(pose.rotation()), pose.translation()))
+            ends.append(residual(factor, turned))
+        up = pose.rotation().matrix()[2]
+        by_yaw = (ends[1] - ends[0]) / (2 * step)
+        np.testing.assert_allclose(stated[pose_key][0], np.append(by_yaw * up, np.zeros(3)), atol=1e-5)
+        for key in others:
+            for i, axis in enumerate(np.eye(SIZE)):
+                there, back = gtsam.Values(values), gtsam.Values(values)
+                there.update(key, values.atVector(key) + step * axis)
+                back.update(key, values.atVector(key) - step * axis)
+                slope = (residual(factor, there) - residual(factor, back)) / (2 * step)
+                np.testing.assert_allclose(stated[key][:, i], slope, atol=1e-5)
+
+
+def test_the_prior_of_the_field_has_its_derivatives():
+    rng = np.random.default_rng(5)
+    prior = FieldPrior(np.array([0.0, 0, 0, 3.0, 20.0, 0, 0, 0]), rng.uniform(0.5, 2.0, SIZE))
+    values = gtsam.Values()
+    values.insert(M(0), prior.mean + rng.standard_normal(SIZE))
+    assert_jacobians_are_derivatives(factor_of(prior, [M(0)]), values, atol=1e-6)
+
+
+def test_a_linear_factor_is_the_residual_wherever_it_is():
+    blocks, values = random_blocks(6)
+    block = blocks["field transition"]
+    for k, keys in enumerate(block.keys):
+        one = one_of(block.residuals, k)
+        linear, factor = linear_factor_of(one, keys), factor_of(one, keys)
+        assert linear.error(values) == pytest.approx(factor.error(values), rel=1e-9)
+        for a, b in zip(linear.linearize(values).jacobian(), factor.linearize(values).jacobian(), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def test_joined_blocks_are_both():
+    (first, values), (second, _) = random_blocks(7), random_blocks(8)
+    both = join_blocks([first["stance velocity"], second["stance velocity"]])
+    alone = [blocks["stance velocity"].error(values) for blocks in (first, second)]
+    assert len(both) == 2 * COUNT
+    assert both.error(values) == pytest.approx(sum(alone))
+
+
+def test_a_block_of_none_has_no_error():
+    blocks, values = random_blocks(9)
+    empty = ResidualBlock(blocks["floor height"].residuals, [])
+    assert empty.error(values) == 0.0
+    assert list(empty.linearize(values)) == []
