@@ -24,14 +24,19 @@ Types
 Recording
     What the sensor recorded (`fg_nav.recording`).
 Stances
-    When the foot stood: found once, shared by all estimators (`fg_nav.stances`).
+    When the foot stands: found once, shared by all estimators (`fg_nav.stances`).
 FootfallField, FieldVerdicts
-    The field at each footfall, and which of them to trust: found once, shared too (`fg_nav.magnetic`).
+    The field at each footfall, and which of them to use: found once, shared too (`fg_nav.magnetic`).
+Walk
+    These four together, and what the user chose: the input of every estimator (`fg_nav.walk`).
 Solution
     What every estimator returns: the dense trajectory and one row a stance (`fg_nav.solution`).
+Outcome
+    A solution and its errors (`fg_nav.walk`).
 
-The data's way: `fg_nav.io` -> `Recording` -> `fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FieldVerdicts`
--> `fg_nav.smoother` or `fg_nav.ekf` -> `Solution` -> `fg_nav.evaluation`, `fg_nav.report`.
+The data's way is one page, `fg_nav.navigate`: `fg_nav.io` -> `Recording` -> `fg_nav.calibration` ->
+`fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FieldVerdicts` -> `fg_nav.smoother` (of `fg_nav.factors`),
+`fg_nav.ekf` or `fg_nav.online` -> `Solution` -> `fg_nav.evaluation` -> `Outcome` -> `fg_nav.report`.
 """
 
 from importlib import import_module
@@ -44,34 +49,48 @@ if TYPE_CHECKING:
     from fg_nav.evaluation import evaluate
     from fg_nav.io import read
     from fg_nav.magnetic.footfall_field import average_footfall_field
+    from fg_nav.navigate import prepare_walk, run_method
     from fg_nav.recording import Recording
     from fg_nav.smoother import smooth
     from fg_nav.solution import Solution
     from fg_nav.stances import Stances
+    from fg_nav.walk import Options, Outcome, Walk, read_walk
 
 _HOME = {
     "FgNavError": "fg_nav.errors",
+    "Options": "fg_nav.walk",
+    "Outcome": "fg_nav.walk",
     "Recording": "fg_nav.recording",
     "Solution": "fg_nav.solution",
     "Stances": "fg_nav.stances",
+    "Walk": "fg_nav.walk",
     "detect_stances": "fg_nav.detection",
     "evaluate": "fg_nav.evaluation",
     "average_footfall_field": "fg_nav.magnetic.footfall_field",
+    "prepare_walk": "fg_nav.navigate",
     "read": "fg_nav.io",
+    "read_walk": "fg_nav.walk",
     "run_iez": "fg_nav.ekf",
+    "run_method": "fg_nav.navigate",
     "smooth": "fg_nav.smoother",
 }
 
 __all__ = [
     "FgNavError",
+    "Options",
+    "Outcome",
     "Recording",
     "Solution",
     "Stances",
+    "Walk",
     "average_footfall_field",
     "detect_stances",
     "evaluate",
+    "prepare_walk",
     "read",
+    "read_walk",
     "run_iez",
+    "run_method",
     "smooth",
 ]
 
@@ -81,3 +100,8 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'fg_nav' has no attribute '{name}'")
     return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names, so that an interpreter offers them."""
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""The command line: parse, call, print.
+"""The command line: its verbs and their options; what they do is in `fg_nav.commands`, a page each.
 
 `main` is the one error boundary. Exit codes: 0 done; 1 the input or the output is to blame, said in one
 line on standard error; 2 the command was not understood; 70 a bug, with its traceback; 130 interrupted.
@@ -9,32 +9,14 @@ from __future__ import annotations
 import io
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+from typing import Annotated, Literal, NoReturn
 
 import typer
 
-from fg_nav.errors import CalibrationError, EstimationError, FgNavError, MagneticError, OutputError, SimulationError
-
-if TYPE_CHECKING:
-    from fg_nav.earth import EarthField
-    from fg_nav.lab.simulation import Choices, SimulatedWalk
-    from fg_nav.recording import Recording
-    from fg_nav.session import Options, Outcome, Session
+from fg_nav.errors import FgNavError
 
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
-
-RESULTS = Path("results")
-"""Where results go for which no folder was named."""
-
-PATH_METHOD = "iez"
-"""Draws the way on which the field is looked at: quick, and good enough for a map."""
-
-DEMO_METHODS = ("smoother", "iez")
 
 METHOD_NAMES = (
     "smoother, inertial, online, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
@@ -48,9 +30,6 @@ app = typer.Typer(
     name="fg-nav", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
 )  # fmt: skip
-
-Target = Callable[[], AbstractContextManager[tuple[Path, Path]]]
-"""Makes the folder of a result: where it will be, and where to write until it is complete."""
 
 RecordingPath = Annotated[
     Path, typer.Argument(metavar="RECORDING", show_default=False, help="File with the recording.")
@@ -165,11 +144,9 @@ def inspect(
     format: FormatName = None,
 ) -> None:
     """Say what a file holds, and whether it can be navigated with."""
-    from fg_nav.inspection import inspect as judged
-    from fg_nav.io import read_raw
-    from fg_nav.report.inspection import print_inspection
+    from fg_nav.commands.inspect import inspect
 
-    print_inspection(judged(read_raw(file, format)))
+    inspect(file, format)
 
 
 @app.command()
@@ -198,26 +175,13 @@ def run(
     force: Force = False,
 ) -> None:
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
-    from fg_nav.estimators import DEFAULT_METHOD
+    from fg_nav.commands import choose_options
+    from fg_nav.commands.run import check_mount, run
 
-    method = method or DEFAULT_METHOD[mount]
-    _methods_exist([method], mount)
-    _check_mount(mount, step_constant, known_distance, detector, preset)
-    _check_free(out, force)
-    from fg_nav.report.writing import write_run_folder
-    from fg_nav.session import load
-
-    options = replace(
-        _options(no_mag, heading, alignment, truth, detector, calibration, preset, fixes),
-        mount=mount,
-        step_constant_m=step_constant,
-        known_distance_m=known_distance,
-    )
-    session = load(recording, format, options)
-    outcomes = _solved(session, [method])
-    with _folder(out, force, f"{recording.stem}-{method}") as (place, folder):
-        write_run_folder(folder, session, outcomes[method])
-    _show(session, outcomes, place)
+    lengths_m = (step_constant, known_distance)
+    check_mount(mount, lengths_m, detector, preset)
+    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset, fixes)
+    run(recording, method, mount, options, lengths_m, format, out, force)
 
 
 @app.command()
@@ -238,17 +202,11 @@ def compare(
     force: Force = False,
 ) -> None:
     """Run several methods on the same recording and the same stances, and lay them side by side."""
-    names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
-    _methods_exist(names)
-    _check_free(out, force)
-    from fg_nav.report.writing import write_comparison_folder
-    from fg_nav.session import load
+    from fg_nav.commands import choose_options
+    from fg_nav.commands.compare import compare
 
-    session = load(recording, format, _options(no_mag, heading, alignment, truth, detector, calibration, preset))
-    outcomes = _solved(session, names)
-    with _folder(out, force, f"{recording.stem}-compare") as (place, folder):
-        write_comparison_folder(folder, session, outcomes)
-    _show(session, outcomes, place)
+    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset)
+    compare(recording, methods, options, format, out, force)
 
 
 @app.command()
@@ -258,19 +216,9 @@ def demo(
     force: Force = False,
 ) -> None:
     """Simulate one minute of walking and compare the methods on it."""
-    from fg_nav.report.folder import DEMO_FILES
+    from fg_nav.commands.compare import demo
 
-    _check_free(out, force, DEMO_FILES)
-    from fg_nav.report.writing import write_comparison_folder, write_simulation_folder
-    from fg_nav.session import prepare
-
-    walk = _simulated("demo", seed)
-    with _folder(out, force, "demo", DEMO_FILES) as (place, folder):
-        session = prepare(_as_if_read(walk.recording, place / "recording.csv"))
-        outcomes = _solved(session, DEMO_METHODS)
-        write_simulation_folder(folder, walk)
-        write_comparison_folder(folder, session, outcomes)
-    _show(session, outcomes, place)
+    demo(seed, out, force)
 
 
 @app.command()
@@ -289,20 +237,9 @@ def calibrate(
     force: Annotated[bool, typer.Option("--force", help="Replace an older calibration.")] = False,
 ) -> None:
     """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration."""
-    from fg_nav.calibration.file import is_calibration, write_calibration
-    from fg_nav.calibration.of_recording import calibrate as calibrated
-    from fg_nav.calibration.of_recording import check_method
-    from fg_nav.io import read
-    from fg_nav.report.calibration import print_calibration
-    from fg_nav.report.one_file import check_file_free, result_file
+    from fg_nav.commands.calibrate import calibrate
 
-    if method is not None:
-        check_method(method)
-    check_file_free(out, is_calibration, force)
-    found = calibrated(read(file, format), method, _strength(strength, place))
-    with result_file(out, is_calibration, force) as fresh:
-        write_calibration(fresh, found.calibration)
-    print_calibration(found, out)
+    calibrate(file, out, method, strength, place, format, force)
 
 
 @app.command()
@@ -329,48 +266,11 @@ def detect(
 
     `--detector munoz-diaz` alone needs no footfalls: it judges the samples, of a sensor in a pocket too.
     """
-    from fg_nav.report.field_survey import SAMPLEWISE, detectors_named
-    from fg_nav.report.folder import DETECT_FILES
+    from fg_nav.commands import choose_options
+    from fg_nav.commands.detect import detect
 
-    names = detectors_named(detectors)
-    _check_free(out, force, DETECT_FILES)
-    earth = _earth(place)
-    options = _options(False, heading, alignment, truth, None, calibration)
-    target = partial(_folder, out, force, f"{file.stem}-detect", DETECT_FILES)
-    if names == [SAMPLEWISE]:
-        if place is not None or truth is not None:
-            raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
-        _detect_in_samples(file, format, options, target)
-    else:
-        _detect_at_footfalls(file, format, options, names, earth, target)
-
-
-def _detect_at_footfalls(
-    file: Path, format: str | None, options: Options, names: list[str], earth: EarthField | None, target: Target
-) -> None:
-    from fg_nav.report.field_results import print_survey
-    from fg_nav.report.field_survey import surveyed
-    from fg_nav.report.writing import write_survey_folder
-    from fg_nav.session import load
-
-    session = load(file, format, options)
-    field = session.known_field()
-    outcome = _solved(session, [PATH_METHOD])[PATH_METHOD]
-    survey = surveyed(session.recording, field, names, outcome.solution, earth)
-    with target() as (place, folder):
-        write_survey_folder(folder, session, survey, outcome)
-    print_survey(session, survey, place)
-
-
-def _detect_in_samples(file: Path, format: str | None, options: Options, target: Target) -> None:
-    from fg_nav.report.field_samples import print_samples, sampled, write_samples
-    from fg_nav.session import opened
-
-    session = opened(file, format, options)
-    survey = sampled(session.recording)
-    with target() as (place, folder):
-        write_samples(folder, session, survey)
-    print_samples(session, survey, place)
+    options = choose_options(True, heading, alignment, truth, None, calibration)
+    detect(file, detectors, options, place, format, out, force)
 
 
 @app.command()
@@ -381,17 +281,9 @@ def allan(
     force: Force = False,
 ) -> None:
     """Say how noisy the sensor is, from a recording of it lying still: allan.json, allan.png."""
-    from fg_nav.report.folder import ALLAN_FILES
+    from fg_nav.commands.allan import allan
 
-    _check_free(out, force, ALLAN_FILES)
-    from fg_nav.calibration.at_rest import measure_recording_noise
-    from fg_nav.io import read
-    from fg_nav.report.allan import print_allan, write_allan
-
-    noise = measure_recording_noise(read(file, format))
-    with _folder(out, force, f"{file.stem}-allan", ALLAN_FILES) as (place, folder):
-        write_allan(folder, noise, file)
-    print_allan(noise, place)
+    allan(file, format, out, force)
 
 
 @app.command()
@@ -430,23 +322,16 @@ def stream(
 
     Reads rows of canonical CSV, the header line first. Ctrl-C ends the walk and writes its result.
     """
-    _check_free(out, force)
-    from fg_nav.online.command import Wanted, streamed
-    from fg_nav.report.in_progress import printed, remark, show_end, write_end
+    from fg_nav.commands.stream import stream
+    from fg_nav.online.command import Wanted
 
     wanted = Wanted(source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence)
-    walk = streamed(wanted, printed(), remark)
-    if out is None:
-        show_end(walk, serve is not None)
-        return
-    with _folder(out, force, "stream") as (place, folder):
-        write_end(folder, walk)
-    remark(f"files: {place}")
+    stream(wanted, out, force)
 
 
 def _list_scenarios(wanted: bool) -> None:
     if wanted:
-        from fg_nav.report.simulated import print_scenarios
+        from fg_nav.commands.simulate import print_scenarios
 
         print_scenarios()
         raise typer.Exit
@@ -478,17 +363,10 @@ def simulate(
     force: Force = False,
 ) -> None:
     """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
-    from fg_nav.report.folder import SIMULATION_FILES
-
-    _check_free(out, force, SIMULATION_FILES)
+    from fg_nav.commands.simulate import simulate
     from fg_nav.lab.simulation import Choices
-    from fg_nav.report.simulated import print_simulation
-    from fg_nav.report.writing import write_simulation_folder
 
-    walk = _simulated(scenario, seed, Choices(sensor, site, field, worn, rate, turn, calibrated))
-    with _folder(out, force, walk.scenario.name, SIMULATION_FILES) as (place, folder):
-        write_simulation_folder(folder, walk)
-    print_simulation(walk, place)
+    simulate(scenario, seed, Choices(sensor, site, field, worn, rate, turn, calibrated), out, force)
 
 
 @app.command()
@@ -508,13 +386,11 @@ def campaign(
     retry: Annotated[bool, typer.Option("--retry", help="Make again what failed.")] = False,
 ) -> None:
     """Try methods on many walks, simulated and recorded; the same command goes on with what was stopped."""
-    from fg_nav.lab.campaign.command import Request, run_campaign
-    from fg_nav.report.campaign import print_campaign, print_note, show_progress
+    from fg_nav.commands import RESULTS
+    from fg_nav.commands.campaign import campaign
+    from fg_nav.lab.campaign.command import Request
 
-    place = RESULTS / plan.stem if out is None else out
-    with show_progress() as show:
-        done = run_campaign(Request(plan, place, scheduler, workers, renew, retry), show, print_note)
-    print_campaign(done, place)
+    campaign(Request(plan, out or RESULTS / plan.stem, scheduler, workers, renew, retry))
 
 
 @app.command()
@@ -538,125 +414,10 @@ def reproduce(
 
     A run that was ended goes on from there with the same command.
     """
-    from fg_nav.lab.reproduce.command import reproduce as reproduced
+    from fg_nav.commands import RESULTS
+    from fg_nav.lab.reproduce.command import reproduce
 
-    reproduced(paper, out or RESULTS / f"reproduce-{paper}", seeds, first, workers, quick, force)
-
-
-def _options(
-    no_mag: bool,
-    heading: float | None,
-    alignment: str,
-    truth: Path | None,
-    detector: str | None,
-    calibration: Path | None,
-    preset: str = "tuned",
-    fixes: Path | None = None,
-) -> Options:
-    """What was asked for; refuses a preset or a detector that there is not, or that would have nothing to judge."""
-    from fg_nav.ekf.presets import check_preset
-    from fg_nav.magnetic.quasi_static import DEFAULT, find_detector
-    from fg_nav.session import Options
-
-    find_detector(detector or DEFAULT)
-    check_preset(preset)
-    if no_mag and detector is not None:
-        raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")
-    return Options(not no_mag, heading, alignment, truth, detector or DEFAULT, calibration, preset, fixes)
-
-
-def _earth(place: str | None) -> EarthField | None:
-    from fg_nav.earth import Place, compute_field
-
-    return None if place is None else compute_field(Place.parse(place))
-
-
-def _strength(strength_uT: float | None, place: str | None) -> float | None:
-    """Strength of the field as told, or that of a place."""
-    if strength_uT is not None and place is not None:
-        raise CalibrationError("--strength and --place both tell the strength of the field: give one of them.")
-    if strength_uT is not None and not 5.0 <= strength_uT <= 200.0:
-        raise CalibrationError(f"a field of {strength_uT:g} uT is none on Earth (25 to 65): give its strength in uT.")
-    earth = _earth(place)
-    return strength_uT if earth is None else earth.strength_uT
-
-
-def _methods_exist(names: Sequence[str], mount: Literal["foot", "pocket"] = "foot") -> None:
-    from fg_nav.estimators import estimator
-
-    for name in names:
-        estimator(name, mount)
-
-
-def _check_mount(
-    mount: str, step_constant: float | None, known_distance: float | None, detector: str | None, preset: str
-) -> None:
-    """Refuse options that are for a sensor worn elsewhere."""
-    if mount == "foot" and (step_constant is not None or known_distance is not None):
-        raise EstimationError(
-            "--step-constant and --known-distance are for a sensor in a pocket: add --mount pocket, or leave them out."
-        )
-    if mount == "pocket" and (detector is not None or preset != "tuned"):
-        raise EstimationError("--detector and --preset are for a sensor on a foot: leave them out with --mount pocket.")
-
-
-def _check_free(out: Path | None, force: bool, ours: frozenset[str] | None = None) -> None:
-    """Refuse before the work rather than after it."""
-    from fg_nav.report.folder import RESULT_FILES, check_free
-
-    if out is not None:
-        check_free(out, force, ours or RESULT_FILES)
-    elif force:
-        raise OutputError("--force replaces the result in a folder: name the folder with --out.")
-
-
-@contextmanager
-def _folder(
-    out: Path | None, force: bool, name: str, ours: frozenset[str] | None = None
-) -> Iterator[tuple[Path, Path]]:
-    """Yield the place of the result, and the folder to write into until it is complete."""
-    from fg_nav.report.folder import RESULT_FILES, claim_folder, result_folder
-
-    place = claim_folder(RESULTS, name) if out is None else out
-    with result_folder(place, force, ours or RESULT_FILES, claimed=out is None) as folder:
-        yield place, folder
-
-
-def _solved(session: Session, names: Sequence[str]) -> dict[str, Outcome]:
-    from fg_nav.report.terminal import progress
-    from fg_nav.session import solve
-
-    outcomes = {}
-    for name in names:
-        with progress(name) as report:
-            outcomes[name] = solve(session, name, report)
-    return outcomes
-
-
-def _simulated(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:
-    from fg_nav.lab.simulation import Choices, scenario, simulate
-    from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
-    from fg_nav.report.terminal import progress
-
-    own = name.endswith(SUFFIX)
-    chosen = read_scenario(Path(name)) if own else scenario(name)
-    try:
-        with progress(chosen.name) as report:
-            return simulate(chosen, seed, choices or Choices(), progress=report)
-    except SimulationError as error:
-        raise SimulationError(f"{Path(name).name}: {error}" if own else str(error)) from None
-
-
-def _as_if_read(recording: Recording, path: Path) -> Recording:
-    """Return a recording with the file named that it will be found in."""
-    return replace(recording, provenance=replace(recording.provenance, path=path, format="canonical"))
-
-
-def _show(session: Session, outcomes: Mapping[str, Outcome], place: Path) -> None:
-    from fg_nav.report.results import summary
-    from fg_nav.report.terminal import print_results
-
-    print_results([summary(session, outcome) for outcome in outcomes.values()], place)
+    reproduce(paper, out or RESULTS / f"reproduce-{paper}", seeds, first, workers, quick, force)
 
 
 def _one_line(error: Exception) -> str:

@@ -1,60 +1,24 @@
 """The estimators by the names under which people ask for them.
 
-Each takes the same recording, the same stances and the same field at their footfalls, and returns a `Solution`, so that
-a comparison compares estimators and nothing else. They are imported when first called: the graph library alone takes a
-second to load.
+Each takes the same `Walk` and returns a `Solution`, so that a comparison compares estimators and nothing else. They are
+imported when first called: the graph library alone takes a second to load.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from dataclasses import replace
+from typing import TypeAlias
 
-from fg_nav.changes import Changes, changed
+from fg_nav.changes import changed
 from fg_nav.errors import EstimationError
-from fg_nav.fixes import Fix
-from fg_nav.magnetic import FootfallField
-from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
+from fg_nav.walk import Mount, Walk
 
 Progress: TypeAlias = Callable[[float], None]
-"""Told from time to time what fraction of the work is done."""
+"""Called from time to time with the fraction of the work that is done."""
 
-Mount: TypeAlias = Literal["foot", "pocket"]
-"""Where the sensor is worn."""
-
-
-@dataclass(frozen=True)
-class Given:
-    """What every estimator is given of a walk.
-
-    Attributes
-    ----------
-    recording, stances : of one walk.
-    field : at its footfalls; None where it is unknown.
-    heading : rad clockwise from north, of the body's x axis at the start; None where it is unknown: then zero, or what
-        the compass says.
-    preset : of a filter's parameters (`fg_nav.ekf.presets`).
-    fixes : positions known from elsewhere; of use to the smoother only.
-    step_constant_m, known_distance_m : of one who walks with the sensor in a pocket (`fg_nav.pocket.dead_reckoning`).
-    changes : of the method's parameters; of use to those on a foot only.
-    """
-
-    recording: Recording
-    stances: Stances
-    field: FootfallField | None = None
-    heading: float | None = None
-    preset: str = "tuned"
-    fixes: tuple[Fix, ...] = ()
-    step_constant_m: float | None = None
-    known_distance_m: float | None = None
-    changes: Changes = ()
-
-
-Estimator: TypeAlias = Callable[[Given, Progress | None], Solution]
-
+Estimator: TypeAlias = Callable[[Walk, Progress | None], Solution]
 
 WITH_FIXES = ("smoother", "inertial")
 """Those that make use of fixes."""
@@ -71,64 +35,67 @@ POCKET_METHODS = ("pocket", "munoz-diaz2017")
 DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
 
-def _smoother(given: Given, progress: Progress | None) -> Solution:
+def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import SmootherParameters, smooth
 
-    parameters = changed(SmootherParameters(), given.changes)
-    return smooth(given.recording, given.stances, parameters, given.heading, progress, given.field, given.fixes)
+    parameters = changed(SmootherParameters(), walk.options.changes)
+    heading = walk.options.heading_rad
+    return smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, walk.fixes)
 
 
-def _inertial(given: Given, progress: Progress | None) -> Solution:
-    return replace(_smoother(replace(given, field=None), progress), method="inertial")
+def _inertial(walk: Walk, progress: Progress | None) -> Solution:
+    return replace(_smoother(replace(walk, field=None), progress), method="inertial")
 
 
 BLOCK = 64
 """Samples that the online estimator is given at once; its estimates do not depend on it."""
 
 
-def _online(given: Given, progress: Progress | None) -> Solution:
+def _online(walk: Walk, progress: Progress | None) -> Solution:
     """Push a recording through as if it were being walked; then solve it as a whole, with the stances it was given."""
     from fg_nav.online import OnlineNavigator
     from fg_nav.online.buffer import rows_of
     from fg_nav.online.smoother import OnlineOptions
     from fg_nav.smoother import SmootherParameters
 
-    recording, field = given.recording, given.field
-    parameters = changed(SmootherParameters(), given.changes)
-    navigator = OnlineNavigator(OnlineOptions(given.heading, field is not None, parameters=parameters))
+    recording, field, heading = walk.recording, walk.field, walk.options.heading_rad
+    parameters = changed(SmootherParameters(), walk.options.changes)
+    navigator = OnlineNavigator(OnlineOptions(heading, field is not None, parameters=parameters))
     rows = rows_of(recording)
     for start in range(0, len(recording), BLOCK):
         navigator.add_rows(rows[start : start + BLOCK])  # they were judged as a recording
         if progress is not None:
             progress(start / len(recording))
-    return navigator.finish(progress, given.stances, field)
+    return navigator.finish(progress, walk.stances, field)
 
 
 def _filter(method: str) -> Estimator:
-    def run(given: Given, progress: Progress | None) -> Solution:
+    def run(walk: Walk, progress: Progress | None) -> Solution:
         from fg_nav.ekf.presets import run_filter
 
-        density = _swing_density(given) if method.startswith("matched") else None
-        walk = (given.recording, given.stances, given.field, given.heading)
-        return run_filter(method, given.preset, *walk, density, given.changes)
+        options = walk.options
+        density = _swing_density(walk) if method.startswith("matched") else None
+        given = (walk.recording, walk.stances, walk.field, options.heading_rad)
+        return run_filter(method, options.preset, *given, density, options.changes)
 
     return run
 
 
-def _swing_density(given: Given) -> float:
+def _swing_density(walk: Walk) -> float:
     """Noise of the rate in a swing as the smoother finds it, for the filter that is to use the same."""
     from fg_nav.smoother import SmootherParameters
     from fg_nav.smoother.problem import estimate_swing_noise
 
-    return estimate_swing_noise(given.recording, given.stances, SmootherParameters())
+    return estimate_swing_noise(walk.recording, walk.stances, SmootherParameters())
 
 
 def _pocket(method: str) -> Estimator:
-    def run(given: Given, progress: Progress | None) -> Solution:
+    def run(walk: Walk, progress: Progress | None) -> Solution:
         from fg_nav.pocket.navigate import navigate_pocket
 
-        lengths = (given.step_constant_m, given.known_distance_m)
-        return navigate_pocket(given.recording, method, given.heading, *lengths, progress)
+        options = walk.options
+        lengths = (options.step_constant_m, options.known_distance_m)
+        return navigate_pocket(walk.recording, method, options.heading_rad, *lengths, progress)
 
     return run
 
@@ -145,7 +112,23 @@ ESTIMATORS: dict[str, Estimator] = {
 POCKET_ESTIMATORS: dict[str, Estimator] = {method: _pocket(method) for method in POCKET_METHODS}
 
 
-def estimator(name: str, mount: Mount = "foot") -> Estimator:
+def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
+    """Solve a walk by the method of this name.
+
+    Raises
+    ------
+    EstimationError
+        If there is no such method, if it makes no use of the fixes that were given, or cannot solve this walk.
+    """
+    run = find_estimator(method, walk.options.mount or "foot")
+    if walk.options.fixes_path is not None and method not in WITH_FIXES:
+        raise EstimationError(
+            f"{method} makes no use of fixes: leave --fixes out, or choose {' or '.join(WITH_FIXES)}."
+        )
+    return run(walk, progress)
+
+
+def find_estimator(name: str, mount: Mount = "foot") -> Estimator:
     """Return the estimator of this name for a sensor worn there; raises `EstimationError` if there is none."""
     there, elsewhere = (ESTIMATORS, POCKET_ESTIMATORS) if mount == "foot" else (POCKET_ESTIMATORS, ESTIMATORS)
     if name in there:
@@ -156,7 +139,7 @@ def estimator(name: str, mount: Mount = "foot") -> Estimator:
     raise EstimationError(f"there is no method '{name}': choose one of {', '.join(there)}.")
 
 
-def parameters_of(method: str, preset: str = "tuned") -> object:
+def find_parameters(method: str, preset: str = "tuned") -> object:
     """Return the parameters of a method on a foot, a frozen dataclass, as it begins with them.
 
     Raises
@@ -164,7 +147,7 @@ def parameters_of(method: str, preset: str = "tuned") -> object:
     EstimationError
         If there is no such method, or no such preset of it.
     """
-    estimator(method)
+    find_estimator(method)
     if method in SMOOTHERS:
         from fg_nav.smoother import SmootherParameters
 

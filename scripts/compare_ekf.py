@@ -57,8 +57,8 @@ from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import USED, Key, Result, read_result
-from fg_nav.report import style
-from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
+from fg_nav.report.plots import style
+from fg_nav.report.plots.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from fg_nav.report.terminal import progress
 
 FIRST_SEED, SEEDS = 101, 20

@@ -48,7 +48,7 @@ from fg_nav.lab.simulation.fields import (
     street,
     upright_loop,
 )
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 HEIGHTS_M = {"foot": 0.10, "pocket": 0.75}
 FAR_M = 0.5

@@ -56,10 +56,10 @@ from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.fields import earth_at
 from fg_nav.recording import TrajectoryTruth
-from fg_nav.report import style
-from fg_nav.report.field_potential import plot_field_north
-from fg_nav.session import Session
+from fg_nav.report.plots import style
+from fg_nav.report.plots.field_potential import plot_field_north
 from fg_nav.smoother import smooth
+from fg_nav.walk import Walk
 
 FIRST_SEED, SEEDS = 101, 10
 SCENARIOS = ("mall", "office", "teaching-building")
@@ -184,9 +184,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def way_of(session: Session, trajectory: Trajectory) -> Way:
+def way_of(session: Walk, trajectory: Trajectory) -> Way:
     """Sum the field of a session along a trajectory."""
-    recording, field = session.recording, session.known_field()
+    recording, field = session.recording, session.require_field()
     assert recording.mag is not None
     seen = np.isfinite(field.body_field[:, 0])
     stance_field = np.einsum("kab,kb->ka", trajectory.nav_R_body[field.sample], field.body_field)[seen]
@@ -251,7 +251,7 @@ def of_seed(name: str, level: str, magnetometer: str, along: str, seed: int) -> 
     return share, float(direction), *found
 
 
-def _inertial(session: Session, truth: Trajectory, along: str) -> Trajectory:
+def _inertial(session: Walk, truth: Trajectory, along: str) -> Trajectory:
     own = inertial(session)
     if along == OWN:
         return own
@@ -276,7 +276,7 @@ def as_good(orders: Floats, fit: Fit) -> float:
     return float(np.mean(orders <= fit.rms_m))
 
 
-def simulated(name: str, level: str, magnetometer: str, seed: int) -> tuple[Session, Trajectory, Floats]:
+def simulated(name: str, level: str, magnetometer: str, seed: int) -> tuple[Walk, Trajectory, Floats]:
     """A simulated walk, its true trajectory, and the Earth's field (3,) uT."""
     source = Simulated(name, level, seed)
     session = source.session(magnetometer)
@@ -330,7 +330,7 @@ def real_way(name: str, data: Path | None) -> Way:
     return way_of(session, inertial(session))
 
 
-def inertial(session: Session) -> Trajectory:
+def inertial(session: Walk) -> Trajectory:
     """What the smoother makes of a walk without its magnetometer."""
     heading = np.radians(session.options.heading_deg or 0.0)
     solution = smooth(replace(session.recording, mag=None), session.stances, heading=float(heading))

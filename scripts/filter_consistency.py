@@ -49,9 +49,10 @@ from fg_nav.ekf.rts import Track
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.navigate import prepare_walk
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.session import Options, prepare
 from fg_nav.start import Start
+from fg_nav.walk import Options, Walk
 
 METHODS = ("iez", "qsf", "iqsf", "ma2018", "aiez", "matched")
 BAND = 0.95
@@ -117,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def motion_of(scenario: str) -> Motion:
     """True motion of a simulated walk, from its first stance on."""
     recording = simulate(scenario, 1, Choices(calibrated=True, field="smooth")).recording
-    session = prepare(recording, Options())
+    session = prepare_walk(Walk.of(recording, Options()))
     truth, stances = recording.truth, session.stances
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None

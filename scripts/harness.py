@@ -29,7 +29,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fg_nav.errors import FgNavError, OutputError, SimulationError
-from fg_nav.report import style
+from fg_nav.report.plots import style
 from fg_nav.report.terminal import console, progress
 
 FIRST_SEED = 101

@@ -59,9 +59,9 @@ from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import USED, Key, Result, read_result, write_result
 from fg_nav.plain import plain
 from fg_nav.report.terminal import console, progress
-from fg_nav.session import Outcome, Session
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution
+from fg_nav.walk import Outcome, Walk
 
 FIRST_SEED, SEEDS = 1, 6
 SCENARIOS, FIELDS = (OFFICE, OFFICE_OPEN, BUILDING, MALL), ("smooth", "indoor")
@@ -227,7 +227,7 @@ def made(keys: Sequence[Key], folder: Path, code: str) -> None:
         write_result(folder, result)
 
 
-def smoothed(session: Session, variant: Variant) -> Solution:
+def smoothed(session: Walk, variant: Variant) -> Solution:
     """Run the smoother on what the session knows."""
     heading = session.options.heading_deg
     return smooth(

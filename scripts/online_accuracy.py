@@ -37,8 +37,8 @@ from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated, Source
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Truth
-from fg_nav.session import Session
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.walk import Walk
 
 SCENARIOS, FIELDS = ("office", "mall"), ("smooth", "indoor")
 BLOCK_S = 0.5
@@ -121,7 +121,7 @@ def estimate_online(walk: tuple[str, str, str, Path | None]) -> Walked:
     return Walked(*errors, gap, after, share)
 
 
-def push_blocks(session: Session) -> OnlineNavigator:
+def push_blocks(session: Walk) -> OnlineNavigator:
     """Push a recording through in blocks."""
     recording, degrees = session.recording, session.options.heading_deg
     navigator = OnlineNavigator(OnlineOptions(heading_rad=None if degrees is None else float(np.radians(degrees))))

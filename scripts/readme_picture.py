@@ -19,9 +19,10 @@ from matplotlib.axes import Axes
 
 from fg_nav.io import read
 from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.navigate import prepare_walk, run_method
 from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
-from fg_nav.report import style
-from fg_nav.session import prepare, solve
+from fg_nav.report.plots import style
+from fg_nav.walk import Walk
 
 WALK = 40
 DRAWN = {"inertial": "fg-nav", "smoother": "fg-nav", "iez": "zero-velocity filter (IEZ)"}
@@ -49,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def draw_walk(axes: Axes, recording: Recording, methods: Sequence[str]) -> Mapping[str, float]:
     """Draw the paths of the methods over the truth; returns the rmse of each, m."""
-    session, errors = prepare(recording), {}
+    session, errors = prepare_walk(Walk.of(recording)), {}
     truth = session.truth
     if isinstance(truth, TrajectoryTruth):
         path = truth.position[:: len(truth.position) // MOST_POINTS + 1]
@@ -57,7 +58,7 @@ def draw_walk(axes: Axes, recording: Recording, methods: Sequence[str]) -> Mappi
     elif isinstance(truth, FootprintTruth):
         axes.plot(*truth.xy.T, "s", color=style.TRUTH, markersize=4.5, label="surveyed footprints")
     for method in methods:
-        outcome = solve(session, method)
+        outcome = run_method(session, method)
         assert outcome.comparison is not None
         position = outcome.comparison.alignment.apply(outcome.solution.position)
         path = position[:: len(position) // MOST_POINTS + 1]

@@ -64,7 +64,7 @@ from fg_nav.frames import wrap
 from fg_nav.io import read
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 OPENSHOE = ("openshoe 1", "openshoe 7", "openshoe 13")
 

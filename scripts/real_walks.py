@@ -39,13 +39,14 @@ from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import Consistency, Metrics, compute_stance_nees, evaluate
 from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
+from fg_nav.navigate import run_method
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console
-from fg_nav.session import Session, solve
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.walk import Walk as PreparedWalk
 
 Estimate: TypeAlias = Callable[[Recording, Stances], Solution]
 
@@ -375,10 +376,10 @@ def measure_pair(group: str, walk: str, data: Path) -> Pair:
     return Pair(group, walk, measure_merit(sessions[RAW], "inertial"), with_field, known)
 
 
-def measure_merit(session: Session, method: str) -> float:
+def measure_merit(session: PreparedWalk, method: str) -> float:
     """Footprint rmse in m where there is a truth, else closure in percent; infinite where the method fails."""
     try:
-        metrics = solve(session, method).metrics
+        metrics = run_method(session, method).metrics
     except (EstimationError, EvaluationError):
         return float("inf")
     value = metrics.closure_percent if session.truth is None else metrics.rmse_2d_m

@@ -16,11 +16,11 @@ from fg_nav.calibration.of_recording import METHODS
 from fg_nav.cli import METHOD_NAMES, PRESET_NAMES, app
 from fg_nav.ekf.presets import PRESETS
 from fg_nav.estimators import ESTIMATORS, FILTERS, SMOOTHERS
+from fg_nav.evaluation.field_survey import SURVEYED
 from fg_nav.io import FORMATS, write_canonical
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.magnetic.quasi_static import DEFAULT
-from fg_nav.report.field_survey import SURVEYED
 from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, RESULT_FILES, SIMULATION_FILES
 from fg_nav.smoother import SmootherParameters
 

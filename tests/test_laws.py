@@ -1,6 +1,7 @@
 """The laws of the house: imports run one way, nothing heavy is loaded unasked, everything public speaks for itself."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -13,7 +14,10 @@ ROOT = Path(__file__).parents[1]
 LIBRARY = sorted({*ROOT.glob("fg_nav/**/*.py"), *ROOT.glob("fg_nav/factors/*.py")})
 BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "evaluation", "samples")
 ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
-TOP = {"fg_nav.cli", "fg_nav.commands", "fg_nav.report", "fg_nav.session", "fg_nav.estimators", "fg_nav.lab.campaign"}
+TOP = {
+    *("fg_nav.cli", "fg_nav.commands", "fg_nav.navigate", "fg_nav.report", "fg_nav.walk", "fg_nav.estimators"),
+    "fg_nav.lab.campaign",
+}
 TEXT = {".py", ".md", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".json", ".csv", ""}
 
 
@@ -76,15 +80,12 @@ def test_estimators_do_not_know_each_other_nor_what_uses_them():
 
 
 def test_the_report_is_imported_by_the_command_line_alone():
-    """The papers' experiments too draw, and nobody but the command line knows them."""
-    assert importers_of("fg_nav.report") <= {"fg_nav.cli", "fg_nav.commands", "fg_nav.report", "fg_nav.lab.reproduce"}
-    assert importers_of("fg_nav.lab.reproduce") <= {"fg_nav.cli", "fg_nav.lab.reproduce"}
-    assert importers_of("fg_nav.lab.campaign") <= {
-        "fg_nav.cli",
-        "fg_nav.lab.campaign",
-        "fg_nav.report",
-        "fg_nav.lab.reproduce",
-    }
+    """And by the page of the main job, which writes its result. The papers' experiments draw too."""
+    commands = {"fg_nav.cli", "fg_nav.commands"}
+    assert importers_of("fg_nav.report") <= commands | {"fg_nav.navigate", "fg_nav.report", "fg_nav.lab.reproduce"}
+    assert importers_of("fg_nav.lab.reproduce") <= commands | {"fg_nav.lab.reproduce"}
+    assert importers_of("fg_nav.lab.campaign") <= commands | {"fg_nav.lab.campaign", "fg_nav.lab.reproduce"}
+    assert importers_of("fg_nav.commands") <= commands
     assert importers_of("fg_nav.cli") <= {"fg_nav.cli"}
 
 
@@ -126,6 +127,27 @@ def loaded_by(statement):
 )
 def test_nothing_heavy_is_loaded_unasked(statement, light):
     assert not loaded_by(statement) & light
+
+
+def test_public_names_are_offered_and_there():
+    import fg_nav
+
+    assert dir(fg_nav) == sorted(fg_nav.__all__)
+    assert all(getattr(fg_nav, name).__module__.startswith("fg_nav.") for name in fg_nav.__all__)
+
+
+@pytest.mark.parametrize("name", ["factors.py", "factors/__init__.py"], ids=["a file", "a package"])
+@pytest.mark.parametrize("place", ["working directory", "installed"])
+def test_factors_of_somebody_else_do_no_harm(tmp_path, name, place):
+    other = tmp_path / "other" / name
+    other.parent.mkdir(parents=True)
+    other.write_text("raise RuntimeError('this is not the factors that fg-nav means')")
+    path = [str(ROOT)] if place == "working directory" else [str(tmp_path / "other"), str(ROOT)]
+    cwd = tmp_path / "other" if place == "working directory" else tmp_path
+    for command in (["-m", "fg_nav.cli", "--version"], ["-c", "import fg_nav.smoother, fg_nav.online, fg_nav.factors"]):
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(path)}
+        done = subprocess.run([sys.executable, *command], cwd=cwd, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
 
 
 def public_definitions(tree):

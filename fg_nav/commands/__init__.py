@@ -1,1 +1,124 @@
-"""The verbs of the command line, a page each."""
+"""The verbs of the command line, a page each, and what they share: their options, and the folder of a result.
+
+Each verb checks what it can before the work, works, writes into a folder that appears whole or not at all, and prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fg_nav.errors import MagneticError, OutputError, SimulationError
+from fg_nav.report.folder import RESULT_FILES, check_free, claim_folder, result_folder
+from fg_nav.report.terminal import progress
+
+if TYPE_CHECKING:
+    from fg_nav.earth import EarthField
+    from fg_nav.lab.simulation import Choices, SimulatedWalk
+    from fg_nav.walk import Options, Outcome, Walk
+
+RESULTS = Path("results")
+"""Where results go for which no folder was named."""
+
+TUNED = "tuned"
+"""The preset of the filters that needs no check: the others load them all."""
+
+
+@dataclass
+class Target:
+    """The folder of a result; it is checked at once, and made when the result is there.
+
+    Attributes
+    ----------
+    out : the folder that was named; None for a fresh one under `RESULTS`.
+    force : replace an older result in it.
+    name : of the fresh one, without its number.
+    ours : file names that may be replaced.
+    """
+
+    out: Path | None
+    force: bool
+    name: str
+    ours: frozenset[str] = RESULT_FILES
+
+    def __post_init__(self) -> None:
+        if self.out is not None:
+            check_free(self.out, self.force, self.ours)
+        elif self.force:
+            raise OutputError("--force replaces the result in a folder: name the folder with --out.")
+
+    @property
+    def place(self) -> Path:
+        """Where the result is, once the folder is open."""
+        assert self.out is not None
+        return self.out
+
+    @contextmanager
+    def open(self) -> Iterator[Path]:
+        """Yield the folder to write into; at the end of the block its content becomes that of `place`."""
+        claimed = self.out is None
+        self.out = claim_folder(RESULTS, self.name) if self.out is None else self.out
+        with result_folder(self.out, self.force, self.ours, claimed) as folder:
+            yield folder
+
+
+def choose_options(
+    use_magnetometer: bool = True,
+    heading_deg: float | None = None,
+    alignment: str = "yaw",
+    truth: Path | None = None,
+    detector: str | None = None,
+    calibration: Path | None = None,
+    preset: str = TUNED,
+    fixes: Path | None = None,
+) -> Options:
+    """Return the options of a walk; refuse a preset or a detector that there is not, or that has nothing to judge."""
+    from fg_nav.magnetic.quasi_static import DEFAULT, find_detector
+    from fg_nav.walk import Options
+
+    find_detector(detector or DEFAULT)
+    if preset != TUNED:
+        from fg_nav.ekf.presets import check_preset
+
+        check_preset(preset)
+    if not use_magnetometer and detector is not None:
+        raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")
+    chosen = detector or DEFAULT
+    return Options(use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes)
+
+
+def find_earth_field(place: str | None) -> EarthField | None:
+    """Return the Earth's field at a place and date in words; None where they were not given."""
+    if place is None:
+        return None
+    from fg_nav.earth import Place, compute_field
+
+    return compute_field(Place.parse(place))
+
+
+def run_methods(walk: Walk, methods: Sequence[str]) -> dict[str, Outcome]:
+    """Run each method on a walk, with a bar on the terminal."""
+    from fg_nav.navigate import run_method
+
+    outcomes = {}
+    for method in methods:
+        with progress(method) as report:
+            outcomes[method] = run_method(walk, method, report)
+    return outcomes
+
+
+def simulate_walk(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:
+    """Simulate a scenario by its name, or that of a file, with a bar on the terminal."""
+    from fg_nav.lab.simulation import Choices, scenario, simulate
+    from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
+
+    own = name.endswith(SUFFIX)
+    chosen = read_scenario(Path(name)) if own else scenario(name)
+    try:
+        with progress(chosen.name) as report:
+            return simulate(chosen, seed, choices or Choices(), progress=report)
+    except SimulationError as error:
+        raise SimulationError(f"{Path(name).name}: {error}" if own else str(error)) from None

@@ -199,7 +199,7 @@ class _Walk:
             self._saving.join()
 
     def _corrected(self, acc: Floats, mag: Floats) -> tuple[Floats, Floats]:
-        """Apply the calibration as to a recording (`fg_nav.session`)."""
+        """Apply the calibration as to a recording (`fg_nav.walk`)."""
         found = self._options.calibration
         if found is None:
             return acc, mag

@@ -1,4 +1,4 @@
-"""A result folder appears whole or not at all, and never in place of something else.
+"""A result, a folder or a single file, appears whole or not at all, and never in place of something else.
 
 New files are written into a hidden folder inside the target and moved to their places when all are there,
 `summary.json`, `comparison.json` or `detect.json` last: a folder with a summary is complete. With `force` the
@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -152,3 +152,44 @@ def _take_over(fresh: Path, out: Path) -> None:
 
 def _is_summary(entry: Path) -> bool:
     return entry.name in _SUMMARIES
+
+
+@contextmanager
+def result_file(out: Path, ours: Callable[[Path], bool], force: bool = False) -> Iterator[Path]:
+    """Yield a path to write to; at the end of the block that file takes the place of `out`.
+
+    Parameters
+    ----------
+    out : the file to make.
+    ours : whether an existing file is an older result, and so may be replaced.
+    force : replace an older result.
+
+    Raises
+    ------
+    OutputError
+        If `out` exists and `force` is not set, if it is something else, or cannot be written.
+    """
+    check_file_free(out, ours, force)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".fg-nav-new-", dir=out.parent) as folder:
+            fresh = Path(folder) / out.name
+            yield fresh
+            os.replace(fresh, out)
+    except OSError as error:
+        raise unwritable(out, error) from None
+
+
+def check_file_free(out: Path, ours: Callable[[Path], bool], force: bool = False) -> None:
+    """Say now, before long work, whether `out` can be written; raises `OutputError` as `result_file` does."""
+    try:
+        if out.is_dir():
+            raise OutputError(f"{out} is a folder: name the file to write with --out.")
+        if out.parent.exists() and not out.parent.is_dir():
+            raise OutputError(f"{out.parent} is no folder: choose another --out.")
+        if out.exists() and not ours(out):
+            raise OutputError(f"{out} holds what this command does not write: choose another --out.")
+        if out.exists() and not force:
+            raise OutputError(f"{out} already exists: choose another --out, or replace it with --force.")
+    except OSError as error:
+        raise unwritable(out, error) from None

@@ -14,10 +14,12 @@ from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.presets import RTS, find_parameters
 from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
-from fg_nav.estimators import ESTIMATORS, FILTERS, Given
+from fg_nav.estimators import ESTIMATORS, FILTERS
 from fg_nav.frames import heading_of, wrap
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.start import starting_point
+from fg_nav.walk import Options
+from fg_nav.walk import Walk as PreparedWalk
 from tests.ekf.errors import random_covariance
 from tests.ekf.motion import Walk
 
@@ -246,7 +248,7 @@ def test_any_filter_goes_back_by_its_name_and_is_otherwise_the_same(name):
 
 def test_the_solution_of_a_smoother_bears_its_name_and_says_so_in_its_parameters():
     recording, stances = noisy(WALK, 100.0, np.random.default_rng(10))
-    given = Given(recording, stances, preset="physical")
+    given = PreparedWalk(recording, stances, options=Options(preset="physical"))
     found = {name: ESTIMATORS[name](given, None) for name in ("iez", "iez-rts")}
     assert found["iez-rts"].method == "iez-rts"
     assert [solution.parameters["smoothed"] for solution in found.values()] == [False, True]

@@ -7,12 +7,13 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
-from fg_nav.estimators import ESTIMATORS, Given
+from fg_nav.estimators import ESTIMATORS
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
 from fg_nav.smoother import smooth
+from fg_nav.walk import Options, Walk
 from tests.online.walks import TOLD, push, short_walk, worst_difference
 
 
@@ -191,7 +192,7 @@ def test_a_recording_keeps_its_samples_and_its_stamps(first, step_s):
     t = walk.t.copy()
     t[first:] += step_s
     recording = replace(walk, t=t)
-    found = ESTIMATORS["online"](Given(recording, detect_stances(recording), heading=0.0), None)
+    found = ESTIMATORS["online"](Walk(recording, detect_stances(recording), options=Options(heading_deg=0.0)), None)
     np.testing.assert_array_equal(found.t, t)
     assert found.runtime_s > 0.1
     assert not any("times" in note for note in found.notes)

@@ -1,9 +1,9 @@
 import pytest
 
-from fg_nav.session import Session
+from fg_nav.walk import Walk
 from tests.report import walks
 
 
 @pytest.fixture(scope="session")
-def session() -> Session:
+def session() -> Walk:
     return walks.walk()

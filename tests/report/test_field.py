@@ -11,18 +11,16 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.commands.detect import collect_survey_notes, describe_survey, tabulate_footfalls, write_survey
 from fg_nav.earth import EarthField
+from fg_nav.evaluation.field_survey import FieldSurvey, measure_coverage, survey_field
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.report import style
-from fg_nav.report.field import plot_field
-from fg_nav.report.field_map import plot_field_map
-from fg_nav.report.field_results import facts, footfall_frame, survey_notes, write_survey
-from fg_nav.report.field_survey import FieldSurvey, coverage, surveyed
-from fg_nav.report.lanes import ACCEPTED, REJECTED, UNJUDGED
-from fg_nav.report.view import View
-from fg_nav.session import Session
+from fg_nav.report.plots import style
+from fg_nav.report.plots.field import ACCEPTED, REJECTED, UNJUDGED, plot_field, plot_field_map
+from fg_nav.report.plots.maps import AlignedSolution
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.walk import Walk
 from tests.magnetic.fields import footfalls, turned
 from tests.report import walks
 
@@ -58,7 +56,7 @@ def survey_of(n: int, earth: EarthField | None = None) -> FieldSurvey:
 
 def test_coverage_counts_what_passes() -> None:
     field = field_of(np.deg2rad([350.0, 355.0, 0.0, 90.0, 180.0, 185.0]), DISTURBED)
-    found = coverage(field, "ma2018", verdicts_of([np.nan, 0.5, 0.9, 0.1, 7.0, 0.2]))
+    found = measure_coverage(field, "ma2018", verdicts_of([np.nan, 0.5, 0.9, 0.1, 7.0, 0.2]))
     assert (found.footfalls, found.judged, found.accepted, found.longest_run) == (6, 5, 4, 3)
     assert found.share == pytest.approx(4 / 6)
     assert found.change_deg == pytest.approx(np.median([1.0, 30.0]))
@@ -67,7 +65,7 @@ def test_coverage_counts_what_passes() -> None:
 
 def test_a_detector_that_accepts_nothing_has_no_change_to_show() -> None:
     field = field_of(np.zeros(6), DISTURBED)
-    found = coverage(field, "qsf", verdicts_of([np.nan, 2.0, 3.0, 0.5, 2.0, 0.5]))
+    found = measure_coverage(field, "qsf", verdicts_of([np.nan, 2.0, 3.0, 0.5, 2.0, 0.5]))
     assert (found.accepted, found.longest_run) == (2, 1)
     assert np.isnan(found.change_deg)
 
@@ -76,7 +74,7 @@ def test_declination_turns_the_compass_and_nothing_else() -> None:
     survey = survey_of(20)
     east = replace(survey, earth=EarthField((np.sin(0.1) * 20, np.cos(0.1) * 20, -40.0)))
     assert east.compass_heading - survey.compass_heading == pytest.approx(np.full(20, 0.1))
-    plain, there = footfall_frame(survey), footfall_frame(east)
+    plain, there = tabulate_footfalls(survey), tabulate_footfalls(east)
     change = (there["difference_deg"] - plain["difference_deg"]).to_numpy()
     assert change == pytest.approx(np.full(20, np.rad2deg(0.1)))
     same = [name for name in plain if name not in ("difference_deg", "compass_heading_deg")]
@@ -98,12 +96,12 @@ def test_files_tell_verdicts_and_parameters(tmp_path: Path) -> None:
     shares = [one["quasi_static"] / 30 for one in said["detectors"].values()]
     assert shares == [one["share"] for one in said["detectors"].values()]
     assert said["detectors"]["ma2018"]["parameters"]["channels"]
-    assert json.loads(json.dumps(facts(session, survey)["drawn_in_colour"])) == "ma2018"
+    assert json.loads(json.dumps(describe_survey(session, survey)["drawn_in_colour"])) == "ma2018"
 
 
 def test_detectors_are_put_in_their_order() -> None:
     field = field_of(np.zeros(12), np.zeros(12))
-    survey = surveyed(walks.walk().recording, field, ["aiez", "qsf"], solution_of(12))
+    survey = survey_field(walks.walk().recording, field, ["aiez", "qsf"], solution_of(12))
     assert list(survey.verdicts) == ["qsf", "aiez"]
     assert survey.chosen == "aiez"
 
@@ -112,7 +110,7 @@ def test_detectors_are_put_in_their_order() -> None:
 def test_pictures_of_walks_of_any_length(tmp_path: Path, n: int) -> None:
     survey = survey_of(n, EarthField((0.0, 20.0, -40.0)))
     style.save(plot_field(survey), tmp_path / "field.png")
-    style.save(plot_field_map(survey, View(survey.solution)), tmp_path / "map.png")
+    style.save(plot_field_map(survey, AlignedSolution(survey.solution)), tmp_path / "map.png")
     for name in ("field.png", "map.png"):
         pixels = imread(tmp_path / name)
         assert pixels.shape[1] > 1000
@@ -142,14 +140,14 @@ def test_a_lane_is_empty_where_nobody_steps() -> None:
     assert empty == pytest.approx((101.0 - 2 * 3.0) / 140.0, abs=0.005)
 
 
-def test_a_note_tells_where_nobody_steps(session: Session) -> None:
-    assert not [note for note in survey_notes(session) if "no footfall" in note]
+def test_a_note_tells_where_nobody_steps(session: Walk) -> None:
+    assert not [note for note in collect_survey_notes(session) if "no footfall" in note]
     first, last = 10, 25
     kept = np.r_[0:first, last : len(session.stances)]
     stances = Stances.from_mask(np.isin(np.arange(session.stances.n_samples), standing(session.stances, kept)))
     t = session.recording.t
     gap_s = t[session.stances.start[last]] - t[session.stances.stop[first - 1] - 1]
-    (note,) = [note for note in survey_notes(replace(session, stances=stances)) if "no footfall" in note]
+    (note,) = [note for note in collect_survey_notes(replace(session, stances=stances)) if "no footfall" in note]
     assert f"for {gap_s:.0f} s" in note
 
 
@@ -165,9 +163,9 @@ def test_a_lane_mixes_the_verdicts_of_a_long_walk() -> None:
     assert np.abs(lane(survey)[0] - half).max() < 0.2
 
 
-def test_map_counts_what_it_colours(session: Session) -> None:
+def test_map_counts_what_it_colours(session: Walk) -> None:
     survey = survey_of(40)
-    figure = plot_field_map(survey, View(survey.solution))
+    figure = plot_field_map(survey, AlignedSolution(survey.solution))
     for axes, one in zip(figure.axes, survey.coverage, strict=True):
         assert axes.get_title(loc="left") == f"{one.detector}: {100 * one.share:.0f} %"
         coloured = sum(len(np.asarray(line.get_xdata())) for line in axes.lines if line.get_color() == ACCEPTED)
@@ -179,14 +177,14 @@ def test_maps_of_a_long_corridor_stand_beside_each_other(stretched: float, rows:
     survey = survey_of(40)
     survey = replace(survey, verdicts={f"d{k}": verdicts_of([0.5] * 40) for k in range(6)}, chosen="d0")
     solution = replace(survey.solution, position=survey.solution.position * [stretched, 1.0, 1.0])
-    figure = plot_field_map(replace(survey, solution=solution), View(solution))
+    figure = plot_field_map(replace(survey, solution=solution), AlignedSolution(solution))
     assert figure.axes[0].get_gridspec().nrows == rows  # type: ignore[union-attr]
 
 
-def test_map_claims_no_north_where_the_truth_has_none(session: Session) -> None:
+def test_map_claims_no_north_where_the_truth_has_none(session: Walk) -> None:
     survey = survey_of(40)
     for changed, word in ((session, "north"), (walks.with_footprints(session), "y")):
         outcome = walks.outcome(changed)
-        view = View(outcome.solution, changed.truth, outcome.comparison)
+        view = AlignedSolution(outcome.solution, changed.truth, outcome.comparison)
         label = plot_field_map(survey, view)._supylabel  # type: ignore[attr-defined]
         assert label.get_text() == f"{word} (m)"

@@ -15,21 +15,19 @@ from matplotlib.image import imread
 
 from fg_nav.evaluation import evaluate
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.report import style
-from fg_nav.report.courses import plot_heading
-from fg_nav.report.maps import plot_trajectory
-from fg_nav.report.pictures import draw_comparison, draw_result, draw_stances
-from fg_nav.report.thinning import envelope, spread_rows
-from fg_nav.report.view import View
-from fg_nav.session import Options, Outcome, Session
+from fg_nav.report.plots import draw_comparison, draw_result, draw_stances, style
+from fg_nav.report.plots.maps import AlignedSolution, plot_trajectory
+from fg_nav.report.plots.style import envelope, spread_rows
+from fg_nav.report.plots.timeseries import plot_heading
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
+from fg_nav.walk import Options, Outcome, Walk
 from tests.report import walks
 
 
-def view(session: Session, drift_deg: float = 2.0) -> View:
+def view(session: Walk, drift_deg: float = 2.0) -> AlignedSolution:
     outcome = walks.outcome(session, drift_deg=drift_deg)
-    return View(outcome.solution, session.truth, outcome.comparison)
+    return AlignedSolution(outcome.solution, session.truth, outcome.comparison)
 
 
 def is_a_picture(path: Path) -> bool:
@@ -38,7 +36,7 @@ def is_a_picture(path: Path) -> bool:
     return pixels.shape[0] > 400 and pixels.shape[1] > 1000 and inked > 0.005
 
 
-def test_run_and_comparison_draw_their_pictures(tmp_path: Path, session: Session) -> None:
+def test_run_and_comparison_draw_their_pictures(tmp_path: Path, session: Walk) -> None:
     outcomes = {name: walks.outcome(session, name, drift) for name, drift in (("a", 1.0), ("b", 4.0))}
     for name in outcomes:
         (tmp_path / name).mkdir()
@@ -51,30 +49,30 @@ def test_run_and_comparison_draw_their_pictures(tmp_path: Path, session: Session
 
 
 @pytest.mark.parametrize("change", [walks.without_truth, walks.with_footprints], ids=lambda f: f.__name__)
-def test_walks_with_less_truth_are_drawn_too(tmp_path: Path, session: Session, change: object) -> None:
+def test_walks_with_less_truth_are_drawn_too(tmp_path: Path, session: Walk, change: object) -> None:
     changed = change(session)  # type: ignore[operator]
     draw_result(tmp_path, changed, walks.outcome(changed))
     assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
 
 
-def test_stances_without_statistic_are_not_drawn(tmp_path: Path, session: Session) -> None:
+def test_stances_without_statistic_are_not_drawn(tmp_path: Path, session: Walk) -> None:
     draw_stances(tmp_path, replace(session, stances=replace(session.stances, statistic=None)))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_path_is_drawn_where_the_truth_is(session: Session) -> None:
+def test_path_is_drawn_where_the_truth_is(session: Walk) -> None:
     axes = plot_trajectory(view(session, drift_deg=0.0)).axes[0]
     lines = {line.get_label(): line.get_xydata() for line in axes.lines}
     np.testing.assert_allclose(lines["smoother"], lines["truth"], atol=1e-9)
     assert axes.get_aspect() == 1.0
 
 
-def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Session) -> None:
+def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Walk) -> None:
     solution = walks.outcome(session).solution
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert isinstance(session.truth, TrajectoryTruth)
     truth = replace(session.truth, position=session.truth.position @ turn.T, nav_R_body=None)
-    straight = plot_trajectory(View(solution))
+    straight = plot_trajectory(AlignedSolution(solution))
     turned = plot_trajectory(view(replace(session, truth=truth), drift_deg=0.0))
     ellipses = [next(c for c in f.axes[0].collections if isinstance(c, EllipseCollection)) for f in (straight, turned)]
     angle = [np.asarray(e.get_angles()) for e in ellipses]
@@ -88,7 +86,7 @@ def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Session) -> No
     assert np.mean((along / long) ** 2 + (across / short) ** 2 < 1) == pytest.approx(0.95, abs=0.003)
 
 
-def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, session: Session) -> None:
+def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, session: Walk) -> None:
     statistic = session.stances.statistic
     one = Stances(np.array([0]), np.array([500]), np.array([0]), len(session.recording), statistic=statistic)
     alone = replace(walks.without_truth(session), stances=one)
@@ -99,14 +97,14 @@ def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, session: Ses
     assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
 
 
-def test_small_ellipses_are_enlarged_and_say_so(session: Session) -> None:
+def test_small_ellipses_are_enlarged_and_say_so(session: Walk) -> None:
     outcome = walks.outcome(session)
     stances = replace(outcome.solution.stances, position_cov=outcome.solution.stances.position_cov * 1e-4)
-    axes = plot_trajectory(View(replace(outcome.solution, stances=stances))).axes[0]
+    axes = plot_trajectory(AlignedSolution(replace(outcome.solution, stances=stances))).axes[0]
     assert any("times as large" in str(label) for label in axes.get_legend_handles_labels()[1])
 
 
-def test_heading_error_is_counted_from_the_start(session: Session) -> None:
+def test_heading_error_is_counted_from_the_start(session: Walk) -> None:
     drawn = view(session, drift_deg=3.0)
     figure = plot_heading(drawn)
     t = drawn.solution.stances.t
@@ -116,7 +114,7 @@ def test_heading_error_is_counted_from_the_start(session: Session) -> None:
     assert np.asarray(error)[-1] == pytest.approx(expected_deg, abs=1e-6)
 
 
-def test_the_heading_error_of_a_compass_is_counted_as_it_stands(session: Session) -> None:
+def test_the_heading_error_of_a_compass_is_counted_as_it_stands(session: Walk) -> None:
     drawn = view(session, drift_deg=3.0)
     stances = replace(drawn.solution.stances, heading_sigma=np.full(len(drawn.solution.stances), 0.2))
     unsure = replace(drawn, solution=replace(drawn.solution, stances=stances))
@@ -136,7 +134,7 @@ def test_a_legend_keeps_within_the_picture(letters: int, columns: int) -> None:
     assert legend._ncols == columns
 
 
-def test_two_hours_are_drawn_quickly(tmp_path: Path, session: Session) -> None:
+def test_two_hours_are_drawn_quickly(tmp_path: Path, session: Walk) -> None:
     long, outcome = lengthened(session, 115)
     assert len(outcome.solution.t) > 1_400_000
     start = time.perf_counter()
@@ -147,7 +145,7 @@ def test_two_hours_are_drawn_quickly(tmp_path: Path, session: Session) -> None:
     assert len(list(tmp_path.glob("*.png"))) == 4
 
 
-def lengthened(session: Session, times: int) -> tuple[Session, Outcome]:
+def lengthened(session: Walk, times: int) -> tuple[Walk, Outcome]:
     """Return the closed walk, walked again and again."""
     short, found = walks.outcome(session).solution, session.stances
     n = len(short.t)
@@ -163,7 +161,7 @@ def lengthened(session: Session, times: int) -> tuple[Session, Outcome]:
     footfall = np.arange(times * len(found))
     stances = Stances(start + lap, stop + lap, footfall, len(t), "TRUE SPEED", walks.STILL_M_S, statistic)
     recording = Recording(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)))
-    return Session(recording, stances, None, Options()), Outcome(long, evaluate(long), None)
+    return Walk(recording, stances, None, Options()), Outcome(long, evaluate(long), None)
 
 
 def tiled(rows: Any, times: int) -> Any:
@@ -201,6 +199,6 @@ def test_style_leaves_matplotlib_as_it_was() -> None:
 
 
 def test_neither_library_nor_command_line_import_matplotlib() -> None:
-    modules = "fg_nav.cli, fg_nav.io, fg_nav.evaluation, fg_nav.report.results"
+    modules = "fg_nav.cli, fg_nav.io, fg_nav.evaluation, fg_nav.report.files"
     code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

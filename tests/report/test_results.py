@@ -11,9 +11,10 @@ import pytest
 from fg_nav.estimators import ESTIMATORS
 from fg_nav.frames import heading_of
 from fg_nav.io import read_truth
+from fg_nav.navigate import run_method
 from fg_nav.recording import TrajectoryTruth
-from fg_nav.report.results import write_comparison, write_json, write_result
-from fg_nav.session import Session, solve
+from fg_nav.report.files import write_json, write_result, write_results
+from fg_nav.walk import Walk
 from tests.report import walks
 
 STRIDE_COLUMNS = (
@@ -36,7 +37,7 @@ def loaded(path: Path) -> dict[str, object]:
     return content
 
 
-def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, session: Session) -> None:
+def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, session: Walk) -> None:
     outcome = walks.outcome(session)
     write_result(tmp_path, session, outcome)
     assert (tmp_path / "strides.csv").read_text().splitlines()[0] == STRIDE_COLUMNS
@@ -53,7 +54,7 @@ def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, se
     assert set(strides["field_reason"]) == {"not used, as yet"}  # the comma survives
 
 
-def test_trajectory_reads_back_as_the_solution(tmp_path: Path, session: Session) -> None:
+def test_trajectory_reads_back_as_the_solution(tmp_path: Path, session: Walk) -> None:
     outcome = walks.outcome(session)
     write_result(tmp_path, session, outcome)
     back = read_truth(tmp_path / "trajectory.tum")
@@ -64,7 +65,7 @@ def test_trajectory_reads_back_as_the_solution(tmp_path: Path, session: Session)
     np.testing.assert_allclose(back.nav_R_body, outcome.solution.nav_R_body, atol=1e-7)
 
 
-def test_summary_has_the_keys_and_the_figures(tmp_path: Path, session: Session) -> None:
+def test_summary_has_the_keys_and_the_figures(tmp_path: Path, session: Walk) -> None:
     outcome = walks.outcome(session)
     write_result(tmp_path, session, outcome)
     summary = loaded(tmp_path / "summary.json")
@@ -77,7 +78,7 @@ def test_summary_has_the_keys_and_the_figures(tmp_path: Path, session: Session) 
     assert "made for a test" in str(summary["notes"])
 
 
-def test_summary_without_truth_claims_no_error(tmp_path: Path, session: Session) -> None:
+def test_summary_without_truth_claims_no_error(tmp_path: Path, session: Walk) -> None:
     bare = walks.without_truth(session)
     write_result(tmp_path, bare, walks.outcome(bare))
     summary = loaded(tmp_path / "summary.json")
@@ -85,7 +86,7 @@ def test_summary_without_truth_claims_no_error(tmp_path: Path, session: Session)
     assert not TRUTH_KEYS & summary.keys()
 
 
-def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, session: Session) -> None:
+def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, session: Walk) -> None:
     surveyed = walks.with_footprints(session)
     write_result(tmp_path, surveyed, walks.outcome(surveyed))
     summary = loaded(tmp_path / "summary.json")
@@ -95,17 +96,17 @@ def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, session
 
 
 def test_magnetometer_is_used_when_the_method_says_so(
-    tmp_path: Path, session: Session, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, session: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     own = walks.outcome(session).solution
     for word, words in (("quasi-static", "used"), ("none", "not used")):
         table = replace(own.stances, field=(word,) * len(own.stances))
         monkeypatch.setitem(ESTIMATORS, "mine", lambda *_, table=table: replace(own, stances=table))
-        write_result(tmp_path, session, solve(session, "mine"))
+        write_result(tmp_path, session, run_method(session, "mine"))
         assert loaded(tmp_path / "summary.json")["magnetometer"] == words
 
 
-def test_config_names_input_version_and_parameters(tmp_path: Path, session: Session) -> None:
+def test_config_names_input_version_and_parameters(tmp_path: Path, session: Walk) -> None:
     write_result(tmp_path, session, walks.outcome(session))
     config = loaded(tmp_path / "config.json")
     assert config["format"] == "simulated"
@@ -118,9 +119,9 @@ def test_config_names_input_version_and_parameters(tmp_path: Path, session: Sess
     assert config["detector"] == detector
 
 
-def test_comparison_has_a_row_and_a_folder_for_each_method(tmp_path: Path, session: Session) -> None:
+def test_comparison_has_a_row_and_a_folder_for_each_method(tmp_path: Path, session: Walk) -> None:
     outcomes = {"a": walks.outcome(session, "a", 1.0), "b": walks.outcome(session, "b", 4.0)}
-    write_comparison(tmp_path, session, outcomes)
+    write_results(tmp_path, session, outcomes)
     table = pd.read_csv(tmp_path / "comparison.csv")
     assert list(table["method"]) == ["a", "b"]
     assert table["rmse_2d_m"][1] > 2 * table["rmse_2d_m"][0]

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from fg_nav.report import terminal
-from fg_nav.report.results import summary
-from fg_nav.session import Session
+from fg_nav.report.files import summarize
+from fg_nav.walk import Walk
 from tests.report import walks
 
 
@@ -18,13 +18,13 @@ class Screen(io.StringIO):
         return True
 
 
-def printed(session: Session, capsys: pytest.CaptureFixture[str]) -> str:
+def printed(session: Walk, capsys: pytest.CaptureFixture[str]) -> str:
     outcomes = [walks.outcome(session, "smoother", 1.0), walks.outcome(session, "iez", 3.0)]
-    terminal.console().print(terminal.result_table([summary(session, outcome) for outcome in outcomes]))
+    terminal.console().print(terminal.result_table([summarize(session, outcome) for outcome in outcomes]))
     return capsys.readouterr().out
 
 
-def test_table_has_a_column_for_each_method(session: Session, capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_has_a_column_for_each_method(session: Walk, capsys: pytest.CaptureFixture[str]) -> None:
     lines = printed(session, capsys).splitlines()
     assert lines[0].split() == ["smoother", "iez"]
     row = next(line for line in lines if line.startswith("rmse 2-D (m)")).split()
@@ -32,7 +32,7 @@ def test_table_has_a_column_for_each_method(session: Session, capsys: pytest.Cap
     assert 0 < smoother < iez
 
 
-def test_table_leaves_out_what_no_method_knows(session: Session, capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_leaves_out_what_no_method_knows(session: Walk, capsys: pytest.CaptureFixture[str]) -> None:
     out = printed(walks.without_truth(session), capsys)
     assert "rmse" not in out
     assert "start to end (m)" in out

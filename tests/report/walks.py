@@ -9,9 +9,9 @@ from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.comparison import compare
 from fg_nav.lab.simulation import SimulatedWalk, simulate
 from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
-from fg_nav.session import Options, Outcome, Session
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
+from fg_nav.walk import Options, Outcome, Walk
 
 STILL_M_S = 0.1
 
@@ -57,20 +57,20 @@ def _stance_table(t: np.ndarray, position: np.ndarray, attitude: np.ndarray, sta
     )  # fmt: skip
 
 
-def walk(seed: int = 1) -> Session:
+def walk(seed: int = 1) -> Walk:
     """Return the demonstration walk with its true stances."""
     simulated = simulate("demo", seed)
-    return Session(simulated.recording, true_stances(simulated), simulated.recording.truth, Options())
+    return Walk(simulated.recording, true_stances(simulated), simulated.recording.truth, Options())
 
 
-def outcome(session: Session, method: str = "smoother", drift_deg: float = 2.0) -> Outcome:
+def outcome(session: Walk, method: str = "smoother", drift_deg: float = 2.0) -> Outcome:
     solution = drifting(session.recording, session.stances, method, drift_deg)
     if session.truth is None:
         return Outcome(solution, evaluate(solution), None)
     return Outcome(solution, evaluate(solution, session.truth), compare(solution, session.truth))
 
 
-def with_footprints(session: Session) -> Session:
+def with_footprints(session: Walk) -> Walk:
     """Return the same walk, of which only every third footprint is known, in a frame of its own."""
     truth = session.recording.truth
     assert isinstance(truth, TrajectoryTruth)
@@ -80,5 +80,5 @@ def with_footprints(session: Session) -> Session:
     return replace(session, truth=FootprintTruth(stride, xy, len(sample) - 1))
 
 
-def without_truth(session: Session) -> Session:
+def without_truth(session: Walk) -> Walk:
     return replace(session, truth=None)

@@ -15,7 +15,7 @@ from fg_nav.lab.campaign.walks import Simulated, simulate_calibration, simulate_
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store import code
 from fg_nav.lab.store.results import Key, Result, read_result, write_result
-from fg_nav.report.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
+from fg_nav.report.plots.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 

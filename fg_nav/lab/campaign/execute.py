@@ -40,9 +40,10 @@ from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result, encode_flags, write_result
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
+from fg_nav.navigate import prepare_walk
 from fg_nav.plain import plain
 from fg_nav.recording import TrajectoryTruth
-from fg_nav.session import Options, Outcome, Session, prepare
+from fg_nav.walk import Options, Outcome, Walk
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def _possible(magnetometers: Sequence[str], best: str) -> list[str]:
 def execute_task(task: Task, code: str, bugs: bool = False) -> Iterator[Result]:
     """Make all results of a walk; with `bugs` an unexpected error too is a result that failed."""
     for magnetometer, methods in task.missing.items():
-        session: Session | str
+        session: Walk | str
         try:
             session = task.source.session(magnetometer)
         except Exception as error:
@@ -143,7 +144,7 @@ def execute_task(task: Task, code: str, bugs: bool = False) -> Iterator[Result]:
             yield _execute(blank, task.source, session, bugs)
 
 
-def _execute(blank: Result, source: Source, session: Session | str, bugs: bool) -> Result:
+def _execute(blank: Result, source: Source, session: Walk | str, bugs: bool) -> Result:
     if isinstance(session, str):
         return replace(blank, failed=session)
     try:
@@ -212,7 +213,7 @@ def describe_error(error: object) -> str:
     return f"{type(error).__name__}: {first}" if first else type(error).__name__
 
 
-def evaluate_outcome(blank: Result, source: Source, session: Session, outcome: Outcome) -> Result:
+def evaluate_outcome(blank: Result, source: Source, session: Walk, outcome: Outcome) -> Result:
     """Compute all figures of one method on one walk, in each alignment."""
     solution, truth = outcome.solution, session.truth
     done = replace(
@@ -299,8 +300,8 @@ def parameters_of(method: str) -> Any:
 
 
 @cache
-def _probe() -> Session:
-    return replace(prepare(simulate(*PROBE).recording, Options(heading_deg=0.0)), truth=None)
+def _probe() -> Walk:
+    return replace(prepare_walk(Walk.of(simulate(*PROBE).recording, Options(heading_deg=0.0))), truth=None)
 
 
 @cache

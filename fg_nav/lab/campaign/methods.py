@@ -16,8 +16,9 @@ from typing import cast
 from fg_nav.changes import Changes, Scalar, changed
 from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import EstimationError
-from fg_nav.estimators import SMOOTHERS, estimator, parameters_of
-from fg_nav.session import Outcome, Session, solve
+from fg_nav.estimators import SMOOTHERS, find_estimator, find_parameters
+from fg_nav.navigate import run_method
+from fg_nav.walk import Outcome, Walk
 
 _WORD = re.compile(r"[\w.-]+")
 
@@ -48,14 +49,14 @@ class Method:
         EstimationError
             If there is no such method, preset of it or parameter, or a value is of another type.
         """
-        estimator(self.name)
+        find_estimator(self.name)
         check_preset(self.preset)
         if self.name in SMOOTHERS and self.preset != TUNED:
             raise EstimationError(f"{self.name} has no presets: leave ':{self.preset}' out.")
         for name, value in self.changes:
             if isinstance(value, str) and not _WORD.fullmatch(value):
                 raise EstimationError(f"the parameter '{name}' cannot be {value!r}: give one word.")
-        parameters = changed(parameters_of(self.name, self.preset), self.changes)
+        parameters = changed(find_parameters(self.name, self.preset), self.changes)
         typed = tuple((name, cast("Scalar", attrgetter(name)(parameters))) for name, _ in self.changes)
         return replace(self, changes=typed)
 
@@ -69,7 +70,7 @@ def method_of(word: str) -> Method:
     """Read a word; raises `EstimationError` if there is no such method or preset."""
     base, *changes = word.split(",")
     name, _, preset = base.partition(":")
-    estimator(name)
+    find_estimator(name)
     check_preset(preset or TUNED)
     return Method(name, preset or TUNED, tuple(_change(one) for one in changes))
 
@@ -82,8 +83,8 @@ def _change(word: str) -> tuple[str, Scalar]:
         return name, text
 
 
-def solve_by(word: str, session: Session) -> Outcome:
-    """Run a method by its word; raises as `fg_nav.session.solve`."""
+def solve_by(word: str, session: Walk) -> Outcome:
+    """Run a method by its word; raises as `fg_nav.navigate.run_method`."""
     method = method_of(word)
     options = replace(session.options, preset=method.preset, changes=method.changes)
-    return solve(replace(session, options=options), method.name)
+    return run_method(replace(session, options=options), method.name)

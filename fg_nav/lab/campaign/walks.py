@@ -39,8 +39,9 @@ from fg_nav.io import read, read_truth
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.scenario_file import scenario_of
 from fg_nav.magnetic import average_footfall_field
+from fg_nav.navigate import prepare_walk
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.session import Options, Session, prepare
+from fg_nav.walk import Options, Walk
 
 LOOP, PERFECT, WALK, RAW, NONE = "loop", "perfect", "walk", "raw", "none"
 MAGNETOMETERS = (LOOP, PERFECT, WALK, RAW, NONE)
@@ -92,7 +93,7 @@ class Simulated:
     seed: int
     own: UserScenario | None = None
 
-    def session(self, magnetometer: str) -> Session:
+    def session(self, magnetometer: str) -> Walk:
         """Input of all methods; raises `CalibrationError` if the loop does not calibrate."""
         walk = self._perfect if magnetometer == PERFECT else self._with_iron
         truth = walk.recording.truth
@@ -101,7 +102,7 @@ class Simulated:
         heading_deg = float(np.rad2deg(heading_of(truth.nav_R_body[0])))
         calibration = simulate_calibration(self._scenario, self.seed) if magnetometer == LOOP else None
         options = Options(use_magnetometer=magnetometer != NONE, heading_deg=heading_deg)
-        session = prepare(walk.recording, options, calibration)
+        session = prepare_walk(Walk.of(walk.recording, options, calibration))
         return calibrate_on_itself(session) if magnetometer == WALK else session
 
     @property
@@ -154,7 +155,7 @@ def simulate_calibration(name: str | Scenario, seed: int) -> Calibration:
     return Calibration(magnetometer=magnetometer)
 
 
-def calibrate_on_itself(session: Session) -> Session:
+def calibrate_on_itself(session: Walk) -> Walk:
     """Calibrate a session by its own walk; unchanged if that is not enough, or there is no field."""
     if session.field is None:
         return session
@@ -162,7 +163,7 @@ def calibrate_on_itself(session: Session) -> Session:
         calibration = Calibration(magnetometer=calibrate_on_walk(session.field))
     except CalibrationError:
         return session
-    return prepare(replace(session.recording, truth=session.truth), session.options, calibration)
+    return prepare_walk(Walk.of(replace(session.recording, truth=session.truth), session.options, calibration))
 
 
 @dataclass(frozen=True)
@@ -186,10 +187,10 @@ class Recorded:
     landmark: tuple[str, ...] = ()
     passed: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros(0), np.zeros((0, 3))))
 
-    def session(self, magnetometer: str) -> Session:
+    def session(self, magnetometer: str) -> Walk:
         """Input of all methods: the heading at the start is not known."""
         calibration = self.reading.calibration if magnetometer == LOOP else None
-        session = prepare(self._recording, Options(use_magnetometer=magnetometer != NONE), calibration)
+        session = prepare_walk(Walk.of(self._recording, Options(use_magnetometer=magnetometer != NONE), calibration))
         return calibrate_on_itself(session) if magnetometer == WALK else session
 
     @cached_property

@@ -37,7 +37,7 @@ def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
         believed the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
     """
     session = Simulated(scenario, field, seed).session(LOOP)
-    seen, stances = session.known_field(), solve_by(method, session).solution.stances
+    seen, stances = session.require_field(), solve_by(method, session).solution.stances
     recording, truth = session.recording, session.truth
     assert recording.mag is not None
     assert isinstance(truth, TrajectoryTruth)

@@ -15,6 +15,7 @@ import pytest
 from pyarrow import parquet
 
 from fg_nav import cli
+from fg_nav.commands.campaign import describe_duration
 from fg_nav.errors import CampaignError, OutputError
 from fg_nav.lab.campaign import command
 from fg_nav.lab.campaign import tables as table
@@ -27,7 +28,6 @@ from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store import code
 from fg_nav.lab.store import results as store
 from fg_nav.lab.store.files import CAMPAIGN_MARKER
-from fg_nav.report.campaign import describe_duration
 from tests.command_line import FgNav, in_a_process
 from tests.lab.campaign import fakes
 
@@ -193,7 +193,7 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, 
 
 def test_what_other_code_made_is_told_and_made_anew_if_wanted(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
     run(plan, tmp_path / "out")
-    for place in ("lab.store.code", "lab.campaign.execute", "report.campaign"):
+    for place in ("lab.store.code", "lab.campaign.execute", "commands.campaign"):
         monkeypatch.setattr(f"fg_nav.{place}.code_sum", lambda: "other")
     assert "4 results made by other code or libraries" in fg_nav("campaign", plan, "--out", tmp_path / "out").out
     assert "by other code or libraries" not in fg_nav("campaign", plan, "--out", tmp_path / "out", "--renew").out
@@ -333,7 +333,7 @@ def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
 
 
 def test_dask_is_loaded_by_nobody_else():
-    code = "import sys, fg_nav, fg_nav.cli, fg_nav.session, fg_nav.smoother; print(*sys.modules)"
+    code = "import sys, fg_nav, fg_nav.cli, fg_nav.walk, fg_nav.smoother; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "fg_nav.smoother" in loaded
     assert not {"dask", "distributed", "pyarrow.parquet"} & set(loaded)

@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.estimators import ESTIMATORS
-from fg_nav.estimators import parameters_of as begun_with
+from fg_nav.estimators import ESTIMATORS, find_parameters
 from fg_nav.lab.campaign.execute import parameters_of, settings_of
 from fg_nav.lab.campaign.methods import Method, method_of, solve_by
 from fg_nav.lab.campaign.walks import Simulated
@@ -24,9 +23,9 @@ def test_a_word_says_what_was_written(word):
 
 
 def test_every_method_tells_what_it_begins_with():
-    assert all(begun_with(name) is not None for name in ESTIMATORS)
+    assert all(find_parameters(name) is not None for name in ESTIMATORS)
     with pytest.raises(EstimationError, match="no method 'magic'"):
-        begun_with("magic")
+        find_parameters("magic")
 
 
 def test_parameters_reach_filter_and_smoother(session):

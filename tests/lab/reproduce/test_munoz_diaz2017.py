@@ -23,7 +23,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, Setting, cases, setti
 from fg_nav.lab.simulation import SCENARIOS, Choices, courses, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.pocket import PocketTrack
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 SHORT_M = 6.0
 

@@ -16,7 +16,7 @@ from fg_nav.lab.reproduce.drawing import Pictures, draw_path, estimate_of, new_p
 from fg_nav.lab.reproduce.results import Picture
 from fg_nav.lab.reproduce.walks import Walks
 from fg_nav.lab.store.entries import Arrays
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 ZOOM_S = 8.0
 """Before and after the footfall that the magnet turns most."""

@@ -42,7 +42,7 @@ from fg_nav.lab.reproduce.results import Picture
 from fg_nav.lab.reproduce.walks import Walks
 from fg_nav.lab.store.entries import Arrays
 from fg_nav.lab.store.results import Result
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 
 def figure_3(pictures: Pictures, walks: Mapping[str, Arrays]) -> Picture:

@@ -17,7 +17,7 @@ from fg_nav.arrays import Floats
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import Run
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import AllanPair, Setting
 from fg_nav.lab.simulation.fields import Cylinders
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 COLOURS = (style.BLUE, "#CC3311", style.GREEN)
 NAMES = ("x", "y", "z")

@@ -1,4 +1,4 @@
-"""The folder of a simulated walk: the recording, and what is true about it.
+"""`fg-nav simulate`: a simulated walk with its truth, into a folder.
 
 ==================== ================================================================================================
 recording.csv        canonical; magnetometer columns empty where it has no new sample
@@ -17,14 +17,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fg_nav.commands import Target, simulate_walk
 from fg_nav.io import write_canonical, write_tum
-from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk
+from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
 from fg_nav.plain import plain
 from fg_nav.recording import TrajectoryTruth
-from fg_nav.report.results import write_json
+from fg_nav.report.files import write_json
+from fg_nav.report.folder import SIMULATION_FILES
 from fg_nav.report.terminal import console, listing
 from fg_nav.version import version
 from fg_nav.wording import counted
@@ -32,20 +34,34 @@ from fg_nav.wording import counted
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
 
+def simulate(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> None:
+    """Simulate a scenario into a folder, and print what it is."""
+    target = Target(out, force, Path(scenario).stem, SIMULATION_FILES)
+    walk = simulate_walk(scenario, seed, choices)
+    target.name = walk.scenario.name
+    with target.open() as folder:
+        write_simulation(folder, walk)
+    print_simulation(walk, target.place)
+
+
 def write_simulation(folder: Path, walk: SimulatedWalk) -> None:
-    """Write recording and truth into an existing folder."""
+    """Write recording, truth and map into an existing folder."""
+    from fg_nav.report.plots.maps import plot_simulated_walk
+    from fg_nav.report.plots.style import save
+
     write_canonical(walk.recording, folder / "recording.csv")
     truth = walk.recording.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     write_tum(folder / "truth.tum", truth.t, truth.position, truth.nav_R_body)
-    write_json(folder / "truth.json", truth_of(walk))
+    write_json(folder / "truth.json", describe_truth(walk))
     if walk.landmarks:
         rows = [(mark.landmark, mark.time_s, *mark.position) for mark in walk.landmarks]
         pd.DataFrame(rows, columns=LANDMARK_COLUMNS).to_csv(folder / "landmarks.csv", index=False, float_format="%.9f")
+    save(plot_simulated_walk(walk), folder / "map.png")
 
 
-def truth_of(walk: SimulatedWalk) -> dict[str, Any]:
+def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
     """All truth but the path, for JSON: SI units, rad, uT; vectors in nav from the origin unless the name says body."""
     strides = walk.strides
     return {
@@ -70,7 +86,7 @@ def truth_of(walk: SimulatedWalk) -> dict[str, Any]:
             "heading_rad": strides.heading,
             "style": strides.style,
         },
-        "field_model": {"origin_m": walk.origin, "earth_uT": walk.earth.vector, **_described(walk.field)},
+        "field_model": {"origin_m": walk.origin, "earth_uT": walk.earth.vector, **_describe_field(walk.field)},
         "drawn": walk.drawn,
         "person": walk.person,
     }
@@ -100,9 +116,9 @@ def print_simulation(walk: SimulatedWalk, place: Path) -> None:
     console().print(listing(list(rows.items())), soft_wrap=True)
 
 
-def _described(part: object) -> dict[str, Any]:
+def _describe_field(part: object) -> dict[str, Any]:
     """A source of field by its kind, with its parameters in the frame of the course (`origin_m`)."""
     parts = getattr(part, "parts", None)
     if parts is not None:
-        return {"kind": type(part).__name__, "parts": [_described(inner) for inner in parts]}
+        return {"kind": type(part).__name__, "parts": [_describe_field(inner) for inner in parts]}
     return {"kind": type(part).__name__, **plain(part)}

@@ -1,18 +1,23 @@
-"""An inspection as rows of names and values, and the verdict below."""
+"""`fg-nav inspect`: what a file holds as rows of names and values, and the verdict below."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.inspection import Inspection, MagneticField, Range, Rest, Stamps, StanceShare
+from fg_nav.inspection import inspect as inspect_recording
+from fg_nav.io import read_raw
 from fg_nav.report.terminal import console, listing
 
-if TYPE_CHECKING:
-    from fg_nav.inspection import Inspection, MagneticField, Range, Rest, Stamps, StanceShare
+
+def inspect(file: Path, format: str | None) -> None:
+    """Inspect a file, and print what was found."""
+    print_inspection(inspect_recording(read_raw(file, format)))
 
 
 def print_inspection(found: Inspection) -> None:
@@ -24,7 +29,7 @@ def print_inspection(found: Inspection) -> None:
 
 
 def inspection_rows(found: Inspection) -> list[tuple[str, str]]:
-    """Names and values; what could not be told is said to be unknown."""
+    """Names and values; what is not known is said to be unknown."""
     return [
         ("file", found.name),
         ("format", found.format),

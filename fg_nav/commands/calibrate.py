@@ -1,4 +1,4 @@
-"""A calibration as it is printed: each parameter with its sigma, what it does to the readings, how far to trust it."""
+"""`fg-nav calibrate`: each parameter with its sigma, what it does to the readings, how far to trust it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,47 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
-from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.file import Calibration, is_calibration, write_calibration
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
-from fg_nav.calibration.of_recording import CalibrationResult
+from fg_nav.calibration.of_recording import CalibrationResult, check_method
+from fg_nav.calibration.of_recording import calibrate as calibrate_recording
+from fg_nav.commands import find_earth_field
+from fg_nav.errors import CalibrationError
+from fg_nav.io import read
+from fg_nav.report.folder import check_file_free, result_file
 from fg_nav.report.terminal import console, listing, ruled_table
 
 Row = tuple[str, str, str]
 """Name with unit, value, sigma."""
+
+
+def calibrate(
+    file: Path,
+    out: Path,
+    method: str | None,
+    strength_uT: float | None,
+    place: str | None,
+    format: str | None,
+    force: bool,
+) -> None:
+    """Calibrate by a recording, write the calibration into a file, and print it."""
+    if method is not None:
+        check_method(method)
+    check_file_free(out, is_calibration, force)
+    found = calibrate_recording(read(file, format), method, _choose_strength(strength_uT, place))
+    with result_file(out, is_calibration, force) as fresh:
+        write_calibration(fresh, found.calibration)
+    print_calibration(found, out)
+
+
+def _choose_strength(strength_uT: float | None, place: str | None) -> float | None:
+    """Strength of the field as given, or that of a place."""
+    if strength_uT is not None and place is not None:
+        raise CalibrationError("--strength and --place both give the strength of the field: give one of them.")
+    if strength_uT is not None and not 5.0 <= strength_uT <= 200.0:
+        raise CalibrationError(f"a field of {strength_uT:g} uT is none on Earth (25 to 65): give its strength in uT.")
+    earth = find_earth_field(place)
+    return strength_uT if earth is None else earth.strength_uT
 
 
 def print_calibration(found: CalibrationResult, place: Path) -> None:

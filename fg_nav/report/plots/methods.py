@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 PANEL_IN = 3.2
 """Width of a panel."""

@@ -1,4 +1,4 @@
-"""What changes in the course of a walk: position error, heading, gyroscope bias."""
+"""What changes along a walk, over time: position error, heading, gyroscope bias."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from matplotlib.ticker import MultipleLocator
 from fg_nav.arrays import Floats
 from fg_nav.frames import heading_of, wrap
 from fg_nav.recording import TrajectoryTruth
-from fg_nav.report import style
-from fg_nav.report.thinning import MAX_POINTS, envelope, spread_rows
-from fg_nav.report.view import View
+from fg_nav.report.plots import style
+from fg_nav.report.plots.maps import AlignedSolution
+from fg_nav.report.plots.style import MAX_POINTS, envelope, spread_rows
 
 _PALE: dict[str, Any] = {"alpha": 0.4, "linewidth": 0.7}
 
@@ -34,7 +34,7 @@ _STEEP = float(np.sin(np.deg2rad(60.0)))
 """An axis steeper than this has hardly a heading."""
 
 
-def plot_errors(views: Mapping[str, View]) -> Figure:
+def plot_errors(views: Mapping[str, AlignedSolution]) -> Figure:
     """Draw the horizontal error of several methods over time. Every view must have a comparison."""
     with style.styled():
         figure = style.new_figure(3.4)
@@ -48,7 +48,7 @@ def plot_errors(views: Mapping[str, View]) -> Figure:
     return figure
 
 
-def plot_heading(view: View) -> Figure:
+def plot_heading(view: AlignedSolution) -> Figure:
     """Draw the heading of the body's x axis; below it the claimed 95 % band, and the error if known."""
     heading, true_heading = _heading(view), _true_heading(view)
     with style.styled():
@@ -63,7 +63,7 @@ def plot_heading(view: View) -> Figure:
     return figure
 
 
-def plot_gyro_bias(view: View) -> Figure:
+def plot_gyro_bias(view: AlignedSolution) -> Figure:
     """Draw the estimated gyroscope bias per axis, with one and two sigma bands."""
     stances = view.solution.stances
     bias, sigma = np.rad2deg(stances.gyro_bias), np.rad2deg(stances.gyro_bias_sigma)
@@ -83,7 +83,7 @@ def plot_gyro_bias(view: View) -> Figure:
     return figure
 
 
-def _draw_error(axes: Axes, view: View, colour: str, name: str) -> None:
+def _draw_error(axes: Axes, view: AlignedSolution, colour: str, name: str) -> None:
     if view.comparison is None:
         raise ValueError(f"'{name}' was not compared with a truth: it has no error to draw")
     error = np.linalg.norm(view.comparison.error[:, :2], axis=1)
@@ -95,11 +95,11 @@ def _draw_error(axes: Axes, view: View, colour: str, name: str) -> None:
         axes.plot(*envelope(view.solution.t[view.comparison.row], error), color=colour, linewidth=0.9, label=rms)
 
 
-def _heading(view: View) -> Floats:
-    return heading_of(view.turned(view.solution.nav_R_body))
+def _heading(view: AlignedSolution) -> Floats:
+    return heading_of(view.align_attitude(view.solution.nav_R_body))
 
 
-def _true_heading(view: View) -> Floats:
+def _true_heading(view: AlignedSolution) -> Floats:
     """Read the true heading (N,) rad at the solution's stamps; NaN where it is unknown."""
     truth, t = view.truth, view.solution.t
     if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
@@ -111,7 +111,7 @@ def _true_heading(view: View) -> Floats:
     return np.interp(t, truth.t[seen], known, left=np.nan, right=np.nan)
 
 
-def _draw_headings(axes: Axes, view: View, heading: Floats, true_heading: Floats) -> None:
+def _draw_headings(axes: Axes, view: AlignedSolution, heading: Floats, true_heading: Floats) -> None:
     """Count turns from stance to stance: in a swing the axis may point anywhere, even up."""
     stances, t = view.solution.stances, view.solution.t
     at_stances = np.unwrap(heading[stances.sample])
@@ -144,7 +144,7 @@ def _broken(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats
     return np.insert(t, jump, t[jump]), np.insert(inside, jump, np.nan)
 
 
-def _draw_heading_error(axes: Axes, view: View, heading_error: Floats) -> None:
+def _draw_heading_error(axes: Axes, view: AlignedSolution, heading_error: Floats) -> None:
     """Where heading at the start is a gauge, claim and error are both counted from the first stance."""
     stances = view.solution.stances
     gauge = len(stances) == 0 or stances.heading_sigma[0] < _GAUGE_RAD

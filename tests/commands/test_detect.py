@@ -13,13 +13,13 @@ import typer.core
 
 from fg_nav.cli import app
 from fg_nav.errors import DetectionError
+from fg_nav.evaluation.field_survey import SAMPLEWISE, SURVEYED, USUAL
 from fg_nav.frames import wrap
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.disturbance import judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.report.field_survey import SAMPLEWISE, SURVEYED, USUAL
 from fg_nav.report.folder import DETECT_FILES
 from tests.command_line import FgNav, names
 
@@ -103,7 +103,7 @@ def test_the_samplewise_detector_alone_needs_no_footfalls(fg_nav: FgNav, monkeyp
 
     recording = swinging()
     write_canonical(recording, Path("pocket.csv"))
-    monkeypatch.setattr("fg_nav.session.detect_stances", none_found)
+    monkeypatch.setattr("fg_nav.walk.detect_stances", none_found)
     assert fg_nav("detect", "pocket.csv").refused("never stands")
     ran = fg_nav("detect", "pocket.csv", "--detector", SAMPLEWISE, "--out", "out")
     assert ran.code == 0, ran.err

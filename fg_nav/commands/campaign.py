@@ -1,4 +1,4 @@
-"""A campaign on a terminal: its progress and remaining time; at the end, its results."""
+"""`fg-nav campaign` on a terminal: its progress and remaining time; at the end, its results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
-from fg_nav.lab.campaign.command import Summary
+from fg_nav.lab.campaign.command import Request, Summary, run_campaign
 from fg_nav.lab.campaign.dispatch import KILLED, Progress
 from fg_nav.lab.campaign.tables import TABLES
 from fg_nav.lab.store.code import code_sum
@@ -23,6 +23,13 @@ from fg_nav.wording import counted
 
 MOST_REASONS = 10
 """Of failures, that are printed."""
+
+
+def campaign(request: Request) -> None:
+    """Make the results of a plan that are not there yet, and print them all."""
+    with show_progress() as show:
+        done = run_campaign(request, show, print_note)
+    print_campaign(done, request.out)
 
 
 @contextmanager

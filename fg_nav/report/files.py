@@ -1,9 +1,9 @@
-"""The files of a result: trajectory, strides, summary and configuration.
+"""The files of a result: trajectory, strides, summary and configuration; the pictures stand beside them.
 
 ==================== =======================================================================================
 trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
 strides.csv          one row a stance: `STRIDE_COLUMNS`
-online.csv           the same as it was told at the moment, from an online method
+online.csv           the same as estimated at the moment of each footfall, from an online method
 summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
 config.json          what was run on what, with every parameter as it was in effect
 comparison.csv/json  the summaries of several methods, one row each
@@ -16,7 +16,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -29,7 +29,10 @@ from fg_nav.solution import Solution, StanceTable
 from fg_nav.version import version
 
 if TYPE_CHECKING:
-    from fg_nav.session import Outcome, Session
+    from fg_nav.walk import Outcome, Walk
+
+Summary: TypeAlias = dict[str, object]
+"""Figures of merit by `SUMMARY_KEYS`, ready for JSON."""
 
 STRIDE_COLUMNS = (
     "index", "time_s", "x_m", "y_m", "z_m", "heading_deg",
@@ -45,25 +48,57 @@ _MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
 MOMENT_KEYS = ("moment_rmse_2d_m", "moment_end_error_m", "moment_max_error_m")
 
 
-def write_result(folder: Path, session: Session, outcome: Outcome) -> None:
-    """Write the four files of a run into an existing folder."""
-    solution = outcome.solution
+def write_run(folder: Path, walk: Walk, outcome: Outcome) -> Summary:
+    """Write what one method made of a walk into an existing folder, with its pictures; return the summary."""
+    from fg_nav.report.plots import draw_result, draw_stances
+
+    summary = write_result(folder, walk, outcome)
+    draw_result(folder, walk, outcome)
+    draw_stances(folder, walk)
+    return summary
+
+
+def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> list[Summary]:
+    """Write each method's files into its own folder, the summaries as `comparison.csv` and `.json`, and pictures."""
+    from fg_nav.report.plots import draw_comparison, draw_stances
+
+    summaries = write_results(folder, walk, outcomes)
+    draw_comparison(folder, walk, outcomes)
+    draw_stances(folder, walk)
+    return summaries
+
+
+def write_result(folder: Path, walk: Walk, outcome: Outcome) -> Summary:
+    """Write the four files of a run, and return the summary among them."""
+    solution, summary = outcome.solution, summarize(walk, outcome)
     write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
     write_strides(folder, solution)
-    write_json(folder / "config.json", config(session, solution))
-    write_json(folder / "summary.json", summary(session, outcome))
+    write_json(folder / "config.json", describe_run(walk, solution))
+    write_json(folder / "summary.json", summary)
+    return summary
+
+
+def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> list[Summary]:
+    """Write the files of a comparison, and return the summaries in them."""
+    for name in outcomes:
+        (folder / name).mkdir()
+    summaries = [write_result(folder / name, walk, outcome) for name, outcome in outcomes.items()]
+    rows = [{key: value for key, value in row.items() if key != "notes"} for row in summaries]
+    pd.DataFrame(rows).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
+    write_json(folder / "comparison.json", summaries)
+    return summaries
 
 
 def write_strides(folder: Path, solution: Solution) -> None:
-    """Write one row a stance, and what was told of it at the moment where there is that."""
+    """Write one row a stance; from an online method also as estimated at the moment of each footfall."""
     for name, table in (("strides.csv", solution.stances), ("online.csv", solution.moment)):
         if table is not None:
-            strides = stride_frame(table)
+            strides = tabulate_strides(table)
             strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
             strides.to_csv(folder / name, index=False, float_format="%.9g")
 
 
-def stride_frame(stances: StanceTable) -> pd.DataFrame:
+def tabulate_strides(stances: StanceTable) -> pd.DataFrame:
     """Table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north."""
     columns = [
         np.arange(len(stances)), stances.t, *stances.position.T,
@@ -73,10 +108,10 @@ def stride_frame(stances: StanceTable) -> pd.DataFrame:
     return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
 
 
-def summary(session: Session, outcome: Outcome) -> dict[str, object]:
+def summarize(walk: Walk, outcome: Outcome) -> Summary:
     """Figures of merit, in the order of the contract; what is not known is None."""
     solution, metrics = outcome.solution, outcome.metrics
-    duration_s = session.recording.duration_s
+    duration_s = walk.recording.duration_s
     figures: dict[str, object] = {
         "method": solution.method,
         "duration_s": duration_s,
@@ -92,70 +127,70 @@ def summary(session: Session, outcome: Outcome) -> dict[str, object]:
     if outcome.moment is not None:
         at_moment = (outcome.moment.rmse_m, outcome.moment.end_m, outcome.moment.max_m)
         figures |= dict(zip(MOMENT_KEYS, at_moment, strict=True))
-    notes = [*remarks(session), *solution.notes, *metrics.notes]
-    return figures | {"magnetometer": magnetometer(session, outcome), "notes": notes}
+    notes = [*collect_remarks(walk), *solution.notes, *metrics.notes]
+    return figures | {"magnetometer": describe_magnetometer(walk, outcome), "notes": notes}
 
 
-def magnetometer(session: Session, outcome: Outcome) -> str:
+def describe_magnetometer(walk: Walk, outcome: Outcome) -> str:
     """Say in words whether the magnetic field had a part in this solution."""
     if outcome.field_used:
         return "used"
-    if session.recording.mag is not None or not session.options.use_magnetometer:
+    if walk.recording.mag is not None or not walk.options.use_magnetometer:
         return "not used"
     return "not used (none given)"
 
 
-def config(session: Session, solution: Solution) -> dict[str, object]:
+def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
     """Return everything needed to run it again."""
-    stances = session.stances
+    stances = walk.stances
     return {
         "fg_nav_version": version(),
         "method": solution.method,
-        **recording_facts(session),
-        "alignment": session.options.alignment,
+        **describe_recording(walk),
+        "alignment": walk.options.alignment,
         "detector": {
             "name": stances.detector,
             "threshold": stances.threshold,
             "stances": len(stances),
             "footfalls": stances.n_footfalls,
-            **({} if session.detection is None else {"parameters": asdict(session.detection)}),
+            **({} if walk.detection is None else {"parameters": asdict(walk.detection)}),
         },
-        "field_detector": field_detector(session),
+        "field_detector": describe_field_detector(walk),
         "parameters": solution.parameters,
     }
 
 
-def recording_facts(session: Session) -> dict[str, object]:
+def describe_recording(walk: Walk) -> dict[str, object]:
     """Which recording it was, and what was done to it."""
-    recording, options = session.recording, session.options
+    recording, options = walk.recording, walk.options
     return {
         "recording": _text(recording.provenance.path),
         "format": recording.provenance.format,
         "samples": len(recording),
         "rate_hz": 1.0 / recording.period_s,
         "fixes": _text(options.fixes_path),
-        "truth": _text(options.truth_path) or ("in the recording" if session.truth is not None else None),
+        "truth": _text(options.truth_path) or ("in the recording" if walk.truth is not None else None),
         "heading_deg": options.heading_deg,
         "use_magnetometer": options.use_magnetometer,
-        "calibration": calibration_facts(session),
+        "calibration": describe_calibration(walk),
     }
 
 
-def remarks(session: Session) -> list[str]:
+def collect_remarks(walk: Walk) -> list[str]:
     """Notes on the recording, its calibration and its field: the same whatever is made of it."""
-    return [*session.recording.provenance.notes, *session.notes]
+    return [*walk.recording.provenance.notes, *walk.notes]
 
 
-def calibration_facts(session: Session) -> dict[str, object] | None:
+def describe_calibration(walk: Walk) -> dict[str, object] | None:
     """Return the calibration by file and value, and what it corrected; None without one."""
-    found = session.calibration
+    found = walk.calibration
     if found is None:
         return None
     magnetometer, accelerometer = found.magnetometer, found.accelerometer
     return {
-        "file": _text(session.options.calibration_path),
+        "file": _text(walk.options.calibration_path),
         "made_from": found.recording,
-        "corrected": session.applied,
+        "corrected": walk.applied,
         "hard_iron_uT": None if magnetometer is None else magnetometer.hard_iron_uT,
         "correction": None if magnetometer is None else magnetometer.correction,
         "acc_scale": None if accelerometer is None else accelerometer.scale,
@@ -163,29 +198,18 @@ def calibration_facts(session: Session) -> dict[str, object] | None:
     }
 
 
-def field_detector(session: Session) -> dict[str, object] | None:
+def describe_field_detector(walk: Walk) -> dict[str, object] | None:
     """Return what judged the magnetic field, and how much of it passed; None where nothing did."""
-    verdicts = session.verdicts
+    verdicts = walk.verdicts
     if verdicts is None:
         return None
     return {
-        "name": session.options.field_detector,
+        "name": walk.options.field_detector,
         "threshold": verdicts.threshold,
         "judged": int(verdicts.judged.sum()),
         "quasi_static": int(verdicts.quasi_static.sum()),
-        "parameters": find_detector(session.options.field_detector),
+        "parameters": find_detector(walk.options.field_detector),
     }
-
-
-def write_comparison(folder: Path, session: Session, outcomes: Mapping[str, Outcome]) -> None:
-    """Write each method's files into its own folder, and all summaries as `comparison.csv` and `.json`."""
-    for name, outcome in outcomes.items():
-        (folder / name).mkdir()
-        write_result(folder / name, session, outcome)
-    rows = [summary(session, outcome) for outcome in outcomes.values()]
-    plain = [{key: value for key, value in row.items() if key != "notes"} for row in rows]
-    pd.DataFrame(plain).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
-    write_json(folder / "comparison.json", rows)
 
 
 def write_json(path: Path, content: object) -> None:

@@ -1,22 +1,32 @@
-"""The walk from above: one method with its 95 % ellipses, or several methods over each other."""
+"""The walk from above: one method with its 95 % ellipses, several methods, or a simulated walk in its field.
+
+Pictures are in the truth's frame where there is a truth (the title says how the solution was aligned with it), else in
+the solution's own. Bands and ellipses are the estimator's own uncertainty.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
 from fg_nav.arrays import Floats
+from fg_nav.evaluation.comparison import Comparison
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.report import style
-from fg_nav.report.thinning import MAX_POINTS, spread_rows
-from fg_nav.report.view import View
+from fg_nav.report.plots import style
+from fg_nav.report.plots.style import MAX_POINTS, spread_rows
+from fg_nav.solution import Solution
+
+if TYPE_CHECKING:
+    from fg_nav.lab.simulation import SimulatedWalk
+
 
 ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))
 """Semi-axes of the 95 % ellipse of a two-dimensional normal distribution, in standard deviations."""
@@ -25,10 +35,52 @@ MAX_ELLIPSES = 80
 MAX_DOTS = 400
 """More stances than this are not marked one by one."""
 
+MAX_PIECES = 20_000
+WIDEST_SCALE = (2.0, 98.0)
+"""Percentiles of the strength that the colours span: a magnet would leave all else one colour."""
 
-def plot_trajectory(view: View) -> Figure:
+
+_ALIGNMENTS = {
+    "yaw": "aligned by yaw and shift",
+    "se3": "aligned by rotation and shift",
+    "origin": "aligned at the start",
+    "none": "not aligned",
+}
+
+
+@dataclass(frozen=True)
+class AlignedSolution:
+    """A solution as it is drawn; its truth and the comparison that aligns it with the truth: both or neither."""
+
+    solution: Solution
+    truth: Truth | None = None
+    comparison: Comparison | None = None
+
+    def align_position(self, position: Floats) -> Floats:
+        """Positions (N, 3) m in the frame of the picture."""
+        return position if self.comparison is None else self.comparison.alignment.apply(position)
+
+    def align_attitude(self, nav_R_body: Floats) -> Floats:
+        """Attitudes (N, 3, 3) in the frame of the picture."""
+        return nav_R_body if self.comparison is None else self.comparison.alignment.rotate(nav_R_body)
+
+    def horizontal_cov(self) -> Floats:
+        """(K, 2, 2) m^2, covariance of the stances' horizontal position."""
+        cov = self.solution.stances.position_cov
+        if self.comparison is not None:
+            turn = self.comparison.alignment.truth_R_nav
+            cov = turn @ cov @ turn.T
+        return cov[:, :2, :2]
+
+    @property
+    def alignment_words(self) -> str:
+        """How the solution was aligned with the truth, to follow a title; empty without a truth."""
+        return "" if self.comparison is None else f", {_ALIGNMENTS[self.comparison.alignment.mode]}"
+
+
+def plot_trajectory(view: AlignedSolution) -> Figure:
     """Draw the walk from above: path, stances with 95 % ellipses, truth."""
-    stance = view.placed(view.solution.stances.position)
+    stance = view.align_position(view.solution.stances.position)
     with style.styled():
         figure, axes = _map([view])
         _draw_truth(axes, view.truth)
@@ -41,7 +93,7 @@ def plot_trajectory(view: View) -> Figure:
     return figure
 
 
-def plot_trajectories(views: Mapping[str, View]) -> Figure:
+def plot_trajectories(views: Mapping[str, AlignedSolution]) -> Figure:
     """Lay the walks of several methods over each other, and over the truth."""
     first = next(iter(views.values()))
     with style.styled():
@@ -49,12 +101,12 @@ def plot_trajectories(views: Mapping[str, View]) -> Figure:
         _draw_truth(axes, first.truth)
         for colour, (name, view) in zip(style.colours(len(views)), views.items(), strict=True):
             _draw_path(axes, view, colour, name)
-        draw_ends(axes, first.placed(first.solution.stances.position))
+        draw_ends(axes, first.align_position(first.solution.stances.position))
         style.head(axes, f"Trajectories{first.alignment_words}")
     return figure
 
 
-def _map(views: list[View]) -> tuple[Figure, Axes]:
+def _map(views: list[AlignedSolution]) -> tuple[Figure, Axes]:
     """Map for the walks of all views."""
     figure, axes = new_map(np.vstack([_path(view) for view in views]))
     if isinstance(views[0].truth, FootprintTruth):  # of unknown azimuth
@@ -98,16 +150,16 @@ def _draw_truth(axes: Axes, truth: Truth | None) -> None:
         )
 
 
-def _draw_path(axes: Axes, view: View, colour: str, label: str) -> None:
+def _draw_path(axes: Axes, view: AlignedSolution, colour: str, label: str) -> None:
     path = _path(view)
     laps = np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / max(float(np.max(np.ptp(path, axis=0))), 0.1)
     width = float(np.clip(1.1 * np.sqrt(20.0 / max(laps, 1.0)), 0.35, 1.1))  # thin where lines lie close
     axes.plot(path[:, 0], path[:, 1], color=colour, linewidth=width, label=label, zorder=3)
 
 
-def _path(view: View) -> Floats:
+def _path(view: AlignedSolution) -> Floats:
     """Points (M, 2) m of the walk, as many as a line needs."""
-    return view.placed(view.solution.position[spread_rows(len(view.solution.position), MAX_POINTS)])[:, :2]
+    return view.align_position(view.solution.position[spread_rows(len(view.solution.position), MAX_POINTS)])[:, :2]
 
 
 def _draw_ellipses(axes: Axes, centre: Floats, cov: Floats, extent_m: float) -> None:
@@ -151,3 +203,36 @@ def draw_ends(axes: Axes, stance: Floats) -> None:
         halo = [withStroke(linewidth=2.5, foreground="white")]
         text: dict[str, Any] = {"color": style.INK, "fontsize": 8.5, "zorder": 6, "path_effects": halo}
         axes.annotate(words, (point[0], point[1]), (7, 5), textcoords="offset points", **text)
+
+
+def plot_simulated_walk(walk: SimulatedWalk) -> Figure:
+    """Draw the true path, the field on it, and the landmarks."""
+    truth = walk.recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    path = truth.position[spread_rows(len(truth.position), MAX_PIECES)]
+    strength = np.linalg.norm(walk.field.at(path + walk.origin), axis=1)
+    with style.styled():
+        figure, axes = new_map(path[:, :2])
+        low, high = np.percentile(strength, WIDEST_SCALE)
+        lines = LineCollection(
+            list(_pieces(path[:, :2])), array=(strength[1:] + strength[:-1]) / 2, cmap="viridis", linewidth=1.6,
+            capstyle="round", clim=(low - 0.5, high + 0.5), zorder=3,
+        )  # fmt: skip
+        axes.add_collection(lines)
+        axes.update_datalim(path[:, :2])
+        axes.autoscale_view()
+        figure.colorbar(lines, ax=axes, label="field at the sensor (uT)", shrink=0.75, pad=0.02)
+        places = {mark.landmark: mark.position for mark in walk.landmarks}
+        if places:
+            east, north, _ = np.array(list(places.values())).T
+            axes.plot(
+                east, north, "D", color=style.INK, markerfacecolor="white", markersize=5, zorder=5, label="landmark"
+            )
+        draw_ends(axes, path)
+        style.head(axes, f"{walk.scenario.name}, seed {walk.seed}: {walk.scenario.field} field")
+    return figure
+
+
+def _pieces(xy: Floats) -> Floats:
+    """Segments (M - 1, 2, 2) of a line (M, 2)."""
+    return np.stack([xy[:-1], xy[1:]], axis=1)

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 HEIGHT_IN = 4.6
 

@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav import session
+from fg_nav import navigate
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.walk import Walk
 from tests.command_line import FgNav, in_a_process, names
 
 RUN_FILES = {
@@ -281,7 +282,7 @@ def test_truth_of_another_time_in_the_recording_is_left_out(demo: Recording) -> 
     truth = demo.truth
     assert isinstance(truth, TrajectoryTruth)
     late = replace(demo, truth=replace(truth, t=truth.t + 1000))
-    outcome = session.solve(session.prepare(late), "iez")
+    outcome = navigate.run_method(navigate.prepare_walk(Walk.of(late)), "iez")
     assert outcome.comparison is None
     assert outcome.metrics.rmse_2d_m is None
     assert any("share no time" in note for note in outcome.metrics.notes)
@@ -303,7 +304,7 @@ def failing(error: BaseException) -> Callable[..., None]:
 
 
 def test_bug_exits_with_70_and_its_traceback(fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "solve", failing(ZeroDivisionError("a slip")))
+    monkeypatch.setattr(navigate, "run_method", failing(ZeroDivisionError("a slip")))
     ran = fg_nav("run", files / "walk.csv")
     assert ran.code == 70
     assert "Traceback" in ran.err
@@ -315,9 +316,9 @@ def test_bug_exits_with_70_and_its_traceback(fg_nav: FgNav, files: Path, monkeyp
 def test_interrupt_exits_with_130_and_leaves_nothing(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fg_nav.report import writing
+    from fg_nav.report import plots
 
-    monkeypatch.setattr(writing, "draw_result", failing(KeyboardInterrupt()))
+    monkeypatch.setattr(plots, "draw_result", failing(KeyboardInterrupt()))
     ran = fg_nav("run", files / "walk.csv", "--method", "iez", "--out", "out")
     assert (ran.code, ran.err) == (130, "")
     assert names(Path()) == set()
@@ -327,9 +328,9 @@ def test_interrupt_exits_with_130_and_leaves_nothing(
 def test_full_disk_is_one_line_and_leaves_no_result(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
 ) -> None:
-    from fg_nav.report import writing
+    from fg_nav.report import plots
 
-    monkeypatch.setattr(writing, "draw_stances", failing(OSError(28, "No space left on device")))
+    monkeypatch.setattr(plots, "draw_stances", failing(OSError(28, "No space left on device")))
     command, *rest = arguments
     option = "--method" if command == "run" else "--methods"
     ran = fg_nav(command, files / "walk.csv", option, "iez", *rest)
@@ -340,7 +341,7 @@ def test_full_disk_is_one_line_and_leaves_no_result(
 def test_system_error_outside_the_result_is_one_line(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(session, "load", failing(PermissionError(13, "Permission denied", "walk.csv")))
+    monkeypatch.setattr(navigate, "read_walk", failing(PermissionError(13, "Permission denied", "walk.csv")))
     assert fg_nav("run", files / "walk.csv").refused("permission denied", "walk.csv")
 
 

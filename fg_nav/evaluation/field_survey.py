@@ -1,4 +1,4 @@
-"""What the detectors make of the field along a walk, and what that is worth.
+"""What the detectors make of the field along a walk, at its footfalls or at every sample, and what that is worth.
 
 The change of the compass against the gyroscope from one footfall to the next is the one measure of a verdict's worth
 that needs no truth: over a stride the gyroscope is right to a tenth of a degree, so what is left is the field's.
@@ -18,7 +18,7 @@ from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.compass import compute_true_heading
-from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, find_threshold, judge_samples
+from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, Disturbance, find_threshold, judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from fg_nav.earth import EarthField
 
 SAMPLEWISE = "munoz-diaz"
-"""Judges every sample by the second before it; told and drawn is what it says at the footfalls' samples."""
+"""Judges every sample by the second before it; of a walk on a foot the samples of the footfalls count."""
 
 SURVEYED = (*DETECTORS, SAMPLEWISE)
 """What can be put to a walk, in the order of tables and pictures."""
@@ -92,10 +92,10 @@ class FieldSurvey:
     @property
     def coverage(self) -> tuple[Coverage, ...]:
         """What each detector accepts."""
-        return tuple(coverage(self.field, name, verdicts) for name, verdicts in self.verdicts.items())
+        return tuple(measure_coverage(self.field, name, verdicts) for name, verdicts in self.verdicts.items())
 
 
-def detectors_named(words: str | None) -> list[str]:
+def parse_detectors(words: str | None) -> list[str]:
     """Return the detectors of a list with commas, of "all", or without words the usual ones.
 
     The first colours what has one colour only. Raises `MagneticError` for a name that is none.
@@ -109,7 +109,7 @@ def detectors_named(words: str | None) -> list[str]:
     return list(dict.fromkeys(wanted))
 
 
-def surveyed(
+def survey_field(
     recording: Recording,
     field: FootfallField,
     detectors: Sequence[str],
@@ -129,13 +129,15 @@ def surveyed(
             f"more, or look at the samples with --detector {SAMPLEWISE}."
         )
     ordered = [name for name in SURVEYED if name in detectors]
-    verdicts = {
-        name: _of_samples(recording, field) if name == SAMPLEWISE else judge_field(field, name) for name in ordered
-    }
+    verdicts = {name: _judge(name, recording, field) for name in ordered}
     return FieldSurvey(field, verdicts, detectors[0], solution, earth)
 
 
-def _of_samples(recording: Recording, field: FootfallField) -> FieldVerdicts:
+def _judge(detector: str, recording: Recording, field: FootfallField) -> FieldVerdicts:
+    return _judge_footfall_samples(recording, field) if detector == SAMPLEWISE else judge_field(field, detector)
+
+
+def _judge_footfall_samples(recording: Recording, field: FootfallField) -> FieldVerdicts:
     """Verdicts of the sample-wise detector where the footfalls are; its threshold is that of a full window."""
     statistic = judge_samples(recording).statistic[field.sample]
     reason = f"scatter of the strength over {WINDOW_S:g} s"
@@ -171,7 +173,7 @@ class Coverage:
         return self.accepted / self.footfalls if self.footfalls else 0.0
 
 
-def coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -> Coverage:
+def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -> Coverage:
     """Count what a detector accepts."""
     accepted = verdicts.quasi_static
     first, after = runs(accepted)
@@ -191,3 +193,38 @@ def _median_change(field: FootfallField, counted: Bools) -> float:
     change = np.abs(np.degrees(wrap(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
     change = change[np.isfinite(change)]
     return float(np.median(change)) if len(change) else float("nan")
+
+
+@dataclass(frozen=True)
+class SampleSurvey:
+    """The field at every sample, and what the detector makes of it.
+
+    Attributes
+    ----------
+    t : (N,) s.
+    strength : (N,) uT; NaN where it was not measured.
+    verdicts : of N samples.
+    """
+
+    t: Floats
+    strength: Floats
+    verdicts: Disturbance
+
+    @property
+    def share(self) -> float:
+        """Samples that pass, of those that were judged."""
+        judged = int(self.verdicts.judged.sum())
+        return float(self.verdicts.quasi_static.sum()) / judged if judged else 0.0
+
+    @property
+    def longest_s(self) -> float:
+        """Time of the longest stretch that passes."""
+        first, after = runs(self.verdicts.quasi_static)
+        return float(np.max(self.t[after - 1] - self.t[first], initial=0.0))
+
+
+def survey_samples(recording: Recording) -> SampleSurvey:
+    """Judge every sample; raises `MagneticError` without a field, or with too few samples of it."""
+    verdicts = judge_samples(recording)
+    assert recording.mag is not None  # or it is refused above
+    return SampleSurvey(recording.t, np.linalg.norm(recording.mag, axis=1), verdicts)

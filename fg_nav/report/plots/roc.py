@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
 from fg_nav.evaluation import Roc
-from fg_nav.report import style
+from fg_nav.report.plots import style
 
 PRINTED = "-printed"
 """Ending of a detector's name that shares its colour with the one without it, and is drawn dashed."""

@@ -14,19 +14,20 @@ from fg_nav.errors import EstimationError
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.quasi_static import DETECTORS
-from fg_nav.session import Session, prepare, solve
+from fg_nav.navigate import prepare_walk, run_method
+from fg_nav.walk import Walk
 from tests.command_line import FgNav
 
 FILTERS = ("iez", *GATED, "aiez")
 
 
 @pytest.fixture(scope="module")
-def session() -> Session:
-    return prepare(simulate("demo", 5).recording)
+def session() -> Walk:
+    return prepare_walk(Walk.of(simulate("demo", 5).recording))
 
 
 @pytest.fixture(scope="module")
-def walk(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walk(session: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recordings") / "walk.csv"
     write_canonical(session.recording, path)
     return path
@@ -40,10 +41,10 @@ def used(folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("method", FILTERS)
-def test_each_filter_runs_in_each_preset(session: Session, method: str) -> None:
+def test_each_filter_runs_in_each_preset(session: Walk, method: str) -> None:
     ends = set()
     for preset in PRESETS:
-        outcome = solve(replace(session, options=replace(session.options, preset=preset)), method)
+        outcome = run_method(replace(session, options=replace(session.options, preset=preset)), method)
         said = preset == AS_PRINTED and method in NOT_RUN
         assert (NOT_RUN.get(method) in outcome.solution.notes) == said
         ends.add(tuple(outcome.solution.position[-1]))

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Floats
-from fg_nav.report import style
-from fg_nav.report.thinning import envelope
+from fg_nav.report.plots import style
+from fg_nav.report.plots.style import envelope
 from fg_nav.stances import Stances
 
 MAX_STANCES_AS_LINE = 150

@@ -1,0 +1,225 @@
+"""`fg-nav detect`: what each detector makes of the field along a walk, at its footfalls or at every sample.
+
+==================== =======================================================================================
+field.png            the field and a lane of verdicts for each detector, over time
+field_map.png        where along the path each detector accepts the field; at footfalls only
+field.csv            one row a footfall: `FOOTFALL_COLUMNS`, then statistic and verdict of each detector
+detect.json          what was looked at, the coverage and the parameters of each detector
+==================== =======================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from rich.table import Table
+
+from fg_nav.arrays import Floats
+from fg_nav.commands import Target, find_earth_field, run_methods
+from fg_nav.errors import MagneticError
+from fg_nav.evaluation.field_survey import (
+    SAMPLEWISE,
+    Coverage,
+    FieldSurvey,
+    SampleSurvey,
+    parse_detectors,
+    survey_field,
+    survey_samples,
+)
+from fg_nav.magnetic import FieldVerdicts
+from fg_nav.magnetic.disturbance import SETTINGS
+from fg_nav.magnetic.quasi_static import find_detector
+from fg_nav.navigate import prepare_walk
+from fg_nav.report.files import collect_remarks, describe_recording, write_json
+from fg_nav.report.folder import DETECT_FILES
+from fg_nav.report.plots import draw_survey
+from fg_nav.report.plots.field import plot_samples
+from fg_nav.report.plots.style import save
+from fg_nav.report.terminal import console, listing, print_place, ruled_table
+from fg_nav.walk import Options, Walk, correct_walk, read_walk
+
+PATH_METHOD = "iez"
+"""Draws the path on which the field is looked at: quick, and good enough for a map."""
+
+FOOTFALL_COLUMNS = (
+    "index", "time_s", "strength_uT", "inclination_deg", "compass_heading_deg", "gyro_heading_deg", "difference_deg",
+)  # fmt: skip
+
+
+def detect(
+    file: Path,
+    detectors: str | None,
+    options: Options,
+    place: str | None,
+    format: str | None,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Judge the field by the detectors of a list with commas, write what they find into a folder, and print it."""
+    names = parse_detectors(detectors)
+    target = Target(out, force, f"{file.stem}-detect", DETECT_FILES)
+    if names == [SAMPLEWISE]:
+        if place is not None or options.truth_path is not None:
+            raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
+        _detect_in_samples(file, options, format, target)
+        return
+    earth = find_earth_field(place)
+    walk = prepare_walk(read_walk(file, options, format))
+    field = walk.require_field()
+    outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
+    survey = survey_field(walk.recording, field, names, outcome.solution, earth)
+    with target.open() as folder:
+        write_survey(folder, walk, survey)
+        draw_survey(folder, walk, survey, outcome)
+    print_survey(walk, survey, target.place)
+
+
+def _detect_in_samples(file: Path, options: Options, format: str | None, target: Target) -> None:
+    walk = correct_walk(read_walk(file, options, format))
+    survey = survey_samples(walk.recording)
+    with target.open() as folder:
+        write_samples(folder, walk, survey)
+    print_samples(walk, survey, target.place)
+
+
+def write_survey(folder: Path, walk: Walk, survey: FieldSurvey) -> None:
+    """Write both files into an existing folder."""
+    frame = tabulate_footfalls(survey)
+    frame["time_s"] = frame["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
+    frame.to_csv(folder / "field.csv", index=False, float_format="%.9g")
+    write_json(folder / "detect.json", describe_survey(walk, survey))
+
+
+def tabulate_footfalls(survey: FieldSurvey) -> pd.DataFrame:
+    """Table of the footfalls; headings in [0, 360) deg clockwise from north, differences in [-180, 180)."""
+    field = survey.field
+    columns = [
+        np.arange(len(field)), field.t, field.strength, np.degrees(field.inclination),
+        np.degrees(survey.compass_heading) % 360.0, np.degrees(field.gyro_heading) % 360.0,
+        np.degrees(survey.difference),
+    ]  # fmt: skip
+    table: dict[str, object] = dict(zip(FOOTFALL_COLUMNS, columns, strict=True))
+    for name, verdicts in survey.verdicts.items():
+        table |= {f"{name}_statistic": verdicts.statistic, f"{name}_verdict": verdicts.words}
+    return pd.DataFrame(table)
+
+
+def describe_survey(walk: Walk, survey: FieldSurvey) -> dict[str, object]:
+    """Everything needed to do it again, and the coverage."""
+    field = survey.field
+    return {
+        **describe_recording(walk),
+        "notes": collect_survey_notes(walk),
+        "path_method": survey.solution.method,
+        "earth": survey.earth,
+        "footfalls": len(field),
+        "footfalls_with_field": int(np.isfinite(field.strength).sum()),
+        "strength_median_uT": _median(field.strength),
+        "inclination_median_deg": _median(np.degrees(field.inclination)),
+        "drawn_in_colour": survey.chosen,
+        "detectors": {one.detector: _describe_detector(one, survey.verdicts[one.detector]) for one in survey.coverage},
+    }
+
+
+def _describe_detector(found: Coverage, verdicts: FieldVerdicts) -> dict[str, object]:
+    return {
+        "threshold": verdicts.threshold,
+        "judged": found.judged,
+        "quasi_static": found.accepted,
+        "share": found.share,
+        "longest_run": found.longest_run,
+        "change_deg": found.change_deg,
+        "change_all_deg": found.change_all_deg,
+        "parameters": SETTINGS if found.detector == SAMPLEWISE else find_detector(found.detector),
+    }
+
+
+def _median(values: Floats) -> float:
+    return float(np.median(values[np.isfinite(values)]))
+
+
+def print_survey(walk: Walk, survey: FieldSurvey, place: Path) -> None:
+    """Print the coverage of each detector and how to read it, the notes, and where the files are."""
+    out = console()
+    out.print(tabulate_coverage(survey.coverage))
+    out.print(READING, soft_wrap=True)
+    print_place(collect_survey_notes(walk), place)
+
+
+READING = (
+    "change: of compass minus gyroscope from one footfall to the next, median; where both footfalls pass, and of all. "
+    "The gyroscope keeps to a tenth of a degree meanwhile: the rest is the field's."
+)
+
+
+LONGEST_SWING_S = 10.0
+"""Between two stances; where none is found for longer nobody walks on that foot."""
+
+
+def collect_survey_notes(walk: Walk) -> list[str]:
+    """Remarks on the walk, and what else the shares have to be read with."""
+    notes = collect_remarks(walk)
+    calibration = walk.calibration
+    if calibration is None or calibration.magnetometer is None:
+        notes.append("no calibration: what magnetometer and shoe add turns with the foot, and counts as disturbance")
+    return notes + _note_long_swing(walk)
+
+
+def _note_long_swing(walk: Walk) -> list[str]:
+    t, stances = walk.recording.t, walk.stances
+    swing_s = t[stances.start[1:]] - t[stances.stop[:-1] - 1]
+    k = int(np.argmax(swing_s)) if len(swing_s) else 0
+    if not len(swing_s) or swing_s[k] < LONGEST_SWING_S:
+        return []
+    return [
+        f"no footfall for {swing_s[k]:.0f} s from {t[stances.stop[k] - 1]:.0f} s on: the shares are of the rest; a "
+        f"sensor in a pocket never stands, look at its samples with --detector {SAMPLEWISE}"
+    ]
+
+
+def tabulate_coverage(found: Sequence[Coverage]) -> Table:
+    """One row a detector."""
+    table = ruled_table(
+        "detector", "judged", "quasi-static", "of all", "longest run", "change, passing", "change, all"
+    )  # fmt: skip
+    for one in found:
+        counts = (str(one.judged), str(one.accepted), f"{100 * one.share:.1f} %", str(one.longest_run))
+        table.add_row(one.detector, *counts, _format_degrees(one.change_deg), _format_degrees(one.change_all_deg))
+    return table
+
+
+def _format_degrees(value: float) -> str:
+    return f"{value:.1f} deg" if np.isfinite(value) else "-"
+
+
+def write_samples(folder: Path, walk: Walk, survey: SampleSurvey) -> None:
+    """Write both files into an existing folder."""
+    save(plot_samples(survey), folder / "field.png")
+    write_json(folder / "detect.json", describe_samples(walk, survey))
+
+
+def describe_samples(walk: Walk, survey: SampleSurvey) -> dict[str, object]:
+    """Everything needed to do it again, and what came out."""
+    found = {
+        "judged": int(survey.verdicts.judged.sum()),
+        "quasi_static": int(survey.verdicts.quasi_static.sum()),
+        "share": survey.share,
+        "longest_s": survey.longest_s,
+        "parameters": SETTINGS,
+    }
+    return {**describe_recording(walk), "notes": collect_remarks(walk), "sample_detectors": {SAMPLEWISE: found}}
+
+
+def print_samples(walk: Walk, survey: SampleSurvey, place: Path) -> None:
+    """Print what passes, the notes, and where the files are."""
+    rows = [
+        ("detector", f"{SAMPLEWISE}, sample by sample"),
+        ("judged", f"{int(survey.verdicts.judged.sum())} of {len(survey.t)} samples"),
+        ("quasi-static", f"{100 * survey.share:.1f} % of them"),
+        ("longest stretch", f"{survey.longest_s:.1f} s"),
+    ]
+    console().print(listing(rows))
+    print_place(collect_remarks(walk), place)

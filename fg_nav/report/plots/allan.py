@@ -1,0 +1,92 @@
+"""The Allan deviation of a sensor over the averaging time, one panel an axis, in the units of data sheets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fg_nav.calibration.allan import FLOOR, AllanCurve, NoiseFit
+from fg_nav.calibration.at_rest import RecordingNoise, SensorNoise
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.report.plots import style
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class SheetUnit:
+    """What data sheets write for a sensor: words of its unit, SI units (or uT) in it, and for B and K the same."""
+
+    title: str
+    white: str
+    per_white: float
+    level: str
+    per_level: float
+    walk: str
+    per_walk: float
+
+
+_DEG, _PER_SQRT_HOUR = float(np.rad2deg(1.0)), 60.0
+_MICRO_G = 1e6 / GRAVITY_M_S2
+
+UNITS = {
+    "gyr": SheetUnit(
+        "gyroscope", "deg/s/√Hz", _DEG, "deg/h", 3600 * _DEG, "deg/h/√h", 3600 * _DEG * _PER_SQRT_HOUR
+    ),
+    "acc": SheetUnit("accelerometer", "µg/√Hz", _MICRO_G, "µg", _MICRO_G, "µg/√h", _MICRO_G * _PER_SQRT_HOUR),
+    "mag": SheetUnit("magnetometer", "nT/√Hz", 1e3, "nT", 1e3, "nT/√h", 1e3 * _PER_SQRT_HOUR),
+}  # fmt: skip
+
+
+def plot_allan(noise: RecordingNoise) -> Figure:
+    """Draw every axis: measured deviation with its band, fit, and the parts that were seen."""
+    rows = len(noise.sensors)
+    with style.styled():
+        figure = style.new_figure(0.7 + 2.5 * rows)
+        grid = figure.subplots(rows, 3, sharex=True, sharey="row", squeeze=False)
+        for row, one in zip(grid, noise.sensors, strict=True):
+            for axes, name, curve, fit in zip(row, AXES, one.curves, one.fits, strict=True):
+                _draw(axes, curve, fit, UNITS[one.sensor].per_level)
+                axes.set_title(f"{UNITS[one.sensor].title} {name}")
+            row[0].set_ylim(*_limits(one, UNITS[one.sensor].per_level))
+            row[0].set_ylabel(f"Allan deviation ({UNITS[one.sensor].level})")
+        for axes in grid[-1]:
+            axes.set_xlabel("averaging time (s)")
+        handles = {
+            label: handle for axes in grid.flat for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=6, handlelength=1.8)
+    return figure
+
+
+def _limits(one: SensorNoise, factor: float) -> tuple[float, float]:
+    """Range of the measured deviations and their bands; the parts of the fit may leave it."""
+    all_bounds = np.concatenate([bound for fit in one.fits for bound in (fit.low, fit.high)])
+    seen = factor * all_bounds[all_bounds > 0.0]
+    return (float(seen.min()) / 1.5, 1.5 * float(seen.max())) if len(seen) else (0.1, 1.0)
+
+
+def _draw(axes: Axes, curve: AllanCurve, fit: NoiseFit, factor: float) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    if not curve.deviation.any():
+        axes.text(0.5, 0.5, "constant", transform=axes.transAxes, ha="center", color=style.SOFT_INK)
+        return
+    tau = np.geomspace(fit.fitted_from_s, curve.tau_s[-1], 200)
+    axes.fill_between(
+        curve.tau_s, factor * fit.low, factor * fit.high, color=style.SKY, alpha=0.35, linewidth=0, label="68 %"
+    )
+    axes.plot(curve.tau_s, factor * curve.deviation, ".", color=style.BLUE, markersize=4, label="measured", zorder=4)
+    axes.plot(tau, factor * fit.deviation_at(tau), color=style.INK, linewidth=1.0, label="fit")
+    axes.margins(x=0.02)
+    slopes = (
+        ("N white noise", fit.white, fit.white.value / np.sqrt(tau), style.VERMILION),
+        ("B flicker", fit.flicker, np.full(len(tau), FLOOR * fit.flicker.value), style.GREEN),
+        ("K random walk", fit.walk, fit.walk.value * np.sqrt(tau / 3), style.PURPLE),
+    )
+    for name, part, line, colour in slopes:
+        if part.seen:
+            axes.plot(tau, factor * line, "--", color=colour, linewidth=1.1, label=name, zorder=1)

@@ -1,0 +1,277 @@
+"""One recording, and what is found in it once for all methods: its stances, its field, the verdicts on the field.
+
+The functions here are the steps of `fg_nav.navigate`; each takes a `Walk` and returns one that knows more. Every method
+sees the same walk and the same heading at the start, so outcomes differ by the estimator alone.
+
+Of a calibration the magnetometer and the accelerometer are corrected. Its gyroscope's bias is left on the samples:
+a bias is that of one switch-on, and every estimator finds that of the recording itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from fg_nav.changes import Changes
+from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.detection.mount import refuse_pocket
+from fg_nav.errors import EstimationError, EvaluationError, MagneticError
+from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.evaluation.metrics import Metrics, evaluate
+from fg_nav.evaluation.walked import WalkErrors, measure_walk
+from fg_nav.fixes import Fix
+from fg_nav.io import read, read_fixes, read_truth
+from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
+from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, find_detector, judge_field
+from fg_nav.recording import Recording, Truth
+from fg_nav.solution import Solution
+from fg_nav.stances import Stances
+
+if TYPE_CHECKING:
+    from fg_nav.calibration.file import Calibration
+
+Mount: TypeAlias = Literal["foot", "pocket"]
+"""Where the sensor is worn."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user can choose.
+
+    Attributes
+    ----------
+    use_magnetometer : whether the methods see the magnetometer at all.
+    heading_deg : heading of the body's x axis at the start, degrees clockwise from north; None where it is not known:
+        then zero, or what the compass shows.
+    alignment : how a solution is aligned with the truth (`fg_nav.evaluation.alignment`).
+    truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
+    field_detector : which detector of a quasi-static field the verdicts come from (`fg_nav.magnetic.quasi_static`).
+    calibration_path : file with a calibration to apply; None to take the recording as it is.
+    preset : of the filters (`fg_nav.ekf.presets`).
+    fixes_path : file with fixes of the position for the smoother; None without.
+    mount : where the sensor is worn, checked against the recording; None for a foot, unchecked.
+    step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
+        (`fg_nav.pocket.dead_reckoning`).
+    changes : of the method's parameters, on a foot.
+    """
+
+    use_magnetometer: bool = True
+    heading_deg: float | None = None
+    alignment: str = "yaw"
+    truth_path: Path | None = None
+    field_detector: str = DEFAULT
+    calibration_path: Path | None = None
+    preset: str = "tuned"
+    fixes_path: Path | None = None
+    mount: Mount | None = None
+    step_constant_m: float | None = None
+    known_distance_m: float | None = None
+    changes: Changes = ()
+
+    @property
+    def heading_rad(self) -> float | None:
+        """The heading at the start, rad clockwise from north; raises `EstimationError` if it is not finite."""
+        if self.heading_deg is None:
+            return None
+        if not np.isfinite(self.heading_deg):
+            raise EstimationError(f"a heading of {self.heading_deg} deg is no direction: give a number.")
+        return float(np.deg2rad(self.heading_deg))
+
+
+@dataclass(frozen=True)
+class Walk:
+    """What every method is given.
+
+    Attributes
+    ----------
+    recording : as the methods see it, once `correct_walk` has calibrated it.
+    stances : of this recording; none before `find_stances`, and with the sensor in a pocket.
+    truth, options : of this recording.
+    detection : how the stances were found; None where they were given.
+    field : at the footfalls; None where it is not known.
+    verdicts : on the field; None where it could not be judged.
+    unjudged : why not; empty where it was judged, or before `measure_field`.
+    calibration : that was given; None without.
+    applied : what was corrected by it, in words.
+    fixes : positions known from elsewhere; used by the smoother only.
+    """
+
+    recording: Recording
+    stances: Stances
+    truth: Truth | None = None
+    options: Options = Options()
+    detection: StanceParameters | None = None
+    field: FootfallField | None = None
+    verdicts: FieldVerdicts | None = None
+    unjudged: str = ""
+    calibration: Calibration | None = None
+    applied: tuple[str, ...] = ()
+    fixes: tuple[Fix, ...] = ()
+
+    @classmethod
+    def of(cls, recording: Recording, options: Options = Options(), calibration: Calibration | None = None) -> Walk:
+        """Begin with a recording: nothing is corrected yet, and there are no stances."""
+        none = Stances.from_mask(np.zeros(len(recording), dtype=bool))
+        return cls(recording, none, recording.truth, options, calibration=calibration)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for the user on calibration and field."""
+        notes = []
+        if self.calibration is not None:
+            notes.append(f"corrected by the calibration: {', '.join(self.applied) or 'nothing'}")
+        if self.unjudged and self.recording.mag is not None:
+            notes.append(f"the field was not judged: {self.unjudged}")
+        return tuple(notes)
+
+    def require_field(self) -> FootfallField:
+        """Return the field at the footfalls; raises `MagneticError` with the reason where it is not known."""
+        if self.field is None:
+            raise MagneticError(self.unjudged or "the field of this walk was not looked at: use `measure_field`.")
+        return self.field
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one method made of a walk.
+
+    Attributes
+    ----------
+    solution : with the verdicts on the field in its table of stances.
+    metrics, comparison : of the solution; `comparison` is None without a usable truth.
+    field_used : whether the method used the field: then its own table had verdicts.
+    moment : errors of an online method's estimates at the moment of each footfall; None from others, and without a
+        usable truth.
+    """
+
+    solution: Solution
+    metrics: Metrics
+    comparison: Comparison | None
+    field_used: bool = False
+    moment: WalkErrors | None = None
+
+
+def read_walk(path: Path, options: Options = Options(), format: str | None = None) -> Walk:
+    """Read a recording, and the files that the options name for it.
+
+    Raises
+    ------
+    FormatError, RecordingError, CalibrationError
+        If a file cannot be read, or the recording cannot be navigated with.
+    """
+    truth = None if options.truth_path is None else read_truth(options.truth_path)
+    fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
+    calibration = None
+    if options.calibration_path is not None:
+        from fg_nav.calibration.file import read_calibration
+
+        calibration = read_calibration(options.calibration_path)
+    recording = read(path, format)
+    recording = recording if truth is None else replace(recording, truth=truth)
+    return replace(Walk.of(recording, options, calibration), fixes=fixes)
+
+
+def correct_walk(walk: Walk) -> Walk:
+    """Apply the calibration, and take the magnetometer away if it is not to be used.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration is of a magnetometer and the recording has none.
+    """
+    seen, calibration, with_mag = walk.recording, walk.calibration, walk.options.use_magnetometer
+    seen = seen if with_mag else replace(seen, mag=None)
+    if calibration is None:
+        return replace(walk, recording=seen)
+    applied = calibration.corrects(with_mag)
+    if calibration.magnetometer is not None and with_mag:
+        seen = calibration.magnetometer.apply_to(seen)
+    if calibration.accelerometer is not None and calibration.accelerometer.separable:
+        seen = calibration.accelerometer.apply_to(seen)
+    return replace(walk, recording=seen, applied=applied)
+
+
+def find_stances(walk: Walk) -> Walk:
+    """Return the walk with its stances.
+
+    Raises
+    ------
+    EstimationError
+        If the sensor is said to be on a foot and was clearly in a pocket.
+    DetectionError
+        Where there are no stances.
+    """
+    if walk.options.mount == "foot":
+        refuse_pocket(walk.recording)
+    detection = StanceParameters()
+    return replace(walk, stances=detect_stances(walk.recording, detection), detection=detection)
+
+
+def measure_field(walk: Walk) -> Walk:
+    """Return the walk with the magnetic field at its footfalls and the verdicts on it, or with the reason why not.
+
+    Raises
+    ------
+    MagneticError
+        If there is no such detector. A field that cannot be judged is no error.
+    """
+    options = walk.options
+    if not options.use_magnetometer:
+        return replace(walk, unjudged="the magnetometer was left out, as asked")
+    find_detector(options.field_detector)
+    try:
+        field = average_footfall_field(walk.recording, walk.stances, options.heading_rad or 0.0)
+    except MagneticError as error:
+        return replace(walk, unjudged=str(error))
+    try:
+        return replace(walk, field=field, verdicts=judge_field(field, options.field_detector), unjudged="")
+    except MagneticError as error:
+        return replace(walk, field=field, unjudged=str(error))
+
+
+def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
+    """Measure a solution of this walk, against its truth where there is one.
+
+    Raises
+    ------
+    EvaluationError
+        If the solution cannot be compared with a truth that the user named. A truth that merely came with the
+        recording is then left out, with a note.
+    """
+    on_foot = walk.options.mount != "pocket"  # in a pocket "disturbed" is a stride without a sample that was used
+    used = any(word == QUASI_STATIC or (word != UNKNOWN and on_foot) for word in solution.stances.field)
+    solution = _with_verdicts(solution, walk)
+    if walk.truth is None:
+        return Outcome(solution, evaluate(solution), None, used)
+    try:
+        return _compare_with_truth(solution, walk.truth, walk.options.alignment, used)
+    except EvaluationError as error:
+        if walk.options.truth_path is not None:
+            raise
+        metrics = evaluate(solution)
+        left_out = f"truth left out: {error}"
+        return Outcome(solution, replace(metrics, notes=(*metrics.notes, left_out)), None, used)
+
+
+def _compare_with_truth(solution: Solution, truth: Truth, alignment: str, field_used: bool) -> Outcome:
+    comparison = compare(solution, truth, alignment)
+    metrics = evaluate(solution, truth, alignment)
+    moment = None
+    if solution.moment is not None:
+        moment = measure_walk(replace(solution, stances=solution.moment), truth, alignment)
+    return Outcome(solution, metrics, comparison, field_used, moment)
+
+
+def _with_verdicts(solution: Solution, walk: Walk) -> Solution:
+    """Write the verdicts on the field into the table of the stances; both have one row a footfall."""
+    rows, verdicts = len(solution.stances), walk.verdicts
+    if any(word != UNKNOWN for word in solution.stances.field):
+        return solution  # the method judged the field by its own detector
+    if verdicts is None:
+        words, reasons = (UNKNOWN,) * rows, (walk.unjudged or "the field was not judged",) * rows
+    else:
+        words, reasons = verdicts.words, verdicts.reason
+    return replace(solution, stances=replace(solution.stances, field=words, field_reason=reasons))
