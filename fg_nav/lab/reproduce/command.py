@@ -21,7 +21,7 @@ from rich.text import Text
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.file import write_reproduction
 from fg_nav.lab.reproduce.messages import counted, named, printed, remark, told
-from fg_nav.lab.reproduce.page import page
+from fg_nav.lab.reproduce.page import write_page
 from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
 from fg_nav.plain import plain
@@ -142,7 +142,7 @@ def _pictures_of(results: Path) -> set[str]:
 
 def publish(found: Reproduction, out: Path) -> None:
     """Write the page, take away pictures that only an older result names, and write the results last."""
-    write_text(out / REPORT, page(found, out))
+    write_text(out / REPORT, write_page(found, out))
     paper, *stale = read_marker(out, MARK)
     named_here = {picture.file for experiment in found.experiments for picture in experiment.pictures}
     for name in set(stale) - named_here:

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.messages import named, remark
-from fg_nav.lab.reproduce.page import page
+from fg_nav.lab.reproduce.page import write_page
 from tests.lab.reproduce.made import reproduction
 
 VOID = {"meta", "link", "img", "br", "hr"}
@@ -58,7 +58,7 @@ def found(folder):
 
 @pytest.fixture(scope="module")
 def text(found, folder):
-    return page(found, folder)
+    return write_page(found, folder)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def test_what_is_wide_has_a_box_of_its_own(read):
 
 def test_a_picture_that_is_not_there_is_told_in_one_sentence(found, tmp_path):
     with pytest.raises(OutputError, match=r"one\.png is not there, or is no PNG"):
-        page(found, tmp_path)
+        write_page(found, tmp_path)
 
 
 @pytest.fixture(scope="module")
