@@ -37,7 +37,7 @@ from fg_nav.errors import CalibrationError
 from fg_nav.frames import heading_of
 from fg_nav.io import read, read_truth
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
-from fg_nav.lab.simulation.scenario_file import scenario_of
+from fg_nav.lab.simulation.scenario_file import parse_scenario
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.navigate import prepare_walk
 from fg_nav.recording import Recording, TrajectoryTruth
@@ -61,7 +61,7 @@ class UserScenario:
     @property
     def scenario(self) -> Scenario:
         """As the simulator takes it; raises `SimulationError` if the file describes what cannot be."""
-        return scenario_of(self.name, self.text)
+        return parse_scenario(self.name, self.text)
 
     @property
     def course(self) -> Any:

@@ -1,4 +1,4 @@
-"""A scenario of your own, from a TOML file.
+"""A scenario of the user's own, from a TOML file.
 
     like = "office"                     # where worn, sensor, site and field come from; all of them can be given too
     field = "smooth"
@@ -11,30 +11,34 @@
     rest_s = 5.0
     pace = 1.0                          # times the person's usual speed
     run = false
-    strides = 40                        # or as many as the way takes
+    strides = 40                        # or as many as the path takes
 
     [sensor]                            # any parameter of `lab.simulation.sensors.SensorPrior`, in SI units and uT
     rate_hz = 200
     [sensor.gyr]
     noise_density = 1e-4
 
-Whatever is left out is as above, or as in the scenario it is like; `points_m` must be there. A way whose last point is
+Whatever is left out is as above, or as in the scenario it is like; `points_m` must be there. A path whose last point is
 its first is closed: it begins in the middle of its first leg, all its corners are rounded, and it can have laps.
 """
 
 from __future__ import annotations
 
+import json
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path as File
-from typing import Any, TypeVar, cast
+from typing import Annotated, Any, TypeAlias, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Path, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Scenario, Worn, scenario
+from fg_nav.lab.simulation.sensors import SensorPrior
 
 SUFFIX = ".toml"
 
@@ -42,51 +46,47 @@ LONGEST_M = 100_000.0
 """A day of walking."""
 
 LARGEST = 1e100
-"""No parameter is larger; whole numbers beyond a float's range would not even compare."""
+"""No number is larger."""
 
-_ANY_WAY = ((0.0, 0.0), (1.0, 0.0))
-"""In place of the way that a file must give."""
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+"""Types of errors of a key that no table has."""
 
-T = TypeVar("T")
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+Number: TypeAlias = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
-@dataclass(frozen=True)
-class OwnCourse:
-    """The table `course` of the file; see there."""
+class RouteTable(BaseModel):
+    """The table `course` of the file."""
 
-    points_m: Sequence[Sequence[float]] = ()
-    corner_radius_m: float = 1.2
+    model_config = _STRICT
+
+    points_m: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=2)]
+    corner_radius_m: Number = 1.2
     laps: int = 1
-    rest_s: float = 5.0
-    pace: float = 1.0
+    rest_s: Number = 5.0
+    pace: Number = 1.0
     run: bool = False
     strides: int | None = None
 
-    def __post_init__(self) -> None:
-        if len(self.points_m) < 2 or not all(_is_place(point, 2) for point in self.points_m):
-            raise SimulationError(
-                "course.points_m cannot be read: give two pairs of numbers or more, [[0, 0], [0, 25]]."
-            )
-        if self.strides is not None and type(self.strides) is not int:
-            raise SimulationError(f"course.strides cannot be {self.strides!r}: give a whole number.")
-        if self.laps > 1 and not self.is_closed:
-            raise SimulationError("course.laps needs a closed way: let the last of points_m be the first.")
-
     @property
     def is_closed(self) -> bool:
-        """Whether the way ends where it begins, and has a round to it."""
-        return len(self.points_m) > 3 and list(self.points_m[0]) == list(self.points_m[-1])
+        """Whether the path ends where it begins, and has a round to it."""
+        return len(self.points_m) > 3 and self.points_m[0] == self.points_m[-1]
 
-    def sections(self) -> list[Section]:
+    def make_sections(self) -> list[Section]:
         """Rest, walk, rest."""
         rest = Stand(self.rest_s)
-        return [rest, Walk(self._path(), Style.RUN if self.run else Style.WALK, self.strides, self.pace), rest]
+        return [rest, Walk(self._make_path(), Style.RUN if self.run else Style.WALK, self.strides, self.pace), rest]
 
-    def _path(self) -> Path:
-        """All laps; a closed way begins in the middle of its first leg, so that its first corner is round too."""
+    def _make_path(self) -> Path:
+        """All laps; a closed path begins in the middle of its first leg, so that its first corner is round too."""
+        if self.laps > 1 and not self.is_closed:
+            raise SimulationError("course.laps needs a closed path: let the last of points_m be the first.")
         points = list(self.points_m)
         if self.is_closed:
-            middle = [(a + b) / 2 for a, b in zip(points[0], points[1], strict=True)]
+            (a, b), (c, d) = points[:2]
+            middle = ((a + c) / 2, (b + d) / 2)
             points = [middle, *points[1:], middle]
         lap = polyline(points, self.corner_radius_m)
         if lap.length_m * self.laps > LONGEST_M:
@@ -94,19 +94,30 @@ class OwnCourse:
         return lap.repeated(self.laps)
 
 
-@dataclass(frozen=True)
-class Surroundings:
-    """What stands at the head of the file beside `like`, `course` and `sensor`; see there."""
+class ScenarioTable(BaseModel):
+    """The whole file; None is as in the scenario it is like."""
 
-    worn: Worn
-    site: str
-    field: str
-    magnets: tuple[tuple[float, float, float], ...] = ()
-    aligned: bool = False
+    model_config = _STRICT
 
-    def __post_init__(self) -> None:
-        if not all(_is_place(place, 3) for place in self.magnets):
-            raise SimulationError("magnets cannot be read: give places of three numbers, [[1.5, 0, 0]].")
+    course: RouteTable
+    like: str = "demo"
+    worn: Worn | None = None
+    site: str | None = None
+    field: str | None = None
+    magnets: tuple[tuple[Number, Number, Number], ...] = ()
+    aligned: bool | None = None
+    sensor: Any = Field(default_factory=dict)
+
+
+class SensorTable(BaseModel):
+    """The table `sensor`, with everything that it leaves out."""
+
+    model_config = _STRICT
+
+    sensor: SensorPrior
+
+
+Table = TypeVar("Table", bound=BaseModel)
 
 
 def read_scenario(path: File) -> Scenario:
@@ -115,79 +126,87 @@ def read_scenario(path: File) -> Scenario:
     Raises
     ------
     SimulationError
-        If the file cannot be read, knows words that we do not, or describes what cannot be.
+        If the file cannot be read, has unknown parameters, or describes what cannot be.
     """
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise SimulationError(f"{path.name} is no TOML: {error}.") from None
-    return scenario_of(path.name, text)
+    return parse_scenario(path.name, text)
 
 
-def scenario_of(file: str, text: str) -> Scenario:
-    """Return the scenario of a file that was read already; raises as `read_scenario` does."""
+def parse_scenario(file: str, text: str) -> Scenario:
+    """Return the scenario of a file's text; raises as `read_scenario` does."""
     try:
-        return _scenario(File(file).stem, tomllib.loads(text))
+        return _make_scenario(File(file).stem, tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise SimulationError(f"{file} is no TOML: {error}.") from None
     except SimulationError as error:
         raise SimulationError(f"{file}: {error}") from None
 
 
-def _scenario(name: str, content: Mapping[str, Any]) -> Scenario:
-    given = dict(content)
-    like = _like(given.pop("like", "demo"))
-    if "course" not in given:
+def _make_scenario(name: str, content: Mapping[str, Any]) -> Scenario:
+    if "course" not in content:
         raise SimulationError("it has no table [course]: give its points_m.")
-    sections = _changed(OwnCourse(_ANY_WAY), given.pop("course"), "course").sections()
-    sensor = given.pop("sensor", {})
-    prior = sensor if isinstance(sensor, str) else _changed(like.prior, sensor, "sensor")
-    place = _changed(Surroundings(like.worn, like.site, like.field, aligned=like.aligned), given, "the file")
-    summary = f"{name}{SUFFIX}"
-    where = place.worn, prior, place.site, place.field, place.magnets, place.aligned
-    return Scenario(name, summary, lambda _: sections, *where)
+    table = _validate(ScenarioTable, content)
+    like = scenario(table.like)
+    sections = table.course.make_sections()
+    return Scenario(
+        name,
+        f"{name}{SUFFIX}",
+        lambda _: sections,
+        table.worn or like.worn,
+        _make_sensor(table.sensor, like.prior),
+        like.site if table.site is None else table.site,
+        like.field if table.field is None else table.field,
+        table.magnets,
+        like.aligned if table.aligned is None else table.aligned,
+    )
 
 
-def _like(name: object) -> Scenario:
-    if not isinstance(name, str):
-        raise SimulationError(f"like cannot be {name!r}: give the name of a scenario.")
-    return scenario(name)
+def _make_sensor(given: object, like: SensorPrior) -> str | SensorPrior:
+    """Name of a preset, or the sensor with what a table gives in place of its parameters."""
+    if isinstance(given, str):
+        return given
+    if not isinstance(given, Mapping):
+        raise SimulationError("sensor is no table: write [sensor] and its parameters below, or the name of a preset.")
+    return _validate(SensorTable, {"sensor": _update_nested(asdict(like), given)}).sensor
 
 
-def _changed(value: T, table: Any, where: str) -> T:
-    """Return a dataclass with the fields that a table names replaced, those of dataclasses in it too."""
-    _check_table(type(value), table, where)
-    given = {name: _converted(getattr(value, name), item, f"{where}.{name}") for name, item in table.items()}
-    return cast("T", replace(cast("Any", value), **given))
+def _update_nested(base: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    nested = {
+        key: _update_nested(base[key], value)
+        for key, value in given.items()
+        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
+    }
+    return {**base, **given, **nested}
 
 
-def _converted(before: object, item: Any, where: str) -> Any:
-    if is_dataclass(before):
-        return _changed(before, item, where)
-    if isinstance(item, list):
-        return tuple(item)
-    if before is not None and not (_is_number(item) if isinstance(before, float) else type(item) is type(before)):
-        raise SimulationError(f"{where} cannot be {item!r}: give something like {_shown(before)}.")
-    return item
+def _validate(kind: type[Table], content: Mapping[str, Any]) -> Table:
+    """Validate by way of JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted."""
+    try:
+        return kind.model_validate_json(json.dumps(content, default=str))
+    except ValidationError as error:
+        raise SimulationError(_describe(error, kind, content)) from None
 
 
-def _shown(value: object) -> str:
-    """How a value is written in TOML."""
-    return str(value).lower() if isinstance(value, bool) else "a list" if isinstance(value, tuple) else repr(value)
+def _describe(error: ValidationError, kind: type[BaseModel], content: Mapping[str, Any]) -> str:
+    """One sentence on the first thing that is wrong: which key, and what to try."""
+    first = error.errors()[0]
+    *table, key = (str(part) for part in first["loc"])
+    name = ".".join((*table, key))
+    if first["type"] in UNKNOWN:
+        own = (RouteTable if table else ScenarioTable).model_fields
+        known = _known_names(error, content, table) if kind is SensorTable else list(own)
+        return f"{'.'.join(table) or 'the file'} has no parameter '{key}': it knows {', '.join(known)}."
+    if first["type"] in ("missing", "missing_argument"):
+        return f"{name} is missing: give it."
+    return f"{name} cannot be {first['input']!r}: {first['msg'].replace('Input should be', 'give')}."
 
 
-def _is_place(item: object, size: int) -> bool:
-    return isinstance(item, list | tuple) and len(item) == size and all(_is_number(x) for x in item)
-
-
-def _is_number(item: object) -> bool:
-    return isinstance(item, int | float) and not isinstance(item, bool) and abs(item) < LARGEST
-
-
-def _check_table(kind: type, table: Any, where: str) -> None:
-    if not isinstance(table, Mapping):
-        raise SimulationError(f"{where} is no table: write [{where}] and its parameters below.")
-    known = [item.name for item in fields(cast("Any", kind))]
-    for name in table:
-        if name not in known:
-            raise SimulationError(f"{where} has no parameter '{name}': it knows {', '.join(known)}.")
+def _known_names(error: ValidationError, content: Mapping[str, Any], table: list[str]) -> list[str]:
+    """Names of a sensor's table, which has all of them, without those that are unknown."""
+    for part in table:
+        content = content[part]
+    unknown = {one["loc"][-1] for one in error.errors() if one["type"] in UNKNOWN}
+    return [name for name in content if name not in unknown]

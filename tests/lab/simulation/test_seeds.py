@@ -41,6 +41,6 @@ def test_a_seed_is_one_walk_and_another_seed_another(name):
 
 def test_another_seed_is_another_field():
     (one, _), (other, _) = (simulated("demo", seed) for seed in (5, 6))
-    place = one.origin + [[0.5, 1.0, 0.1], [2.0, 3.0, 0.1], [-1.0, 5.0, 0.1]]
+    place = np.array([[0.5, 1.0, 0.1], [2.0, 3.0, 0.1], [-1.0, 5.0, 0.1]]) + one.origin
     assert np.linalg.norm(one.field.at(place) - other.field.at(place), axis=1).min() > 0.1
     np.testing.assert_array_equal(one.field.at(place), simulated("demo", 5)[0].field.at(place))
