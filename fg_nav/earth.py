@@ -5,7 +5,7 @@ compass points east of north), in East-North-Up
 
     B = F (cos I sin D, cos I cos D, -sin I).
 
-It is that of the World Magnetic Model (US and UK defence agencies; one edition every five years), worked out by
+It is that of the World Magnetic Model (US and UK defence agencies; one edition every five years), computed by
 `pygeomag`, an extra of this project: it is asked for only when a place is. The model has the core's field; crust and
 buildings add a degree or more to the declination on the spot.
 """

@@ -1,4 +1,4 @@
-"""What a recording tells about its own sensor and mounting. Knows nothing of estimators.
+"""What a recording shows of its own sensor and mounting. Imports no estimator.
 
 In order: all at once and its file; the magnetometer, turned over, on a loop, on a walk; the sensor at rest; its noise;
 where it sits on the shoe.

@@ -27,8 +27,8 @@ from fg_nav.magnetic.compass import compute_level_R_body
 from fg_nav.wording import counted
 
 UNKNOWN_UT = 30.0
-"""Sigma of hard iron along the vertical, of which circles on a floor say nothing: what `fg_nav.calibration.walk`
-believes before a walk."""
+"""Sigma of hard iron along the vertical, of which circles on a floor say nothing: the prior of
+`fg_nav.calibration.walk`."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Ellipse:
             method=f"ellipse of the standing foot, {self.method}",
             hard_iron_uT=R[:2].T @ self.offset_uT,
             correction=R.T @ C @ R,
-            covariance=lift @ self.covariance @ lift.T + _unknown(R[2]),
+            covariance=lift @ self.covariance @ lift.T + _build_unknown_covariance(R[2]),
             strength_uT=self.radius_uT,
             residual_uT=self.residual_uT,
             samples=self.samples,
@@ -134,7 +134,7 @@ def half_turn(angle: float) -> float:
     return float(np.pi / 2 - (np.pi / 2 - angle) % np.pi)
 
 
-def _unknown(up: Floats) -> Floats:
+def _build_unknown_covariance(up: Floats) -> Floats:
     """Covariance (9, 9) of a hard iron along `up` (3,) in the body of which nothing is known."""
     unknown = np.zeros((9, 9))
     unknown[:3, :3] = UNKNOWN_UT**2 * np.outer(up, up)
@@ -157,37 +157,33 @@ def select_levelled(level_xy: Floats, fewest: int) -> Floats:
 
 
 def find_ellipse_by_extremes(level_xy: Floats) -> Ellipse:
-    """Find the ellipse from extremes: Ma Eq. 6-8 with eta = atan2(m_y1, m_x1) modulo pi. No covariance.
+    """Find the ellipse from extremes: Ma (6)-(8) with eta = atan2(m_y1, m_x1) modulo pi. No covariance.
 
-    Parameters
-    ----------
-    level_xy : (F, 2) uT, levelled axes; NaN rows are left out.
+    `level_xy` (F, 2) uT, levelled axes; NaN rows are left out.
     """
-    centred, offset = _about_extremes(level_xy)
+    centred, offset = _center_between_extremes(level_xy)
     x1, y1 = centred[np.argmax(np.linalg.norm(centred, axis=1))]
-    return _of_extremes("by extremes", centred, offset, half_turn(float(np.arctan2(y1, x1))))
+    return _build_ellipse("by extremes", centred, offset, half_turn(float(np.arctan2(y1, x1))))
 
 
 def find_ellipse_as_printed(level_xy: Floats) -> Ellipse:
-    """Find the ellipse as the paper prints it: Ma Eq. 6-8 with eta = asin(m_y1 / max r), mirrored where m_x1 < 0.
+    """Find the ellipse as the paper prints it: Ma (6)-(8) with eta = asin(m_y1 / max r), mirrored where m_x1 < 0.
 
-    Parameters
-    ----------
-    level_xy : (F, 2) uT, levelled axes; NaN rows are left out.
+    `level_xy` (F, 2) uT, levelled axes; NaN rows are left out.
     """
-    centred, offset = _about_extremes(level_xy)
+    centred, offset = _center_between_extremes(level_xy)
     r = np.linalg.norm(centred, axis=1)
-    return _of_extremes("as printed", centred, offset, float(np.arcsin(centred[np.argmax(r), 1] / r.max())))
+    return _build_ellipse("as printed", centred, offset, float(np.arcsin(centred[np.argmax(r), 1] / r.max())))
 
 
-def _about_extremes(level_xy: Floats) -> tuple[Floats, Floats]:
-    """Readings about (max + min) / 2 of each axis, and that: Ma Eq. 6."""
+def _center_between_extremes(level_xy: Floats) -> tuple[Floats, Floats]:
+    """Readings about (max + min) / 2 of each axis, and that: Ma (6)."""
     readings = select_levelled(level_xy, 3)
     offset = (readings.max(axis=0) + readings.min(axis=0)) / 2
     return readings - offset, offset
 
 
-def _of_extremes(method: str, centred: Floats, offset: Floats, eta: float) -> Ellipse:
+def _build_ellipse(method: str, centred: Floats, offset: Floats, eta: float) -> Ellipse:
     r = np.linalg.norm(centred, axis=1)
     found = Ellipse(
         method, offset, eta, float(r.min() / r.max()), float(r.min()), np.full((4, 4), np.nan), np.nan, len(centred)

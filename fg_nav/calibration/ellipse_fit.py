@@ -65,14 +65,12 @@ hard iron it is an error."""
 def fit_ellipse(level_xy: Floats) -> Ellipse:
     """Fit an ellipse to levelled readings by robust least squares of their distances from it.
 
-    Parameters
-    ----------
-    level_xy : (F, 2) uT, levelled axes, one a footfall; NaN rows are left out.
+    `level_xy` (F, 2) uT, levelled axes, one a footfall; NaN rows are left out.
 
     Raises
     ------
     CalibrationError
-        Where the headings do not go round, telling which arc is missing, or the readings leave a parameter open.
+        Where the headings do not go round, naming the arc that is missing, or the readings leave a parameter open.
     """
     ellipse = _fit_round(level_xy)
     _check(ellipse)
@@ -119,7 +117,10 @@ def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
     try:
         left, right = (_fit_round(field.level_field[side, :2]) for side in (turn < 0.0, turn > 0.0))
     except CalibrationError:
-        return 1.0, "no full circles both ways: iron in the floor cannot be told from the shoe's, and is in no sigma"
+        return (
+            1.0,
+            "no full circles both ways: iron in the floor cannot be separated from the shoe's, and is in no sigma",
+        )
     apart = (left.numbers - right.numbers) / 2
     apart[2] = half_turn(2 * apart[2]) / 2
     covariance = ellipse.covariance + LEAST_UT**2 * np.eye(4)
@@ -193,14 +194,14 @@ def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
     """
     fit = _fit(readings)
     kept = readings[fit.kept]
-    ellipse = _from_fit(fit.parameters, fit.covariance, fit.residual_uT, len(kept))
-    lack = _lack_of_fit(_distance(fit.parameters, kept), compute_field_heading(ellipse.correct(kept)))
+    ellipse = _build_ellipse(fit.parameters, fit.covariance, fit.residual_uT, len(kept))
+    lack = _measure_lack_of_fit(_distance(fit.parameters, kept), compute_field_heading(ellipse.correct(kept)))
     worse = max(1.0, lack / max(fit.residual_uT, LEAST_UT) ** 2)
     return replace(ellipse, covariance=worse * ellipse.covariance), fit.kept
 
 
 def _fit(readings: Floats) -> Fit:
-    """Centre and matrix of the ellipse, scaled; a refusal is in words for somebody who walks."""
+    """Centre and matrix of the ellipse, scaled; a refusal addresses the walker."""
     try:
         centre, C = fit_trimmed_quadric(readings)
         return fit_robustly(_distance, readings, np.array([*centre, C[0, 0], C[0, 1], C[1, 1]]) * _SIZES)
@@ -214,7 +215,7 @@ def _distance(scaled: Floats, readings: Floats) -> Floats:
     return distance(x[:2], np.array([[x[2], x[3]], [x[3], x[4]]]), readings)
 
 
-def _from_fit(scaled: Floats, scaled_covariance: Floats, residual: float, samples: int) -> Ellipse:
+def _build_ellipse(scaled: Floats, scaled_covariance: Floats, residual: float, samples: int) -> Ellipse:
     """Offset, axes and their covariance from the centre and the symmetric matrix that were fitted."""
     x, covariance = scaled / _SIZES, scaled_covariance / np.outer(_SIZES, _SIZES)
     (least, most), axes = np.linalg.eigh(np.array([[x[2], x[3]], [x[3], x[4]]]))
@@ -222,7 +223,7 @@ def _from_fit(scaled: Floats, scaled_covariance: Floats, residual: float, sample
         raise CalibrationError(NO_ELLIPSE)
     u = axes[:, 0]
     jacobian = np.zeros((4, 5))
-    jacobian[:2, :2], jacobian[2:, 2:] = np.eye(2), _shape_by_matrix(u, least, most)
+    jacobian[:2, :2], jacobian[2:, 2:] = np.eye(2), _differentiate_shape(u, least, most)
     return Ellipse(
         method="fitted",
         offset_uT=x[:2],
@@ -235,22 +236,27 @@ def _from_fit(scaled: Floats, scaled_covariance: Floats, residual: float, sample
     )
 
 
-def _shape_by_matrix(u: Floats, least: float, most: float) -> Floats:
+def _differentiate_shape(u: Floats, least: float, most: float) -> Floats:
     """Derivatives (2, 3) of eta and tau by C_xx, C_xy, C_yy, C having the eigenvalue `least` along u, `most` across.
 
     With w = u turned left: d eta = (w . dC u) / (least - most), d tau = (u . dC u - tau w . dC w) / most.
     """
     w = np.array([-u[1], u[0]])
     between = min(least - most, -1e-9 * most)  # a circle's long axis has no direction: next to no knowledge, not none
-    return np.stack([_by_entries(w, u) / between, (_by_entries(u, u) - least / most * _by_entries(w, w)) / most])
+    return np.stack(
+        [
+            _differentiate_form(w, u) / between,
+            (_differentiate_form(u, u) - least / most * _differentiate_form(w, w)) / most,
+        ]
+    )
 
 
-def _by_entries(a: Floats, b: Floats) -> Floats:
+def _differentiate_form(a: Floats, b: Floats) -> Floats:
     """Derivatives (3,) of a . C b by C_xx, C_xy, C_yy."""
     return np.array([a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[1] * b[1]])
 
 
-def _lack_of_fit(residual: Floats, heading: Floats) -> float:
+def _measure_lack_of_fit(residual: Floats, heading: Floats) -> float:
     """Variance (uT^2) of a reading, from the means of the residuals (F,) over sectors of heading (F,)."""
     sector = np.floor((heading / (2 * np.pi) % 1.0) * SECTORS).astype(np.int64) % SECTORS
     count = np.bincount(sector, minlength=SECTORS)

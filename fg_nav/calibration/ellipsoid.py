@@ -86,14 +86,14 @@ def fit_ellipsoid(readings: Floats, strength_uT: float | None = None) -> Magneto
     size = float(np.mean(np.diag(unit_C)))
     sizes = np.concatenate([np.full(3, 0.1 / size), np.full(6, size)])
     fit = fit_robustly(_distances(sizes), present, np.concatenate([h, unit_C[UPPER]]) / sizes)
-    found = _calibration(fit, sizes, strength_uT)
+    found = _build_calibration(fit, sizes, strength_uT)
     coverage = measure_coverage(present[fit.kept] - found.hard_iron_uT)  # not corrected: a bad C would blow a plane up
     check_fit(found, found.residual_uT, coverage)
-    return _with_notes(found, coverage, len(present))
+    return _add_notes(found, coverage, len(present))
 
 
 def upper_triangular(correction: Floats) -> Floats:
-    """Turn a correction C (3, 3) into the upper triangular one with the same strengths: K_c of Ma's Table 1.
+    """Turn a correction C (3, 3) into the upper triangular one with the same strengths: K_c of Ma 2018, Table 1.
 
     K^T K = C^T C, with positive diagonal. The corrected field is turned by what C and K differ in.
     """
@@ -107,7 +107,7 @@ def symmetric(matrix: Floats) -> Floats:
 
 
 def select_readings(readings: Floats) -> Floats:
-    """Readings (N, 3) without NaN rows; `CalibrationError` for too few, or of a sensor that nobody turned."""
+    """Readings (N, 3) without NaN rows; `CalibrationError` for too few, or of a sensor that was not turned."""
     present = readings[np.isfinite(readings).all(axis=1)]
     if len(present) < FEWEST_READINGS:
         raise CalibrationError(
@@ -139,14 +139,14 @@ def _distances(sizes: Floats) -> Callable[[Floats, Floats], Floats]:
     return distances
 
 
-def _calibration(fit: Fit, sizes: Floats, strength_uT: float | None) -> MagnetometerCalibration:
+def _build_calibration(fit: Fit, sizes: Floats, strength_uT: float | None) -> MagnetometerCalibration:
     x, covariance = fit.parameters * sizes, fit.covariance * np.outer(sizes, sizes)
     unit_C = matrix_of(x[3:])
     if not np.linalg.eigvalsh(unit_C).min() > 0.0:
         raise CalibrationError(NO_ELLIPSOID)
     strength = float(np.linalg.det(unit_C) ** (-1 / 3)) if strength_uT is None else strength_uT
     to_C = np.eye(9)
-    to_C[3:, 3:] = strength * (np.eye(6) if strength_uT is not None else _without_scale(unit_C))
+    to_C[3:, 3:] = strength * (np.eye(6) if strength_uT is not None else _remove_scale(unit_C))
     return MagnetometerCalibration(
         method="ellipsoid",
         hard_iron_uT=x[:3],
@@ -158,7 +158,7 @@ def _calibration(fit: Fit, sizes: Floats, strength_uT: float | None) -> Magnetom
     )
 
 
-def _without_scale(unit_C: Floats) -> Floats:
+def _remove_scale(unit_C: Floats) -> Floats:
     """Derivatives (6, 6) of C by the matrix A that was fitted, over det C^(1/3): dC = dA - A trace(A^-1 dA) / 3."""
     inverse = np.linalg.inv(unit_C)
     trace = np.where(UPPER[0] == UPPER[1], 1.0, 2.0) * inverse[UPPER]
@@ -199,7 +199,7 @@ def _check_sigma(hard_uT: float, size_uT: float, soft: float, coverage: Coverage
         )
 
 
-def _with_notes(found: MagnetometerCalibration, coverage: Coverage, readings: int) -> MagnetometerCalibration:
+def _add_notes(found: MagnetometerCalibration, coverage: Coverage, readings: int) -> MagnetometerCalibration:
     left_out = readings - found.samples
     notes = (coverage.words, f"{left_out} of {readings} readings left out as outliers")
     return replace(found, notes=notes if left_out else notes[:1])
@@ -225,13 +225,13 @@ def fit_unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerC
     to_strength = np.repeat([1.0, strength_uT], [3, 6])
     J = to_strength[:, None] * np.stack([_slope(p, k, middle, scale) for k in range(9)], axis=1)
     parts = to_strength * _parameters(p, middle, scale)
-    found = _sphere_calibration(parts, J @ covariance @ J.T, strength_uT, present)
+    found = _build_sphere_calibration(parts, J @ covariance @ J.T, strength_uT, present)
     coverage = measure_coverage(present - found.hard_iron_uT)
-    check_fit(found, float(np.sqrt((_sphere_distances(found, present) ** 2).mean())), coverage)
+    check_fit(found, float(np.sqrt((_measure_distances(found, present) ** 2).mean())), coverage)
     return replace(found, notes=(coverage.words, f"corrected readings have length {strength_uT:g}"))
 
 
-def _sphere_calibration(
+def _build_sphere_calibration(
     parts: Floats, covariance: Floats, strength_uT: float, readings: Floats
 ) -> MagnetometerCalibration:
     """From h and the six of C, (9,) and (9, 9); without notes."""
@@ -248,7 +248,7 @@ def _sphere_calibration(
     )
 
 
-def _sphere_distances(found: MagnetometerCalibration, readings: Floats) -> Floats:
+def _measure_distances(found: MagnetometerCalibration, readings: Floats) -> Floats:
     """Of readings (N, 3) uT from the ellipsoid."""
     return distance(found.hard_iron_uT, found.correction / found.strength_uT, readings)
 

@@ -1,4 +1,4 @@
-"""The calibration file: what one recording told about its sensors, for other recordings of the same sensor and shoe.
+"""The calibration file: what one recording showed of its sensors, for other recordings of the same sensor and shoe.
 
 JSON, laid down in `docs/formats.md`. Numbers are written so that they are read back to the last bit; a part that the
 recording did not show is null, and so is an infinite sigma. Units are those of the parts' own types.
@@ -33,7 +33,7 @@ AtRest = TypeVar("AtRest", GyroscopeCalibration | None, AccelerometerCalibration
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a recording told about its sensors; None for a part that it did not show.
+    """What a recording showed of its sensors; None for a part that it did not show.
 
     `recording` is the name of the file it came from.
     """
@@ -60,7 +60,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 
 
 def is_calibration(path: Path) -> bool:
-    """Tell whether a file was written here, even if it is damaged since."""
+    """Whether a file was written here, even if it is damaged since."""
     with path.open("rb") as file:
         return FORMAT.encode() in file.read(100)
 
@@ -73,18 +73,18 @@ def read_calibration(path: Path) -> Calibration:
     CalibrationError
         If the file cannot be read, is no calibration, is of a newer version, or lacks what it should have.
     """
-    content = _content(path)
+    content = _read_json(path)
     recording = content.get("recording")
     return Calibration(
         recording if isinstance(recording, str) else None,
         _read_part(path, content, "magnetometer", MagnetometerCalibration),
-        _checked(path, "gyroscope", _read_part(path, content, "gyroscope", GyroscopeCalibration)),
-        _checked(path, "accelerometer", _read_part(path, content, "accelerometer", AccelerometerCalibration)),
+        _check_at_rest(path, "gyroscope", _read_part(path, content, "gyroscope", GyroscopeCalibration)),
+        _check_at_rest(path, "accelerometer", _read_part(path, content, "accelerometer", AccelerometerCalibration)),
     )
 
 
-def _content(path: Path) -> Mapping[str, Any]:
-    content = _parsed(path)
+def _read_json(path: Path) -> Mapping[str, Any]:
+    content = _parse(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise CalibrationError(f"{path.name} is no calibration: give a file that `fg-nav calibrate` wrote.")
     if content.get("version") != VERSION:
@@ -95,7 +95,7 @@ def _content(path: Path) -> Mapping[str, Any]:
     return content
 
 
-def _parsed(path: Path) -> object:
+def _parse(path: Path) -> object:
     try:
         if path.stat().st_size > LARGEST_BYTES:
             return None
@@ -116,7 +116,7 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
     if part is None:
         return None
     try:
-        return _restored(kind, part)
+        return _restore(kind, part)
     except CalibrationError as error:
         raise CalibrationError(f"{path.name}: {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -124,7 +124,7 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
         raise CalibrationError(f"{path.name} is damaged in its part '{name}'{where}: calibrate again.") from None
 
 
-def _checked(path: Path, name: str, part: AtRest) -> AtRest:
+def _check_at_rest(path: Path, name: str, part: AtRest) -> AtRest:
     """Refuse a bias that is no vector, and a scale that would turn a sensor round."""
     if part is not None:
         scale = part.scale if isinstance(part, AccelerometerCalibration) else 1.0
@@ -134,7 +134,7 @@ def _checked(path: Path, name: str, part: AtRest) -> AtRest:
     return part
 
 
-def _restored(kind: type[Part], part: Mapping[str, Any]) -> Part:
+def _restore(kind: type[Part], part: Mapping[str, Any]) -> Part:
     """Build a dataclass of numbers, arrays and texts from what JSON made of it."""
     hints = get_type_hints(kind)
     return kind(**{item.name: _value(hints[item.name], part[item.name]) for item in fields(kind)})  # type: ignore[arg-type]

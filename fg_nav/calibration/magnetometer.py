@@ -69,7 +69,7 @@ class MagnetometerCalibration:
     correction : C (3, 3), symmetric.
     covariance : (9, 9) of the parameters in the order above, uT and 1; zero where a method sets one.
     strength_uT : of the field that the corrected readings were made to have.
-    residual_uT : rms of |B| - strength, or of what else the method fits, told in its notes.
+    residual_uT : rms of |B| - strength, or of what else the method fits, named in its notes.
     samples : readings that it rests on.
     notes : remarks for the user, the coverage verdict first.
     """

@@ -9,8 +9,8 @@ ellipsoid  the sensor turned over, no walk   `fg_nav.calibration.ellipsoid`
 sphere     the same                          `fg_nav.calibration.ellipsoid` (Munoz Diaz 2017)
 ========== ================================= ======================================================================
 
-Not told which, `ellipsoid` is taken where up goes round all of the sensor's axes, else `walk`: only its user knows that
-a place is undisturbed.
+If no method is given, `ellipsoid` is taken where up goes round all of the sensor's axes, else `walk`: only the user
+knows that a place is undisturbed.
 """
 
 from __future__ import annotations
@@ -84,13 +84,15 @@ def calibrate(recording: Recording, method: str | None = None, strength_uT: floa
     DetectionError, MagneticError
         For a method on foot, where there are no footfalls or none with a field.
     """
-    name, choice = _chosen(recording, method)
+    name, choice = _choose_method(recording, method)
     if strength_uT is not None and name in ON_FOOT:
         raise CalibrationError(
             f"the method '{name}' has no use for the strength of the field: leave it out, or take "
             f"{' or '.join(TUMBLED)}."
         )
-    magnetometer, effect = _on_foot(recording, name) if name in ON_FOOT else _tumbled(recording, name, strength_uT)
+    magnetometer, effect = (
+        _calibrate_on_foot(recording, name) if name in ON_FOOT else _calibrate_tumbled(recording, name, strength_uT)
+    )
     path = recording.provenance.path
     calibration = Calibration(
         None if path is None else path.name,
@@ -107,13 +109,13 @@ def check_method(method: str) -> None:
         raise CalibrationError(f"there is no method '{method}' of calibration: choose one of {', '.join(METHODS)}.")
 
 
-def _chosen(recording: Recording, method: str | None) -> tuple[str, str]:
+def _choose_method(recording: Recording, method: str | None) -> tuple[str, str]:
     """Name of the method, and why."""
     if recording.mag is None:
         raise CalibrationError("the recording has no magnetometer to calibrate: record it with one.")
     if method is not None:
         check_method(method)
-        return method, f"{method}, as told"
+        return method, f"{method}, as given"
     length = mean_direction_of_up(recording)
     if length < TUMBLED_BELOW:
         return "ellipsoid", "ellipsoid, for the sensor was turned over in all directions"
@@ -127,16 +129,18 @@ def mean_direction_of_up(recording: Recording) -> float:
     return float(np.linalg.norm((recording.acc[felt] / size[felt, None]).mean(axis=0)))
 
 
-def _on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
+def _calibrate_on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
     field = average_footfall_field(recording, detect_stances(recording))
     found = calibrate_on_walk(field) if name == "walk" else calibrate_on_loop(field)[1]
     after = correct_field(field, found)
     return found, Effect(_scatter(field.strength), _scatter(after.strength), _spread(field), _spread(after))
 
 
-def _tumbled(recording: Recording, name: str, strength_uT: float | None) -> tuple[MagnetometerCalibration, Effect]:
+def _calibrate_tumbled(
+    recording: Recording, name: str, strength_uT: float | None
+) -> tuple[MagnetometerCalibration, Effect]:
     assert recording.mag is not None
-    find = fit_ellipsoid if name == "ellipsoid" else _sphere
+    find = fit_ellipsoid if name == "ellipsoid" else _fit_sphere
     found = find(recording.mag, strength_uT)
     readings = recording.mag[np.isfinite(recording.mag).all(axis=1)]
     before, after = (np.linalg.norm(mag, axis=1) for mag in (readings, found.correct(readings)))
@@ -144,7 +148,7 @@ def _tumbled(recording: Recording, name: str, strength_uT: float | None) -> tupl
     return found, Effect(_scatter(before[kept]), _scatter(after[kept]))
 
 
-def _sphere(readings: Floats, strength_uT: float | None) -> MagnetometerCalibration:
+def _fit_sphere(readings: Floats, strength_uT: float | None) -> MagnetometerCalibration:
     """To the unit sphere, and from it to the strength; if that is not known det C = 1, as for the ellipsoid."""
     if strength_uT is None:
         strength_uT = float(np.linalg.det(fit_unit_sphere(readings).correction) ** (-1 / 3))

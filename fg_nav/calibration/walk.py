@@ -53,7 +53,7 @@ SEEN = float(chi2.ppf(0.95, 2))
 does to the level field a real floor shows next to nothing."""
 
 FAR_SIGMAS = 6.0
-"""Soft iron this far from none, by the sigma that is believed of it, is no soft iron but another motion."""
+"""Soft iron this far from none, by its prior sigma, is no soft iron but another motion."""
 
 DRIFT_SIGMAS, LINE_STEP_RAD = 3.0, 0.1
 """How fast a drift is looked for where spreads are compared, and in what steps at the end of the walk."""
@@ -87,10 +87,7 @@ def calibrate_on_walk(
 ) -> MagnetometerCalibration:
     """Find the iron from the field at the footfalls of any walk that turns.
 
-    Parameters
-    ----------
-    field : of the walk, not calibrated; footfalls without a field are left out.
-    parameters : see there.
+    `field` is that of the walk, not calibrated; footfalls without a field are left out.
 
     Raises
     ------
@@ -109,7 +106,7 @@ def calibrate_on_walk(
         _check_seen(walk, fit)
         _check_bending(fit)
         _check_gain(spread)
-    return _calibration(fit, walk, spread)
+    return _build_calibration(fit, walk, spread)
 
 
 def measure_spread(field: FootfallField) -> Spread:
@@ -153,8 +150,8 @@ def _check_known(walk: Walk, fit: Fit, p: WalkCalibrationParameters) -> None:
     if fit.level_sigma > p.largest_sigma_uT:
         raise CalibrationError(
             f"after {len(walk)} footfalls the hard iron would be known to {fit.level_sigma:.1f} uT only, for "
-            f"{_turned(walk)}: walk longer and through all headings, such as a round or a figure of eight, or "
-            "calibrate on a loop."
+            f"{_describe_headings(walk)}: walk longer and through all headings, such as a round or a figure of eight, "
+            "or calibrate on a loop."
         )
 
 
@@ -162,13 +159,13 @@ def _check_seen(walk: Walk, fit: Fit) -> None:
     if fit.seen < SEEN:
         raise CalibrationError(
             f"no iron shows against the building: over the ground {np.linalg.norm(fit.level_iron):.1f} uT were found, "
-            f"and {len(walk)} footfalls tell it to {fit.level_sigma:.1f} uT per axis; go on without a calibration, or "
+            f"and {len(walk)} footfalls show it to {fit.level_sigma:.1f} uT per axis; go on without a calibration, or "
             "walk longer."
         )
 
 
 def _check_bending(fit: Fit) -> None:
-    """The field is nobody's model where the soft iron found is far from anything that is believed of shoes."""
+    """Refuse soft iron far from the prior of shoes: the model does not hold."""
     bending = np.linalg.eigvalsh(fit.S)
     if np.abs(bending - 1.0).max() > FAR_SIGMAS * SOFT_IRON_SIGMA:
         raise CalibrationError(
@@ -205,14 +202,14 @@ def _least_spread(field: FootfallField) -> float:
     return min(circular_sd_deg(field.heading_difference - rate * t) for rate in rates)
 
 
-def _turned(walk: Walk) -> str:
+def _describe_headings(walk: Walk) -> str:
     """How far the headings go round, in words."""
     heading = walk.field.gyro_heading
     share = np.mean(np.abs(wrap(heading - np.angle(np.exp(1j * heading).mean()))) < np.pi / 4)
     return f"{100 * share:.0f} % of them head within 45 deg of one direction"
 
 
-def _calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCalibration:
+def _build_calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCalibration:
     correction = np.linalg.inv(fit.S)
     correction = (correction + correction.T) / 2
     by_soft = np.eye(IRON)
@@ -313,7 +310,7 @@ def find_from(walk: Walk, at: Floats, sigma_d: Floats) -> Fit:
     for _ in range(MOST_STEPS):
         residual = compute_residual(walk, at)
         weight = compute_weights(residual, sigma_d)
-        sigma_d = np.sqrt(_scales(residual, weight))
+        sigma_d = np.sqrt(_estimate_scales(residual, weight))
         scaled = compute_jacobian(walk, at) / sigma_d[:, None]
         normal = np.einsum("n,nij,nik->jk", weight, scaled, scaled) + prior
         right = np.einsum("n,nij,ni->j", weight, scaled, residual / sigma_d) - prior @ (at - rest)
@@ -334,7 +331,7 @@ def level_sum(up: Floats, vertical_uT: float) -> Floats:
     return np.asarray(compute_level_R_body(up)[:2] @ np.hstack([np.eye(3), vertical_uT * by_soft]))
 
 
-def _scales(residual: Floats, weight: Floats) -> Floats:
+def _estimate_scales(residual: Floats, weight: Floats) -> Floats:
     """Squared scale (3,) of d: one over the ground, one upright."""
     square = (weight[:, None] * residual**2).mean(axis=0) + 1e-6
     level = square[:2].mean()

@@ -123,14 +123,14 @@ def prior_precision(walk: Walk) -> Floats:
 
 def compute_residual(walk: Walk, at: Floats) -> Floats:
     """What the building adds (N, 3) uT, in nav."""
-    field, _ = _turned_back(walk, at)
+    field, _ = _rotate_back(walk, at)
     body = np.einsum("nji,nj->ni", walk.nav_R_body, field)
     return np.asarray(np.einsum("nij,nj->ni", walk.nav_R_body, walk.reading - body @ matrix_of(at[3:9]) - at[:3]))
 
 
 def compute_jacobian(walk: Walk, at: Floats) -> Floats:
     """Of what is explained, in nav, by the unknowns (N, 3, P)."""
-    field, by_delta = _turned_back(walk, at)
+    field, by_delta = _rotate_back(walk, at)
     R = walk.nav_R_body
     R_S_Rt = R @ matrix_of(at[3:IRON]) @ R.transpose(0, 2, 1)
     body = np.einsum("nji,nj->ni", R, field)
@@ -139,7 +139,7 @@ def compute_jacobian(walk: Walk, at: Floats) -> Floats:
     return np.concatenate([R, by_soft, R_S_Rt @ _back(walk, at), by_drift], axis=2)
 
 
-def _turned_back(walk: Walk, at: Floats) -> tuple[Floats, Floats]:
+def _rotate_back(walk: Walk, at: Floats) -> tuple[Floats, Floats]:
     """Z^T b (N, 3), and its derivative by delta."""
     field = np.asarray(_back(walk, at) @ at[9:12])
     return field, np.stack([field[:, 1], -field[:, 0], np.zeros(len(field))], axis=1)
@@ -183,34 +183,34 @@ def compute_covariance(walk: Walk, at: Floats, sigma_d: Floats) -> Floats:
     square = float((pull**2).mean())
     bend = float(weight.mean()) - 2 / (TAIL + 3) * square
     free = len(walk) / max(len(walk) - IRON / 3, 1.0)
-    meat = square * free * (_of_neighbours(jacobian, pull) + _of_other_passes(jacobian, pull))
-    bread = np.linalg.inv(bend * _at_lag(jacobian, 0) + prior)
+    meat = square * free * (_sum_over_neighbours(jacobian, pull) + _sum_over_passes(jacobian, pull))
+    bread = np.linalg.inv(bend * _sum_at_lag(jacobian, 0) + prior)
     return np.asarray(bread @ (meat + prior) @ bread)
 
 
-def _at_lag(jacobian: Floats, lag: int) -> Floats:
+def _sum_at_lag(jacobian: Floats, lag: int) -> Floats:
     """Sum (P, P) of J_k^T J_k+lag and its transpose; of J_k^T J_k alone for none."""
     columns = jacobian.shape[2]
     product = jacobian[: len(jacobian) - lag].reshape(-1, columns).T @ jacobian[lag:].reshape(-1, columns)
     return np.asarray(product + product.T if lag else product)
 
 
-def _of_neighbours(jacobian: Floats, pull: Floats) -> Floats:
+def _sum_over_neighbours(jacobian: Floats, pull: Floats) -> Floats:
     """J^T corr(d) J (P, P), the correlation a power of that of neighbours, all axes alike."""
     neighbours = float((pull[1:] * pull[:-1]).sum() / _sum_of_squares(pull))
     base = float(np.clip(neighbours, LEAST_CORRELATION, MOST_CORRELATED))
     last = min(LAGS, len(pull) - 1)
-    return np.asarray(sum(base**lag * _at_lag(jacobian, lag) for lag in range(last + 1)))
+    return np.asarray(sum(base**lag * _sum_at_lag(jacobian, lag) for lag in range(last + 1)))
 
 
 def _sum_of_squares(pull: Floats) -> float:
     return max(float((pull**2).sum()), LEAST_PULL)
 
 
-def _of_other_passes(jacobian: Floats, pull: Floats) -> Floats:
+def _sum_over_passes(jacobian: Floats, pull: Floats) -> Floats:
     """Add (P, P) for a walk that comes by the same places again: strides far apart are alike there.
 
-    It shows as a correlation over a few neighbouring lags that chance does not make. It may only add doubt.
+    It shows as a correlation over a few neighbouring lags that chance does not make. It may only add uncertainty.
     """
     lag = np.arange(len(pull))
     pairs = len(pull) - lag
@@ -221,6 +221,6 @@ def _of_other_passes(jacobian: Floats, pull: Floats) -> Floats:
     again = (about > chance) & (lag > LAGS) & (pairs >= FEWEST_FOOTFALLS)
     added = np.zeros((jacobian.shape[2],) * 2)
     for k in np.flatnonzero(again):
-        added += correlation[k] * _at_lag(jacobian, int(k))
+        added += correlation[k] * _sum_at_lag(jacobian, int(k))
     value, axes = np.linalg.eigh(added)
     return np.asarray((axes * np.maximum(value, 0.0)) @ axes.T)

@@ -1,7 +1,7 @@
 """The rigid motion that lays an estimated path on the true one.
 
 An inertial walk knows neither where it started nor which way north is, so these are taken out before errors
-are counted. With estimate p_i and truth q_i (same instants), the modes minimise sum |R p_i + s - q_i|^2 over
+are counted. With estimate p_i and truth q_i (same instants), the modes minimize sum |R p_i + s - q_i|^2 over
 
 ======== ============================================== =====================================
 mode     R                                              s
@@ -12,7 +12,7 @@ yaw      rotation about up (the gauge of an IMU)        free: the default
 se3      any rotation (Kabsch 1976)                     free; forgives tilt errors as well
 ======== ============================================== =====================================
 
-The yaw solution is closed: with both paths centred, tan(psi) = sum (p x q)_z / sum (p . q)_horizontal.
+The yaw solution is closed: with both paths centered, tan(psi) = sum (p x q)_z / sum (p . q)_horizontal.
 """
 
 from __future__ import annotations
@@ -63,9 +63,9 @@ def align(estimate: Floats, truth: Floats, mode: str = "yaw") -> Alignment:
     if mode == "origin":
         return Alignment(mode, np.eye(3), truth[0] - estimate[0])
     if mode == "yaw":
-        return _fitted(mode, yaw_rotation(_yaw(estimate, truth)), estimate, truth)
+        return _fit(mode, yaw_rotation(_yaw(estimate, truth)), estimate, truth)
     if mode == "se3":
-        return _fitted(mode, _kabsch(estimate - estimate.mean(0), truth - truth.mean(0)), estimate, truth)
+        return _fit(mode, _kabsch(estimate - estimate.mean(0), truth - truth.mean(0)), estimate, truth)
     raise EvaluationError(f"alignment '{mode}' is unknown: choose one of {', '.join(MODES)}.")
 
 
@@ -76,12 +76,12 @@ def fit_scale(estimate: Floats, truth: Floats) -> float:
     least squares scale of the estimate, so random errors of the estimate pull it below 1. NaN where the
     estimate does not move.
     """
-    p, q = _centred_plane(estimate), _centred_plane(truth)
+    p, q = _center_plane(estimate), _center_plane(truth)
     spread = np.sum(np.abs(p) ** 2)
     return float(np.abs(np.sum(np.conj(p) * q)) / spread) if spread > 0.0 else float("nan")
 
 
-def _fitted(mode: str, truth_R_nav: Floats, estimate: Floats, truth: Floats) -> Alignment:
+def _fit(mode: str, truth_R_nav: Floats, estimate: Floats, truth: Floats) -> Alignment:
     return Alignment(mode, truth_R_nav, truth.mean(0) - truth_R_nav @ estimate.mean(0))
 
 
@@ -93,11 +93,11 @@ def _kabsch(p: Floats, q: Floats) -> Floats:
 
 
 def _yaw(estimate: Floats, truth: Floats) -> float:
-    p, q = _centred_plane(estimate), _centred_plane(truth)
+    p, q = _center_plane(estimate), _center_plane(truth)
     return float(np.angle(np.sum(np.conj(p) * q)))
 
 
-def _centred_plane(position: Floats) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+def _center_plane(position: Floats) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
     """Horizontal positions as complex numbers x + iy about their mean: a rotation is then one factor."""
     plane = position[:, 0] + 1j * position[:, 1]
     return np.asarray(plane - plane.mean(), dtype=np.complex128)

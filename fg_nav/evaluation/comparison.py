@@ -107,7 +107,7 @@ def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
     """
     seen = np.isfinite(truth.position).all(axis=1)
     stamps, position = truth.t[seen], truth.position[seen]
-    row = np.flatnonzero(_covered(t, stamps))
+    row = np.flatnonzero(_is_covered(t, stamps))
     if len(row) == 0:
         raise EvaluationError(
             f"the truth ({_span(stamps)}) and the solution ({_span(t)}) share no time: "
@@ -116,7 +116,7 @@ def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
     return row, np.column_stack([np.interp(t[row], stamps, column) for column in position.T])
 
 
-def _covered(t: Floats, truth_t: Floats) -> Bools:
+def _is_covered(t: Floats, truth_t: Floats) -> Bools:
     """Whether each of `t` lies on the truth or between two stamps of it that are not the edges of a hole."""
     if len(truth_t) < 2:
         return np.isin(t, truth_t)
@@ -133,7 +133,7 @@ def _yaw_error(solution: Solution, truth: TrajectoryTruth, alignment: Alignment)
     if truth.nav_R_body is None:
         return None
     seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
-    row = np.flatnonzero(_covered(solution.t, truth.t[seen]))
+    row = np.flatnonzero(_is_covered(solution.t, truth.t[seen]))
     if len(row) == 0 or np.count_nonzero(seen) < 2:
         return None
     true_attitude = Slerp(truth.t[seen], Rotation.from_matrix(truth.nav_R_body[seen]))(solution.t[row])
@@ -190,7 +190,7 @@ def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch
     surplus = 0 if truth.stride_count is None else len(stance_xy) - 1 - truth.stride_count
     stance, notes = truth.stride.astype(np.int64), []
     for _ in range(abs(surplus)):
-        options = list(_shifted(stance, int(np.sign(surplus))))
+        options = list(_shift_tails(stance, int(np.sign(surplus))))
         stance = min(options, key=lambda option: _misfit(option, stance_xy, truth.xy))
     if surplus:
         notes.append(_surplus_note(surplus, len(stance_xy)))
@@ -204,7 +204,7 @@ def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch
     return match
 
 
-def _shifted(stance: Ints, step: int) -> Iterator[Ints]:
+def _shift_tails(stance: Ints, step: int) -> Iterator[Ints]:
     """All ways to shift the stances of a tail of the footprints by one; two footprints never share a stance.
 
     Where they would, the missed stance was that of the earlier footprint (another row covers the later one).

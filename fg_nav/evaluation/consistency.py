@@ -100,12 +100,12 @@ def compute_stance_nees(
     if len(row) < 2:
         raise EvaluationError(f"the truth covers {len(row)} stances: the NEES of stance positions needs two.")
     p, q = (path[1:] - path[0] for path in (stances.position[row], true_position))
-    whiten = _whitening(stances.position_cov[row[1:]] + 2 * truth_sigma_m**2 * np.eye(3))
+    whiten = _invert_root(stances.position_cov[row[1:]] + 2 * truth_sigma_m**2 * np.eye(3))
     yaw = _most_likely_yaw(p, q, whiten)
     return Consistency(row[1:], np.sum(_whitened_error(yaw, p, q, whiten) ** 2, axis=1), yaw)
 
 
-def _whitening(covariance: Floats) -> Floats:
+def _invert_root(covariance: Floats) -> Floats:
     """(M, 3, 3) matrices W with W^T W = C^-1."""
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
@@ -171,7 +171,7 @@ def whiten_errors(
     error = np.column_stack([found.error - found.error[0], found.yaw_error])[chosen]
     covariance, joint = pose_covariance(stances, found.row[chosen])
     parts = {part: rows for part, rows in _ROWS.items() if joint or part not in JOINT}
-    return {part: _whitened(error[:, rows], covariance[:, rows][:, :, rows]).tolist() for part, rows in parts.items()}
+    return {part: _whiten(error[:, rows], covariance[:, rows][:, :, rows]).tolist() for part, rows in parts.items()}
 
 
 def pose_covariance(stances: StanceTable, row: Ints) -> tuple[Floats, bool]:
@@ -187,7 +187,7 @@ def pose_covariance(stances: StanceTable, row: Ints) -> tuple[Floats, bool]:
     return blocks, False
 
 
-def _whitened(error: Floats, covariance: Floats) -> Floats:
+def _whiten(error: Floats, covariance: Floats) -> Floats:
     """(M, n) errors over their claim (M, n, n)."""
     try:
         lower = np.linalg.cholesky(covariance)

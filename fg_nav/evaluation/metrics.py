@@ -32,7 +32,7 @@ from fg_nav.solution import Solution
 
 @dataclass(frozen=True)
 class Metrics:
-    """See the table above; None where the truth, or the lack of one, does not tell."""
+    """See the table above; None where the truth, or the lack of one, does not show it."""
 
     distance_m: float
     closure_m: float
@@ -60,29 +60,24 @@ class Metrics:
 def evaluate(solution: Solution, truth: Truth | None = None, alignment: str = "yaw") -> Metrics:
     """Measure a solution, against a truth where there is one.
 
-    Parameters
-    ----------
-    solution : Solution
-    truth : TrajectoryTruth, FootprintTruth or None
-        Without a truth only distance, closure and the stride count are known.
-    alignment : str
-        "yaw" (default), "none", "origin" or "se3"; see `fg_nav.evaluation.alignment`.
+    Without a truth only distance, closure and the stride count are known. `alignment` is "yaw", "none", "origin" or
+    "se3" (`fg_nav.evaluation.alignment`).
 
     Raises
     ------
     EvaluationError
         Where solution and truth cannot be compared, or there is no stance.
     """
-    path = _path_metrics(solution.stances.position)
+    path = _measure_path(solution.stances.position)
     if truth is None:
         return path
-    measured = _with_errors(path, compare(solution, truth, alignment))
+    measured = _add_errors(path, compare(solution, truth, alignment))
     if isinstance(truth, FootprintTruth):
         return replace(measured, strides_true=truth.stride_count, footprints_surveyed=len(truth.stride))
     return measured
 
 
-def _path_metrics(stance_position: Floats) -> Metrics:
+def _measure_path(stance_position: Floats) -> Metrics:
     if len(stance_position) == 0:
         raise EvaluationError(
             "the solution has no stance, so it has no distance travelled: check the stance detection."
@@ -93,7 +88,7 @@ def _path_metrics(stance_position: Floats) -> Metrics:
     return Metrics(distance_m=distance, closure_m=closure, closure_percent=percent, strides_detected=len(moves))
 
 
-def _with_errors(path: Metrics, found: Comparison) -> Metrics:
+def _add_errors(path: Metrics, found: Comparison) -> Metrics:
     size = np.linalg.norm(found.error, axis=1)
     scale = fit_scale(found.estimate, found.truth)
     return replace(

@@ -96,17 +96,17 @@ class Roc:
     @property
     def p_d(self) -> Floats:
         """(T + 1,) probability of detection along the curve, from 0 to 1; all walks together."""
-        return np.asarray(_shares(_together(self.signals))[0])
+        return np.asarray(_compute_shares(_sum_walks(self.signals))[0])
 
     @property
     def p_fa(self) -> Floats:
         """(T + 1,) probability of false alarm along the curve."""
-        return np.asarray(_shares(_together(self.others))[0])
+        return np.asarray(_compute_shares(_sum_walks(self.others))[0])
 
     @property
     def area(self) -> float:
         """Area under the curve: 0.5 is guessing, 1 is never wrong."""
-        return float(_areas(_together(self.signals), _together(self.others))[0])
+        return float(_compute_areas(_sum_walks(self.signals), _sum_walks(self.others))[0])
 
     def at(self, threshold: float) -> tuple[float, float]:
         """P_D and P_FA with this threshold."""
@@ -132,21 +132,24 @@ class Roc:
             With one walk only, here as in all bands.
         """
         fewest = min(self.signals[:, -1].sum(), self.others[:, -1].sum())
-        left_out = _areas(_one_left_out(self.signals), _one_left_out(self.others))
-        return _one(_jackknife(np.array([self.area]), left_out[:, None], fewest, level))
+        left_out = _compute_areas(_leave_one_out(self.signals), _leave_one_out(self.others))
+        return _make_band(_jackknife(np.array([self.area]), left_out[:, None], fewest, level))
 
     def band_at(self, threshold: float, level: float = LEVEL) -> tuple[Band, Band]:
         """P_D and P_FA with this threshold, each with its band."""
         k = self._below(threshold)
         found = []
         for counts in (self.signals, self.others):
-            share, left_out = _shares(_together(counts))[0, [k]], _shares(_one_left_out(counts))[:, [k]]
-            found.append(_one(_jackknife(share, left_out, counts[:, -1].sum(), level)))
+            share, left_out = (
+                _compute_shares(_sum_walks(counts))[0, [k]],
+                _compute_shares(_leave_one_out(counts))[:, [k]],
+            )
+            found.append(_make_band(_jackknife(share, left_out, counts[:, -1].sum(), level)))
         return found[0], found[1]
 
     def curve_band(self, p_fa: Floats, level: float = LEVEL) -> tuple[Floats, Floats]:
         """Between which two values P_D lies at each of these false-alarm probabilities (G,)."""
-        p_d, other = (_shares(_one_left_out(counts)) for counts in (self.signals, self.others))
+        p_d, other = (_compute_shares(_leave_one_out(counts)) for counts in (self.signals, self.others))
         whole = [np.isfinite(d).all() and np.isfinite(f).all() for d, f in zip(p_d, other, strict=True)]
         left_out = [
             np.interp(p_fa, f, d) if usable else np.full(len(p_fa), np.nan)
@@ -180,7 +183,7 @@ def make_roc(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
     numbers = np.zeros(len(statistic), dtype=np.int64) if walk is None else walk
     walks, row = np.unique(numbers[judged], return_inverse=True)
     values, column = np.unique(statistic[judged], return_inverse=True)
-    kinds = [_counted(row, column, signal[judged] == kind, (len(walks), len(values))) for kind in (True, False)]
+    kinds = [_count_cases(row, column, signal[judged] == kind, (len(walks), len(values))) for kind in (True, False)]
     return Roc(values, *kinds)
 
 
@@ -192,33 +195,33 @@ def _check(signal: Bools, cases: int) -> None:
         raise EvaluationError(f"the {len(signal)} judged cases {kind}: a ROC needs both kinds, try another limit.")
 
 
-def _counted(walk: Ints, column: Ints, chosen: Bools, shape: tuple[int, int]) -> Ints:
+def _count_cases(walk: Ints, column: Ints, chosen: Bools, shape: tuple[int, int]) -> Ints:
     """(W, T) cases of a walk up to each value."""
     flat = np.bincount(walk[chosen] * shape[1] + column[chosen], minlength=shape[0] * shape[1])
     return np.asarray(np.cumsum(flat.reshape(shape), axis=1), dtype=np.int64)
 
 
-def _together(counts: Ints) -> Ints:
+def _sum_walks(counts: Ints) -> Ints:
     """(1, T) of all walks."""
     return np.asarray(counts.sum(axis=0, keepdims=True))
 
 
-def _one_left_out(counts: Ints) -> Ints:
+def _leave_one_out(counts: Ints) -> Ints:
     """(W, T) of all walks but one, each time another."""
     if len(counts) < 2:
         raise EvaluationError("a band over walks needs two walks or more, and there is one: simulate more seeds.")
-    return np.asarray(_together(counts) - counts)
+    return np.asarray(_sum_walks(counts) - counts)
 
 
-def _shares(counts: Ints) -> Floats:
+def _compute_shares(counts: Ints) -> Floats:
     """(B, T + 1) shares along the curve, from 0, of counts (B, T) up to each value; NaN where there is nothing."""
     with np.errstate(invalid="ignore"):
         return np.pad(counts / counts[:, -1:], ((0, 0), (1, 0)))
 
 
-def _areas(signals: Ints, others: Ints) -> Floats:
+def _compute_areas(signals: Ints, others: Ints) -> Floats:
     """(B,) areas under the curves of counts (B, T)."""
-    return np.asarray(np.trapezoid(_shares(signals), _shares(others), axis=1))
+    return np.asarray(np.trapezoid(_compute_shares(signals), _compute_shares(others), axis=1))
 
 
 def _jackknife(value: Floats, left_out: Floats, cases: int, level: float) -> tuple[Floats, Floats, Floats]:
@@ -227,11 +230,11 @@ def _jackknife(value: Floats, left_out: Floats, cases: int, level: float) -> tup
     near, far = (_logit(np.clip(share, edge, 1 - edge)) for share in (value, left_out))
     sigma = np.sqrt((walks - 1) * np.var(far, axis=0))
     reach = student_t.ppf((1 + level) / 2, walks - 1) * sigma
-    low, high = _share(near - reach), _share(near + reach)
+    low, high = _invert_logit(near - reach), _invert_logit(near + reach)
     return value, np.fmin(np.nan_to_num(low, nan=0.0), value), np.fmax(np.nan_to_num(high, nan=1.0), value)
 
 
-def _one(found: tuple[Floats, Floats, Floats]) -> Band:
+def _make_band(found: tuple[Floats, Floats, Floats]) -> Band:
     value, low, high = (float(part[0]) for part in found)
     return Band(value, low, high)
 
@@ -240,7 +243,7 @@ def _logit(share: Floats) -> Floats:
     return np.asarray(np.log(share / (1 - share)))
 
 
-def _share(logit: Floats) -> Floats:
+def _invert_logit(logit: Floats) -> Floats:
     return np.asarray(1 / (1 + np.exp(-logit)))
 
 
@@ -265,10 +268,7 @@ class FieldChange:
 def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
     """Follow the true field from stance to stance.
 
-    Parameters
-    ----------
-    nav_field : (F, 3) uT, true, in nav, at the footfalls.
-    window : N, the steps in it.
+    `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it.
 
     Raises
     ------
@@ -282,10 +282,10 @@ def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
         )
     strength = np.linalg.norm(nav_field, axis=1)
     return FieldChange(
-        vector_uT=_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1)),
-        heading=_largest(_bearing(nav_field), window, lambda a, b: np.abs(wrap(a - b))),
-        inclination=_largest(compute_inclination(nav_field), window, lambda a, b: np.abs(a - b)),
-        strength_uT=_largest(strength, window, lambda a, b: np.abs(a - b)),
+        vector_uT=_find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1)),
+        heading=_find_largest(_bearing(nav_field), window, lambda a, b: np.abs(wrap(a - b))),
+        inclination=_find_largest(compute_inclination(nav_field), window, lambda a, b: np.abs(a - b)),
+        strength_uT=_find_largest(strength, window, lambda a, b: np.abs(a - b)),
     )
 
 
@@ -310,7 +310,7 @@ def measure_course_change(position: Floats, window: int) -> Floats:
     if window < 1 or len(position) <= window:
         raise EvaluationError(f"a window of {window} steps cannot be laid over {len(position)} stances: walk farther.")
     course = _bearing(np.diff(position, axis=0))
-    change = _largest(course, window - 1, lambda a, b: np.abs(wrap(a - b)))
+    change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap(a - b)))
     return np.concatenate([[np.nan], change])
 
 
@@ -319,7 +319,7 @@ def _bearing(vector: Floats) -> Floats:
     return np.asarray(np.arctan2(vector[..., 0], vector[..., 1]))
 
 
-def _largest(values: Floats, window: int, distance: _Distance) -> Floats:
+def _find_largest(values: Floats, window: int, distance: _Distance) -> Floats:
     """Largest distance (F,) between any two of the `window` + 1 values up to each; NaN before."""
     count = len(values) - window
     at = [values[lag : lag + count] for lag in range(window + 1)]

@@ -64,7 +64,7 @@ CLOSURE = "closure"
 
 @dataclass(frozen=True)
 class WalkErrors:
-    """See the table above; None where the truth, or the lack of one, does not tell."""
+    """See the table above; None where the truth, or the lack of one, does not show it."""
 
     alignment: str
     distance_m: float
@@ -110,11 +110,8 @@ def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Compari
 def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_STARTED) -> WalkErrors:
     """Measure a walk at its footfalls.
 
-    Parameters
-    ----------
-    solution : Solution
-    truth : None where there is none: then only distance and closure are known.
-    mode : alignment, "origin" (as started) or "yaw"; "none" and "se3" are taken too.
+    Without a truth only distance and closure are known. `mode` is the alignment, "origin" (as started) or "yaw"; "none"
+    and "se3" are accepted too.
 
     Raises
     ------
@@ -122,19 +119,19 @@ def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_
         Where solution and truth cannot be compared, or there is no footfall.
     """
     if truth is None:
-        return _closure(solution.stances.position)
+        return _measure_closure(solution.stances.position)
     return measure_errors(compare_at_footfalls(solution, truth, mode), path_length_m(solution.stances.position))
 
 
 def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
-    """Errors of footfalls that were laid on the truth; `walked_m` is the distance where the truth does not tell it."""
+    """Errors of footfalls that were laid on the truth; `walked_m` is the distance where the truth does not show it."""
     over_ground = np.linalg.norm(found.error[:, :2], axis=1)
     end = found.error[-1] - found.error[0]
     scale = fit_scale(found.estimate, found.truth)
-    true_way = path_length_m(found.truth)
+    true_length = path_length_m(found.truth)
     return WalkErrors(
         alignment=found.alignment.mode,
-        distance_m=walked_m if found.planar else true_way,
+        distance_m=walked_m if found.planar else true_length,
         end_m=float(np.hypot(end[0], end[1])),
         end_height_m=None if found.planar else float(end[2]),
         heading_deg=_final_heading(found.yaw_error),
@@ -143,8 +140,8 @@ def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
         rmse_m=float(np.sqrt(np.mean(over_ground**2))),
         heading_laid_deg=None if found.yaw_error is None else -float(np.rad2deg(found.yaw_error[-1])),
         heading_rmse_deg=None if found.yaw_error is None else float(np.rad2deg(np.sqrt(np.mean(found.yaw_error**2)))),
-        length_percent=None if found.planar else _too_much(path_length_m(found.estimate), true_way),
-        scale_percent=_too_much(1.0, scale),
+        length_percent=None if found.planar else _percent_above(path_length_m(found.estimate), true_length),
+        scale_percent=_percent_above(1.0, scale),
     )
 
 
@@ -153,7 +150,7 @@ def path_length_m(position: Floats) -> float:
     return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
 
 
-def _too_much(estimate: float, truth: float) -> float | None:
+def _percent_above(estimate: float, truth: float) -> float | None:
     return 100.0 * (estimate / truth - 1.0) if truth > 0.0 else None
 
 
@@ -164,7 +161,7 @@ def _final_heading(yaw_error: Floats | None) -> float | None:
     return float(np.rad2deg(wrap(yaw_error[0] - yaw_error[-1])))
 
 
-def _closure(position: Floats) -> WalkErrors:
+def _measure_closure(position: Floats) -> WalkErrors:
     if len(position) == 0:
         raise EvaluationError("the solution has no stance, so it has no end: check the stance detection.")
     east, north, up = position[-1] - position[0]

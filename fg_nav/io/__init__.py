@@ -1,6 +1,6 @@
 """Files in, files out: one reader per recording format, truth readers, and the writers.
 
-`read` is the usual way in; it recognizes the format from the content. `read_raw` gives the same unjudged, for
+`read` is the usual way in; it recognizes the format from the content. `read_raw` gives the same unchecked, for
 inspection of broken files.
 """
 

@@ -1,6 +1,6 @@
 """What a file holds: its first lines, or the variables of a MATLAB file (version 5 to 7.2).
 
-Formats are recognised from this alone, never from the file's name. scipy's MATLAB reader trusts the file: on a damaged
+Formats are recognized from this alone, never from the file's name. scipy's MATLAB reader trusts the file: on a damaged
 one nearly any exception may come out of it. Only this module calls it.
 """
 
@@ -51,17 +51,17 @@ def read_content(path: Path) -> Content:
     FormatError
         If the path is no readable file, or the file is empty.
     """
-    head = _head(path)
+    head = _read_head(path)
     if not head.strip():
         raise FormatError(f"{path.name} is empty: record or export it again.")
     if is_mat(head):
         return Content(path, variables=list_variables(path))
     if b"\0" in head:
         return Content(path)
-    return Content(path, lines=tuple(_decoded(head).splitlines()))
+    return Content(path, lines=tuple(_decode(head).splitlines()))
 
 
-def _head(path: Path) -> bytes:
+def _read_head(path: Path) -> bytes:
     if path.is_dir():
         raise FormatError(f"{path} is a directory: give one of the files in it.")
     try:
@@ -75,7 +75,7 @@ def _head(path: Path) -> bytes:
         raise FormatError(f"{path} cannot be opened ({error}): check the path.") from None
 
 
-def _decoded(head: bytes) -> str:
+def _decode(head: bytes) -> str:
     """Text of the head. A byte that is no UTF-8 (a degree or micro sign, mostly) is taken as Latin-1."""
     if len(head) == _HEAD_BYTES:  # a character may be cut in two at the end
         head = head[: head.rfind(b"\n") + 1] or head
@@ -101,7 +101,7 @@ def list_variables(path: Path) -> frozenset[str]:
     FormatError
         If the file is damaged or of version 7.3.
     """
-    return frozenset(name for name, _, _ in _guarded(path, scipy.io.whosmat))
+    return frozenset(name for name, _, _ in _run_reader(path, scipy.io.whosmat))
 
 
 def load_mat(path: Path) -> Mapping[str, Any]:
@@ -112,7 +112,7 @@ def load_mat(path: Path) -> Mapping[str, Any]:
     FormatError
         If the file is damaged or of version 7.3.
     """
-    return _guarded(path, scipy.io.loadmat)
+    return _run_reader(path, scipy.io.loadmat)
 
 
 def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int | None = None) -> Floats:
@@ -137,7 +137,7 @@ def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int 
     return numbers.reshape(-1) if columns is None else numbers
 
 
-def _guarded(path: Path, reader: Callable[[str], T]) -> T:
+def _run_reader(path: Path, reader: Callable[[str], T]) -> T:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # scipy warns of what it then raises or repairs

@@ -1,6 +1,6 @@
 """The formats a recording may have, and the one way in: `read`.
 
-A format is recognised from the content of the file; its name is never looked at.
+A format is recognized from the content of the file, never from its name.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fg_nav.recording import RawRecording, Recording, Truth
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what it is, how it is recognised and how it is read."""
+    """A file format: what it is, how it is recognized and how it is read."""
 
     name: str
     description: str
@@ -46,12 +46,7 @@ FORMATS: Mapping[str, Format] = _by_name(
 def read(path: Path | str, format: str | None = None) -> Recording:
     """Read a recording that estimators can use.
 
-    Parameters
-    ----------
-    path
-        The file.
-    format
-        A name of `FORMATS` to read it as; without one the format is recognised from the content.
+    `format` is a name of `FORMATS` to read it as; without one the format is recognized from the content.
 
     Raises
     ------
@@ -64,13 +59,7 @@ def read(path: Path | str, format: str | None = None) -> Recording:
 
 
 def read_raw(path: Path | str, format: str | None = None) -> RawRecording:
-    """Read what a file says, unjudged: see `read` for the parameters.
-
-    Raises
-    ------
-    FormatError
-        If the file cannot be read, or its format is not known.
-    """
+    """Read what a file says, unchecked; parameters and `FormatError` as of `read`."""
     if format is not None and format not in FORMATS:
         raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
     content = read_content(Path(path))
@@ -82,7 +71,7 @@ def read_raw(path: Path | str, format: str | None = None) -> RawRecording:
 
 
 def recognize_format(content: Content) -> Format:
-    """Tell the format of a file.
+    """Find the format of a file.
 
     Raises
     ------
@@ -112,13 +101,13 @@ def read_truth(path: Path | str) -> Truth:
     if "GCP_meters" in content.variables:
         return read_footprint_mat(content.path)
     if content.variables:
-        return _beside_a_recording(content)
+        return _read_truth_of_recording(content)
     if not set(CSV_COLUMNS).isdisjoint(content.fields()):
         return read_footprint_csv(content)
     return read_tum(content)
 
 
-def _beside_a_recording(content: Content) -> Truth:
+def _read_truth_of_recording(content: Content) -> Truth:
     """Truth of a MATLAB recording that carries its own."""
     for known in FORMATS.values():
         if known.is_mat and known.recognizes(content):

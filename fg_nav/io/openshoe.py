@@ -28,23 +28,8 @@ from fg_nav.io.tables import drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 COLUMNS = (
-    "header",
-    "acc x",
-    "acc y",
-    "acc z",
-    "gyr x",
-    "gyr y",
-    "gyr z",
-    "ticks",
-    "checksum",
-    "row number",
-    "PC time 1",
-    "PC time 2",
-    "PC time 3",
-    "rate",
-    "mag x",
-    "mag y",
-    "mag z",
+    *("header", "acc x", "acc y", "acc z", "gyr x", "gyr y", "gyr z", "ticks", "checksum", "row number"),
+    *("PC time 1", "PC time 2", "PC time 3", "rate", "mag x", "mag y", "mag z"),
 )
 
 _WANTED = [COLUMNS.index(name) for name in COLUMNS if name.startswith(("acc", "gyr", "mag", "row", "rate"))]
@@ -62,7 +47,7 @@ def read(content: Content) -> RawRecording:
     Raises
     ------
     FormatError
-        If a field is no number, columns are missing, or no rate can be told.
+        If a field is no number, columns are missing, or no rate is given.
     """
     path = content.path
     width = len(next((line.split() for line in content.lines if line.strip()), []))
@@ -83,7 +68,7 @@ def read(content: Content) -> RawRecording:
 
 
 def find_nominal_rate_hz(estimates: Floats, name: str) -> float:
-    """Tell the rate a sensor was set to, from noisy estimates (N,) Hz of it.
+    """Find the rate a sensor was set to, from noisy estimates (N,) Hz of it.
 
     Raises
     ------

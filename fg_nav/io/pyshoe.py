@@ -57,12 +57,7 @@ def read(content: Content) -> RawRecording:
 def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
     """(N,) True where a reference detector of a PyShoe trial sees the foot stand.
 
-    Parameters
-    ----------
-    path
-        The trial.
-    detector
-        `shoe`, `ared`, `amvd`, `mbgtd` or `vicon`: the detector whose `zv_<detector>_opt` is read.
+    `detector` is `shoe`, `ared`, `amvd`, `mbgtd` or `vicon`, whose `zv_<detector>_opt` is read.
 
     Raises
     ------
@@ -79,13 +74,13 @@ def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTru
     if not isinstance(gt, np.ndarray) or gt.ndim != 2 or gt.shape[1] != 3:  # the stair trials give one height a landing
         return None
     position = mat_array(variables, "gt", path, columns=3) * _RIGHT_HANDED
-    sample = np.arange(len(t)) if "gt_idx" not in variables else _indices(variables, len(t), path)
+    sample = np.arange(len(t)) if "gt_idx" not in variables else _read_indices(variables, len(t), path)
     if len(sample) != len(position):
         raise FormatError(f"{path.name} has {len(position)} true positions for {len(sample)} samples: export it again.")
     return pack_true_path(t[sample], position)
 
 
-def _indices(variables: Mapping[str, Any], n_samples: int, path: Path) -> Ints:
+def _read_indices(variables: Mapping[str, Any], n_samples: int, path: Path) -> Ints:
     index = mat_array(variables, "gt_idx", path)
     if not ((index >= 0) & (index < n_samples)).all():
         raise FormatError(f"{path.name}: 'gt_idx' points outside of the recording: export it again.")

@@ -12,7 +12,7 @@ Column names carry the sensor in front (`inertial-6253.76535:scaledAccelX`); est
 specific force in the same axes (z down on the 3DM series: about -1 g on z at rest). `estLinearAccel*` has
 gravity removed and is refused. Rows of other data packets, with neither acc nor gyr, are left out.
 
-The surveyed footprints of a walk stand beside the recording, in a MATLAB file of the same name.
+The surveyed footprints of a walk stand next to the recording, in a MATLAB file of the same name.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ _CHANNEL = re.compile(r"(scaledAccel|scaledGyro|estCompensatedAccel|estAngularRa
 
 def recognizes(content: Content) -> bool:
     """Whether one of the first lines is a header with SensorConnect's channel names."""
-    return _header_line(content) is not None
+    return _find_header(content) is not None
 
 
 def read(content: Content) -> RawRecording:
-    """Read a SensorConnect CSV, with the footprints beside it if there are any.
+    """Read a SensorConnect CSV, with the footprints next to it if there are any.
 
     Raises
     ------
     FormatError
         If channels are missing or doubled, or a field is no number.
     """
-    path, line = content.path, _header_line(content) or 0
+    path, line = content.path, _find_header(content) or 0
     full_header = content.fields(line)
     header = [name.split(":", 1)[1] if ":" in name else name for name in full_header]
-    channels, scale = _channels(header, path)
+    channels, scale = _choose_channels(header, path)
     magnetic = [f"scaledMag{axis}" for axis in "XYZ"] if "scaledMagX" in header else []
     names = ["Time", *channels, *magnetic]
     flags = [f"{name}:valid" for name in channels if f"{name}:valid" in header]
@@ -66,7 +66,7 @@ def read(content: Content) -> RawRecording:
     table, row = table[inertial], row[inertial]
     _blank_invalid(table, names, flags)
     gyr = np.ascontiguousarray(table[:, 4:7])
-    truth, notes = _footprints_beside(path)
+    truth, notes = _read_footprints_of(path)
     return RawRecording(
         t=table[:, 0],
         acc=scale_values(table[:, 1:4], scale),
@@ -78,7 +78,7 @@ def read(content: Content) -> RawRecording:
     )
 
 
-def _header_line(content: Content) -> int | None:
+def _find_header(content: Content) -> int | None:
     """Newer exports put lines about the session before the header."""
     for index, text in enumerate(content.lines):
         if any(_CHANNEL.search(name) for name in split_fields(text)):
@@ -86,7 +86,7 @@ def _header_line(content: Content) -> int | None:
     return None
 
 
-def _channels(header: Sequence[str], path: Path) -> tuple[list[str], float]:
+def _choose_channels(header: Sequence[str], path: Path) -> tuple[list[str], float]:
     """Name the channels of acc and gyr, and the unit of acc in m/s^2."""
     for acc, gyr, unit in _EXPORTS:
         if any(name.startswith((acc, gyr)) for name in header):
@@ -104,12 +104,12 @@ def _blank_invalid(table: Floats, names: Sequence[str], flags: Sequence[str]) ->
         table[table[:, len(names) + offset] != 1.0, column] = np.nan
 
 
-def _footprints_beside(path: Path) -> tuple[FootprintTruth | None, tuple[str, ...]]:
+def _read_footprints_of(path: Path) -> tuple[FootprintTruth | None, tuple[str, ...]]:
     """Footprints in the MATLAB file of the same name, and a note if it is there but of no use."""
-    beside = path.with_suffix(".mat")
-    if beside == path or not beside.is_file():
+    truth = path.with_suffix(".mat")
+    if truth == path or not truth.is_file():
         return None, ()
     try:
-        return read_footprint_mat(beside), ()
+        return read_footprint_mat(truth), ()
     except FormatError as error:
-        return None, (f"the file beside it gave no truth: {error}",)
+        return None, (f"the file next to it gave no truth: {error}",)

@@ -48,21 +48,15 @@ def read_table(
 
     Parameters
     ----------
-    path
-        The file.
-    header
-        (C,) names of all columns of the file, for messages.
-    positions
-        (K,) indices into `header` of the wanted columns, in the wanted order.
-    first_line
-        The first line, counted from 1, that holds data.
-    separator
-        One character, or the regular expression `\s+`.
+    path : the file.
+    header : (C,) names of all columns of the file, for messages.
+    positions : (K,) indices into `header` of the wanted columns, in the wanted order.
+    first_line : counted from 1, that holds data.
+    separator : one character, or the regular expression `\s+`.
 
     Returns
     -------
-    tuple
-        (N, K) floats and (N,) line numbers.
+    (N, K) floats and (N,) line numbers.
 
     Raises
     ------
@@ -76,7 +70,7 @@ def read_table(
         "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
         "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"],
     }  # fmt: skip
-    values = _parsed(path, wanted, options, [*header, "after the last"], first_line)
+    values = _parse(path, wanted, options, [*header, "after the last"], first_line)
     row = np.arange(len(values), dtype=np.int64) + first_line
     longer = ~np.isnan(values[:, -1])
     if longer.any():
@@ -89,9 +83,7 @@ def read_table(
     return np.ascontiguousarray(values[filled, :-1]), row[filled]
 
 
-def _parsed(
-    path: Path, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
-) -> Floats:
+def _parse(path: Path, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int) -> Floats:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
@@ -104,11 +96,11 @@ def _parsed(
         reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
         raise FormatError(f"{path.name} is not a regular table ({reason}): correct that line.") from None
     except (ValueError, OverflowError):
-        raise _first_bad_cell(path, wanted, options, names, first_line) from None
+        raise _find_bad_cell(path, wanted, options, names, first_line) from None
     return np.asarray(frame[wanted].to_numpy(dtype=np.float64))
 
 
-def _first_bad_cell(
+def _find_bad_cell(
     path: Path, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
 ) -> FormatError:
     """Find the first field that is no number. Slow, but only ever run on a broken file."""
@@ -130,13 +122,13 @@ _MOVING_RAD_S = 0.5
 """Turning this fast, no real magnetometer gives the same three numbers twice by chance."""
 
 _HELD_SHARE = 0.1
-"""More repeats than this in motion are the logger's doing, not the quantisation's."""
+"""More repeats than this in motion are the logger's doing, not the quantization's."""
 
 
 def drop_held(mag: Floats, gyr: Floats) -> Floats:
     """Set rows of `mag` (N, 3) that repeat the row before exactly to NaN, if the logger holds samples at all.
 
-    `gyr` (N, 3) rad/s tells the motion: repeats at rest alone are quantisation, and stay.
+    `gyr` (N, 3) rad/s shows the motion: repeats at rest alone are quantization, and stay.
     """
     repeated = np.concatenate(([False], (mag[1:] == mag[:-1]).all(axis=1)))
     moving = (np.abs(gyr) > _MOVING_RAD_S).any(axis=1)

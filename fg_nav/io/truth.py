@@ -63,12 +63,7 @@ def read_tum(content: Content) -> TrajectoryTruth:
 def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats) -> None:
     """Write a trajectory as TUM lines `t x y z qx qy qz qw`, to the nanosecond and nanometre.
 
-    Parameters
-    ----------
-    path
-        The file.
-    t, position, nav_R_body
-        (N,) s, (N, 3) m, (N, 3, 3).
+    `t` (N,) s, `position` (N, 3) m, `nav_R_body` (N, 3, 3).
 
     Raises
     ------
@@ -129,12 +124,9 @@ def pack_footprints(stride: Floats, xy: Floats, stride_count: int | None, path: 
 
 
 def pack_true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None) -> TrajectoryTruth | None:
-    """Pack a true path, or None if not two rows of it are usable.
+    """Pack a true path: `t` (M,) s, `position` (M, 3) m, `nav_R_body` (M, 3, 3), NaN where the reference saw nothing.
 
-    Parameters
-    ----------
-    t, position, nav_R_body
-        (M,) s, (M, 3) m, (M, 3, 3); NaN where the reference saw nothing.
+    Rows that are not finite or not later are left out; None if not two rows are usable.
     """
     seen = np.isfinite(t) & np.isfinite(position).all(axis=1)
     if nav_R_body is not None:

@@ -25,15 +25,7 @@ UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "gyroscope": {"deg/s": _DEGREE, "°/s": _DEGREE, "dps": _DEGREE, "mdps": 1e-3 * _DEGREE, "rad/s": 1.0},
     "accelerometer": {"g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2, "m/s^2": 1.0, "m/s/s": 1.0, "m/s2": 1.0},
-    "magnetometer": {
-        "ut": 1.0,
-        "nt": 1e-3,
-        "gauss": 100.0,
-        "g": 100.0,
-        "mgauss": 0.1,
-        "mg": 0.1,
-        "a.u.": np.nan,
-    },
+    "magnetometer": {"ut": 1.0, "nt": 1e-3, "gauss": 100.0, "g": 100.0, "mgauss": 0.1, "mg": 0.1, "a.u.": np.nan},
 }
 """SI (or uT) value of each known unit, in lower case; NaN: arbitrary."""
 
@@ -68,12 +60,14 @@ def read(content: Content) -> RawRecording:
     """
     path, header = content.path, content.fields()
     columns = find_columns(header, path)
-    wanted = [_the(columns, "time", "", path)]
-    wanted += [_the(columns, quantity, axis, path) for quantity in ("accelerometer", "gyroscope") for axis in "xyz"]
+    wanted = [_find_one(columns, "time", "", path)]
+    wanted += [
+        _find_one(columns, quantity, axis, path) for quantity in ("accelerometer", "gyroscope") for axis in "xyz"
+    ]
     magnetic = [column for column in columns if column.quantity == "magnetometer"]
     arbitrary = any(np.isnan(column.scale) for column in magnetic)
     if magnetic and not arbitrary:
-        wanted += [_the(columns, "magnetometer", axis, path) for axis in "xyz"]
+        wanted += [_find_one(columns, "magnetometer", axis, path) for axis in "xyz"]
     table, row = read_table(path, header, [column.position for column in wanted], first_line=2)
     table = scale_values(table, np.array([column.scale for column in wanted]))
     notes = ("the magnetometer is in arbitrary units and was left out",) if arbitrary else ()
@@ -114,7 +108,7 @@ def _scale(quantity: str, unit: str, name: str, path: Path) -> float:
     raise FormatError(f"{path.name}: column '{name}' has {problem}: write one of {', '.join(known)} in brackets.")
 
 
-def _the(columns: list[Column], quantity: str, axis: str, path: Path) -> Column:
+def _find_one(columns: list[Column], quantity: str, axis: str, path: Path) -> Column:
     found = [column for column in columns if column.quantity == quantity and column.axis == axis]
     if len(found) == 1:
         return found[0]

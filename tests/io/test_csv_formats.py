@@ -100,7 +100,7 @@ def test_damaged_footprints_beside_cost_the_truth_only(tmp_path: Path) -> None:
     (tmp_path / "walk.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(300))
     recording = read(path)
     assert recording.truth is None
-    assert "the file beside it gave no truth: walk.mat" in recording.provenance.notes[0]
+    assert "the file next to it gave no truth: walk.mat" in recording.provenance.notes[0]
 
 
 @pytest.mark.parametrize(
