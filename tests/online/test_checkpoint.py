@@ -123,6 +123,9 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     assert judge.counts["rebooted"] == 1
     np.testing.assert_array_equal(taken[700:, 1:], rows[740:, 1:])
     assert taken[700, 0] - taken[699, 0] == pytest.approx(LONGEST_GAP_S)
+    np.testing.assert_allclose(taken[700:, 0] - taken[700, 0], rows[740:, 0], rtol=0, atol=1e-9)
+    sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
+    np.testing.assert_allclose(sensor_t, np.delete(rows[:, 0], np.s_[700:740]), rtol=0, atol=1e-9)
     for begin in (0, 740):
         again = SampleJudge.resume(json.loads(json.dumps(judge.state())), taken, lambda words: None)
         assert sum(map(len, admitted(again, rows[begin:], 50))) == 0

@@ -1,17 +1,19 @@
 """A walk in progress: blocks do not matter, odd samples are survived, and it ends where the recording does."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
 from fg_nav.estimators import ESTIMATORS
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
+from fg_nav.online.judge import LONGEST_GAP_S, RESTART, SampleJudge
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
 from tests.online.walks import TOLD, push, short_walk, worst_difference
@@ -158,6 +160,48 @@ def test_a_long_gap_is_shortened_and_it_is_said_by_how_much(step_s, taken_s):
     back = f"{step_s + 0.01 - taken_s:.3f} s"
     assert any(f"set back by {back}" in words for words in told) == (taken_s == LONGEST_GAP_S)
     assert any(f"set back by {back}" in words for words in judge.notes) == (taken_s == LONGEST_GAP_S)
+
+
+RESTARTS = (500, 1000)
+"""Rows at which the sensor's clock begins again at zero."""
+
+
+def restarted() -> tuple[Floats, Floats, Ints]:
+    """Rows of a walk as they were measured and as they are sent, and the numbers of those that are taken."""
+    rows = rows_of(short_walk())
+    sent, kept = rows.copy(), np.arange(len(rows))
+    for first in RESTARTS:
+        sent[first:, 0] = rows[first:, 0] - rows[first, 0]
+        kept = kept[(kept < first) | (kept >= first + RESTART - 1)]
+    return rows, sent, kept
+
+
+@pytest.mark.parametrize("block", [1, 7, 5000])
+def test_stamps_go_on_after_a_restart_of_the_clock(block):
+    """As if the clock had not restarted, behind the rows that show that it did."""
+    rows, sent, kept = restarted()
+    judge = SampleJudge()
+    parts = [sent[i : i + block] for i in range(0, len(sent), block)]
+    taken = np.concatenate([judge.admit(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:]) for p in parts])
+    np.testing.assert_allclose(taken, rows[kept], rtol=0, atol=1e-9)
+    sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
+    np.testing.assert_allclose(sensor_t, sent[kept, 0], rtol=0, atol=1e-9)
+    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), taken, lambda words: None)
+    assert [again.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])] == sensor_t
+
+
+def test_estimates_after_a_restart_of_the_clock_have_the_stamps_of_their_samples():
+    rows, sent, kept = restarted()
+    navigator = OnlineNavigator(TOLD)
+    push(navigator, sent, range(40, len(sent), 40))
+    navigator.close()
+    sample, t = navigator.causal().sample, navigator.causal().t
+    assert (np.diff(np.searchsorted(kept[sample], [0, *RESTARTS, len(rows)])) >= 3).all()
+    for table in (navigator.causal(), navigator.smoothed()):
+        np.testing.assert_allclose(table.t, rows[kept, 0][table.sample], rtol=0, atol=1e-9)
+    sensor_t = [navigator.judge.sensor_time(*at) for at in zip(sample.tolist(), t.tolist(), strict=True)]
+    np.testing.assert_allclose(sensor_t, sent[kept, 0][sample], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(navigator.finish().t, rows[kept, 0], rtol=0, atol=1e-9)
 
 
 def test_a_longer_gap_leaves_no_smaller_sigmas():
