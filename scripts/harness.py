@@ -14,9 +14,8 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any, NoReturn, TypeVar
@@ -29,6 +28,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fg_nav.errors import FgNavError, OutputError, SimulationError
+from fg_nav.lab.processes import run_tasks
 from fg_nav.report.plots import style
 from fg_nav.report.terminal import console, progress
 
@@ -126,13 +126,12 @@ def check_folder(path: Path | None) -> Path:
 
 def map_walks(function: Callable[[S], T], walks: Iterable[S], jobs: int = 1, title: str = "walks") -> list[T]:
     """Apply a function to each walk, on that many processes, in the order of the walks."""
-    todo, found = list(walks), []
-    with progress(f"{title}: {len(todo)}") as report, ExitStack() as stack:
-        mapped = map if jobs == 1 else stack.enter_context(ProcessPoolExecutor(jobs)).map
-        for done, result in enumerate(mapped(function, todo), start=1):
-            found.append(result)
-            report(done / len(todo))
-    return found
+    tasks, found = [partial(function, walk) for walk in walks], dict[int, T]()
+    with progress(f"{title}: {len(tasks)}") as report:
+        for number, result in run_tasks(tasks, jobs):
+            found[number] = result
+            report(len(found) / len(tasks))
+    return [found[number] for number in range(len(tasks))]
 
 
 @dataclass(frozen=True)

@@ -74,22 +74,10 @@ def test_a_result_of_other_settings_or_form_or_a_damaged_one_is_none(tmp_path):
     assert read_result(tmp_path, KEY, SETTINGS) is not None
 
 
-def test_no_two_results_share_a_file():
-    keys = script.all_keys(
-        script._parse(
-            [
-                "--out",
-                "somewhere",
-                "--seeds",
-                "3",
-                "--real",
-                "gdin",
-                "openshoe",
-                "--magnetometer",
-                *script.MAGNETOMETERS,
-            ]
-        )
-    )
+@needs_data
+def test_no_two_results_share_a_file(tmp_path):
+    given = ["--seeds", "3", "--real", "gdin", "openshoe", "--magnetometer", *script.MAGNETOMETERS]
+    keys = script.list_keys(script.parse(["--out", str(tmp_path), *given]))
     assert len({key.file for key in keys}) == len(keys) == len(set(keys))
     real = {key.magnetometer for key in keys if key.group == "gdin"}
     assert real == {"walk", "raw", "none"}
@@ -123,14 +111,15 @@ def test_medians_stand_over_the_paper_and_the_reduction_is_walk_by_walk(capsys):
     assert rows_of(landmarks, "  Ma 2018, iQSF")[0].split()[-1] == "11.3"
 
 
-def test_a_preset_is_held_against_the_same_of_the_reference():
+def test_a_preset_is_compared_with_the_same_of_the_reference():
     def one(method, error):
         return [result(replace(KEY, method=method), at_landmarks=(error, error))]
 
     case = {"iqsf": one("iqsf", 8.0), "iqsf:physical": one("iqsf:physical", 4.0)}
     case |= {name: one(name, 2.0) for name in ("ma2018", "ma2018:physical", "ma2018:as-printed")}
-    found = {figure.method: figure.measured for figure in script.judged({"mall": case})}
-    assert found == pytest.approx({"ma2018": 75.0, "ma2018:physical": 50.0, "ma2018:as-printed": 75.0})
+    heads, rows = script.make_table(script.TABLES["At the landmarks"], case, "mall", "iqsf")
+    found = {row[0]: row[heads.index(script.REDUCED)] for row in rows}
+    assert (found["ma2018"], found["ma2018:physical"], found["ma2018:as-printed"]) == ("75.0", "50.0", "75.0")
 
 
 def test_errors_with_a_sign_count_by_their_size(capsys):
@@ -160,8 +149,6 @@ def test_a_failed_walk_reduces_nothing(capsys):
     script.print_case("mall", {"iqsf": theirs, "ma2018": ours})
     landmarks = capsys.readouterr().out.partition("At the landmarks")[2]
     assert rows_of(landmarks, "ma2018")[0].endswith("50.0 (failed to 50.0)")
-    [figure] = script.judged({"mall": {"iqsf": theirs, "ma2018": ours[1:]}})
-    assert figure.mark == "missed"
 
 
 def test_the_sum_over_the_code_sees_what_runs_and_nothing_else():
@@ -175,7 +162,7 @@ def test_what_cannot_be_is_said_before_anything_is_simulated(tmp_path):
         script.main(["--out", str(tmp_path), "--methods", "magic"])
     with pytest.raises(SimulationError, match="no field 'rough'"):
         script.main(["--out", str(tmp_path), "--fields", "rough"])
-    with pytest.raises(OutputError, match="make it, or name another"):
+    with pytest.raises(OutputError, match="make it, and name it"):
         script.main(["--out", str(tmp_path / "nowhere")])
 
 
@@ -203,8 +190,7 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     assert loop["errors"]["origin"]["max_m"] < 1.0  # in the sixties of metres: told the true heading at the start
     monkeypatch.setattr(script, "draw_case", lambda *_: None)
     # Other code is joined, unless that is not wanted.
-    for module in (script, load_script("compare_tables")):
-        monkeypatch.setattr(module, "code_sum", lambda: "other code")
+    monkeypatch.setattr(script, "code_sum", lambda: "other code")
     script.main([*demo, "--methods", "iez"])
     assert "1 of 1 results were made by other code (iez)" in capsys.readouterr().out
     assert first.stat().st_mtime_ns == stamp
@@ -292,18 +278,6 @@ def test_a_preset_goes_with_the_method():
         method_of("iez:magic")
 
 
-def test_figures_that_were_asked_for_are_judged():
-    walks = [result(replace(KEY, group="office", walk=w), end_m=e) for w, e in (("1", 0.4), ("2", 0.5), ("3", 9.0))]
-    [figure] = script.judged({"office, smooth": {"ma2018": walks}})
-    assert (figure.measured, figure.mark) == (0.5, "ok")
-    theirs = [result(replace(KEY, method="iqsf"), at_landmarks=(10.0, 10.0))]
-    [figure] = script.judged({"mall": {"iqsf": theirs, "ma2018": [result()]}})
-    assert (figure.measured, figure.mark) == (pytest.approx(85.0), "ok")
-    assert not script.judged({"demo": {"ma2018": [result(replace(KEY, group="demo"))]}})
-    failed = [result(replace(KEY, group="office"), failed="no such walk.")]
-    assert script.judged({"office": {"ma2018": failed}})[0].mark == "missed"
-
-
 def smoothers(group, level, **errors):
     """Three walks of the smoother, and of the filters that it is held against."""
     sizes = {"smoother": 1.0, "ma2018": 4.0, "matched": 2.0, "matched-rts": 1.6, **errors}
@@ -318,42 +292,6 @@ def smoothers(group, level, **errors):
         ]
         for method, size in sizes.items()
     }
-
-
-def judged_by_name(case):
-    return {f.name: f for f in script.judged({"case": case}) if f.method == "smoother"}
-
-
-def test_the_smoother_is_judged_on_both_fields_and_on_the_rough_one_within_a_factor():
-    smooth, indoor = (judged_by_name(smoothers("mall", level)) for level in ("smooth", "indoor"))
-    assert smooth.keys() == indoor.keys()
-    mean = "mean, as started (m) (issue 6; Ma 2018 1.5)"
-    assert (smooth[mean].measured, smooth[mean].high, indoor[mean].high) == (2.0, 0.75, 1.5 * 0.75)
-    assert smooth[mean].mark == indoor[mean].mark == "missed"
-    assert smooth["heading rmse (deg) (issue 6)"].measured == 2.0
-    assert (smooth["heading rmse (deg) (issue 6)"].mark, indoor["heading rmse (deg) (issue 6)"].mark) == (
-        "missed",
-        "ok",
-    )
-    assert not judged_by_name(smoothers("mall", "between"))
-
-
-def test_ratios_are_those_of_the_same_walk_and_those_of_the_medians():
-    case = smoothers("mall", "smooth")
-    case["ma2018"] = [
-        replace(one, landmark_m={AS_STARTED: [size]}) for one, size in zip(case["ma2018"], (10, 8, 4), strict=True)
-    ]
-    found = judged_by_name(case)
-    each = found["mean, as started (m), over ma2018, walk by walk (issue 6)"]
-    assert (each.measured, each.mark) == (pytest.approx(2 / 8), "ok")
-    of_medians = found["mean, as started (m), over ma2018, of medians (issue 6)"]
-    assert of_medians.measured == pytest.approx(2 / 8)
-    case["ma2018"][1] = replace(case["ma2018"][1], landmark_m={AS_STARTED: [1.0]})  # ratios 0.1, 2, 0.75
-    found = judged_by_name(case)
-    assert found["mean, as started (m), over ma2018, walk by walk (issue 6)"].measured == pytest.approx(0.75)
-    assert found["mean, as started (m), over ma2018, of medians (issue 6)"].measured == pytest.approx(0.5)
-    assert found["mean, as started (m), over matched-rts, walk by walk (for information)"].mark == ""
-    assert not any("over ma2018" in name for name in judged_by_name({"smoother": case["smoother"]}))
 
 
 def test_errors_over_those_of_others_are_printed_walk_by_walk(capsys):

@@ -2,7 +2,6 @@
 
 import json
 import math
-from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -16,29 +15,7 @@ from tests.scripts import load_script
 
 compare = load_script("compare_ekf")
 ablation = load_script("magnetic_ablation")
-consistency = load_script("smoother_consistency")
 real = load_script("real_walks")
-
-
-class Here:
-    """A pool of processes that works at once, in this one."""
-
-    def __init__(self, _):
-        pass
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return None
-
-    def map(self, work, *some):
-        return map(work, *some)
-
-    def submit(self, work, *given):
-        done = Future()
-        done.set_result(work(*given))
-        return done
 
 
 def result(method="smoother", walk="1", rmse_m=1.0, runtime_s=1.0, whitened=None, used="uu--", failed=""):
@@ -54,18 +31,18 @@ def result(method="smoother", walk="1", rmse_m=1.0, runtime_s=1.0, whitened=None
 
 
 def test_each_switch_is_turned_once_from_the_default_and_once_from_nothing():
-    for name in ablation.switches():
+    for name in ablation.list_switches(ablation.DEFAULT.magnetic):
         on = getattr(ablation.DEFAULT.magnetic, name)
         turned = ablation.VARIANTS[f"{'without' if on else 'with'} {name}"].parameters.magnetic
         assert turned == replace(ablation.DEFAULT.magnetic, **{name: not on})
         alone = ablation.VARIANTS[f"only {name}"].parameters.magnetic
-        assert [other for other in ablation.switches() if getattr(alone, other)] == [name]
-    assert len(ablation.switches()) >= 2
+        assert [other for other in ablation.list_switches(ablation.DEFAULT.magnetic) if getattr(alone, other)] == [name]
+    assert len(ablation.list_switches(ablation.DEFAULT.magnetic)) >= 2
     assert not ablation.VARIANTS["inertial"].field
 
 
 def test_no_two_variants_are_the_same_but_for_their_name():
-    told = [ablation.differing(variant) for variant in ablation.VARIANTS.values()]
+    told = [ablation.describe(variant) for variant in ablation.VARIANTS.values()]
     assert told[0] == "as it comes"
     twins = {words for words in told if told.count(words) > 1}
     assert all(words.count(" ") <= 3 for words in twins)  # with two switches, without the one is only the other
@@ -83,10 +60,10 @@ def test_an_ablation_counts_walk_by_walk():
     assert ablation.over_default(case, "broken") == math.inf
     assert ablation.cost_ratio(case, "default") == pytest.approx(1.75)
     assert ablation.used_share(case["default"]) == 0.5
-    heads, rows = ablation.table(case)
+    heads, rows = ablation.make_table(case)
     assert heads[1] == "rmse (m)"  # there are no landmarks
     assert "failed" in rows[2][1]
-    assert [row[0] for row in ablation.summary({"case": case})][-1] == "broken"
+    assert [row[0] for row in ablation.summarize({"case": case})][-1] == "broken"
 
 
 def test_the_nees_of_an_ablation_is_over_its_expectation_at_the_last_footfall():
@@ -98,7 +75,6 @@ def test_the_nees_of_an_ablation_is_over_its_expectation_at_the_last_footfall():
 
 
 def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(ablation, "ProcessPoolExecutor", Here)
     given = [
         "--out",
         str(tmp_path),
@@ -110,6 +86,8 @@ def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch
         "1",
         "--variants",
         "default",
+        "--jobs",
+        "1",
     ]
     ablation.main(given)
     printed = capsys.readouterr().out
@@ -119,7 +97,7 @@ def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch
     assert "u" not in bare["used"]
     assert default["errors"]["origin"]["rmse_m"] != bare["errors"]["origin"]["rmse_m"]
     assert len(default["whitened"]["position"]) == 4
-    monkeypatch.setattr(ablation, "made", None)  # nothing is left to be made
+    monkeypatch.setattr(ablation, "make_walk", None)  # nothing is left to be made
     ablation.main(given)
     with pytest.raises(OutputError, match="make it"):
         ablation.main(["--out", str(tmp_path / "nowhere")])
@@ -133,7 +111,7 @@ def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch
 def drawn(count, factor=1.0, joint=True):
     """Walks whose errors are so many claimed sigmas, the four footfalls independent."""
     rng = np.random.default_rng(7)
-    parts = {part: n for part, n in consistency.PARTS.items() if joint or part not in ("pose", "ground")}
+    parts = {part: n for part, n in compare.PARTS.items() if joint or part not in ("pose", "ground")}
     return [
         result(
             walk=str(k), whitened={part: (factor * rng.standard_normal((4, n))).tolist() for part, n in parts.items()}
@@ -143,37 +121,27 @@ def drawn(count, factor=1.0, joint=True):
 
 
 def test_honest_walks_are_within_the_band_and_sure_ones_are_not():
-    honest, sure = (consistency.judged("case", drawn(200, factor)) for factor in (1.0, 2.5))
-    assert [figure.mark for figure in honest] == ["ok", "ok"]
-    assert honest[0].measured == pytest.approx(0.95, abs=0.04)
-    assert [figure.mark for figure in sure] == ["missed", "missed"]
-    heads, [row] = consistency.ratio_table({"case": drawn(200, 2.5)})
-    assert float(row[heads.index("heading")]) == pytest.approx(2.5, rel=0.1)
+    end, of_mean, above = compare.shares_inside(drawn(200), "pose")
+    assert (end, of_mean, above) == pytest.approx((0.95, 0.95, 0.025), abs=0.04)
+    end, of_mean, above = compare.shares_inside(drawn(200, 2.5), "pose")
+    assert max(end, of_mean) < 0.6
+    assert above > 0.4
+    heads, [row] = compare.make_honesty_table({"smoother": drawn(200, 2.5)})
+    assert float(row[heads.index("heading / sigma")]) == pytest.approx(2.5, rel=0.1)
 
 
-def test_without_cross_terms_the_lesser_share_of_the_parts_counts():
-    walks = drawn(200, joint=False)
-    walks = [
-        replace(w, whitened={**w.whitened, "heading": (3 * np.array(w.whitened["heading"])).tolist()}) for w in walks
-    ]
-    end, _ = consistency.judged("case", walks)
-    assert end.name.startswith("position and heading")
-    assert end.mark == "missed"
-    assert consistency.share_table({"case": walks})[1][0][1] == "-"
+def test_without_cross_terms_there_are_the_shares_of_the_parts():
+    heads, [row] = compare.make_honesty_table({"smoother": drawn(200, joint=False)})
+    assert row[heads.index("pose")] == "-"
+    assert row[heads.index("position")].startswith("9")
 
 
 def test_a_failed_walk_is_outside_the_band():
     failed = [result(walk=str(k), failed="no such walk.") for k in range(50, 100)]
-    end, _ = consistency.judged("case", [*drawn(50), *failed])
-    assert end.measured == pytest.approx(0.475, abs=0.05)
+    assert compare.shares_inside([*drawn(50), *failed], "pose")[0] == pytest.approx(0.475, abs=0.05)
 
 
-def test_consistency_runs_on_results_that_compare_ekf_keeps(tmp_path, capsys):
-    given = ["--out", str(tmp_path), "--scenarios", "demo", "--fields", "homogeneous", "--seeds", "1", "--jobs", "1"]
-    consistency.main([*given, "--magnetometer", "perfect"])
-    assert "demo, homogeneous, smoother" in capsys.readouterr().out
-    found = json.loads((tmp_path / "demo_homogeneous_perfect_smoother_101.json").read_text())["whitened"]
-    assert np.array(found["heading"]).shape == (4, 1)
+# --- real walks ------------------------------------------------------------------------------------------------------
 
 
 def test_no_walk_may_be_worse_with_the_magnetometer():
