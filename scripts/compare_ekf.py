@@ -7,7 +7,7 @@ NAME may have a preset behind it, `ma2018:as-printed`; without one it is `tuned`
 and `indoor`, and `between`, 0.65 of the first and 0.35 of the second: a compass that waits for a quiet field often
 finds it in the first and hardly ever in the second.
 
-Every result is a file in DIR (`fg_nav.lab.store`): a run makes what is missing or has other parameters, and prints and draws all
+Every result is a file in DIR: a run makes what is missing or has other parameters, and prints and draws all
 that was asked for. What other code made is joined, with a remark; `--renew` makes that again. Walks and methods are
 those of a campaign, and of `fg-nav reproduce`: all methods on a walk share recording, stances and field, and are given
 the true heading at the start; Munich has no declination, so that a compass and the truth have the same north. Seeds

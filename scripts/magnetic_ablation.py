@@ -8,7 +8,7 @@
 variants of a walk share recording, stances, field and the true heading at the start.
 
 Seeds below 100 are for choosing defaults, and are the default here; `--first 101` is for reports. Every result is a
-file in DIR (`fg_nav.lab.store`), and holds as long as its parameters are the same; results of other code are joined with a remark.
+file in DIR, and holds as long as its parameters are the same; results of other code are joined with a remark.
 
 =============== =====================================================================================================
 landmarks       mean and largest error over the ground, as started, m
