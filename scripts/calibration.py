@@ -64,7 +64,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2, wrap, yaw_rotation
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
-from fg_nav.lab.simulation.fields import SITES, environment
+from fg_nav.lab.simulation.fields import SITES, draw_environment
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
@@ -246,8 +246,8 @@ def print_walks(chosen: argparse.Namespace) -> None:
 def make_walk(course: str, level: str, iron: str, seed: int) -> Walked:
     """Make a walk: every seed another walker, building, sensor and drift."""
     rng = np.random.default_rng([seed, len(course)])
-    strides = plan(COURSES[course](rng), Person().drawn(rng), rng)
-    environs = environment(level, EARTH, strides.footprint, rng)
+    strides = plan(COURSES[course](rng), Person().draw(rng), rng)
+    environs = draw_environment(level, EARTH, strides.footprint, rng)
     t = np.append(strides.start, strides.start[-1] + strides.duration[-1])
     tilt = Rotation.from_rotvec(STANDS_FLAT_RAD * rng.standard_normal((len(t), 3)) * [1, 1, 0])
     mount = Rotation.from_rotvec(SITS_TURNED_RAD * rng.uniform(-1, 1, 3)).as_matrix()
@@ -257,7 +257,7 @@ def make_walk(course: str, level: str, iron: str, seed: int) -> Walked:
     drawn = IRON[iron].draw(rng)
     drift = _draw_drift(t, rng)
     drifted = np.array([yaw_rotation(angle) for angle in -drift]) @ truth
-    reading = drawn.bent(free) + READ_TO_UT * rng.standard_normal(free.shape)
+    reading = drawn.bend(free) + READ_TO_UT * rng.standard_normal(free.shape)
     count, none = np.full(len(t), 20), np.zeros(len(t))
     force = GRAVITY_M_S2 * drifted[:, 2]
     field = FootfallField(np.arange(len(t)), t, reading, force, drifted, count, none, none, none)
@@ -325,7 +325,7 @@ def print_noise(chosen: argparse.Namespace) -> None:
 
 def measure_noise(sensor: str, seed: int, minutes: float) -> tuple[SensorNoise, ...]:
     """Noise of the sensors of a preset that lies still for so long."""
-    scenario = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(60.0 * minutes)])
+    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(60.0 * minutes)])
     return measure_recording_noise(simulate(scenario, seed, Choices(sensor=sensor)).recording).sensors
 
 

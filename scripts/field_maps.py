@@ -35,18 +35,18 @@ from fg_nav.lab.simulation.fields import (
     FloorParameters,
     Homogeneous,
     Sum,
-    closely_spaced,
+    compute_sphere_moment,
     curl,
     divergence,
+    draw_environment,
     draw_floor,
     draw_treads,
-    environment,
     gradient,
     magnet,
+    make_upright_loop,
+    resample_path,
     rod,
-    sphere_moment,
     street,
-    upright_loop,
 )
 from fg_nav.report.plots import style
 
@@ -92,7 +92,7 @@ class Patch:
         position = np.stack([x, y, height_m + self.climbs * x], axis=1)
         judged = _distance(self.field, position) > FAR_M
         if self.way is not None:
-            judged &= _nearest(position[:, :2], closely_spaced(self.way).points[:, :2]) < BESIDE_M
+            judged &= _nearest(position[:, :2], resample_path(self.way).points[:, :2]) < BESIDE_M
         return position[judged]
 
 
@@ -118,9 +118,9 @@ def all_patches(seed: int) -> list[Patch]:
     """Every map of the package, on the patch that shows it best."""
     rng = np.random.default_rng(seed)
     light = {"axis": np.zeros((1, 2)), "radius": np.array([0.3])}
-    loop = upright_loop(np.array([-1.0, 2.5, 0.0]), np.array([5.0, 2.5, 0.0]), 2.8, 5.0)
+    loop = make_upright_loop(np.array([-1.0, 2.5, 0.0]), np.array([5.0, 2.5, 0.0]), 2.8, 5.0)
     iron = rod(np.array([1.0, 1.2, 0.0]), np.array([1.0, 1.2, 2.8]), np.array([0.0, 0.0, -60.0]))
-    ball = magnet(np.array([3.0, 3.0, 0.3]), sphere_moment(MUNICH.vector, 0.25))
+    ball = magnet(np.array([3.0, 3.0, 0.3]), compute_sphere_moment(MUNICH.vector, 0.25))
     stick = magnet(np.array([4.5, 1.0, 0.0]), np.array([3.0, 0.0, 0.0]))
     way = np.array([[-12.0, 2.0, 0.0], [4.0, 2.0, 0.0], [4.0, 12.0, 0.0]])
     stairs = np.array([[-12.0, 2.0, -12.0], [12.0, 2.0, 12.0]]) * [1.0, 1.0, 0.5]
@@ -142,14 +142,14 @@ def all_patches(seed: int) -> list[Patch]:
         ),
         Patch(
             "stairs that climb to the east",
-            Sum((MUNICH, draw_treads(closely_spaced(stairs), rng))),
+            Sum((MUNICH, draw_treads(resample_path(stairs), rng))),
             MUNICH,
             *room,
             stairs,
             climbs=0.5,
         ),
-        Patch("level smooth", environment("smooth", MUNICH, way, rng), MUNICH, *room, way),
-        Patch("level indoor", environment("indoor", MUNICH, way, rng), MUNICH, *room, way),
+        Patch("level smooth", draw_environment("smooth", MUNICH, way, rng), MUNICH, *room, way),
+        Patch("level indoor", draw_environment("indoor", MUNICH, way, rng), MUNICH, *room, way),
     ]
 
 

@@ -54,7 +54,7 @@ from fg_nav.factors.rotation import rotation_exp, turn_about_up
 from fg_nav.frames import wrap
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation import scenario
-from fg_nav.lab.simulation.fields import earth_at
+from fg_nav.lab.simulation.fields import find_earth_field
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.plots import style
 from fg_nav.report.plots.field_potential import plot_field_north
@@ -283,7 +283,7 @@ def simulated(name: str, level: str, magnetometer: str, seed: int) -> tuple[Walk
     truth = session.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
-    return session, Trajectory(truth.nav_R_body, truth.position), earth_at(scenario(name).site).vector
+    return session, Trajectory(truth.nav_R_body, truth.position), find_earth_field(scenario(name).site).vector
 
 
 def _spread(values: Sequence[float]) -> str:

@@ -102,8 +102,8 @@ def _draw_part(rng: np.random.Generator, pose: Pose) -> Section:
         straight(rng.uniform(4.0, 12.0)) if rng.random() < 0.5 else arc(rng.uniform(2.0, 6.0), rng.uniform(-2.0, 2.0))
     )
     if kind == "run":
-        return Walk(path.placed(pose), Style.RUN)
-    return Walk(path.placed(pose), Style.WALK, pace=rng.uniform(0.5, 1.3))
+        return Walk(path.place(pose), Style.RUN)
+    return Walk(path.place(pose), Style.WALK, pace=rng.uniform(0.5, 1.3))
 
 
 def draw_walk(seed: int, rng: np.random.Generator) -> Recording:

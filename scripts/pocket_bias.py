@@ -44,7 +44,7 @@ from harness import FIRST_SEED, Figure, option, spread
 from fg_nav.arrays import Floats
 from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT
 from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
-from fg_nav.lab.simulation.emulation import with_field
+from fg_nav.lab.simulation.emulation import replace_field
 from fg_nav.lab.simulation.fields import Field, Homogeneous, street
 from fg_nav.pocket import (
     PocketParameters,
@@ -136,7 +136,7 @@ def find_biases(seed: int, noise_uT: float) -> dict[str, dict[str, Found]]:
     found = {}
     for number, name in enumerate(FIELDS):
         of = past_cars if name == "past-cars" else walk
-        recording = with_field(of, _field(name, of), noise_uT, np.random.default_rng((seed, number)))
+        recording = replace_field(of, _field(name, of), noise_uT, np.random.default_rng((seed, number)))
         start = _true_start(recording)
         found[name] = {m: judge(run(recording, start), of) for m, run in methods_at(noise_uT).items()}
     return found

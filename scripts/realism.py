@@ -255,7 +255,7 @@ def whoever(_: int) -> None:
 def unhurried(seed: int) -> Person:
     """Return the same person, walking as the people of the real walks do."""
     usual = replace(Person(), walk=replace(Person().walk, stride_m=UNHURRIED_M, stride_s=UNHURRIED_S))
-    return usual.drawn(Streams(seed, NAME).lasting("person"))
+    return usual.draw(Streams(seed, NAME).lasting("person"))
 
 
 PEOPLE: Mapping[str, Callable[[int], Person | None]] = {"simulated": whoever, "unhurried": unhurried}

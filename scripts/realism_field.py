@@ -39,7 +39,7 @@ from fg_nav.ekf import run_iez
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
 from fg_nav.io import read
-from fg_nav.lab.simulation.fields import SITES, environment
+from fg_nav.lab.simulation.fields import SITES, draw_environment
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
@@ -294,7 +294,7 @@ def on_path(walk: Sensed, seed: int, level: str = "indoor") -> Sensed:
     position = solution.position.copy()
     position[:, 2] += 0.1 - np.interp(t, t[stood], position[stood, 2])
     floor = position[stood] * [1.0, 1.0, 0.0]
-    field = environment(level, EARTH, floor, np.random.default_rng(seed)).at(position)
+    field = draw_environment(level, EARTH, floor, np.random.default_rng(seed)).at(position)
     return replace(walk, recording=replace(walk.recording, mag=_body(field, solution.nav_R_body)))
 
 
@@ -302,7 +302,7 @@ def corridor(level: str, seed: int, strides: int = 80) -> Sensed:
     """Walk through a made-up corridor with right-angled corners: what the foot truly passes, without any noise."""
     rng = np.random.default_rng(seed)
     footprint, heading = _corridor(rng, strides)
-    field = environment(level, EARTH, footprint * [1.0, 1.0, 0.0], rng)
+    field = draw_environment(level, EARTH, footprint * [1.0, 1.0, 0.0], rng)
     t, position, phase = _foot(footprint)
     nav_R_body = np.repeat([yaw_rotation(np.pi / 2 - angle) for angle in heading], SAMPLES, axis=0)
     stances = Stances.from_mask(np.tile(phase < STANCE_SHARE, len(footprint)))

@@ -34,7 +34,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stand, Walk, plan
-from fg_nav.lab.simulation.thigh import Pocket, thigh_motion
+from fg_nav.lab.simulation.thigh import Pocket, build_thigh_motion
 
 RATE_HZ = 100.0
 SITTING_S = (60.0, 70.0)
@@ -107,7 +107,7 @@ def simulated_thigh(seed: int) -> Thigh:
     """A thigh of ours on a straight way."""
     rng = np.random.default_rng(seed)
     strides = plan([Stand(2.0), Walk(straight(300.0)), Stand(2.0)], Person(), rng)
-    motion = thigh_motion(strides, Pocket(), rng)
+    motion = build_thigh_motion(strides, Pocket(), rng)
     t = np.arange(0.0, strides.end_s, 1 / RATE_HZ)
     rate, force = motion.sampled(t, 1 / RATE_HZ)
     thigh_rate = rate @ motion.thigh_R_body.T

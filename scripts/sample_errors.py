@@ -54,11 +54,11 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read
-from fg_nav.lab.simulation import courses
-from fg_nav.lab.simulation.foot import FootMotion, foot_motion
+from fg_nav.lab.simulation import routes
+from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import INSTEP, MOUNTS, Mount, Person, mount_named
+from fg_nav.lab.simulation.person import INSTEP, MOUNTS, Mount, Person, find_mount
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.samples.coning import compensate_coning
@@ -101,7 +101,7 @@ def integration_rows(chosen: argparse.Namespace, style: Style) -> list[list[str]
     rng = np.random.default_rng(chosen.seed)
     person = Person()
     strides = plan([Stand(1.0), section_of(style, chosen.strides, person)], person, rng)
-    motion = foot_motion(strides, person, mount_named(chosen.mount), rng)
+    motion = build_foot_motion(strides, person, find_mount(chosen.mount), rng)
     table = []
     for corrected in (False, True):
         sizes = [np.linalg.norm(integration_errors(motion, strides, r, corrected), axis=2) for r in RATES_HZ]
@@ -162,7 +162,7 @@ CLASSES: Mapping[str, Any] = {
 def print_preintegration(chosen: argparse.Namespace) -> None:
     """Print the velocity error at the end of a stride, root mean square over the strides."""
     rng, person = np.random.default_rng(chosen.seed), Person()
-    motion = foot_motion(plan(courses.demo(), person, rng), person, INSTEP, rng)
+    motion = build_foot_motion(plan(routes.demo(), person, rng), person, INSTEP, rng)
     errors = [preintegration_errors(motion, rate_hz) for rate_hz in RATES_HZ[:3]]
     rows = [[name, *(f"{1e3 * _rms_norm(error[name]):.2f}" for error in errors)] for name in CLASSES]
     harness.print_heading(f"Velocity error at the end of {len(errors[0]['Galilean'])} strides, rms (mm/s)")
@@ -221,7 +221,7 @@ def simulate_samples(count: int, mount: Mount, rate_hz: float, rng: np.random.Ge
     """Some strides of the default person straight ahead."""
     person = Person()
     strides = plan([Stand(1.0), section_of(Style.WALK, count, person)], person, rng)
-    motion = foot_motion(strides, person, mount, rng)
+    motion = build_foot_motion(strides, person, mount, rng)
     t = np.arange(int(strides.end_s * rate_hz)) / rate_hz
     rate, force = motion.sampled(t, 1 / rate_hz)
     return Samples(1 / rate_hz, t, force, rate, motion)
@@ -245,7 +245,7 @@ def print_gaps(chosen: argparse.Namespace) -> None:
         table = [real_gap_row(path, chosen.rate, lost, rng) for path in chosen.recordings for lost in LOST]
         harness.print_table(("walk", "lost", *BRIDGES, "error over sigma"), table)
         return
-    walked = simulate_samples(chosen.strides, mount_named(chosen.mount), chosen.rate, rng)
+    walked = simulate_samples(chosen.strides, find_mount(chosen.mount), chosen.rate, rng)
     harness.print_heading(f"Left of a gap in a swing, {chosen.rate:.0f} Hz: rms (largest)")
     columns = ("lost", "bridge", "yaw, deg", "tilt, deg", "velocity, m/s", "error over sigma")
     harness.print_table(columns, [row for lost in LOST for row in gap_rows(walked, lost, rng)])
@@ -346,7 +346,7 @@ def print_peaks(chosen: argparse.Namespace) -> None:
         walks = [(path.name, (one := read(path)).gyr, one.acc, one.period_s) for path in chosen.recordings]
     else:
         rng = np.random.default_rng(chosen.seed)
-        walked = simulate_samples(chosen.strides, mount_named(chosen.mount), chosen.rate, rng)
+        walked = simulate_samples(chosen.strides, find_mount(chosen.mount), chosen.rate, rng)
         walks = [("simulated", walked.gyr, walked.acc, walked.period_s)]
     columns = ("walk", "clipped at", "peaks", "hidden", "left when rebuilt", "over sigma")
     harness.print_heading("Angle hidden in a clipped peak, rms, deg")

@@ -23,7 +23,7 @@ import numpy as np
 from fg_nav.detection import detect_stances
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_pyshoe_labels
-from fg_nav.lab.simulation import SCENARIOS, Choices, courses, simulate
+from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
@@ -144,7 +144,7 @@ def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field:
     """
     rounds = int(np.ceil(60 * minutes / SHORTEST_ROUND_S))
     demo = SCENARIOS["demo"]
-    rest, around, _ = courses.demo()
+    rest, around, _ = routes.demo()
     scenario = replace(
         demo,
         name=f"{rounds} rounds",

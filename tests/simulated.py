@@ -15,8 +15,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.simulation import courses
-from fg_nav.lab.simulation.foot import FootMotion, foot_motion
+from fg_nav.lab.simulation import routes
+from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Bursts, Ramps, Strides, Style
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import INSTEP, Gait, Mount, Person, Shock
@@ -92,9 +92,9 @@ def simulated(
     """What a sensor on the foot of this person records, and the truth about it."""
     rng = np.random.default_rng(seed)
     strides = plan(sections, person, rng)
-    motion = foot_motion(strides, person, mount, rng)
+    motion = build_foot_motion(strides, person, mount, rng)
     t = np.arange(int(strides.end_s * sensor.rate_hz)) / sensor.rate_hz
-    run = sensor.draw(rng).switched_on(rng)
+    run = sensor.draw(rng).switch_on(rng)
     samples = run.measure(t, *motion.sampled(t, sensor.period_s))
     state = motion.at(t)
     truth = TrajectoryTruth(t, state.position, state.nav_R_body)
@@ -110,7 +110,7 @@ def corridor(
     rate_hz: float = 200.0,
 ) -> SimulatedFoot:
     """A minute round the corridor of the demonstration."""
-    return simulated(courses.demo(), person, mount, sensor.at_rate(rate_hz), seed)
+    return simulated(routes.demo(), person, mount, sensor.at_rate(rate_hz), seed)
 
 
 def straight_walk(

@@ -8,7 +8,7 @@ import pytest
 
 from fg_nav.earth import EarthField, Place, compute_field
 from fg_nav.errors import EarthError
-from fg_nav.lab.simulation.fields import earth_field
+from fg_nav.lab.simulation.fields import make_earth_field
 
 TODAY = date(2026, 11, 21)
 
@@ -21,7 +21,7 @@ def test_strength_inclination_and_declination_are_those_that_a_field_was_made_of
     rng = np.random.default_rng(0)
     for _ in range(50):
         strength, dip, declination = rng.uniform([1, -89, -179], [70, 89, 179])
-        field = EarthField(earth_field(strength, dip, declination).nav_field_uT)
+        field = EarthField(make_earth_field(strength, dip, declination).nav_field_uT)
         found = field.strength_uT, np.degrees(field.inclination), np.degrees(field.declination)
         np.testing.assert_allclose(found, (strength, dip, declination), rtol=1e-9, atol=1e-9)
 

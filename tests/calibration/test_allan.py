@@ -188,7 +188,7 @@ def test_missing_readings_make_no_curve():
 
 
 def at_rest(sensor, minutes, seed=1):
-    scenario = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(60.0 * minutes)])
+    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(60.0 * minutes)])
     return simulate(scenario, seed, Choices(sensor=sensor))
 
 

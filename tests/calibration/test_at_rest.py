@@ -79,10 +79,10 @@ def test_errors_of_scale_and_bias_are_within_their_sigmas():
     for seed in range(100):
         rng = np.random.default_rng(seed)
         recording = lying(Rotation.random(8, rng=rng).as_matrix()[:, 0], rng)
-        distortion = np.eye(3) + rng.normal(0.0, 0.003, (3, 3))
-        found = calibrate_accelerometer(Recording(recording.t, recording.acc @ distortion.T, recording.gyr))
+        draw_distortion = np.eye(3) + rng.normal(0.0, 0.003, (3, 3))
+        found = calibrate_accelerometer(Recording(recording.t, recording.acc @ draw_distortion.T, recording.gyr))
         if found.separable:
-            errors.append((found.bias - distortion @ ACC_BIAS) / found.bias_sigma)
+            errors.append((found.bias - draw_distortion @ ACC_BIAS) / found.bias_sigma)
     assert len(errors) > 50
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.2
 

@@ -31,7 +31,7 @@ def fg_nav(monkeypatch, capsys, tmp_path):
 @pytest.fixture(scope="module")
 def table():
     """A minute of a sensor on a table; its magnetometer has every second row."""
-    scenario = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(65.0)])
+    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(65.0)])
     return simulate(scenario, 1, Choices(sensor="mpu-9250", rate_hz=200.0))
 
 

@@ -96,7 +96,7 @@ def test_who_stands_for_long_is_told_of_in_pieces():
     course = [
         Walk(straight(5.0), Style.WALK, 5),
         Stand(15.0),
-        Walk(straight(5.0).moved([0.0, 5.0, 0.0]), Style.WALK, 5),
+        Walk(straight(5.0).translate([0.0, 5.0, 0.0]), Style.WALK, 5),
     ]
     recording = simulated(course, PERSON).recording
     found, _ = pushed(recording)

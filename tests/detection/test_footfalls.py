@@ -115,7 +115,7 @@ def in_a_row(*sections) -> list:
     reached, placed = np.zeros(3), []
     for section in sections:
         if isinstance(section, Walk):
-            section = replace(section, path=section.path.moved(reached))
+            section = replace(section, path=section.path.translate(reached))
             reached = section.path.end.position
         placed.append(section)
     return placed

@@ -119,7 +119,7 @@ SETTLE_S, STIR_S = 0.3, 0.2
 @WALKERS
 def test_rests_at_the_start_in_the_middle_and_at_the_end(person: Person, mount: Mount):
     there = straight(4.0)
-    course = [Stand(2.0), Walk(there, strides=4), Stand(4.0), Walk(there.moved(there.end.position), strides=4)]
+    course = [Stand(2.0), Walk(there, strides=4), Stand(4.0), Walk(there.translate(there.end.position), strides=4)]
     walk = simulated([*course, Stand(2.0)], person, mount)
     recording = walk.recording
     rests = find_rests(recording)

@@ -15,13 +15,13 @@ from fg_nav.factors.field_potential import FieldPotential, integrate_field
 from fg_nav.factors.field_state import EAST, IRON, NORTH, PHI, SIZE
 from fg_nav.factors.rotation import rotation_exp
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.simulation.fields import Circuit, Cylinders, Sum, draw_floor, earth_field, magnet
+from fg_nav.lab.simulation.fields import Circuit, Cylinders, Sum, draw_floor, magnet, make_earth_field
 from tests.factors.attitudes import information, pose
 
 MU_0 = 0.4 * np.pi
 """uT m / A."""
 
-EARTH = earth_field(48.0, 64.0, 12.0)
+EARTH = make_earth_field(48.0, 64.0, 12.0)
 H = float(np.hypot(*EARTH.vector[:2]))
 HARD_IRON = np.array([3.0, -2.0, 9.0])
 STRIDE_M, STRIDE_S, SWING_S = 1.4, 1.1, 0.45

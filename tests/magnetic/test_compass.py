@@ -8,14 +8,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, wrap
-from fg_nav.lab.simulation.fields import earth_field
+from fg_nav.lab.simulation.fields import make_earth_field
 from fg_nav.magnetic import compass
 from tests.magnetic import printed
 
 G = np.array([0.0, 0.0, GRAVITY_M_S2])
 INCLINATION, DECLINATION = np.radians([64.23, 2.57])
-NORTH = earth_field(48.0, np.degrees(INCLINATION)).vector
-EAST_OF_NORTH = earth_field(48.0, np.degrees(INCLINATION), np.degrees(DECLINATION)).vector
+NORTH = make_earth_field(48.0, np.degrees(INCLINATION)).vector
+EAST_OF_NORTH = make_earth_field(48.0, np.degrees(INCLINATION), np.degrees(DECLINATION)).vector
 HEADINGS = np.radians(np.arange(-175.0, 180.0, 10.0))
 
 

@@ -119,8 +119,8 @@ def test_a_field_that_is_hardly_used_is_told(fg_nav, files, walk):
 
 def test_standing_and_turning_on_the_spot_go_nowhere():
     out, about = Walk(straight(15.0)), TurnOnSpot(np.pi)
-    course = [Stand(4.0), out, about, Stand(6.0), Walk(straight(15.0).reversed()), Stand(3.0)]
-    own = replace(scenario("demo"), name="to and fro", course=lambda rng: course)
+    course = [Stand(4.0), out, about, Stand(6.0), Walk(straight(15.0).reverse()), Stand(3.0)]
+    own = replace(scenario("demo"), name="to and fro", route=lambda rng: course)
     made = simulate(own, 104, Choices(worn="pocket"))
     solution = navigate_pocket(made.recording, PAPER, step_constant_m=0.78)
     assert any("in 2 stretches;" in note for note in solution.notes)

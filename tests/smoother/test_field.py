@@ -73,7 +73,7 @@ def inertial(recording: Recording, heading: float = 0.0, p: SmootherParameters =
     return smooth(recording, demo(seed).stances, p, heading)
 
 
-def with_field(p: SmootherParameters = DEFAULT, **changes: object) -> SmootherParameters:
+def replace_field(p: SmootherParameters = DEFAULT, **changes: object) -> SmootherParameters:
     return replace(p, magnetic=replace(p.magnetic, **changes))
 
 
@@ -109,7 +109,7 @@ def plain() -> Recording:
 @pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
 def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None, way_m: float) -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, heading, with_field(NOT_RESTED, potential_least_path_m=way_m))
+    found = smoothed(drifting, heading, replace_field(NOT_RESTED, potential_least_path_m=way_m))
     assert np.abs(heading_error_deg(found)).max() < 0.4
     without = inertial(drifting, p=NOT_RESTED)
     assert np.abs(heading_error_deg(without)).max() > 15.0
@@ -215,7 +215,7 @@ def test_hard_iron_upward_is_found_in_the_swing() -> None:
     recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
     along = {"potential_least_path_m": 0.0, "regional_share": 1.0}
     asked, told_none = (
-        np.abs(heading_error_deg(smoothed(recording, 0.0, with_field(**along, hard_iron_up_uT=up))))
+        np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(**along, hard_iron_up_uT=up))))
         for up in (15.0, 1e-3)
     )
     assert asked.max() < min(0.8 * told_none.max(), 0.6)
@@ -243,13 +243,13 @@ def jump_at(k: int, error: Floats) -> float:
 @pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
 def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None, way_m: float) -> None:
     recording = in_field(lambda x: earth() + near(20).at(x))
-    found = smoothed(recording, heading, with_field(potential_least_path_m=way_m))
+    found = smoothed(recording, heading, replace_field(potential_least_path_m=way_m))
     assert footfalls(DISTURBED, found) == [20]
     assert "times the threshold" in found.stances.field_reason[20]
     error = heading_error_deg(found)
     assert np.abs(np.diff(error)).max() < 0.1
     assert np.abs(error).max() < 0.5
-    blind = with_field(potential_least_path_m=way_m, outlier_sigmas=1e6)
+    blind = replace_field(potential_least_path_m=way_m, outlier_sigmas=1e6)
     assert jump_at(20, heading_error_deg(smoothed(recording, heading, blind))) > 2.0 * jump_at(20, error)
 
 
@@ -262,7 +262,7 @@ def box(k: int, there: Floats) -> Callable[[Floats], Floats]:
 def test_a_field_that_is_only_turned_is_told_by_the_smoothed_heading() -> None:
     """Strength and inclination are right, so that the first round lets it pass."""
     recording = in_field(box(20, earth(np.radians(10.0))))
-    once, twice = (smoothed(recording, p=with_field(rounds=rounds)) for rounds in (1, 2))
+    once, twice = (smoothed(recording, p=replace_field(rounds=rounds)) for rounds in (1, 2))
     assert footfalls(DISTURBED, once) == []
     assert footfalls(DISTURBED, twice) == [20]
     across = float(twice.stances.field_reason[20].split()[0])
@@ -290,7 +290,7 @@ def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, way_m: 
     t = drifting.t
     from_s, to_s = {"begin": (-1.0, 20.0), "end": (45.0, 99.0), "middle": (25.0, 40.0)}[part]
     recording = unseen(drifting, (t > from_s) & (t < to_s))
-    found = smoothed(recording, None, with_field(NOT_RESTED, potential_least_path_m=way_m))
+    found = smoothed(recording, None, replace_field(NOT_RESTED, potential_least_path_m=way_m))
     dark = (found.stances.t > from_s + 0.5) & (found.stances.t < to_s - 0.5)
     assert dark.sum() > 10
     assert {found.stances.field[k] for k in np.flatnonzero(dark)} == {UNKNOWN}
@@ -344,20 +344,20 @@ def test_a_foot_that_only_stands_keeps_its_heading() -> None:
 def test_a_short_walk_leaves_the_potential_out() -> None:
     recording = in_field(lambda x: earth() + near(20, 20.0).at(x))
     short = smoothed(recording)
-    assert_same(short, smoothed(recording, p=with_field(potential=False)))
-    long_enough = smoothed(recording, p=with_field(potential_least_path_m=50.0))
+    assert_same(short, smoothed(recording, p=replace_field(potential=False)))
+    long_enough = smoothed(recording, p=replace_field(potential_least_path_m=50.0))
     assert np.abs(long_enough.position - short.position).max() > 1e-3
-    assert_same(smoothed(recording, p=with_field(potential_least_path_m=100.0)), short)  # it is 76 m long
+    assert_same(smoothed(recording, p=replace_field(potential_least_path_m=100.0)), short)  # it is 76 m long
 
 
 def test_the_potential_alone_holds_a_heading() -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, 0.0, with_field(NOT_RESTED, compass=False, potential_least_path_m=0.0))
+    found = smoothed(drifting, 0.0, replace_field(NOT_RESTED, compass=False, potential_least_path_m=0.0))
     assert np.abs(heading_error_deg(found)).max() < 1.5
 
 
 def test_neither_of_the_two_is_the_inertial_walk() -> None:
-    found = smoothed(plain(), p=with_field(compass=False, potential=False))
+    found = smoothed(plain(), p=replace_field(compass=False, potential=False))
     expected = inertial(plain())
     np.testing.assert_allclose(found.position, expected.position, atol=0.01)
     np.testing.assert_allclose(found.stances.heading_sigma, expected.stances.heading_sigma, rtol=0.01)
@@ -370,7 +370,7 @@ def test_a_detector_may_weaken_the_compass_or_silence_it() -> None:
     drifting = in_field(lambda x: earth() + near(20).at(x), bias_deg_s=0.2)
 
     def found(gate: str | None, outside: float) -> Solution:
-        return smoothed(drifting, None, with_field(NOT_RESTED, gate=gate, outside_gate=outside))
+        return smoothed(drifting, None, replace_field(NOT_RESTED, gate=gate, outside_gate=outside))
 
     ungated = found(None, 3.0)
     assert_same(found(GATE, 1.0), ungated)
@@ -380,7 +380,7 @@ def test_a_detector_may_weaken_the_compass_or_silence_it() -> None:
 
 def test_a_detector_that_does_not_exist_is_refused() -> None:
     with pytest.raises(MagneticError, match="there is no detector 'sextant'"):
-        smoothed(plain(), p=with_field(gate="sextant"))
+        smoothed(plain(), p=replace_field(gate="sextant"))
 
 
 def test_a_field_of_another_walk_or_without_a_magnetometer_is_refused() -> None:

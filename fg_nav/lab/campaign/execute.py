@@ -306,7 +306,7 @@ def _probe() -> Walk:
 
 @cache
 def _describe_scenario(name: str, level: str, own: UserScenario | None) -> dict[str, Any]:
-    one = Choices(field=level).applied_to(scenario(name) if own is None else own.scenario)
+    one = Choices(field=level).apply_to(scenario(name) if own is None else own.scenario)
     description = {
         "worn": one.worn,
         "site": one.site,

@@ -1,14 +1,14 @@
 """Simulated walks with a truth that is exact, and as unforgiving as real ones.
 
-The data's way, one file or package each:
+Data flow, one file or package each:
 
 =============================== ======================================================================
-`path`, `courses`               ways over the ground; the geometry of the named scenarios
-`plan` -> `footsteps.Strides`   from sections of a walk to footprints, times and manners of going
-`person`                        how somebody goes, and where a sensor sits on the shoe
-`foot`, `thigh` -> `motion`     from strides to the motion of the sensor, in closed form
+`path`, `routes`                paths over the ground; the routes of the named scenarios
+`plan` -> `motion.Strides`      from sections of a walk to footprints, times and styles
+`person`                        gait of a person, and where a sensor sits on the shoe
+`steps`, `foot`, `thigh`        from strides to the motion of the sensor, in closed form (`motion`)
 `fields`                        the Earth's field and what steel does to it
-`sensors`                       what a sensor makes of rate, force and field
+`sensors`                       measurements of rate, force and field, with all their errors
 `scenarios`, `walk`             the named scenarios, and `simulate`, which puts all together
 =============================== ======================================================================
 

@@ -2,7 +2,7 @@
 
 They record a walk once with a fibre-optic gyroscope and compute what a magnetometer would have read along it,
 
-    mu = C^T H + v_mu                                                               (Eq. 18)
+    mu = C^T H + v_mu                                                               MD (18)
 
 C being the attitude and H the field in nav at the place. So the field is all that differs between experiments: rates
 and specific forces are the same to the last bit. Here attitude and place are the truth's.
@@ -28,7 +28,7 @@ BORDER_S = 0.3
 """For so long after a border there is no field."""
 
 
-def with_field(
+def replace_field(
     walk: SimulatedWalk, field: Field | None, noise_sd_uT: float, rng: np.random.Generator, border_s: float = BORDER_S
 ) -> Recording:
     """The recording of a walk with the magnetometer that it would have had in another field.
@@ -55,11 +55,11 @@ def with_field(
     place = truth.position + walk.origin
     mag = np.einsum("nji,nj->ni", truth.nav_R_body, field.at(place))
     mag += noise_sd_uT * rng.standard_normal(mag.shape)
-    mag[after_border(recording.t, place, field, border_s)] = np.nan
+    mag[mark_borders(recording.t, place, field, border_s)] = np.nan
     return replace(recording, mag=mag)
 
 
-def after_border(t: Floats, position: Floats, field: Field, border_s: float = BORDER_S) -> Bools:
+def mark_borders(t: Floats, position: Floats, field: Field, border_s: float = BORDER_S) -> Bools:
     """(N,) True where less than `border_s` ago at `position` (N, 3) m one came into another cylinder's cell."""
     inside = np.zeros(len(t), dtype=np.bool_)
     for street in _streets(field):

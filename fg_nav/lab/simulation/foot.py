@@ -34,7 +34,7 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, mean_over_period
+from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, average_over_period
 from fg_nav.lab.simulation.person import Mount, Person
 from fg_nav.lab.simulation.shocks import shocks
 from fg_nav.lab.simulation.steps import (
@@ -61,11 +61,11 @@ from fg_nav.lab.simulation.steps import (
     TURN,
     Moves,
     Steps,
+    compute_lift_rises,
+    compute_pitch_rises,
     draw_steps,
     joined,
-    lift_rises,
-    on_level,
-    pitch_rises,
+    rotate_to_level,
 )
 
 NODE_S = 3e-3
@@ -112,10 +112,10 @@ class FootMotion:
 
         By quadrature with as many nodes as the shocks ask for.
         """
-        return mean_over_period(self, t, period_s, nodes=int(np.ceil(1 + period_s / NODE_S)))
+        return average_over_period(self, t, period_s, nodes=int(np.ceil(1 + period_s / NODE_S)))
 
 
-def foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.random.Generator) -> FootMotion:
+def build_foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.random.Generator) -> FootMotion:
     """Motion of a sensor on the foot that makes these strides.
 
     Parameters
@@ -130,7 +130,7 @@ def foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.random.G
     SimulationError
         If strides overlap, last no time, or are not finite.
     """
-    drawn = mount.drawn(rng)
+    drawn = mount.draw(rng)
     steps = draw_steps(strides, person, drawn.unrest, rng)
     leans = drawn.unrest * (1 + rng.standard_normal((2, len(steps))))
     east, north = _level(steps)
@@ -157,7 +157,7 @@ def _level(steps: Steps) -> tuple[Track, Track]:
     """East and north. A slip is made up for in the swing before it: the foot ends where its footprint is."""
     heading, footprint = steps.strides.heading[1:], steps.strides.footprint
     step = np.diff(footprint[:, :2], axis=0) - steps.slip
-    aside = on_level(heading, np.zeros(len(steps)), -steps.gait("circumduction_m") * steps.vigour)
+    aside = rotate_to_level(heading, np.zeros(len(steps)), -steps.gait("circumduction_m") * steps.vigour)
     east, north = (
         [
             steps.swing(FORWARD, step[:, axis]),
@@ -172,7 +172,7 @@ def _level(steps: Steps) -> tuple[Track, Track]:
 def _up(steps: Steps) -> Track:
     floor = steps.strides.footprint[:, 2]
     heights = (steps.gait(name) * steps.vigour for name in ("clearance_m", "midswing_m", "heel_m"))
-    lift, again, set_down, drop = lift_rises(*heights)
+    lift, again, set_down, drop = compute_lift_rises(*heights)
     climb = steps.gait("climb")
     return float(floor[0]), [
         steps.swing(LIFT, lift),
@@ -187,7 +187,7 @@ def _up(steps: Steps) -> Track:
 
 def _pitch(steps: Steps, rng: np.random.Generator) -> Track:
     toe_down, toe_up = steps.gait("toe_down_rad") * steps.vigour, steps.gait("toe_up_rad") * steps.vigour
-    push, land, fall = pitch_rises(toe_down, toe_up)
+    push, land, fall = compute_pitch_rises(toe_down, toe_up)
     begun = np.concatenate([[0.0], steps.settled + steps.rolled])[: len(steps)]  # by the stance before
     return 0.0, [
         steps.swing(STIR, steps.stirred),
@@ -222,7 +222,7 @@ def _yaw(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
 
 
 def _wobble(steps: Steps, rng: np.random.Generator) -> Floats:
-    """Size (2, K) of what turns out anew in every stride."""
+    """Size (2, K) of what is drawn for every stride."""
     return steps.vigour * (1 + steps.gait("wobble_scatter") * rng.standard_normal((2, len(steps))))
 
 

@@ -86,7 +86,7 @@ class Kinematics:
     force: Floats
 
 
-def mean_over_period(motion: Motion, t: Floats, period_s: float, nodes: int) -> tuple[Floats, Floats]:
+def average_over_period(motion: Motion, t: Floats, period_s: float, nodes: int) -> tuple[Floats, Floats]:
     """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
 
     By Gauss-Legendre quadrature, whose error is of order 2 `nodes` in the period.

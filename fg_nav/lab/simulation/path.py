@@ -76,7 +76,7 @@ class Path:
 
     def __post_init__(self) -> None:
         if not all(np.isfinite(values).all() for values in (self.arc, self.position, self.heading)):
-            raise SimulationError("A path has a point that is not a number: give finite coordinates in metres.")
+            raise SimulationError("A path has a point that is not a number: give finite coordinates in meters.")
         if len(self.arc) < 2 or not (np.diff(self.arc) > 0).all():
             raise SimulationError("A path has no length: give it at least two different points.")
         for landmark in self.landmarks:
@@ -119,24 +119,24 @@ class Path:
         curvature: Floats = np.diff(self.heading) / np.diff(self.arc)
         return curvature[np.clip(k, 0, len(curvature) - 1)]
 
-    def moved(self, by: Sequence[float] | Floats) -> Path:
+    def translate(self, by: Sequence[float] | Floats) -> Path:
         """The path moved by a vector (2,) or (3,) m."""
         shift = _as_points(np.asarray(by, dtype=np.float64)[None])[0]
         return replace(self, position=self.position + shift)
 
-    def turned(self, angle: float) -> Path:
-        """The path turned clockwise by `angle` rad about the origin of nav, so that whole courses turn alike."""
+    def rotate(self, angle: float) -> Path:
+        """The path turned clockwise by `angle` rad about the origin of nav, so that whole routes turn alike."""
         c, s = np.cos(angle), np.sin(angle)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         return replace(self, position=self.position @ turn.T, heading=self.heading + angle)
 
-    def placed(self, pose: Pose) -> Path:
+    def place(self, pose: Pose) -> Path:
         """The path turned and moved so that it begins at `pose`."""
-        turned = self.turned(pose.heading - self.start.heading)
-        return turned.moved(pose.position - turned.position[0])
+        turned = self.rotate(pose.heading - self.start.heading)
+        return turned.translate(pose.position - turned.position[0])
 
-    def reversed(self) -> Path:
-        """The path walked the other way."""
+    def reverse(self) -> Path:
+        """The path in the opposite direction."""
         marks = tuple(replace(mark, arc=self.length_m - mark.arc) for mark in self.landmarks[::-1])
         return Path(self.length_m - self.arc[::-1], self.position[::-1], self.heading[::-1] + np.pi, marks)
 
@@ -164,8 +164,8 @@ class Path:
             self.landmarks + tuple(replace(mark, arc=self.length_m + mark.arc) for mark in other.landmarks),
         )
 
-    def repeated(self, n: int) -> Path:
-        """`n` laps of a path that ends where, and as, it begins; each crosses the landmarks anew.
+    def repeat(self, n: int) -> Path:
+        """`n` laps of a path that ends where, and as, it begins; each crosses the landmarks again.
 
         Raises
         ------
@@ -176,7 +176,7 @@ class Path:
             raise SimulationError(f"A path cannot be walked {n} times: ask for one lap or more.")
         if n == 1:
             return self
-        half = self.repeated(n // 2)
+        half = self.repeat(n // 2)
         return half.then(half) if n % 2 == 0 else half.then(half).then(self)
 
     def part(self, begin: float, end: float) -> Path:
@@ -194,7 +194,7 @@ class Path:
         marks = tuple(replace(m, arc=m.arc - begin) for m in self.landmarks if begin <= m.arc <= arc[-1])
         return Path(arc - begin, *self.at(arc), marks)
 
-    def scaled_to(self, length_m: float) -> Path:
+    def scale_to(self, length_m: float) -> Path:
         """The path drawn larger or smaller about its start, corners and heights too, until it has this length.
 
         Raises
@@ -268,13 +268,13 @@ def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
     _check_distinct(vertex)
     leg = np.diff(vertex[:, :2], axis=0)
     leg_m = np.linalg.norm(leg, axis=1)
-    course = np.unwrap(np.arctan2(leg[:, 0], leg[:, 1]))
-    turn = np.diff(course)
+    route = np.unwrap(np.arctan2(leg[:, 0], leg[:, 1]))
+    turn = np.diff(route)
     cut = _corner_cuts(turn, leg_m, corner_radius_m)
     straights = leg_m - cut[:-1] - cut[1:]
     corners = corner_radius_m * np.abs(turn)
     bent = _bent(_interleaved(straights, corners), _interleaved(np.zeros(len(leg_m)), turn))
-    placed = bent.turned(float(course[0])).moved(vertex[0])
+    placed = bent.rotate(float(route[0])).translate(vertex[0])
     return _with_heights(placed, _interleaved(straights, corners), vertex[:, 2])
 
 
@@ -337,7 +337,7 @@ def _bent(length: Floats, turn: Floats) -> Path:
     """Pieces of constant curvature one after the other, from the origin to the north; (P,) m and rad, one each."""
     if not (np.isfinite(length).all() and np.isfinite(turn).all() and length.sum() > 0 and (length >= 0).all()):
         raise SimulationError(
-            "A path has a length or an angle that is not positive and finite: give metres and radians."
+            "A path has a length or an angle that is not positive and finite: give meters and radians."
         )
     length, turn = length[length > 0], turn[length > 0]
     count = np.maximum(1, np.ceil(np.abs(turn) / KNOT_RAD).astype(int))
@@ -399,7 +399,7 @@ def _as_points(points: ArrayLike) -> Floats:
         raise SimulationError(f"Points of a path have the shape {rows.shape}: give rows of x, y or of x, y, z.")
     if not np.isfinite(rows).all():
         row = int(np.argmax(~np.isfinite(rows).all(axis=1)))
-        raise SimulationError(f"Point {row} of the path is not a number: give finite coordinates in metres.")
+        raise SimulationError(f"Point {row} of the path is not a number: give finite coordinates in meters.")
     return np.hstack([rows, np.zeros((len(rows), 3 - rows.shape[1]))])
 
 

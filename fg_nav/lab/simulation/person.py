@@ -344,7 +344,7 @@ class Person:
         """All gaits, in the order of `Style`."""
         return (self.walk, self.run, self.stairs_up, self.stairs_down, self.turn)
 
-    def drawn(self, rng: np.random.Generator, variety: Variety = Variety()) -> Person:
+    def draw(self, rng: np.random.Generator, variety: Variety = Variety()) -> Person:
         """One person drawn around this one, whose factors all of its gaits share."""
         factors, longer_swing = _factors(variety, rng), variety.swing_share * _usual(rng)
         trodden = {name: by for name, by in factors.items() if name != "stride_m"}
@@ -378,7 +378,7 @@ class Mount:
     shock : strength of the gait's shocks at this place, the instep being 1.
     unrest : how much of what a foot turns and trembles in stance reaches this place, the instep being 1.
     ringing : of the sensor on its mounting, after each heel strike.
-    shock_seed : draws which way and in what phase shocks move this sensor; None before it is mounted.
+    shock_seed : draws in which direction and phase shocks move this sensor; None before it is mounted.
     """
 
     lever_m: tuple[float, float, float]
@@ -398,7 +398,7 @@ class Mount:
             if min(getattr(self, name)) < 0:
                 raise SimulationError(f"{name} of a Mount is {getattr(self, name)}: give numbers of 0 or more.")
 
-    def drawn(self, rng: np.random.Generator) -> Mount:
+    def draw(self, rng: np.random.Generator) -> Mount:
         """One mounting: tilt, lever and shocks as they happened to be, and no scatter left."""
         roll, pitch, yaw = (float(x) for x in self.tilt_rad + np.array(self.tilt_sd_rad) * rng.standard_normal(3))
         x, y, z = (m + sd * _usual(rng) for m, sd in zip(self.lever_m, self.lever_sd_m, strict=True))
@@ -445,7 +445,7 @@ as is `shock`: there is no recording of a heel with a truth to measure it on, an
 MOUNTS = {"instep": INSTEP, "heel": HEEL}
 
 
-def mount_named(name: str) -> Mount:
+def find_mount(name: str) -> Mount:
     """Mount by name; raises `SimulationError` if there is none of that name."""
     if name not in MOUNTS:
         raise SimulationError(f"there is no mount '{name}': choose one of {', '.join(MOUNTS)}.")

@@ -1,7 +1,7 @@
 """From a plan of a walk to the strides of a right foot: where it comes down, when, and in which manner.
 
 A plan is a row of sections, each beginning where the one before ended: standing, walking or running along a path,
-stairs, turns on the spot. The path is that of the body's centre over the ground.
+stairs, turns on the spot. The path is that of the body's center over the ground.
 
 Strides along a path. The n-th footprint lies at the share W(n) / W(end) of the integral of 1 + c |curvature| (people
 shorten their strides in bends), where W sums the strides' weights
@@ -12,8 +12,8 @@ half_k = 1/2 for the first step from, and the last into, standing, else 1; a_k t
 process of strides; e, e' white and normal. Pace goes half into length and half into time, because people keep the
 ratio of stride length to cadence when they walk faster (Sekiya et al. 1996, the walk ratio).
 
-A footprint stands half the step width to the right of the centre, and scatters about that place: white, and with a slow
-wander of the centre, which fades out towards both ends of the plan. The first and the last footprint do not scatter,
+A footprint stands half the step width to the right of the center, and scatters about that place: white, and with a slow
+wander of the center, which fades out towards both ends of the plan. The first and the last footprint do not scatter,
 so that a walk whose path is closed ends exactly where it began.
 """
 
@@ -63,7 +63,7 @@ class Walk:
 
     Attributes
     ----------
-    path : of the body's centre.
+    path : of the body's center.
     style : `Style.WALK` or `Style.RUN`.
     strides : how many; None for the number that the gait makes of the path.
     pace : speed over the gait's usual one; half of it, as a power, goes into the strides' length.
@@ -135,7 +135,7 @@ class Scatter:
     ----------
     step_width_m : between the lines on which left and right foot tread, m (adults: 0.10-0.20).
     footprint_m, heading_rad : white scatter of the footprints about their place and of the feet's direction.
-    wander_m, wander_strides : slow wandering of the centre off its path: standard deviation and correlation length.
+    wander_m, wander_strides : slow wandering of the center off its path: standard deviation and correlation length.
     pace, pace_strides : slow relative changes of pace: standard deviation and correlation length in strides.
     bend_m : c above, m; a curve of 1 m radius is walked in strides shorter by a fifth.
     """
@@ -161,7 +161,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class _Leg:
-    """What a section comes down to: n strides, the pose of the body's centre after each, and the time they wait first.
+    """What a section comes down to: n strides, the pose of the body's center after each, and the time they wait first.
 
     `position` (n, 3) m, `heading` (n,) rad, `duration` (n,) s; `marks` are landmarks with the footprint of this leg
     (0 = where it begins) that is nearest to each.
@@ -195,7 +195,7 @@ def plan(
     Raises
     ------
     SimulationError
-        No strides at all, sections that do not join, or strides nobody can make.
+        No strides at all, sections that do not join, or strides that no person can make.
     """
     return plan_with_landmarks(sections, person, rng, scatter)[0]
 
@@ -213,7 +213,7 @@ def plan_with_landmarks(
 
 
 def end_of(section: Section, pose: Pose) -> Pose:
-    """The pose of the body's centre after a section that begins at `pose`."""
+    """The pose of the body's center after a section that begins at `pose`."""
     if isinstance(section, Walk):
         rounds = pose.heading - section.path.start.heading
         return Pose(section.path.end.position, section.path.end.heading + rounds)
@@ -238,7 +238,7 @@ def _start(sections: Sequence[Section]) -> Pose:
 
 
 class _Walker:
-    """A person on the way, with all that varies from stride to stride."""
+    """A person on a walk, with all that varies from stride to stride."""
 
     def __init__(self, person: Person, scatter: Scatter, rng: np.random.Generator) -> None:
         self._person, self._scatter, self._rng = person, scatter, rng
@@ -326,7 +326,7 @@ def _half_steps(count: int, halves: tuple[bool, bool]) -> Floats:
 
 
 def _along(path: Path, share: Floats, bend_m: float) -> Floats:
-    """Arc lengths (N,) m at the shares (N,) of the way, strides being shorter in bends."""
+    """Arc lengths (N,) m at the shares (N,) of the path, strides being shorter in bends."""
     middle = (path.arc[1:] + path.arc[:-1]) / 2
     density = np.diff(path.arc) * (1 + bend_m * np.minimum(np.abs(path.curvature(middle)), 1.0))
     total = np.concatenate([[0.0], np.cumsum(density)])
@@ -360,7 +360,7 @@ class _SlowChange:
 
 
 def _strides(legs: Sequence[_Leg], start: Pose, rng: np.random.Generator, scatter: Scatter) -> Strides:
-    """Legs, one after the other, as strides: their times, and the feet beside the centre."""
+    """Legs, one after the other, as strides: their times, and the feet to either side of the center."""
     duration = np.concatenate([leg.duration for leg in legs])
     wait = np.zeros(len(duration) + 1)
     np.add.at(wait, _first_strides(legs), [leg.wait_s for leg in legs])
@@ -386,7 +386,7 @@ def _first_strides(legs: Sequence[_Leg]) -> Ints:
 
 
 def _feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: Scatter) -> tuple[Floats, Floats]:
-    """Footprints (K + 1, 3) m and headings (K + 1,) rad of a right foot, the centre being here."""
+    """Footprints (K + 1, 3) m and headings (K + 1,) rad of a right foot, the center being here."""
     count = len(heading)
     inside = np.ones(count)
     inside[[0, -1]] = 0.0

@@ -91,7 +91,7 @@ class RouteTable(BaseModel):
         lap = polyline(points, self.corner_radius_m)
         if lap.length_m * self.laps > LONGEST_M:
             raise SimulationError(f"{self.laps} laps of {lap.length_m:.3g} m are too long: at most {LONGEST_M:.0f} m.")
-        return lap.repeated(self.laps)
+        return lap.repeat(self.laps)
 
 
 class ScenarioTable(BaseModel):
@@ -183,7 +183,7 @@ def _update_nested(base: Mapping[str, Any], given: Mapping[str, Any]) -> dict[st
 
 
 def _validate(kind: type[Table], content: Mapping[str, Any]) -> Table:
-    """Validate by way of JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted."""
+    """Validate as JSON, where lists are tuples and whole numbers are numbers, but nothing else is converted."""
     try:
         return kind.model_validate_json(json.dumps(content, default=str))
     except ValidationError as error:

@@ -18,7 +18,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation import courses
+from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.fields import (
     AS_PRINTED,
     LEVELS,
@@ -28,7 +28,7 @@ from fg_nav.lab.simulation.fields import (
     Field,
     Homogeneous,
     Sum,
-    environment,
+    draw_environment,
     magnet,
     street,
 )
@@ -38,7 +38,7 @@ from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, preset
 Worn: TypeAlias = Literal["heel", "instep", "pocket", "table"]
 WORN: tuple[Worn, ...] = get_args(Worn)
 
-Course: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
+Route: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
 
 STREET_FIELDS: Mapping[str, tuple[tuple[tuple[float, float, float], ...], float]] = {
     "street": (TEMPLATE, PHYSICAL),
@@ -73,7 +73,7 @@ class Scenario:
 
     name: str
     summary: str
-    course: Course
+    route: Route
     worn: Worn
     sensor: str | SensorPrior
     site: str = "munich"
@@ -109,7 +109,7 @@ class Choices:
     calibrated: bool = False
     aligned: bool = False
 
-    def applied_to(self, scenario: Scenario) -> Scenario:
+    def apply_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with what was chosen in place of its defaults.
 
         Raises
@@ -145,12 +145,12 @@ def _turned_by(scenario: Scenario, degrees: float) -> Scenario:
         raise SimulationError(f"a course cannot be turned by {degrees} degrees: give a number.")
     angle = float(np.deg2rad(degrees))
     magnets = tuple(_turned(place, angle) for place in scenario.magnets)
-    return replace(scenario, course=lambda rng: courses.turned(scenario.course(rng), angle), magnets=magnets)
+    return replace(scenario, route=lambda rng: routes.rotate(scenario.route(rng), angle), magnets=magnets)
 
 
-def _fixed(course: Callable[[], Sequence[Section]]) -> Course:
+def _fixed(route: Callable[[], Sequence[Section]]) -> Route:
     """Make a course that draws nothing look like one that does."""
-    return lambda _: course()
+    return lambda _: route()
 
 
 _MA, _ZHANG, _MUNOZ_DIAZ = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2"
@@ -160,59 +160,59 @@ SCENARIOS: Mapping[str, Scenario] = {
     for s in (
         Scenario(
             "office", "three equal loops through office corridors, 1018 m, 786 strides (Ma 2018)",
-            courses.office, "heel", _MA,
+            routes.office, "heel", _MA,
         ),
         Scenario(
             "office-open", "as long as the office, ending far from the start: shows scale errors",
-            courses.office_open, "heel", _MA,
+            routes.office_open, "heel", _MA,
         ),
         Scenario(
             "mall", "three winding laps past 14 landmarks, 2480 m, 1920 strides (Ma 2018)",
-            courses.mall, "heel", _MA,
+            routes.mall, "heel", _MA,
         ),
         Scenario(
             "mall-open", "as long as the mall, past 42 landmarks, ending far from the start",
-            courses.mall_open, "heel", _MA,
+            routes.mall_open, "heel", _MA,
         ),
         Scenario(
             "teaching-building", "three cycles, 515.5 m in 7 minutes (Zhang, AIEZ)",
-            _fixed(courses.teaching_building), "heel", _ZHANG,
+            _fixed(routes.teaching_building), "heel", _ZHANG,
         ),
         Scenario(
             "magnet-corridor", "a corridor to and fro past a magnet on the floor (Zhang, AIEZ)",
-            courses.magnet_corridor, "heel", _ZHANG, field="smooth", magnets=(courses.MAGNET_POSITION,),
+            routes.magnet_corridor, "heel", _ZHANG, field="smooth", magnets=(routes.MAGNET_POSITION,),
         ),
         Scenario(
             "calibration-loop", "circles to the right and to the left, to calibrate a magnetometer (Ma 2018)",
-            _fixed(courses.calibration_loop), "heel", _MA, field="homogeneous",
+            _fixed(routes.calibration_loop), "heel", _MA, field="homogeneous",
         ),
         Scenario(
             "pocket-street", "three round trips in a street, 3 km in 39 minutes, in the pocket (Munoz Diaz 2017)",
-            courses.pocket_street, "pocket", _MUNOZ_DIAZ, field="homogeneous",
+            routes.pocket_street, "pocket", _MUNOZ_DIAZ, field="homogeneous",
         ),
         Scenario(
             "pocket-past-cars", "the same street at the equator, past cars at 16 and 32 min, lamps at 24 and 35",
-            courses.past_cars, "pocket", _MUNOZ_DIAZ, site="equator", field="past-cars", aligned=True,
+            routes.past_cars, "pocket", _MUNOZ_DIAZ, site="equator", field="past-cars", aligned=True,
         ),
         Scenario(
             "pocket-long", "twelve round trips of 360 m in 44 minutes, in the pocket (Munoz Diaz 2017)",
-            courses.pocket_long, "pocket", "xsens-mtw", field="homogeneous",
+            routes.pocket_long, "pocket", "xsens-mtw", field="homogeneous",
         ),
         Scenario(
             "stairs", "two flights up, a corridor, and down again",
-            _fixed(courses.stairs), "instep", "lord-gx5-900",
+            _fixed(routes.stairs), "instep", "lord-gx5-900",
         ),
         Scenario(
             "mixed-gait", "slow, usual and fast walking, running, standing and turning on the spot",
-            _fixed(courses.mixed_gait), "instep", "lord-gx5-900",
+            _fixed(routes.mixed_gait), "instep", "lord-gx5-900",
         ),
         Scenario(
             "demo", "one minute round an L-shaped corridor",
-            _fixed(courses.demo), "instep", "lord-gx5-900",
+            _fixed(routes.demo), "instep", "lord-gx5-900",
         ),
         Scenario(
             "at-rest", "an hour on a table, for an Allan deviation",
-            _fixed(courses.at_rest), "table", "xsens-mtw", field="homogeneous",
+            _fixed(routes.at_rest), "table", "xsens-mtw", field="homogeneous",
         ),
     )
 }  # fmt: skip
@@ -232,43 +232,43 @@ def scenario(name: str) -> Scenario:
     return SCENARIOS[name]
 
 
-def surroundings(of: Scenario, earth: Homogeneous, ways: Floats, rng: np.random.Generator) -> Field:
+def draw_surroundings(of: Scenario, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Field:
     """Draw the field about a scenario's course.
 
     Parameters
     ----------
     of : says which field, and where magnets lie.
     earth : the field without all else.
-    ways : (M, 3) m, places on the floor where feet come down, in order.
+    points : (M, 3) m, places on the floor where feet come down, in order.
     rng : source of all that is random.
 
     Raises
     ------
     SimulationError
-        For a field that does not exist, or a street with iron in the way.
+        For a field that does not exist, or a street with iron on the path.
     """
     magnets = [magnet(np.array(place), np.array(FLOOR_MAGNET_MOMENT)) for place in of.magnets]
-    return Sum([_background(of.field, earth, ways, rng), *magnets])
+    return Sum([_background(of.field, earth, points, rng), *magnets])
 
 
-def _background(name: str, earth: Homogeneous, ways: Floats, rng: np.random.Generator) -> Field:
+def _background(name: str, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Field:
     if name not in FIELDS:
         raise SimulationError(f"there is no field '{name}': choose one of {', '.join(FIELDS)}.")
     if name not in STREET_FIELDS:
-        return environment(name, earth, ways, rng)
-    start, forward, length_m = _street(ways[:, :2])
+        return draw_environment(name, earth, points, rng)
+    start, forward, length_m = _street(points[:, :2])
     heading_deg = float(np.rad2deg(np.arctan2(forward[0], forward[1])))
     template, exponent = STREET_FIELDS[name]
     return street(earth, length_m, start=start, heading_deg=heading_deg, exponent=exponent, template=template)
 
 
-def _street(ways: Floats) -> tuple[tuple[float, float], Floats, float]:
+def _street(points: Floats) -> tuple[tuple[float, float], Floats, float]:
     """Where a straight street (M, 2) begins, its direction (2,) and its length in m."""
-    farthest = ways[np.argmax(np.linalg.norm(ways - ways[0], axis=1))]
-    length_m = float(np.linalg.norm(farthest - ways[0]))
+    farthest = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
+    length_m = float(np.linalg.norm(farthest - points[0]))
     if length_m < 1.0:
         raise SimulationError("there is no street to put lamps and cars along: choose a longer course.")
-    return (float(ways[0, 0]), float(ways[0, 1])), (farthest - ways[0]) / length_m, length_m
+    return (float(points[0, 0]), float(points[0, 1])), (farthest - points[0]) / length_m, length_m
 
 
 def _turned(place: tuple[float, float, float], angle: float) -> tuple[float, float, float]:

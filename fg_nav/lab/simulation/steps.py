@@ -30,8 +30,8 @@ LEAN        roll,yaw the loaded foot leans over and back (in shares of the stanc
 SLIP        place    the foot slips in stance, mostly early (in shares of the stance)
 =========== ======== ==================================================================================================
 
-A person executes strides with durations of swing and stance, vigor and slip of their own (`draw_steps`). Every stride
-differs in vigor; a short one is gentler. In stance the foot rolls on, presses its sole and slips, each by an amount of
+A person executes strides with durations of swing and stance, vigour and slip of their own (`draw_steps`). Every stride
+differs in vigour; a short one is gentler. In stance the foot rolls on, presses its sole and slips, each by an amount of
 its own; slip is correlated from stride to stride, for foot and floor are the same.
 """
 
@@ -133,12 +133,12 @@ def rises(phases: Sequence[Phase], closing: Phase, at: Sequence[float], values: 
     return np.vstack([free, -free.sum(axis=0)])
 
 
-def pitch_rises(toe_down: Floats, toe_up: Floats) -> Floats:
+def compute_pitch_rises(toe_down: Floats, toe_up: Floats) -> Floats:
     """Rises (3, K) of PUSH, LAND and FALL for the pitch (K,) rad after push-off and, upward, at heel strike."""
     return rises((PUSH, LAND), FALL, (TOE_DOWN_AT, HEEL_STRIKE_AT), np.stack([toe_down, -toe_up]))
 
 
-def lift_rises(clearance: Floats, midswing: Floats, heel: Floats) -> Floats:
+def compute_lift_rises(clearance: Floats, midswing: Floats, heel: Floats) -> Floats:
     """Rises (4, K) of LIFT, RAISE, SET_DOWN and DROP for the heights (K,) m at the instants above."""
     heights = np.stack([clearance, midswing, heel])
     return rises((LIFT, RAISE, SET_DOWN), DROP, (CLEAR_AT, PASSING_AT, HIGH_HEEL_AT), heights)
@@ -259,7 +259,7 @@ def draw_steps(strides: Strides, person: Person, unrest: float, rng: np.random.G
     )
 
 
-def on_level(heading: Floats, forward: Floats, left: Floats) -> Floats:
+def rotate_to_level(heading: Floats, forward: Floats, left: Floats) -> Floats:
     """(K, 2) m east and north of what is forward and left of a heading (K,) rad."""
     sine, cosine = np.sin(heading), np.cos(heading)
     return np.stack([sine * forward - cosine * left, cosine * forward + sine * left], axis=1)
@@ -285,7 +285,7 @@ def _walks_on(strides: Strides) -> Bools:
 def _slip(steps: Steps, white: Floats) -> Floats:
     """(K, 2) m in nav from white numbers (2, K)."""
     forward, left = _correlated(steps.gait("slip_correlation"), white)
-    return on_level(
+    return rotate_to_level(
         steps.strides.heading[1:],
         steps.gait("slip_m") + steps.gait("slip_sd_m") * forward,
         steps.gait("slip_sideways_m") * left,

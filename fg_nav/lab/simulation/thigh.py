@@ -24,7 +24,7 @@ points, so that standing is standing but for a slow sway. As a filter the spline
 
 Where the figures come from: the shares and sizes of the waves of flexion are rounded from the mean stride of one real
 subject (`qmt_fullbody`); swing, twist, abduction and ringing were then set by hand with that subject's rates and forces
-in view, the swing near the +-25 degrees usual for a pocket. So `scripts/realism_thigh.py`, which lays them beside the
+in view, the swing near the +-25 degrees usual for a pocket. So `scripts/realism_thigh.py`, which compares them with the
 same subject, shows a fit and is no independent test. Bounce, sway, surge, posture and all styles but walking are
 assumed, and compared with nothing.
 """
@@ -40,7 +40,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.lab.simulation.motion import Kinematics, Strides, Style, mean_over_period
+from fg_nav.lab.simulation.motion import Kinematics, Strides, Style, average_over_period
 
 CONTROL_S = 0.0125
 """Between control points."""
@@ -119,7 +119,7 @@ class Pocket:
     lever_m : from the hip to the sensor, thigh frame: in the front pocket, a hand's length below the joint.
     tilt_rad : standard deviation, per axis, of the constant rotation between thigh and sensor, drawn once.
     abduction_rad, twist_rad : amplitudes.
-    sway_m, surge_m : amplitudes of the hip's way to the side, once a stride, and forward, twice.
+    sway_m, surge_m : amplitudes of the hip's motion to the side, once a stride, and forward, twice.
     posture_rad, posture_s : slow sway, standard deviation per axis and duration (assumed).
     legs : the thigh in each style.
     ringing : what a contact leaves.
@@ -179,10 +179,10 @@ class ThighMotion:
 
         By quadrature with three nodes: its error is of sixth order in the period.
         """
-        return mean_over_period(self, t, period_s, nodes=3)
+        return average_over_period(self, t, period_s, nodes=3)
 
 
-def thigh_motion(
+def build_thigh_motion(
     strides: Strides, pocket: Pocket, rng: np.random.Generator, mounting: np.random.Generator | None = None
 ) -> ThighMotion:
     """Motion of a sensor in the pocket on the side of the foot that makes these strides.
@@ -279,8 +279,8 @@ def _course(strides: Strides, t: Floats) -> tuple[Floats, Floats]:
     which = np.concatenate([np.arange(len(stood)), paused])
     at = np.concatenate([stood, ends[paused]])
     poses = np.column_stack([strides.footprint, strides.heading])[which]
-    course = _monotone(at, poses, t)
-    return course[:, :3], course[:, 3]
+    route = _monotone(at, poses, t)
+    return route[:, :3], route[:, 3]
 
 
 def _hip(cycle: _Cycle, pocket: Pocket, heading: Floats, shock: Floats) -> Floats:

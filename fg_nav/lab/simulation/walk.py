@@ -27,14 +27,14 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.lab.simulation.fields import Field, Homogeneous, earth_at
-from fg_nav.lab.simulation.foot import foot_motion
+from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
+from fg_nav.lab.simulation.foot import build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
-from fg_nav.lab.simulation.person import Person, mount_named
+from fg_nav.lab.simulation.person import Person, find_mount
 from fg_nav.lab.simulation.plan import Crossing, Section, Stand, plan_with_landmarks
-from fg_nav.lab.simulation.scenarios import Choices, Scenario, scenario, surroundings
+from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
 from fg_nav.lab.simulation.sensors import SensorRun
-from fg_nav.lab.simulation.thigh import Pocket, thigh_motion
+from fg_nav.lab.simulation.thigh import Pocket, build_thigh_motion
 from fg_nav.recording import MIN_SAMPLES, Provenance, Recording, TrajectoryTruth
 
 MAX_SEED = 2**63 - 1
@@ -152,23 +152,23 @@ def simulate(
     seed : draws everything; sensor, mount and leg are the same in all scenarios of a seed.
     choices : what of the scenario is to be otherwise.
     person : who walks; None for somebody drawn by the seed.
-    progress : is told the fraction done.
+    progress : is called with the fraction done.
 
     Raises
     ------
     SimulationError
         For names that do not exist and walks, sensors or fields that cannot be.
     """
-    chosen = choices.applied_to(scenario(name) if isinstance(name, str) else name)
+    chosen = choices.apply_to(scenario(name) if isinstance(name, str) else name)
     streams = Streams(seed, chosen.name)
-    person = Person().drawn(streams.lasting("person")) if person is None else person
+    person = Person().draw(streams.lasting("person")) if person is None else person
     sensor = chosen.prior.draw(streams.lasting("sensor"))
-    earth = earth_at(chosen.site)
+    earth = find_earth_field(chosen.site)
     strides, crossings = _strides(chosen, person, streams)
     _check_size(strides.end_s, chosen.prior.rate_hz)
     motion, flat = _motion(chosen, strides, person, streams)
-    field = surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
-    run = sensor.switched_on(streams.of_this_walk("switched on"))
+    field = draw_surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
+    run = sensor.switch_on(streams.of_this_walk("switched on"))
     count = _sample_count(strides.end_s, chosen.prior.rate_hz)
     rows = _Rows.joined(_measured(run, motion, field, count, progress), count)
     origin = rows.position[0].copy()
@@ -195,29 +195,29 @@ def _sample_count(end_s: float, rate_hz: float) -> int:
 
 
 def _check_size(end_s: float, rate_hz: float) -> None:
-    told = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
+    size = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
     if not end_s * rate_hz <= MOST_SAMPLES:
-        raise SimulationError(f"{told}: make the walk shorter or the rate lower, for at most {MOST_SAMPLES}.")
+        raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MOST_SAMPLES}.")
     if _sample_count(end_s, rate_hz) < MIN_SAMPLES:
-        raise SimulationError(f"{told}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
+        raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
 
 def _strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
-    sections = chosen.course(streams.of_this_walk("course"))
+    sections = chosen.route(streams.of_this_walk("course"))
     if chosen.worn == "table":
-        return no_strides(sections), ()
+        return make_no_strides(sections), ()
     return plan_with_landmarks(sections, person, streams.of_this_walk("strides"))
 
 
 def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
     """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
     if chosen.worn == "table":
-        return Lying.drawn(streams.of_this_walk("table")), None
+        return Lying.draw(streams.of_this_walk("table")), None
     if chosen.worn == "pocket":
         pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
-        return thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
-    mount = mount_named(chosen.worn).drawn(streams.lasting("mount"))
-    foot = foot_motion(strides, person, mount, streams.of_this_walk("foot"))
+        return build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
+    mount = find_mount(chosen.worn).draw(streams.lasting("mount"))
+    foot = build_foot_motion(strides, person, mount, streams.of_this_walk("foot"))
     return foot, foot.flat
 
 
@@ -318,7 +318,7 @@ class Lying:
     nav_R_body: Floats
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Lying:
+    def draw(cls, rng: np.random.Generator) -> Lying:
         """Draw a table that is not quite level."""
         return cls(Rotation.from_rotvec(rng.normal(0.0, TABLE_TILT_RAD, 3)).as_matrix())
 
@@ -333,8 +333,8 @@ class Lying:
         return state.rate, state.force
 
 
-def no_strides(sections: Sequence[Section]) -> Strides:
-    """Strides of nobody, for as long as the sections last; raises `SimulationError` if one of them goes anywhere."""
+def make_no_strides(sections: Sequence[Section]) -> Strides:
+    """No strides, for as long as the sections last; raises `SimulationError` if one of them goes anywhere."""
     seconds = [section.seconds for section in sections if isinstance(section, Stand)]
     if len(seconds) < len(sections):
         raise SimulationError("a sensor on a table goes nowhere: wear it, or choose a course without strides.")

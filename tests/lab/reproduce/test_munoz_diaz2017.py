@@ -20,7 +20,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017.runs import ESTIMATORS, Run, run_of
 from fg_nav.lab.reproduce.munoz_diaz2017.seed import Wanted, name_of
 from fg_nav.lab.reproduce.munoz_diaz2017.text import TITLES
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, Setting, cases, setting_of
-from fg_nav.lab.simulation import SCENARIOS, Choices, courses, simulate
+from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.pocket import PocketTrack
 from fg_nav.report.plots import style
@@ -52,8 +52,8 @@ def true_track(recording, turning=0.0):
 
 @pytest.fixture(scope="module")
 def short():
-    course = partial(courses._to_and_fro, straight(40.0), 1, rest_s=5.0)
-    return simulate(replace(SCENARIOS["pocket-long"], course=course), 3, Choices(sensor="ideal", aligned=True))
+    course = partial(routes._to_and_fro, straight(40.0), 1, rest_s=5.0)
+    return simulate(replace(SCENARIOS["pocket-long"], route=course), 3, Choices(sensor="ideal", aligned=True))
 
 
 def test_minutes_ends_and_jumps_are_read_off_a_run():

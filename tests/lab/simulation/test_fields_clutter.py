@@ -15,15 +15,15 @@ from fg_nav.lab.simulation.fields import (
     Kind,
     Sum,
     TreadParameters,
-    closely_spaced,
     curl,
     divergence,
+    draw_environment,
     draw_floor,
     draw_treads,
-    environment,
     gradient,
     place_cables,
     place_objects,
+    resample_path,
 )
 from fg_nav.lab.simulation.fields.floor import SENSOR_HEIGHTS_M
 
@@ -54,7 +54,7 @@ def rms(field):
 
 def swept(way):
     """Points over a way at which a sensor may be."""
-    points = closely_spaced(way).points
+    points = resample_path(way).points
     return np.concatenate([points + up(height) for height in SENSOR_HEIGHTS_M])
 
 
@@ -143,7 +143,7 @@ def test_a_floor_that_cannot_be_is_refused(wrong):
 
 
 def test_stairs_are_as_rough_as_asked_all_the_way_up():
-    way = closely_spaced(WINDING)
+    way = resample_path(WINDING)
     treads = draw_treads(way, rng(), TreadParameters(strength_uT=6.0))
     felt = treads.at(way.points + up(0.1))
     assert rms(felt) == pytest.approx(6.0, rel=1e-6)
@@ -155,13 +155,13 @@ def test_stairs_are_as_rough_as_asked_all_the_way_up():
 
 def test_no_steel_of_the_stairs_is_in_the_way():
     p = TreadParameters()
-    treads = draw_treads(closely_spaced(WINDING), rng())
+    treads = draw_treads(resample_path(WINDING), rng())
     distance = np.linalg.norm(swept(WINDING)[:, None] - treads.position, axis=2)
     assert distance.min() >= p.room_m
 
 
 def test_what_is_walked_again_counts_once():
-    once, thrice = closely_spaced(CORRIDOR), closely_spaced(np.vstack([CORRIDOR] * 3))
+    once, thrice = resample_path(CORRIDOR), resample_path(np.vstack([CORRIDOR] * 3))
     assert len(once.spots) == pytest.approx(130, abs=8)
     np.testing.assert_allclose(len(thrice.spots), len(once.spots), atol=3)
     apart = np.linalg.norm(once.spots[:, None] - once.spots, axis=2) + 9 * np.eye(len(once.spots))
@@ -169,17 +169,17 @@ def test_what_is_walked_again_counts_once():
 
 
 def test_a_way_is_followed_closely_and_as_it_climbs():
-    way = closely_spaced(WINDING)
+    way = resample_path(WINDING)
     assert np.linalg.norm(np.diff(way.points, axis=0), axis=1).max() <= 0.2 + 1e-9
     assert not way.is_level
-    assert closely_spaced(CORRIDOR + up(3.0)).floor_m == pytest.approx(3.0)
+    assert resample_path(CORRIDOR + up(3.0)).floor_m == pytest.approx(3.0)
     slope = way.spot_directions[0]
     np.testing.assert_allclose(slope, WINDING[1] / np.linalg.norm(WINDING[1]), atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_objects_keep_out_of_the_way(seed):
-    way = closely_spaced(CORRIDOR)
+    way = resample_path(CORRIDOR)
     placed = place_objects((LOCKER,), way, EARTH.vector, rng(seed))
     assert len(placed) > 50
     distance = np.linalg.norm(swept(CORRIDOR)[:, None] - placed.position, axis=2)
@@ -188,7 +188,7 @@ def test_objects_keep_out_of_the_way(seed):
 
 
 def test_there_are_as_many_objects_as_asked():
-    way = closely_spaced(CORRIDOR)
+    way = resample_path(CORRIDOR)
     point = Kind("point", 50.0, (0.6, 2.0), (0.0, 0.5), (0.1, 0.2), (1.0, 2.0), memory=1.0)
     counts = [len(place_objects((point,), way, EARTH.vector, rng(seed))) for seed in range(40)]
     expected = 0.5 * len(way.spots)
@@ -196,7 +196,7 @@ def test_there_are_as_many_objects_as_asked():
 
 
 def test_soft_iron_follows_the_field_and_memory_does_not():
-    way = closely_spaced(CORRIDOR)
+    way = resample_path(CORRIDOR)
     soft = Kind("soft", 30.0, (0.6, 2.0), (0.0, 0.5), (0.5, 2.0), (2.0, 20.0), memory=0.0)
     plain = place_objects((soft,), way, EARTH.vector, rng(3))
     turned = place_objects((soft,), way, -EARTH.vector, rng(3))
@@ -210,7 +210,7 @@ def test_soft_iron_follows_the_field_and_memory_does_not():
 
 @pytest.mark.parametrize("way", [CORRIDOR, WINDING], ids=["corridor", "stairs"])
 def test_cables_keep_out_of_the_way(way):
-    circuits = place_cables(Cables(per_100_m=100.0, length_m=(1.0, 3.0)), closely_spaced(way), rng())
+    circuits = place_cables(Cables(per_100_m=100.0, length_m=(1.0, 3.0)), resample_path(way), rng())
     assert len(circuits) > 5
     for circuit in circuits:
         distance, _ = KDTree(swept(way)).query(circuit.pieces(0.05))
@@ -218,7 +218,7 @@ def test_cables_keep_out_of_the_way(way):
 
 
 def test_cables_are_felt_a_little():
-    way = closely_spaced(CORRIDOR)
+    way = resample_path(CORRIDOR)
     circuits = place_cables(Cables(per_100_m=20.0), way, rng())
     assert len(circuits) > 10
     felt = Sum(circuits).at(way.points + up(0.1))
@@ -230,7 +230,7 @@ def test_cables_are_felt_a_little():
 @pytest.mark.parametrize("way", [CORRIDOR, WINDING], ids=["corridor", "stairs"])
 def test_every_level_is_a_magnetic_field_wherever_the_sensor_may_be(level, way):
     position = swept(way)[::7]
-    changes = gradient(environment(level, EARTH, way, rng()), position)
+    changes = gradient(draw_environment(level, EARTH, way, rng()), position)
     largest = max(1.0, np.abs(changes).max())
     assert np.abs(divergence(changes)).max() < 1e-4 * largest
     assert np.abs(curl(changes)).max() < 1e-4 * largest
@@ -239,22 +239,22 @@ def test_every_level_is_a_magnetic_field_wherever_the_sensor_may_be(level, way):
 @pytest.mark.parametrize("level", LEVELS)
 def test_a_seed_makes_one_building_and_another_another(level):
     position = swept(CORRIDOR)
-    first, again, other = (environment(level, EARTH, CORRIDOR, rng(seed)).at(position) for seed in (4, 4, 5))
+    first, again, other = (draw_environment(level, EARTH, CORRIDOR, rng(seed)).at(position) for seed in (4, 4, 5))
     np.testing.assert_array_equal(first, again)
     assert (rms(first - other) > 1.0) == (level != "homogeneous")
 
 
 def test_the_homogeneous_level_is_the_earth():
-    assert environment("homogeneous", EARTH, CORRIDOR, rng()) is EARTH
+    assert draw_environment("homogeneous", EARTH, CORRIDOR, rng()) is EARTH
 
 
 def footfalls(way, height=0.1):
-    points = closely_spaced(way).points
+    points = resample_path(way).points
     return points[:: round(1.29 / 0.2)] + up(height)
 
 
 def steps(level, seed, height=0.1):
-    felt = environment(level, EARTH, CORRIDOR, rng(seed)).at(footfalls(CORRIDOR, height))
+    felt = draw_environment(level, EARTH, CORRIDOR, rng(seed)).at(footfalls(CORRIDOR, height))
     return np.median(np.linalg.norm(np.diff(felt, axis=0), axis=1))
 
 
@@ -271,9 +271,9 @@ def test_indoors_the_pocket_feels_less_than_the_foot():
 
 def test_an_empty_building_is_its_floor():
     bare = Clutter(kinds=(), cables=None)
-    felt = environment("indoor", EARTH, CORRIDOR, rng(), bare).at(over(0.1)) - EARTH.vector
+    felt = draw_environment("indoor", EARTH, CORRIDOR, rng(), bare).at(over(0.1)) - EARTH.vector
     assert rms(felt) == pytest.approx(bare.floor.strength_uT, rel=0.05)
-    stairs = environment("indoor", EARTH, WINDING, rng(), bare)
+    stairs = draw_environment("indoor", EARTH, WINDING, rng(), bare)
     assert isinstance(stairs, Sum)
     assert isinstance(stairs.parts[1], Dipoles)
 
@@ -281,7 +281,7 @@ def test_an_empty_building_is_its_floor():
 def test_a_way_of_one_point_is_enough():
     here = np.array([[1.0, 2.0, 0.0]])
     for level in LEVELS:
-        assert np.isfinite(environment(level, EARTH, here, rng()).at(here + up(0.1))).all()
+        assert np.isfinite(draw_environment(level, EARTH, here, rng()).at(here + up(0.1))).all()
 
 
 @pytest.mark.parametrize(
@@ -295,4 +295,4 @@ def test_a_way_of_one_point_is_enough():
 )
 def test_what_cannot_be_is_refused_in_a_sentence(level, way, words):
     with pytest.raises(SimulationError, match=words):
-        environment(level, EARTH, way, rng())
+        draw_environment(level, EARTH, way, rng())

@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.earth import Place, compute_field
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.fields import SITES, Homogeneous, earth_at, earth_field, site
+from fg_nav.lab.simulation.fields import SITES, Homogeneous, find_earth_field, make_earth_field, site
 
 
 def strength_dip_declination(field):
@@ -28,7 +28,7 @@ def test_a_field_has_the_strength_and_direction_asked_for():
     rng = np.random.default_rng(0)
     for _ in range(50):
         asked = rng.uniform([1, -89, -179], [70, 89, 179])
-        np.testing.assert_allclose(strength_dip_declination(earth_field(*asked)), asked, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(strength_dip_declination(make_earth_field(*asked)), asked, rtol=1e-9, atol=1e-9)
 
 
 def test_it_is_the_same_everywhere_and_each_place_has_its_own_row():
@@ -41,10 +41,10 @@ def test_it_is_the_same_everywhere_and_each_place_has_its_own_row():
     ("make", "words"),
     [
         (lambda: site("atlantis"), "north-pole, equator, munich"),
-        (lambda: earth_field(-1.0, 60.0), "strength"),
-        (lambda: earth_field(np.nan, 60.0), "strength"),
-        (lambda: earth_field(48.0, 91.0), "dip"),
-        (lambda: earth_field(48.0, 60.0, np.inf), "declination"),
+        (lambda: make_earth_field(-1.0, 60.0), "strength"),
+        (lambda: make_earth_field(np.nan, 60.0), "strength"),
+        (lambda: make_earth_field(48.0, 91.0), "dip"),
+        (lambda: make_earth_field(48.0, 60.0, np.inf), "declination"),
         (lambda: Homogeneous((1.0, 2.0)), "three"),
         (lambda: Homogeneous((1.0, 2.0, np.nan)), "three"),
     ],
@@ -57,12 +57,12 @@ def test_what_cannot_be_is_refused_in_a_sentence(make, words):
 def test_a_place_is_where_the_model_has_it_and_what_it_refuses_is_told_as_a_site():
     pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
     written = "48.165, 11.277, 2015-04-15"
-    np.testing.assert_array_equal(earth_at(written).vector, compute_field(Place.parse(written)).vector)
+    np.testing.assert_array_equal(find_earth_field(written).vector, compute_field(Place.parse(written)).vector)
     with pytest.raises(SimulationError, match=r"not on the Earth.* or choose one of north-pole"):
-        earth_at("91,0,2026-01-01")
+        find_earth_field("91,0,2026-01-01")
 
 
 def test_without_the_extra_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygeomag", None)
     with pytest.raises(SimulationError, match=r"pip install 'fg-nav\[wmm\]'.*north-pole"):
-        earth_at("48.1,11.6,2026-11-21")
+        find_earth_field("48.1,11.6,2026-11-21")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import RecordingError
-from fg_nav.lab.simulation.fields import SITES, earth_field
+from fg_nav.lab.simulation.fields import SITES, make_earth_field
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -14,7 +14,7 @@ realism = load_script("realism_field")
 maps = load_script("field_maps")
 
 
-def with_field(walk, nav_field):
+def replace_field(walk, nav_field):
     body = np.einsum("nji,nj->ni", walk.solution.nav_R_body, nav_field)
     return replace(walk, recording=replace(walk.recording, mag=body))
 
@@ -35,7 +35,7 @@ def test_independent_footfalls_show_as_such():
     """White noise from stance to stance, constant within: sd, steps and correlation follow from its size."""
     walk = realism.corridor("homogeneous", 0, strides=400)
     noise = np.repeat(np.random.default_rng(0).normal(size=(400, 3)), realism.SAMPLES, axis=0)
-    facts = with_field(walk, earth_field(40.0, 0.0).vector + 6 * noise).facts()
+    facts = replace_field(walk, make_earth_field(40.0, 0.0).vector + 6 * noise).facts()
     assert facts["deviation_uT"] == pytest.approx(6.0, rel=0.08)
     assert facts["step_uT"] == pytest.approx(6 * np.sqrt(2 * 2.366), rel=0.1)  # median of chi squared, 3 freedoms
     assert facts["norm_sd_uT"] == pytest.approx(6.0, rel=0.1)
@@ -51,7 +51,7 @@ def test_a_late_magnetometer_is_found_and_forgiven():
     pitch = np.array([[[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]] for a in swing])
     nav_field = np.einsum("nij,nj->ni", walk.solution.nav_R_body, walk.recording.mag)
     pitching = replace(walk, solution=replace(walk.solution, nav_R_body=walk.solution.nav_R_body @ pitch))
-    prompt = with_field(pitching, nav_field)
+    prompt = replace_field(pitching, nav_field)
     late = replace(prompt, recording=replace(prompt.recording, mag=np.roll(prompt.recording.mag, 2, axis=0)))
     assert prompt.facts()["delay_ms"] == 0
     assert late.facts()["delay_ms"] == pytest.approx(20)

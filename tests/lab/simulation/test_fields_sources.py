@@ -13,25 +13,25 @@ from fg_nav.lab.simulation.fields import (
     Cylinders,
     Dipoles,
     Sum,
+    compute_sphere_moment,
+    compute_spheroid_moment,
     curl,
     divergence,
-    earth_field,
     gradient,
     magnet,
+    make_earth_field,
+    make_upright_loop,
     rod,
-    sphere_moment,
-    spheroid_moment,
     street,
-    upright_loop,
 )
 from fg_nav.lab.simulation.fields.cylinder import CAR_M, STREETLIGHT_M, TEMPLATE_LENGTH_M
-from fg_nav.lab.simulation.fields.sources import IRON_MU_R, demagnetising_factor
+from fg_nav.lab.simulation.fields.sources import IRON_MU_R, compute_demagnetizing_factor
 
 MU_0 = 4 * np.pi * 0.1
 """In uT m / A."""
 
 K = (IRON_MU_R - 1) / (IRON_MU_R + 1)
-SKEW = earth_field(50.0, 60.0, 30.0)
+SKEW = make_earth_field(50.0, 60.0, 30.0)
 
 
 def one_cylinder(far=SITES["equator"], radius=0.3, **options):
@@ -52,7 +52,7 @@ def beside(count=200, least=0.4, most=3.0, seed=0):
     return np.stack([distance * np.sin(angle), distance * np.cos(angle), rng.uniform(0, 2, count)], axis=1)
 
 
-LOOP = upright_loop(np.array([-2.0, -4.0, 0.0]), np.array([3.0, -4.0, 0.0]), 2.8, 7.0)
+LOOP = make_upright_loop(np.array([-2.0, -4.0, 0.0]), np.array([3.0, -4.0, 0.0]), 2.8, 7.0)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def test_it_is_equation_21_for_a_field_along_north(exponent):
 def test_the_field_turns_with_the_field_that_makes_it():
     turn = yaw_rotation(0.7)
     position = beside()
-    turned = one_cylinder(earth_field(50.0, 60.0, -np.degrees(0.7))).at(position @ turn.T)
-    np.testing.assert_allclose(turned, one_cylinder(earth_field(50.0, 60.0)).at(position) @ turn.T, atol=1e-12)
+    turned = one_cylinder(make_earth_field(50.0, 60.0, -np.degrees(0.7))).at(position @ turn.T)
+    np.testing.assert_allclose(turned, one_cylinder(make_earth_field(50.0, 60.0)).at(position) @ turn.T, atol=1e-12)
 
 
 def test_flux_and_tangential_field_pass_the_surface_of_the_iron():
@@ -168,7 +168,7 @@ def test_a_street_repeats_and_turns():
     position = np.random.default_rng(0).uniform([0, -0.5, 0], [300, 0.5, 1], (300, 3))
     east = street(SITES["equator"], 600.0)
     np.testing.assert_allclose(east.at(position), east.at(position + np.array([TEMPLATE_LENGTH_M, 0, 0])), atol=1e-9)
-    north = street(earth_field(25.0, 0.0, -90.0), 600.0, start=(5.0, 7.0), heading_deg=0.0)
+    north = street(make_earth_field(25.0, 0.0, -90.0), 600.0, start=(5.0, 7.0), heading_deg=0.0)
     turn = yaw_rotation(np.pi / 2)
     np.testing.assert_allclose(north.at(position @ turn.T + [5, 7, 0]), east.at(position) @ turn.T, atol=1e-9)
 
@@ -207,7 +207,7 @@ def test_flux_passes_the_pole_of_an_iron_sphere():
     """Inside, B = 3 mu_r / (mu_r + 2) B_far; outside, B_far and a dipole."""
     radius, far = 0.4, SITES["munich"].vector
     pole = radius * far / np.linalg.norm(far)
-    outside = far + magnet(np.zeros(3), sphere_moment(far, radius)).at(pole[None])[0]
+    outside = far + magnet(np.zeros(3), compute_sphere_moment(far, radius)).at(pole[None])[0]
     np.testing.assert_allclose(outside, 3 * IRON_MU_R / (IRON_MU_R + 2) * far, rtol=1e-9)
 
 
@@ -215,12 +215,12 @@ def test_flux_passes_the_pole_of_an_iron_sphere():
     ("aspect", "tabled"), [(1.0, 1 / 3), (2.0, 0.1736), (10.0, 0.0203), (0.5, 0.5272), (0.1, 0.8608)]
 )
 def test_demagnetising_factors_are_those_of_osborn(aspect, tabled):
-    assert demagnetising_factor(aspect) == pytest.approx(tabled, abs=6e-5)
+    assert compute_demagnetizing_factor(aspect) == pytest.approx(tabled, abs=6e-5)
 
 
 def test_demagnetising_factors_fall_without_a_step():
     aspect = np.geomspace(1e-3, 1e3, 4001)
-    factor = np.array([demagnetising_factor(a) for a in aspect])
+    factor = np.array([compute_demagnetizing_factor(a) for a in aspect])
     assert np.all(np.diff(factor) < 0)
     assert np.diff(factor).min() > -2e-3
     assert factor[0] == pytest.approx(1.0, abs=0.002)
@@ -229,7 +229,7 @@ def test_demagnetising_factors_fall_without_a_step():
 
 def test_a_needle_is_magnetised_along_itself():
     axis = np.array([0.6, 0.0, 0.8])
-    moment = spheroid_moment(SITES["munich"].vector, axis, 1.5, 0.03)
+    moment = compute_spheroid_moment(SITES["munich"].vector, axis, 1.5, 0.03)
     lengthwise = abs(moment @ axis)
     assert lengthwise > 20 * np.linalg.norm(moment - (moment @ axis) * axis)
     assert moment @ SITES["munich"].vector > 0
@@ -270,7 +270,7 @@ def test_around_a_wire_the_field_adds_up_to_the_current():
         (lambda: Dipoles(np.zeros((2, 3)), np.ones((3, 3))), "2 positions but 3 moments"),
         (lambda: Dipoles(np.zeros((2, 3)), np.ones((2, 2))), "moment of shape"),
         (lambda: Dipoles(np.full((1, 3), np.nan), np.ones((1, 3))), "position of shape"),
-        (lambda: sphere_moment(np.ones(3), -1.0), "spheroid"),
+        (lambda: compute_sphere_moment(np.ones(3), -1.0), "spheroid"),
         (lambda: Circuit(np.zeros((2, 3)), 1.0), "corners"),
         (lambda: LOOP.at(LOOP.corners[:1]), "conductor"),
     ],

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2, heading_of
-from fg_nav.lab.simulation.foot import FootMotion, foot_motion
+from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
 from fg_nav.lab.simulation.path import Pose, straight
 from fg_nav.lab.simulation.person import HEEL, INSTEP, Gait, Mount, Person, Shock
@@ -45,7 +45,7 @@ def joined(sections: list) -> list:
     """Sections with their paths moved to where each begins."""
     pose, placed = Pose(np.zeros(3), 0.0), []
     for section in sections:
-        placed.append(replace(section, path=section.path.placed(pose)) if isinstance(section, Walk) else section)
+        placed.append(replace(section, path=section.path.place(pose)) if isinstance(section, Walk) else section)
         pose = end_of(placed[-1], pose)
     return placed
 
@@ -53,7 +53,7 @@ def joined(sections: list) -> list:
 def made(sections: list, person: Person = Person(), mount: Mount = INSTEP, seed: int = 1) -> Foot:
     rng = np.random.default_rng(seed)
     strides = plan(joined(sections), person, rng)
-    return Foot(strides, foot_motion(strides, person, mount, rng), mount)
+    return Foot(strides, build_foot_motion(strides, person, mount, rng), mount)
 
 
 MIXED = [
@@ -379,12 +379,12 @@ def strides(**changes: object) -> Strides:
 )
 def test_strides_that_cannot_be_are_refused(changes: dict, words: str) -> None:
     with pytest.raises(SimulationError, match=words):
-        foot_motion(strides(**changes), Person(), INSTEP, np.random.default_rng(0))
+        build_foot_motion(strides(**changes), Person(), INSTEP, np.random.default_rng(0))
 
 
 def test_a_foot_may_only_stand() -> None:
     alone = Strides(np.zeros(0), np.zeros(0), np.zeros((1, 3)), np.zeros(1), np.zeros(0, dtype=np.int64), 3.0)
-    motion = foot_motion(alone, Person(), INSTEP, np.random.default_rng(0))
+    motion = build_foot_motion(alone, Person(), INSTEP, np.random.default_rng(0))
     state = motion.at(np.linspace(0, 3, 50))
     np.testing.assert_allclose(np.linalg.norm(state.force, axis=1), GRAVITY_M_S2, rtol=1e-3)
     np.testing.assert_array_equal(motion.flat, [[0.0, 3.0]])

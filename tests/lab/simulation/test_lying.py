@@ -10,7 +10,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.lab.simulation.plan import Stand
 
-MINUTE = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(40.0), Stand(20.0)])
+MINUTE = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(40.0), Stand(20.0)])
 
 
 def test_an_ideal_sensor_reads_gravity_and_the_field_in_one_attitude():

@@ -83,8 +83,8 @@ def test_a_curve_passes_through_its_points():
 
 
 def test_turning_is_clockwise_about_the_origin(path):
-    turned = path.moved((3.0, -4.0)).turned(np.pi / 2)
-    before, heading = path.moved((3.0, -4.0)).at(inside(path))
+    turned = path.translate((3.0, -4.0)).rotate(np.pi / 2)
+    before, heading = path.translate((3.0, -4.0)).at(inside(path))
     after, turned_heading = turned.at(inside(path))
     np.testing.assert_allclose(after[:, 0], before[:, 1], atol=1e-9)
     np.testing.assert_allclose(after[:, 1], -before[:, 0], atol=1e-9)
@@ -93,7 +93,7 @@ def test_turning_is_clockwise_about_the_origin(path):
 
 def test_placed_begins_at_the_pose_and_keeps_its_shape(path):
     pose = Pose(np.array([1.0, 2.0, 3.0]), 5.0)
-    placed = path.placed(pose)
+    placed = path.place(pose)
     np.testing.assert_allclose(placed.start.position, pose.position, atol=1e-12)
     assert placed.start.heading == pytest.approx(5.0)
     reach = np.linalg.norm(path.end.position - path.start.position)
@@ -102,7 +102,7 @@ def test_placed_begins_at_the_pose_and_keeps_its_shape(path):
 
 def test_reversed_goes_the_same_way_back(path):
     marked = path.with_landmarks([1.0, 3.0])
-    back = marked.reversed()
+    back = marked.reverse()
     s = inside(path)
     np.testing.assert_allclose(back.at(path.length_m - s)[0], path.at(s)[0], atol=1e-9)
     np.testing.assert_allclose(back.at(path.length_m - s)[1], path.at(s)[1] + np.pi)
@@ -112,7 +112,7 @@ def test_reversed_goes_the_same_way_back(path):
 
 def test_laps_repeat_places_and_add_rounds():
     lap = PATHS["closed"].with_landmarks([5.0, 40.0], ["door", "stairs"])
-    laps = lap.repeated(3)
+    laps = lap.repeat(3)
     assert laps.length_m == pytest.approx(3 * lap.length_m)
     position, heading = laps.at(np.array([7.0, 7.0 + lap.length_m, 7.0 + 2 * lap.length_m]))
     np.testing.assert_allclose(position, np.tile(position[0], (3, 1)), atol=1e-9)
@@ -130,13 +130,13 @@ def test_parts_join_to_the_whole(path):
 
 
 def test_headings_stay_unwrapped_where_paths_join():
-    twice = arc(2.0, 3.0).then(arc(2.0, 3.0).placed(Pose(arc(2.0, 3.0).end.position, 3.0 - 2 * np.pi)))
+    twice = arc(2.0, 3.0).then(arc(2.0, 3.0).place(Pose(arc(2.0, 3.0).end.position, 3.0 - 2 * np.pi)))
     assert np.abs(np.diff(twice.heading)).max() < 0.1
     assert twice.end.heading == pytest.approx(6.0)
 
 
 def test_scaled_to_a_length_exactly(path):
-    scaled = path.with_landmarks([path.length_m]).scaled_to(1018 / 3)
+    scaled = path.with_landmarks([path.length_m]).scale_to(1018 / 3)
     assert scaled.length_m == 1018 / 3
     assert scaled.landmarks[0].arc == 1018 / 3
     np.testing.assert_allclose(scaled.start.position, path.start.position)
@@ -156,13 +156,13 @@ IMPOSSIBLE = {
     "have the shape": lambda: polyline([0.0, 1.0], 1.0),
     "not positive and finite": lambda: straight(0.0),
     "radius of 0.0": lambda: arc(0.0, 1.0),
-    "a gap of 1 m": lambda: straight(3.0).then(straight(3.0).moved((0.0, 4.0))),
-    "at an angle of 90 deg": lambda: straight(3.0).then(straight(3.0).turned(np.pi / 2).moved((0.0, 3.0))),
-    "a gap of 3 m": lambda: straight(3.0).repeated(2),
-    "0 times": lambda: PATHS["closed"].repeated(0),
+    "a gap of 1 m": lambda: straight(3.0).then(straight(3.0).translate((0.0, 4.0))),
+    "at an angle of 90 deg": lambda: straight(3.0).then(straight(3.0).rotate(np.pi / 2).translate((0.0, 3.0))),
+    "a gap of 3 m": lambda: straight(3.0).repeat(2),
+    "0 times": lambda: PATHS["closed"].repeat(0),
     "no stretch from 2 m to 1 m": lambda: straight(3.0).part(2.0, 1.0),
-    "scaled to nan": lambda: straight(3.0).scaled_to(np.nan),
-    "scaled to -1": lambda: straight(3.0).scaled_to(-1),
+    "scaled to nan": lambda: straight(3.0).scale_to(np.nan),
+    "scaled to -1": lambda: straight(3.0).scale_to(-1),
     "Landmark 1 lies at 4 m": lambda: straight(3.0).with_landmarks([4.0]),
     "2 landmarks have 1 names": lambda: straight(3.0).with_landmarks([1.0, 2.0], ["a"]),
     "has a point that is not a number": lambda: Path(np.array([0, np.nan]), np.zeros((2, 3)), np.zeros(2)),

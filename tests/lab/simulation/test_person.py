@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import SimulationError
-from fg_nav.lab.simulation.foot import foot_motion
+from fg_nav.lab.simulation.foot import build_foot_motion
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import HEEL, INSTEP, MOUNTS, Gait, Mount, Person, Shock, Variety, mount_named
+from fg_nav.lab.simulation.person import HEEL, INSTEP, MOUNTS, Gait, Mount, Person, Shock, Variety, find_mount
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan
 
 
@@ -62,21 +62,21 @@ def test_sway_and_mounts_are_checked() -> None:
     with pytest.raises(SimulationError, match="lever_m"):
         Mount(lever_m=(0.0, np.inf, 0.0))
     with pytest.raises(SimulationError, match=r"'toe'.*instep"):
-        mount_named("toe")
+        find_mount("toe")
 
 
 def test_a_mounting_is_drawn_once() -> None:
-    mounted = [INSTEP.drawn(np.random.default_rng(seed)) for seed in range(300)]
+    mounted = [INSTEP.draw(np.random.default_rng(seed)) for seed in range(300)]
     tilt = np.array([mount.tilt_rad for mount in mounted])
     np.testing.assert_allclose(tilt.mean(axis=0), INSTEP.tilt_rad, atol=0.03)
     np.testing.assert_allclose(tilt.std(axis=0), INSTEP.tilt_sd_rad, rtol=0.15)
-    again = mounted[0].drawn(np.random.default_rng(9))
+    again = mounted[0].draw(np.random.default_rng(9))
     assert again == mounted[0]
 
 
 def test_levers_scatter_and_shocks_are_one_mounts_own() -> None:
     for mount in (INSTEP, HEEL):
-        mounted = [mount.drawn(np.random.default_rng(seed)) for seed in range(300)]
+        mounted = [mount.draw(np.random.default_rng(seed)) for seed in range(300)]
         lever = np.array([one.lever_m for one in mounted])
         np.testing.assert_allclose(lever.mean(axis=0), mount.lever_m, atol=2.5e-3)
         np.testing.assert_allclose(lever.std(axis=0), mount.lever_sd_m, rtol=0.15)
@@ -95,7 +95,7 @@ def test_a_scatter_that_cannot_be_is_refused() -> None:
 
 
 def drawn(count: int) -> list[Person]:
-    return [Person().drawn(np.random.default_rng(seed)) for seed in range(count)]
+    return [Person().draw(np.random.default_rng(seed)) for seed in range(count)]
 
 
 def column(people: list[Person], name: str, gait: str = "walk") -> np.ndarray:
@@ -146,9 +146,9 @@ def test_plans_fix_what_they_fix() -> None:
 
 def test_the_same_numbers_draw_the_same_person() -> None:
     assert drawn(1)[0] == drawn(1)[0]
-    assert Person().drawn(np.random.default_rng(1)) != Person().drawn(np.random.default_rng(2))
+    assert Person().draw(np.random.default_rng(1)) != Person().draw(np.random.default_rng(2))
     nobody_differs = Variety(**dict.fromkeys((field.name for field in fields(Variety)), 0.0))
-    assert Person().drawn(np.random.default_rng(1), nobody_differs) == Person()
+    assert Person().draw(np.random.default_rng(1), nobody_differs) == Person()
 
 
 def test_everybody_can_walk_run_and_climb() -> None:
@@ -157,7 +157,7 @@ def test_everybody_can_walk_run_and_climb() -> None:
         course = [Stand(1.0), Walk(straight(8.0)), TurnOnSpot(np.pi), Stairs(6), Stairs(6, up=False)]
         for sections in (course, [Walk(straight(15.0), Style.RUN), Stand(1.0)]):
             strides = plan(sections, person, rng)
-            motion = foot_motion(strides, person, INSTEP, rng)
+            motion = build_foot_motion(strides, person, INSTEP, rng)
             state = motion.at(np.arange(0.0, strides.end_s, 5e-3))
             assert all(np.isfinite(getattr(state, name)).all() for name in ("position", "rate", "force"))
             assert np.linalg.norm(state.force, axis=1).max() < 50 * 9.81
@@ -174,7 +174,7 @@ def test_axes_of_an_instep_sensor_point_up_along_the_instep() -> None:
 
 
 def test_heel_is_low_behind_and_hit_harder() -> None:
-    assert mount_named("heel") is HEEL
+    assert find_mount("heel") is HEEL
     assert set(MOUNTS) == {"instep", "heel"}
     assert HEEL.lever_m[0] < INSTEP.lever_m[0]
     assert HEEL.lever_m[2] < INSTEP.lever_m[2]

@@ -76,14 +76,14 @@ def test_strides_follow_one_another_and_pauses_last_what_they_should():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_closed_walk_ends_exactly_where_it_began(seed):
-    strides = planned(Stand(1.0), Walk(LAP.repeated(2)), Stand(1.0), seed=seed)
+    strides = planned(Stand(1.0), Walk(LAP.repeat(2)), Stand(1.0), seed=seed)
     np.testing.assert_array_equal(strides.footprint[-1], strides.footprint[0])
     assert strides.heading[-1] - strides.heading[0] == pytest.approx(4 * np.pi, abs=1e-12)
 
 
 def test_the_foot_treads_to_the_right_of_the_path_whichever_way_it_goes():
     for angle in (0.0, 1.0, 2.5, -2.0):
-        strides = planned(Walk(LONG.turned(angle)), scatter=STEADY)
+        strides = planned(Walk(LONG.rotate(angle)), scatter=STEADY)
         right = np.array([np.cos(angle), -np.sin(angle), 0.0])
         np.testing.assert_allclose(strides.footprint @ right, 0.09, atol=1e-9)
         np.testing.assert_allclose(strides.heading, angle)
@@ -122,14 +122,14 @@ def test_pace_changes_slowly():
 
 
 def test_strides_are_shorter_in_bends():
-    way = straight(100.0).then(arc(1.0, 40.0).moved((0.0, 100.0)))
+    way = straight(100.0).then(arc(1.0, 40.0).translate((0.0, 100.0)))
     strides = planned(Walk(way), scatter=STEADY)
     arc_of_bend = np.abs(np.diff(strides.heading))[-20:-2].mean()  # its radius is 1 m
     assert arc_of_bend / np.median(lengths(strides)[5:50]) == pytest.approx(1 / 1.25, rel=0.03)
 
 
 def test_one_foot_takes_every_second_tread():
-    up = planned(Walk(straight(5.0)), Stairs(7), Walk(straight(5.0).moved((0, 5 + 7 * 0.29, 7 * 0.17))))
+    up = planned(Walk(straight(5.0)), Stairs(7), Walk(straight(5.0).translate((0, 5 + 7 * 0.29, 7 * 0.17))))
     on = up.style == Style.STAIRS_UP
     np.testing.assert_allclose(np.diff(up.footprint[:, 2])[on] / 0.17, [1, 2, 2, 2])
     assert up.footprint[-1, 2] == pytest.approx(7 * 0.17)
@@ -150,7 +150,7 @@ def test_turning_on_the_spot(angle, count):
 def test_there_and_back_is_where_it_was():
     there = polyline([(0, 0), (0, 20), (30, 20)], 1.0)
     about = TurnOnSpot(np.pi)
-    strides = planned(Stand(2.0), Walk(there), about, Walk(there.reversed()), about, Stand(2.0))
+    strides = planned(Stand(2.0), Walk(there), about, Walk(there.reverse()), about, Stand(2.0))
     np.testing.assert_array_equal(strides.footprint[-1], strides.footprint[0])
     assert strides.heading[-1] - strides.heading[0] == pytest.approx(2 * np.pi)
     assert np.abs(np.diff(strides.heading)).max() < 2.0
@@ -158,7 +158,7 @@ def test_there_and_back_is_where_it_was():
 
 def test_end_of_each_section_is_where_the_next_begins():
     pose = Pose(np.zeros(3), 1.0)
-    for section in (Stand(1.0), Walk(straight(3.0).turned(1.0)), TurnOnSpot(0.4), Stairs(5)):
+    for section in (Stand(1.0), Walk(straight(3.0).rotate(1.0)), TurnOnSpot(0.4), Stairs(5)):
         pose = end_of(section, pose)
     reach = 3.0 * np.array([np.sin(1.0), np.cos(1.0), 0.0]) + 5 * np.array(
         [0.29 * np.sin(1.4), 0.29 * np.cos(1.4), 0.17]
@@ -169,7 +169,7 @@ def test_end_of_each_section_is_where_the_next_begins():
 
 def test_landmarks_are_crossed_by_the_nearest_footfall():
     arcs = np.array([11.0, 60.0, 100.0])
-    path = LAP.with_landmarks(arcs).repeated(2)
+    path = LAP.with_landmarks(arcs).repeat(2)
     strides, crossings = plan_with_landmarks([Stand(5.0), Walk(path), Stand(5.0)], Person(), rng(3), STEADY)
     assert [crossing.landmark for crossing in crossings] == ["1", "2", "3"] * 2
     for crossing, mark in zip(crossings, path.landmarks, strict=True):
@@ -191,8 +191,8 @@ IMPOSSIBLE = {
     "has no strides": lambda: planned(Stand(5.0)),
     "stand for nan": lambda: Stand(np.nan),
     "stand for -1": lambda: Stand(-1),
-    "begins 1 m from where": lambda: planned(Walk(straight(5.0)), Walk(straight(5.0).moved((0, 6)))),
-    "sets out 90 deg": lambda: planned(Walk(straight(5.0)), Walk(straight(5.0).turned(np.pi / 2).moved((0, 5)))),
+    "begins 1 m from where": lambda: planned(Walk(straight(5.0)), Walk(straight(5.0).translate((0, 6)))),
+    "sets out 90 deg": lambda: planned(Walk(straight(5.0)), Walk(straight(5.0).rotate(np.pi / 2).translate((0, 5)))),
     "strides of 100 m: ask for about 775": lambda: planned(Walk(LONG, strides=11)),
     "in 0 strides": lambda: Walk(LONG, strides=0),
     "a pace of nan": lambda: Walk(LONG, pace=np.nan),

@@ -8,8 +8,8 @@ import pytest
 from fg_nav.calibration.allan import compute_allan_curve
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.simulation import SCENARIOS, Choices, Person, courses, simulate
-from fg_nav.lab.simulation.emulation import BORDER_S, after_border, with_field
+from fg_nav.lab.simulation import SCENARIOS, Choices, Person, routes, simulate
+from fg_nav.lab.simulation.emulation import BORDER_S, mark_borders, replace_field
 from fg_nav.lab.simulation.fields import PAST_CARS, SITES, Cylinders, Homogeneous, Sum, street
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand, Walk, plan
@@ -19,7 +19,7 @@ from fg_nav.lab.simulation.sensors.triad import Drift, DriftPath
 TABLE_1 = {"north-pole": [0, 0, -65.0], "equator": [0, 25.0, 0], "munich": [0, 21.0418, -43.1421]}
 
 SHORT = replace(
-    SCENARIOS["pocket-past-cars"], course=lambda rng: [Stand(3.0), Walk(straight(40.0).turned(np.pi / 2)), Stand(3.0)]
+    SCENARIOS["pocket-past-cars"], route=lambda rng: [Stand(3.0), Walk(straight(40.0).rotate(np.pi / 2)), Stand(3.0)]
 )
 IDEAL = replace(SHORT, sensor="ideal")
 
@@ -38,7 +38,7 @@ def test_in_nav_the_field_of_a_pocket_is_that_of_table_1(site):
 
 def test_the_emulated_gyroscope_has_the_noise_density_of_table_2():
     """0.1 deg/s a sample, white, at 100 Hz: an Allan deviation of 0.01 deg/s after 1 s, falling with the root."""
-    lying = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(1800.0)], sensor="munoz-diaz-table-2")
+    lying = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(1800.0)], sensor="munoz-diaz-table-2")
     recording = simulate(lying, 4).recording
     factors = np.array([1, 10, 100, 1000])
     curves = [compute_allan_curve(np.degrees(axis), 0.01, factors).deviation for axis in recording.gyr.T]
@@ -51,7 +51,7 @@ def test_the_biases_of_table_3_are_met_at_both_ends():
     prior = preset("munoz-diaz-table-3")
     ends = []
     for seed in range(40):
-        run = prior.draw(np.random.default_rng(seed)).switched_on(np.random.default_rng([seed, 1]))
+        run = prior.draw(np.random.default_rng(seed)).switch_on(np.random.default_rng([seed, 1]))
         ends.append(np.degrees(run.biases_at(np.array([0.0, 44 * 60.0])).gyr))
     np.testing.assert_allclose(np.mean(ends, axis=0), [[-0.12, 0.06, -0.12], [-0.13, 0.05, -0.22]], atol=0.003)
     assert np.std(ends, axis=0).min() > 0.002  # 20 deg/h over the root of two, of the AR(1)
@@ -89,7 +89,7 @@ def test_aligned_or_not_it_is_the_same_walk():
 
 def strength_by_minute(seed):
     """Strength of the street's field over a walk by a person of the usual pace, at the places of the feet, and when."""
-    course = courses.past_cars(np.random.default_rng(seed))
+    course = routes.past_cars(np.random.default_rng(seed))
     strides = plan(course, Person(), np.random.default_rng([seed, 1]))
     t = np.arange(0.0, strides.end_s, 0.2)
     place = np.stack([np.interp(t, strides.start + strides.duration, axis[1:]) for axis in strides.footprint.T], axis=1)
@@ -112,29 +112,29 @@ def test_cars_are_passed_at_16_and_32_minutes_and_lamps_at_24_and_35(seed):
 
 
 def test_in_its_own_field_a_walk_keeps_its_magnetometer(ideal):
-    again = with_field(ideal, ideal.field, 0.0, np.random.default_rng(0), border_s=0.0)
+    again = replace_field(ideal, ideal.field, 0.0, np.random.default_rng(0), border_s=0.0)
     np.testing.assert_allclose(again.mag, ideal.recording.mag, atol=1e-9)
     np.testing.assert_array_equal(again.gyr, ideal.recording.gyr)
-    assert with_field(ideal, None, 0.0, np.random.default_rng(0)).mag is None
+    assert replace_field(ideal, None, 0.0, np.random.default_rng(0)).mag is None
 
 
 def test_in_another_field_it_is_the_walk_simulated_there(ideal):
     elsewhere = simulate(IDEAL, 3, Choices(site="munich", field="homogeneous"))
-    emulated = with_field(ideal, Homogeneous(tuple(TABLE_1["munich"])), 0.0, np.random.default_rng(0))
+    emulated = replace_field(ideal, Homogeneous(tuple(TABLE_1["munich"])), 0.0, np.random.default_rng(0))
     np.testing.assert_allclose(emulated.mag, elsewhere.recording.mag, atol=1e-3)
-    noisy = with_field(ideal, SITES["munich"], 0.5, np.random.default_rng(0))
+    noisy = replace_field(ideal, SITES["munich"], 0.5, np.random.default_rng(0))
     np.testing.assert_allclose((noisy.mag - elsewhere.recording.mag).std(axis=0), 0.5, rtol=0.05)
 
 
 def test_turning_the_walk_is_turning_the_field_the_other_way(ideal):
     turned = simulate(IDEAL, 3, Choices(site="munich", field="homogeneous", turned_deg=-90.0))
     other = Homogeneous(tuple(yaw_rotation(-np.pi / 2) @ TABLE_1["munich"]))
-    emulated = with_field(ideal, other, 0.0, np.random.default_rng(0))
+    emulated = replace_field(ideal, other, 0.0, np.random.default_rng(0))
     np.testing.assert_allclose(emulated.mag, turned.recording.mag, atol=1e-3)
 
 
 def test_across_a_border_of_two_cylinders_there_is_no_field(ideal):
-    recording = with_field(ideal, ideal.field, 0.0, np.random.default_rng(0))
+    recording = replace_field(ideal, ideal.field, 0.0, np.random.default_rng(0))
     lost = np.isnan(recording.mag[:, 0])
     cylinders = next(part for part in ideal.field.parts if isinstance(part, Cylinders))
     place = recording.truth.position + ideal.origin
@@ -144,14 +144,14 @@ def test_across_a_border_of_two_cylinders_there_is_no_field(ideal):
     since = recording.t[lost] - recording.t[crossed[np.searchsorted(crossed, np.flatnonzero(lost), side="right") - 1]]
     assert since.min() >= 0.0
     assert BORDER_S - 0.01 < since.max() < BORDER_S
-    assert not after_border(recording.t, place, SITES["munich"]).any()
-    np.testing.assert_array_equal(after_border(recording.t, place, Sum([SITES["munich"], cylinders])), lost)
+    assert not mark_borders(recording.t, place, SITES["munich"]).any()
+    np.testing.assert_array_equal(mark_borders(recording.t, place, Sum([SITES["munich"], cylinders])), lost)
 
 
 def test_a_walk_without_attitudes_is_refused(ideal):
     bare = replace(ideal, recording=replace(ideal.recording, truth=None))
     with pytest.raises(SimulationError, match="no true attitude"):
-        with_field(bare, SITES["munich"], 0.0, np.random.default_rng(0))
+        replace_field(bare, SITES["munich"], 0.0, np.random.default_rng(0))
 
 
 def test_the_mtw_of_table_3_has_iron_to_be_calibrated():

@@ -50,12 +50,12 @@ def no_field(t: Floats) -> Floats:
     return np.zeros((len(t), 3))
 
 
-def switched_on(prior: SensorPrior, seed: int = 0) -> SensorRun:
-    return prior.draw(np.random.default_rng(seed)).switched_on(np.random.default_rng(seed + 1))
+def switch_on(prior: SensorPrior, seed: int = 0) -> SensorRun:
+    return prior.draw(np.random.default_rng(seed)).switch_on(np.random.default_rng(seed + 1))
 
 
 def recorded(prior: SensorPrior, count: int, block: int) -> Samples:
-    run, (t, rate, force) = switched_on(prior), motion(count, prior.rate_hz)
+    run, (t, rate, force) = switch_on(prior), motion(count, prior.rate_hz)
     cuts = [slice(i, i + block) for i in range(0, count, block)]
     parts = [(cut.start, run.measure(t[cut], rate[cut], force[cut], changing_field)) for cut in cuts]
     names = ("t", "taken", "acc", "gyr", "mag")
@@ -83,7 +83,7 @@ def test_what_arrives_makes_a_recording() -> None:
 
 def test_an_ideal_sensor_tells_the_truth() -> None:
     t, rate, force = motion(500, 200.0)
-    samples = switched_on(preset("ideal")).measure(t, rate, force, changing_field)
+    samples = switch_on(preset("ideal")).measure(t, rate, force, changing_field)
     assert samples.mag is not None
     field = changing_field(t)
     for got, true in ((samples.t, t), (samples.gyr, rate), (samples.acc, force), (samples.mag, field)):
@@ -95,10 +95,10 @@ def test_a_sensor_stays_itself_and_wakes_up_differently() -> None:
     first, second = (prior.draw(np.random.default_rng(3)) for _ in range(2))
     assert first.as_dict() == second.as_dict()
     assert first.as_dict() != prior.draw(np.random.default_rng(4)).as_dict()
-    one_walk, another = (first.switched_on(np.random.default_rng(seed)) for seed in (1, 2))
+    one_walk, another = (first.switch_on(np.random.default_rng(seed)) for seed in (1, 2))
     assert one_walk.as_dict() != another.as_dict()
     rng = np.random.default_rng(1)
-    assert first.switched_on(rng).as_dict() != first.switched_on(rng).as_dict()
+    assert first.switch_on(rng).as_dict() != first.switch_on(rng).as_dict()
 
 
 def test_switching_an_error_off_leaves_the_others_as_they_were() -> None:
@@ -111,7 +111,7 @@ def test_switching_an_error_off_leaves_the_others_as_they_were() -> None:
     assert np.array_equal(full.acc_matrix, part.acc_matrix)
     assert np.array_equal(full.soft_iron, part.soft_iron)
     t, rate, force = motion(100, 400.0)
-    runs = (sensor.switched_on(np.random.default_rng(2)) for sensor in (full, part))
+    runs = (sensor.switch_on(np.random.default_rng(2)) for sensor in (full, part))
     with_it, without_it = (run.measure(t, rate, force, changing_field) for run in runs)
     assert np.array_equal(with_it.acc, without_it.acc)
     assert np.array_equal(with_it.mag, without_it.mag, equal_nan=True)
@@ -121,7 +121,7 @@ def test_readings_are_truth_distorted_by_what_is_told() -> None:
     """With all noise off, what `Sensor` and `biases_at` tell explains the readings to rounding."""
     prior = replace(UNFORGIVING, clock=ClockPrior())
     gyr, acc = (replace(p, noise_density=0.0, resolution=0.0, limit=np.inf) for p in (prior.gyr, prior.acc))
-    run = switched_on(replace(prior, gyr=gyr, acc=acc))
+    run = switch_on(replace(prior, gyr=gyr, acc=acc))
     t, rate, force = motion(3000, 400.0)
     samples, true = run.measure(t, rate, force, changing_field), run.biases_at(t)
     sensor = run.sensor
@@ -135,7 +135,7 @@ def test_readings_are_truth_distorted_by_what_is_told() -> None:
 
 def noise_of(prior: SensorPrior) -> tuple[float, float, float]:
     """Standard deviation of successive differences at rest over sqrt(2): gyr, acc, mag."""
-    run = switched_on(prior)
+    run = switch_on(prior)
     t = np.arange(40_000) * prior.period_s
     rest = np.zeros((len(t), 3))
     samples = run.measure(t, rest, rest, no_field)
@@ -173,7 +173,7 @@ def test_what_units_share_does_not_average_away() -> None:
 def test_each_unit_is_cut_at_its_range_before_the_average() -> None:
     limit, step = 5.0, 0.01
     triad = TriadPrior(scale_sd=0.1, limit=limit, resolution=step)
-    run = switched_on(SensorPrior("pair", 100.0, gyr=triad, units=2, mag=None))
+    run = switch_on(SensorPrior("pair", 100.0, gyr=triad, units=2, mag=None))
     scales = np.stack([np.diag(unit.gyr.matrix) for unit in run.sensor.units])
     true = np.linspace(0.0, 8.0, 801)[:, None] * np.ones(3)
     gyr = run.measure(np.arange(801) / 100.0, true, np.zeros_like(true)).gyr
@@ -201,7 +201,7 @@ def test_parameters_of_presets_are_plain(name: str) -> None:
 def test_every_preset_measures_and_is_told_in_json(name: str) -> None:
     prior = preset(name)
     assert prior.name == name
-    run = switched_on(prior)
+    run = switch_on(prior)
     samples = run.measure(*motion(1000, prior.rate_hz), changing_field)
     assert (samples.mag is None) == (prior.mag is None)
     assert np.isfinite(samples.gyr).all()
@@ -221,7 +221,7 @@ def test_the_data_sheets_noise_in_their_own_bandwidth() -> None:
 
 def test_table_2_of_munoz_diaz_is_exact() -> None:
     prior = preset("munoz-diaz-table-2")
-    run = switched_on(prior)
+    run = switch_on(prior)
     t, rest = np.arange(100_000) / 100.0, np.zeros((100_000, 3))
     samples = run.measure(t, rest, rest, no_field)
     assert np.rad2deg(samples.gyr.mean(axis=0)) == pytest.approx([-0.1, 0.1, -0.1], abs=0.002)
@@ -236,14 +236,14 @@ def test_a_fibre_optic_gyroscope_stays_within_a_degree_an_hour() -> None:
     prior = preset("kvh-1750")
     ends = []
     for seed in range(20):
-        run = switched_on(prior.at_rate(10.0), seed)
+        run = switch_on(prior.at_rate(10.0), seed)
         t, rest = np.arange(36_000) / 10.0, np.zeros((36_000, 3))
         ends.append(np.rad2deg(run.measure(t, rest, rest).gyr.sum(axis=0) / 10.0))
     assert 0.3 < np.std(ends) < 1.5
 
 
 def test_an_hour_at_400_hz_takes_seconds() -> None:
-    run = switched_on(preset("mpu-9250x8"))
+    run = switch_on(preset("mpu-9250x8"))
     t, rate, force = motion(50_000, 400.0)
     run.measure(t[:10], rate[:10], force[:10], changing_field)
     begin = time.perf_counter()
@@ -331,7 +331,7 @@ def test_an_unknown_sensor_names_the_known_ones() -> None:
 
 
 def test_blocks_that_do_not_follow_on_are_refused() -> None:
-    run, (t, rate, force) = switched_on(preset("demo")), motion(100, 200.0)
+    run, (t, rate, force) = switch_on(preset("demo")), motion(100, 200.0)
     run.measure(t[:50], rate[:50], force[:50], changing_field)
     with pytest.raises(SimulationError, match="do not rise"):
         run.measure(t[40:], rate[40:], force[40:], changing_field)

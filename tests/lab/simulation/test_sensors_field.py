@@ -13,8 +13,8 @@ from fg_nav.lab.simulation.sensors import (
     MagnetometerPrior,
     Samples,
     SensorPrior,
-    fixed_iron,
     ma_table_1,
+    make_iron,
     preset,
 )
 
@@ -23,7 +23,7 @@ NAV_FIELD = np.array([0.0, 20.0, -44.0])
 
 def recorded(prior: SensorPrior, body_field: Callable[[Floats], Floats], count: int, block: int = 10**6) -> Samples:
     """Samples of a sensor at rest in a changing field, put together from blocks."""
-    run = prior.draw(np.random.default_rng(0)).switched_on(np.random.default_rng(1))
+    run = prior.draw(np.random.default_rng(0)).switch_on(np.random.default_rng(1))
     t, still = np.arange(count) * prior.period_s, np.zeros((count, 3))
     cuts = [slice(i, i + block) for i in range(0, len(t), block)]
     parts = [run.measure(t[cut], still[cut], still[cut], body_field) for cut in cuts]
@@ -115,7 +115,7 @@ def test_a_sensor_without_a_magnetometer_does_not_ask_for_the_field() -> None:
     def never(t: Floats) -> Floats:
         raise AssertionError(f"asked for {len(t)} instants")
 
-    run = SensorPrior("blind", 400.0, mag=None).draw(np.random.default_rng(0)).switched_on(np.random.default_rng(1))
+    run = SensorPrior("blind", 400.0, mag=None).draw(np.random.default_rng(0)).switch_on(np.random.default_rng(1))
     samples = run.measure(np.arange(100) / 400.0, np.zeros((100, 3)), np.zeros((100, 3)), never)
     assert samples.mag is None
     assert samples.fresh is None
@@ -134,7 +134,7 @@ def test_a_sensor_without_a_magnetometer_does_not_ask_for_the_field() -> None:
 @pytest.mark.filterwarnings("ignore:divide by zero")
 @pytest.mark.filterwarnings("ignore:invalid value")
 def test_a_field_that_cannot_be_is_refused(body_field: Callable[[Floats], Floats], words: str) -> None:
-    run = SensorPrior("any", 100.0).draw(np.random.default_rng(0)).switched_on(np.random.default_rng(1))
+    run = SensorPrior("any", 100.0).draw(np.random.default_rng(0)).switch_on(np.random.default_rng(1))
     still = np.zeros((100, 3))
     with pytest.raises(SimulationError, match=words):
         run.measure(np.arange(100) / 100.0, still, still, body_field)
@@ -158,7 +158,7 @@ def turned_level(level_R_body: Floats, prior: SensorPrior) -> Floats:
 
 @pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (12.0, -25.0)])
 def test_ma_calibration_undoes_the_iron_of_his_table(tilt_deg: tuple[float, float]) -> None:
-    """Eq. 6 gives the offsets, Eq. 8-12 a circle again, whatever the tilt of the sensor in stance."""
+    """Ma (6) gives the offsets, Ma (8)-(12) a circle again, whatever the tilt of the sensor in stance."""
     level_R_body = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix()
     prior = SensorPrior("quiet", 400.0).with_iron(ma_table_1(level_R_body))
     level = turned_level(level_R_body, prior)[:, :2]
@@ -176,7 +176,7 @@ def test_ma_calibration_undoes_the_iron_of_his_table(tilt_deg: tuple[float, floa
 def test_effective_iron_is_what_the_readings_have() -> None:
     prior = preset("mpu-9250x8")
     sensor = prior.draw(np.random.default_rng(4))
-    run = sensor.switched_on(np.random.default_rng(5))
+    run = sensor.switch_on(np.random.default_rng(5))
     fields = 30.0 * np.vstack([np.zeros(3), np.eye(3)])  # for ten seconds each
     t, still = np.arange(16_000) / 400.0, np.zeros((16_000, 3))
     mag = run.measure(t, still, still, lambda t: fields[np.floor(t / 10.0).astype(int).clip(0)]).mag
@@ -204,6 +204,6 @@ def test_iron_is_drawn_alike_in_all_directions() -> None:
 def test_fixed_iron_is_exact_whatever_chips_there_are() -> None:
     hard, soft = np.array([3.0, -4.0, 5.0]), np.array([[1.1, 0.02, 0.0], [0.02, 0.9, -0.01], [0.0, -0.01, 1.0]])
     for seed in range(3):
-        sensor = preset("mpu-9250x8").with_iron(fixed_iron(hard, soft)).draw(np.random.default_rng(seed))
+        sensor = preset("mpu-9250x8").with_iron(make_iron(hard, soft)).draw(np.random.default_rng(seed))
         assert sensor.hard_iron_uT == pytest.approx(hard, abs=1e-12)
         assert sensor.soft_iron == pytest.approx(soft, abs=1e-12)

@@ -5,7 +5,7 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.lab.simulation.sensors import Drift, TriadPrior
-from fg_nav.lab.simulation.sensors.triad import DriftPath, digitised
+from fg_nav.lab.simulation.sensors.triad import DriftPath, digitize
 
 
 def allan(rate: Floats, period_s: float, tau_s: float) -> float:
@@ -20,7 +20,7 @@ def at_rest(prior: TriadPrior, rate_hz: float, duration_s: float, seed: int = 0)
     """Readings of a triad of which nothing moves."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(duration_s * rate_hz)) / rate_hz
-    return prior.draw(rng).switched_on(rng, rate_hz).measure(t, np.zeros((len(t), 3)))
+    return prior.draw(rng).switch_on(rng, rate_hz).measure(t, np.zeros((len(t), 3)))
 
 
 def markov_allan(sd: float, time_s: float, tau_s: float) -> float:
@@ -60,7 +60,7 @@ def test_gauss_markov_forgets_at_its_time_and_starts_anywhere() -> None:
 
 
 def test_munoz_diaz_recursion_has_the_same_spread() -> None:
-    """Eq. 10-11 and 24-25, sample by sample at 100 Hz: the stationary spread is that of `of_instability`."""
+    """MD (10), (11), (24), (25), sample by sample at 100 Hz: the stationary spread is that of `of_instability`."""
     lowest, time_s = 0.01, 5.0
     tau = time_s * 100.0
     rng = np.random.default_rng(3)
@@ -102,7 +102,7 @@ def test_parameters_are_drawn_with_their_spread() -> None:
     assert np.stack([triad.g_sensitivity for triad in triads]).std(axis=0) == pytest.approx(
         np.full((3, 3), 0.004), rel=0.1
     )
-    bias = np.stack([triads[0].switched_on(rng, 100.0).turn_on_bias for _ in range(2000)])
+    bias = np.stack([triads[0].switch_on(rng, 100.0).turn_on_bias for _ in range(2000)])
     assert bias.mean(axis=0) == pytest.approx([1.0, -2.0, 0.5], abs=0.02)
     assert bias.std(axis=0) == pytest.approx([0.2, 0.2, 0.2], rel=0.06)
 
@@ -111,14 +111,14 @@ def test_a_gyroscope_feels_force_in_proportion() -> None:
     rng = np.random.default_rng(1)
     triad = TriadPrior(g_sensitivity_sd=0.01).draw(rng)
     t, still = np.arange(3) / 100.0, np.zeros((3, 3))
-    reading = triad.switched_on(rng, 100.0).measure(t, still, 9.8 * np.eye(3))
+    reading = triad.switch_on(rng, 100.0).measure(t, still, 9.8 * np.eye(3))
     assert reading == pytest.approx(9.8 * triad.g_sensitivity.T)
     assert np.abs(reading).min() > 1e-5
 
 
 def test_a_range_ends_and_steps_are_of_one_size() -> None:
     ramp = np.linspace(-3.0, 3.0, 3001)[:, None] * np.ones(3)
-    reading = digitised(ramp.copy(), limit=2.0, resolution=0.125)
+    reading = digitize(ramp.copy(), limit=2.0, resolution=0.125)
     assert reading.max() == 2.0
     assert reading.min() == -2.0
     assert set(np.unique(np.diff(reading[:, 0]))) == {0.0, 0.125}

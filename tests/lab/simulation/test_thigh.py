@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2, heading_of
-from fg_nav.lab.simulation import courses
+from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import polyline, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan
-from fg_nav.lab.simulation.thigh import Pocket, Ringing, thigh_motion
+from fg_nav.lab.simulation.thigh import Pocket, Ringing, build_thigh_motion
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -26,14 +26,14 @@ QUIET = replace(STILL, ringing=Ringing(hip_m=(0.0, 0.0, 0.0), angle_rad=(0.0, 0.
 def walk(*sections, pocket=Pocket(), seed=0):
     rng = np.random.default_rng(seed)
     strides = plan(sections, Person(), rng)
-    return strides, thigh_motion(strides, pocket, rng)
+    return strides, build_thigh_motion(strides, pocket, rng)
 
 
 @pytest.fixture(scope="module")
 def varied():
     """Walking round a corner, running, standing, turning and stairs."""
     corner = polyline([(0, 0), (0, 15), (15, 15)], 1.2)
-    run = straight(20.0).placed(corner.end)
+    run = straight(20.0).place(corner.end)
     sections = [Stand(3.0), Walk(corner), Walk(run, Style.RUN), Stand(3.0), TurnOnSpot(np.pi), Stairs(8), Stand(3.0)]
     return walk(*sections)
 
@@ -232,7 +232,7 @@ def test_the_sensor_is_tilted_once_for_all():
 def test_another_walk_keeps_the_tilt_and_rings_anew():
     strides = plan([Stand(1.0), Walk(straight(9.0)), Stand(1.0)], Person(), np.random.default_rng(0))
     one, other = (
-        thigh_motion(strides, Pocket(), np.random.default_rng(of_this_walk), np.random.default_rng(9))
+        build_thigh_motion(strides, Pocket(), np.random.default_rng(of_this_walk), np.random.default_rng(9))
         for of_this_walk in (1, 2)
     )
     np.testing.assert_array_equal(one.thigh_R_body, other.thigh_R_body)
@@ -241,7 +241,7 @@ def test_another_walk_keeps_the_tilt_and_rings_anew():
     standing = t < strides.start[0] - 0.2
     assert apart[standing].max() > 0.01  # sway
     assert apart[~standing].max() > 10.0  # ringing
-    remounted = thigh_motion(strides, Pocket(), np.random.default_rng(1), np.random.default_rng(10))
+    remounted = build_thigh_motion(strides, Pocket(), np.random.default_rng(1), np.random.default_rng(10))
     assert not np.allclose(remounted.thigh_R_body, one.thigh_R_body, atol=0.01)
     np.testing.assert_array_equal(remounted.angles(t), one.angles(t))
     np.testing.assert_array_equal(remounted.hip(t), one.hip(t))
@@ -278,9 +278,9 @@ def test_an_impossible_pocket_is_refused(wrong):
 
 def test_forty_four_minutes_take_seconds():
     rng = np.random.default_rng(0)
-    strides = plan(courses.pocket_long(rng), Person(), rng)
+    strides = plan(routes.pocket_long(rng), Person(), rng)
     began = time.perf_counter()
-    motion = thigh_motion(strides, Pocket(), rng)
+    motion = build_thigh_motion(strides, Pocket(), rng)
     t = np.arange(0.0, strides.end_s, 0.01)
     for k in range(0, len(t), 50_000):
         motion.sampled(t[k : k + 50_000], 0.01)

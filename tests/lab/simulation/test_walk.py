@@ -17,7 +17,7 @@ from fg_nav.recording import Recording
 IDEAL = Choices(sensor="ideal")
 CORRIDOR = polyline([(0, 0), (0, 12), (9, 12)], 1.2)
 SHORT = replace(
-    SCENARIOS["demo"], name="short", course=lambda rng: [Stand(3.0), Walk(CORRIDOR), Stand(3.0)], field="indoor"
+    SCENARIOS["demo"], name="short", route=lambda rng: [Stand(3.0), Walk(CORRIDOR), Stand(3.0)], field="indoor"
 )
 
 
@@ -166,8 +166,8 @@ def test_landmarks_are_passed_on_every_lap_at_the_same_place():
     lap = polyline([(0, 5), (0, 10), (8, 10), (8, 0), (0, 0), (0, 5)], 1.2).with_landmarks(
         [4.0, 20.0], ["door", "desk"]
     )
-    course = [Stand(2.0), Walk(lap.repeated(3)), Stand(2.0)]
-    walk = simulate(replace(SHORT, course=lambda rng: course), 2, IDEAL)
+    course = [Stand(2.0), Walk(lap.repeat(3)), Stand(2.0)]
+    walk = simulate(replace(SHORT, route=lambda rng: course), 2, IDEAL)
     assert [mark.landmark for mark in walk.landmarks] == ["door", "desk"] * 3
     truth = walk.recording.truth
     for mark in walk.landmarks:
@@ -294,7 +294,7 @@ def test_every_scenario_says_what_it_is_and_has_a_course(name):
     one: Scenario = SCENARIOS[name]
     assert one.name == name
     assert one.summary
-    sections = one.course(np.random.default_rng(0))
+    sections = one.route(np.random.default_rng(0))
     assert isinstance(sections[0], Stand)
     assert isinstance(sections[-1], Stand)
     assert one.prior.rate_hz >= 100.0

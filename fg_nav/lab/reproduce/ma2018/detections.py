@@ -297,7 +297,7 @@ def _seen(field: FootfallField) -> tuple[Floats, Floats, Floats]:
 
 def _lying(seed: int, rest_s: float) -> tuple[Floats, Floats, Floats]:
     """The same sample by sample; the rate of a shoe at rest is no more than its bias, which the walk would take off."""
-    still = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(rest_s)])
+    still = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(rest_s)])
     recording = simulate(still, seed, Choices(sensor=SENSOR, rate_hz=100.0)).recording
     assert recording.mag is not None
     mag = recording.mag[np.isfinite(recording.mag).all(axis=1)]

@@ -48,7 +48,7 @@ from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
-from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, fixed_iron, ma_table_1, preset
+from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, ma_table_1, make_iron, preset
 from fg_nav.lab.simulation.sensors.magnetometer import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 from fg_nav.lab.simulation.walk import Streams
 from fg_nav.lab.store.entries import Arrays, Measurement
@@ -197,7 +197,7 @@ def standing_attitude(walk: SimulatedWalk) -> Floats:
 
 def bare_of_table_1(R: Floats) -> IronPrior:
     """Make the module without the shoe, as the CLSEF line of Table 1 has it, in levelled axes."""
-    return fixed_iron(R.T @ MA_B_UT, R.T @ np.linalg.inv(MA_K) @ R)
+    return make_iron(R.T @ MA_B_UT, R.T @ np.linalg.inv(MA_K) @ R)
 
 
 def field_of(walk: SimulatedWalk) -> FootfallField:
@@ -225,7 +225,7 @@ def tumbled(prior: SensorPrior, seed: int) -> Floats:
     nav_field = SITES["munich"].at(np.zeros((1, 3)))[0]
     body_field = np.einsum("nji,j->ni", attitude, nav_field)
     still = np.zeros_like(body_field)
-    run = prior.draw(Streams(seed, LOOP).lasting("sensor")).switched_on(rng)  # the same sensor as on the shoe
+    run = prior.draw(Streams(seed, LOOP).lasting("sensor")).switch_on(rng)  # the same sensor as on the shoe
     mag = run.measure(t, still, still, lambda at: _between(at, t, body_field)).mag
     assert mag is not None
     return mag

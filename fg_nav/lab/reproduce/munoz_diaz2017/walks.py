@@ -28,8 +28,8 @@ from fg_nav.calibration.allan import AllanCurve, compute_allan_curve
 from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT, PUBLISHED
-from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, courses, simulate
-from fg_nav.lab.simulation.emulation import with_field
+from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
+from fg_nav.lab.simulation.emulation import replace_field
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
@@ -114,8 +114,8 @@ class Setting:
 def _scenario(name: str, leg_m: float | None) -> Scenario:
     whole = SCENARIOS[name]
     if name == "pocket-long":
-        whole = replace(whole, course=partial(courses.pocket_long, trips=6))
-    return whole if leg_m is None else replace(whole, course=lambda rng: shortened(whole.course(rng), leg_m))
+        whole = replace(whole, route=partial(routes.pocket_long, trips=6))
+    return whole if leg_m is None else replace(whole, route=lambda rng: shortened(whole.route(rng), leg_m))
 
 
 def first_walk(seed: int, leg_m: float | None = None) -> SimulatedWalk:
@@ -169,7 +169,7 @@ def field_of(walk: SimulatedWalk, case: str) -> Field | None:
 def first_recording(walk: SimulatedWalk, case: str, seed: int) -> Recording:
     """The first walk in the field of a case; with the same noise in all of them."""
     rng = np.random.default_rng([seed, 1])
-    return with_field(walk, field_of(walk, case), PUBLISHED.mag_noise_uT, rng)
+    return replace_field(walk, field_of(walk, case), PUBLISHED.mag_noise_uT, rng)
 
 
 def street_of(walk: SimulatedWalk) -> Cylinders | None:
@@ -205,9 +205,7 @@ def setting_of(walk: SimulatedWalk) -> Setting:
     legs = np.concatenate([[0], np.cumsum((np.diff(walking.astype(int)) == 1).astype(int))])[walking]
     footprint = strides.footprint[1:][walking]
     where = footprint[:, 0] - strides.footprint[0, 0]
-    passed = [
-        _minute(strides.start[walking], where, legs == leg, place) for leg, (place, _) in courses.CLOSE_TO.items()
-    ]
+    passed = [_minute(strides.start[walking], where, legs == leg, place) for leg, (place, _) in routes.CLOSE_TO.items()]
     length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)[walking]
     true_bias = np.degrees([np.interp(walk.recording.t[::100], walk.biases.t, axis) for axis in walk.biases.gyr.T]).T
     return Setting(
@@ -242,7 +240,7 @@ class AllanPair:
 
 def fog_errors(seed: int, hours: float) -> dict[str, float]:
     """Section 2.2: the fibre-optic gyroscope at rest, integrated for an hour; the Earth's rate added and taken off."""
-    scenario = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(3600.0 * hours)])
+    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
     recording = simulate(scenario, seed, Choices(sensor="kvh-1750", rate_hz=10.0)).recording
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)
@@ -261,7 +259,7 @@ def fog_errors(seed: int, hours: float) -> dict[str, float]:
 
 def allan_pair(seed: int, hours: float) -> AllanPair:
     """Allan deviations of both gyroscopes at rest, deg/s (Figure 5)."""
-    scenario = replace(SCENARIOS["at-rest"], course=lambda rng: [Stand(3600.0 * hours)])
+    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
     curves = {}
     for sensor in ("kvh-1750", "xsens-mtw"):
         prior = replace(preset(sensor), rate_hz=10.0, clock=ClockPrior())  # no sample lost

@@ -23,8 +23,8 @@ building  pillars, lockers, door frames, beams next to a path;       fitted to r
 Two exceptions, both on purpose: the cylinder with its exponent as printed in the paper, which is no magnetic field,
 and the jump from cell to cell of a street.
 
-An environment is drawn about the path of a walk: `environment("indoor", SITES["munich"], ways, rng)`. A magnet on the
-floor is added to it: `Sum((field, magnet(position, moment)))`.
+An environment is drawn about the path of a walk: `draw_environment("indoor", SITES["munich"], points, rng)`. A magnet
+on the floor is added to it: `Sum((field, magnet(position, moment)))`.
 """
 
 from fg_nav.lab.simulation.fields.building import (
@@ -32,7 +32,7 @@ from fg_nav.lab.simulation.fields.building import (
     Cables,
     Clutter,
     Kind,
-    environment,
+    draw_environment,
     place_cables,
     place_objects,
 )
@@ -44,28 +44,28 @@ from fg_nav.lab.simulation.fields.field import (
     Sum,
     curl,
     divergence,
-    earth_at,
-    earth_field,
+    find_earth_field,
     gradient,
+    make_earth_field,
     site,
 )
 from fg_nav.lab.simulation.fields.floor import (
     Floor,
     FloorParameters,
+    FloorPath,
     TreadParameters,
-    Ways,
-    closely_spaced,
     draw_floor,
     draw_treads,
+    resample_path,
 )
 from fg_nav.lab.simulation.fields.sources import (
     Circuit,
     Dipoles,
+    compute_sphere_moment,
+    compute_spheroid_moment,
     magnet,
+    make_upright_loop,
     rod,
-    sphere_moment,
-    spheroid_moment,
-    upright_loop,
 )
 
 __all__ = [
@@ -83,27 +83,27 @@ __all__ = [
     "Field",
     "Floor",
     "FloorParameters",
+    "FloorPath",
     "Homogeneous",
     "Kind",
     "Sum",
     "TreadParameters",
-    "Ways",
-    "closely_spaced",
+    "compute_sphere_moment",
+    "compute_spheroid_moment",
     "curl",
     "divergence",
+    "draw_environment",
     "draw_floor",
     "draw_treads",
-    "earth_at",
-    "earth_field",
-    "environment",
+    "find_earth_field",
     "gradient",
     "magnet",
+    "make_earth_field",
+    "make_upright_loop",
     "place_cables",
     "place_objects",
+    "resample_path",
     "rod",
     "site",
-    "sphere_moment",
-    "spheroid_moment",
     "street",
-    "upright_loop",
 ]

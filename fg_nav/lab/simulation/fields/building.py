@@ -36,19 +36,19 @@ from fg_nav.lab.simulation.fields.floor import (
     SPACING_M,
     SPOTS_M,
     FloorParameters,
+    FloorPath,
     TreadParameters,
-    Ways,
-    closely_spaced,
     draw_floor,
     draw_treads,
+    resample_path,
 )
-from fg_nav.lab.simulation.fields.sources import UP, Circuit, Dipoles, rod, spheroid_moment, upright_loop
+from fg_nav.lab.simulation.fields.sources import UP, Circuit, Dipoles, compute_spheroid_moment, make_upright_loop, rod
 
 TRIES = 30
-"""So often another place is looked for; a way that leaves no room has fewer objects."""
+"""So often another place is tried; a path that leaves no room has fewer objects."""
 
 PIECE_M = 0.4
-"""Length of steel for which one dipole stands; half a metre from its end such a row is a rod to a few per cent."""
+"""Length of steel for which one dipole stands; half a meter from its end such a row is a rod to a few per cent."""
 
 Range = tuple[float, float]
 """Least and most, evenly filled."""
@@ -60,8 +60,8 @@ class Kind:
 
     Attributes
     ----------
-    per_100_m : how many along 100 m of way, in the mean.
-    aside_m : horizontal distance from some point of the way.
+    per_100_m : how many along 100 m of path, in the mean.
+    aside_m : horizontal distance from some point of the path.
     bottom_m : height of its lower end over the floor there.
     length_m : of the object.
     steel_litre : volume of its steel (7.9 kg a litre), evenly filled in the logarithm.
@@ -87,9 +87,9 @@ class Cables:
 
     Attributes
     ----------
-    per_100_m : how many along 100 m of way, in the mean.
+    per_100_m : how many along 100 m of path, in the mean.
     length_m : of the stretch.
-    aside_m : distance from some point of the way.
+    aside_m : distance from some point of the path.
     storey_m : the current comes back this much higher.
     current_A : standard deviation of a normal distribution.
     room_m : to where a sensor may be, at least.
@@ -103,32 +103,32 @@ class Cables:
     room_m: float = 0.5
 
 
-def place_objects(kinds: Sequence[Kind], ways: Ways, nav_field: Floats, rng: np.random.Generator) -> Dipoles:
-    """Furnish the ways with objects that the Earth's field (3,) uT magnetises."""
-    metres = SPOTS_M * len(ways.spots)
-    wanted = [kind for kind in kinds for _ in range(rng.poisson(kind.per_100_m * metres / 100))]
-    tried = [_place_one(kind, ways, nav_field, rng) for kind in wanted]
+def place_objects(kinds: Sequence[Kind], path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> Dipoles:
+    """Furnish the path with objects that the Earth's field (3,) uT magnetizes."""
+    meters = SPOTS_M * len(path.spots)
+    wanted = [kind for kind in kinds for _ in range(rng.poisson(kind.per_100_m * meters / 100))]
+    tried = [_place_one(kind, path, nav_field, rng) for kind in wanted]
     placed = [dipoles for dipoles in tried if dipoles is not None]
     position = np.vstack([np.zeros((0, 3)), *(dipoles.position for dipoles in placed)])
     return Dipoles(position, np.vstack([np.zeros((0, 3)), *(dipoles.moment for dipoles in placed)]))
 
 
-def place_cables(cables: Cables, ways: Ways, rng: np.random.Generator) -> list[Circuit]:
-    """Lay circuits along the ways."""
-    count = rng.poisson(cables.per_100_m * SPOTS_M * len(ways.spots) / 100)
-    tried = (_lay_one(cables, ways, rng) for _ in range(count))
+def place_cables(cables: Cables, path: FloorPath, rng: np.random.Generator) -> list[Circuit]:
+    """Lay circuits along the path."""
+    count = rng.poisson(cables.per_100_m * SPOTS_M * len(path.spots) / 100)
+    tried = (_lay_one(cables, path, rng) for _ in range(count))
     return [circuit for circuit in tried if circuit is not None]
 
 
-def _place_one(kind: Kind, ways: Ways, nav_field: Floats, rng: np.random.Generator) -> Dipoles | None:
+def _place_one(kind: Kind, path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> Dipoles | None:
     length = rng.uniform(*kind.length_m)
     axis = _horizontal(rng) if kind.lies else UP
     moment = _moment(kind, length, axis, nav_field, rng)
     for _ in range(TRIES):
-        end = _beside(ways.spots, kind.aside_m, rng) + rng.uniform(*kind.bottom_m) * UP
+        end = _place_aside(path.spots, kind.aside_m, rng) + rng.uniform(*kind.bottom_m) * UP
         start = end - length / 2 * axis if kind.lies else end
         dipoles = rod(start, start + length * axis, moment, count=max(1, round(length / PIECE_M)))
-        if ways.room(dipoles.position).min() >= kind.room_m:
+        if path.room(dipoles.position).min() >= kind.room_m:
             return dipoles
     return None
 
@@ -138,23 +138,23 @@ def _moment(kind: Kind, length_m: float, axis: Floats, nav_field: Floats, rng: n
     radius_m = float(np.sqrt(1.5 * volume_m3 / (np.pi * length_m)))
     remembered = rng.standard_normal(3)
     remembered *= kind.memory * np.linalg.norm(nav_field) / np.linalg.norm(remembered)
-    return spheroid_moment(nav_field + remembered, axis, length_m / 2, radius_m)
+    return compute_spheroid_moment(nav_field + remembered, axis, length_m / 2, radius_m)
 
 
-def _lay_one(cables: Cables, ways: Ways, rng: np.random.Generator) -> Circuit | None:
+def _lay_one(cables: Cables, path: FloorPath, rng: np.random.Generator) -> Circuit | None:
     length = rng.uniform(*cables.length_m)
     current = cables.current_A * rng.standard_normal()
     for _ in range(TRIES):
-        k = int(rng.integers(len(ways.spots)))
-        start = _beside(ways.spots[[k]], cables.aside_m, rng)
-        end = start + length * ways.spot_directions[k] * [1.0, 1.0, 0.0]
-        circuit = upright_loop(start, end, cables.storey_m, current)
-        if ways.room(circuit.pieces(SPACING_M)).min() >= cables.room_m:
+        k = int(rng.integers(len(path.spots)))
+        start = _place_aside(path.spots[[k]], cables.aside_m, rng)
+        end = start + length * path.spot_directions[k] * [1.0, 1.0, 0.0]
+        circuit = make_upright_loop(start, end, cables.storey_m, current)
+        if path.room(circuit.pieces(SPACING_M)).min() >= cables.room_m:
             return circuit
     return None
 
 
-def _beside(spots: Floats, aside_m: Range, rng: np.random.Generator) -> Floats:
+def _place_aside(spots: Floats, aside_m: Range, rng: np.random.Generator) -> Floats:
     """Return a place (3,) m at some distance and in some direction from some spot."""
     spot: Floats = spots[rng.integers(len(spots))]
     return spot + rng.uniform(*aside_m) * _horizontal(rng)
@@ -185,7 +185,7 @@ class Clutter:
     Attributes
     ----------
     floor : roughness of level floors.
-    treads : roughness where the way climbs.
+    treads : roughness where the path climbs.
     kinds : objects.
     cables : stray currents, or None.
     """
@@ -196,30 +196,30 @@ class Clutter:
     cables: Cables | None = field(default_factory=Cables)
 
 
-def environment(
-    level: str, earth: Homogeneous, ways: Floats, rng: np.random.Generator, clutter: Clutter = Clutter()
+def draw_environment(
+    level: str, earth: Homogeneous, points: Floats, rng: np.random.Generator, clutter: Clutter = Clutter()
 ) -> Field:
-    """Draw an environment about the ways of a walk.
+    """Draw an environment about the path of a walk.
 
     Parameters
     ----------
     level : one of `LEVELS`.
     earth : field without the building.
-    ways : (M, 3) m in nav, points on the floor along which the feet go, joined by straight lines. Objects stand
-        beside them, half a metre or more from wherever the sensor may be.
+    points : (M, 3) m in nav, points on the floor along which the feet go, joined by straight lines. Objects stand
+        next to it, half a meter or more from wherever the sensor may be.
     rng : source of all that is random.
     clutter : of the level `indoor`.
 
     Raises
     ------
     SimulationError
-        For any other level, or ways that are no path.
+        For any other level, or points that are no path.
     """
     if level not in LEVELS:
         raise SimulationError(f"there is no field level {level!r}: choose one of {', '.join(LEVELS)}.")
     if level == "homogeneous":
         return earth
-    path = closely_spaced(ways)
+    path = resample_path(points)
     if level == "smooth":
         return Sum((earth, place_objects(SMOOTH_KINDS, path, earth.vector, rng)))
     ground: Field = (

@@ -5,7 +5,7 @@ of horizontal part H is, and its upward part is as without iron,
 
     B = H + k (r_c / |r|)^n (2 (H . u) u - H),    k = (mu_r - 1) / (mu_r + 1).
 
-For H along north and rho = atan2(east, north) that is Equations (21) to (23) of the paper, whose factor prints
+For H along north and rho = atan2(east, north) that is MD (21)-(23), whose factor prints
 n = 1. Only n = 2, the field of a line of dipoles, is free of divergence and curl, and only so does the field cross
 the iron as it must; n = 1 is kept to repeat what was printed.
 
@@ -18,7 +18,7 @@ pedestrian walks along the middle of a pavement 2 m wide, the lights stand at th
 the left, and the car is parked half-way along the block, its axis 4 m to the left (2 m of air between). The template
 repeats every 120 m. `PAST_CARS` is the same template for one who keeps 4 m farther away but where the paper's
 pedestrian came close; its phase puts a car or a light at each of those places
-(`fg_nav.lab.simulation.courses.past_cars`).
+(`fg_nav.lab.simulation.routes.past_cars`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from fg_nav.lab.simulation.fields.field import Homogeneous
 from fg_nav.lab.simulation.fields.sources import IRON_MU_R
 
 PHYSICAL, AS_PRINTED = 2.0, 1.0
-"""Exponents n: that of the physics, and that of Equation (21) as printed."""
+"""Exponents n: that of the physics, and that of MD (21) as printed."""
 
 STREETLIGHT_M, CAR_M = 0.30, 2.0
 """Radii of the template's cylinders (paper, Section 2.2)."""
@@ -49,7 +49,7 @@ TEMPLATE: tuple[tuple[float, float, float], ...] = (
     (75.0, 1.0, STREETLIGHT_M),
     (105.0, 1.0, STREETLIGHT_M),
 )
-"""Along the way (m), to the left of it (m), radius (m); our choice, see above."""
+"""Along the street (m), to the left of it (m), radius (m); our choice, see above."""
 
 PAST_CARS: tuple[tuple[float, float, float], ...] = (
     (27.0, 5.0, STREETLIGHT_M),
@@ -153,7 +153,7 @@ def street(
     start : east and north of its beginning, m.
     heading_deg : direction of the street; 90 is east, as in the paper.
     exponent : `PHYSICAL` or `AS_PRINTED`.
-    template : of a block: along the way, to the left of it and radius of each cylinder, m.
+    template : of a block: along the street, to the left of it and radius of each cylinder, m.
 
     Raises
     ------

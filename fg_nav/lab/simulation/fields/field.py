@@ -101,7 +101,7 @@ class Homogeneous:
         return np.tile(self.vector, (len(position), 1))
 
 
-def earth_field(strength_uT: float, dip_deg: float, declination_deg: float = 0.0) -> Homogeneous:
+def make_earth_field(strength_uT: float, dip_deg: float, declination_deg: float = 0.0) -> Homogeneous:
     """Field of a given strength and direction.
 
     Parameters
@@ -129,9 +129,9 @@ def earth_field(strength_uT: float, dip_deg: float, declination_deg: float = 0.0
 
 SITES: Mapping[str, Homogeneous] = MappingProxyType(
     {
-        "north-pole": earth_field(65.0, 90.0),
-        "equator": earth_field(25.0, 0.0),
-        "munich": earth_field(48.0, 64.0),
+        "north-pole": make_earth_field(65.0, 90.0),
+        "equator": make_earth_field(25.0, 0.0),
+        "munich": make_earth_field(48.0, 64.0),
     }
 )
 """Munoz Diaz et al. (2017), Table 1."""
@@ -150,7 +150,7 @@ def site(name: str) -> Homogeneous:
     return SITES[name]
 
 
-def earth_at(where: str) -> Homogeneous:
+def find_earth_field(where: str) -> Homogeneous:
     """Field of a site by its name, or of `latitude,longitude,YYYY-MM-DD` by the World Magnetic Model.
 
     Raises

@@ -38,21 +38,21 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.fields.sources import UP, Dipoles
 
 SPACING_M = 0.2
-"""Points of a way lie no further apart than this."""
+"""Points of a path lie no further apart than this."""
 
 SPOTS_M = 1.0
-"""Things are counted by the metre of way."""
+"""Things are counted by the meter of path."""
 
 SENSOR_HEIGHTS_M = (0.1, 0.4, 0.7, 1.0)
 """From a foot's sensor to above a pocket's."""
 
 LEVEL_M = 0.1
-"""A way that rises less than this in all lies on one floor."""
+"""A path that rises less than this in all lies on one floor."""
 
 
 @dataclass(frozen=True)
-class Ways:
-    """Points on the floor along which somebody walks.
+class FloorPath:
+    """Points on the floor along which a person walks.
 
     Attributes
     ----------
@@ -68,18 +68,18 @@ class Ways:
 
     @property
     def floor_m(self) -> float:
-        """Height of the floor in nav where the way is level."""
+        """Height of the floor in nav where the path is level."""
         return float(np.median(self.points[:, 2]))
 
     @property
     def spots(self) -> Floats:
-        """Points (K, 3) m of the way, about `SPOTS_M` apart: what is walked again counts once."""
+        """Points (K, 3) m of the path, about `SPOTS_M` apart: what is walked again counts once."""
         spots: Floats = self.points[self._spot]
         return spots
 
     @property
     def spot_directions(self) -> Floats:
-        """Direction (K, 3) of the way at its spots, with its slope; zero where it has none."""
+        """Direction (K, 3) of the path at its spots, with its slope; zero where it has none."""
         last = len(self.points) - 1
         chord = self.points[np.minimum(self._spot + 1, last)] - self.points[np.maximum(self._spot - 1, 0)]
         length = np.linalg.norm(chord, axis=1, keepdims=True)
@@ -108,8 +108,8 @@ class Ways:
         return KDTree((self.points[:, None] + lifts).reshape(-1, 3))
 
 
-def closely_spaced(points: Floats) -> Ways:
-    """Ways through corners `points` (M, 3) m, on the floor, joined by straight lines.
+def resample_path(points: Floats) -> FloorPath:
+    """The path through corners `points` (M, 3) m, on the floor, joined by straight lines.
 
     Raises
     ------
@@ -118,10 +118,10 @@ def closely_spaced(points: Floats) -> Ways:
     """
     corners = np.asarray(points, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners) or not np.isfinite(corners).all():
-        raise SimulationError(f"ways of shape {corners.shape} are no path: give finite points (M, 3) in metres.")
+        raise SimulationError(f"points of shape {corners.shape} are no path: give finite points (M, 3) in meters.")
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     asked = np.linspace(0.0, along[-1], int(along[-1] / SPACING_M) + 2)
-    return Ways(np.stack([np.interp(asked, along, corners[:, i]) for i in range(3)], axis=1))
+    return FloorPath(np.stack([np.interp(asked, along, corners[:, i]) for i in range(3)], axis=1))
 
 
 @dataclass(frozen=True)
@@ -235,12 +235,12 @@ class TreadParameters:
 
     Attributes
     ----------
-    strength_uT : rms per axis at `reference_m` above the way; that of a floor.
+    strength_uT : rms per axis at `reference_m` above the path; that of a floor.
     reference_m : height of a sensor on a standing foot.
-    depth_m : of the pieces under the way.
+    depth_m : of the pieces under the path.
     half_width_m : of the strip.
-    per_m : pieces a metre of way; so many that several act at once.
-    room_m : to where a sensor may be, at least (winding stairs hang over the way below).
+    per_m : pieces a meter of path; so many that several act at once.
+    room_m : to where a sensor may be, at least (winding stairs hang over the path below).
     """
 
     strength_uT: float = 5.5
@@ -251,21 +251,21 @@ class TreadParameters:
     room_m: float = 0.35
 
 
-def draw_treads(ways: Ways, rng: np.random.Generator, parameters: TreadParameters = TreadParameters()) -> Dipoles:
-    """Bury the pieces under the ways."""
+def draw_treads(path: FloorPath, rng: np.random.Generator, parameters: TreadParameters = TreadParameters()) -> Dipoles:
+    """Bury the pieces under the path."""
     p = parameters
     count = max(1, round(p.per_m * SPOTS_M))
-    position = _under(np.repeat(ways.spots, count, axis=0), np.repeat(ways.spot_directions, count, axis=0), p, rng)
-    position = position[ways.room(position) >= p.room_m]
+    position = _under(np.repeat(path.spots, count, axis=0), np.repeat(path.spot_directions, count, axis=0), p, rng)
+    position = position[path.room(position) >= p.room_m]
     moment = rng.standard_normal(position.shape)
     unit = Dipoles(position, moment / np.linalg.norm(moment, axis=1, keepdims=True))
-    felt = unit.at(ways.points + np.array([0.0, 0.0, p.reference_m]))
+    felt = unit.at(path.points + np.array([0.0, 0.0, p.reference_m]))
     size = p.strength_uT / np.sqrt(np.mean(felt**2))
     return Dipoles(unit.position, size * unit.moment)
 
 
 def _under(spot: Floats, direction: Floats, p: TreadParameters, rng: np.random.Generator) -> Floats:
-    """Places (K, 3) m under the way: along it as it climbs, and level to its sides."""
+    """Places (K, 3) m under the path: along it as it climbs, and level to its sides."""
     along = SPOTS_M * rng.uniform(-0.5, 0.5, (len(spot), 1))
     aside = p.half_width_m * rng.uniform(-1, 1, (len(spot), 1))
     depth = rng.uniform(*p.depth_m, (len(spot), 1))

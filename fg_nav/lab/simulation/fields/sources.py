@@ -78,7 +78,7 @@ class Dipoles:
         Raises
         ------
         SimulationError
-            Within a centimetre of a dipole.
+            Within a centimeter of a dipole.
         """
         sensed = np.ascontiguousarray(position, dtype=np.float64)
         total, hit = _dipoles_at(sensed, _by_axis(self.position), _by_axis(self.moment))
@@ -98,12 +98,12 @@ def magnet(position: Floats, moment: Floats) -> Dipoles:
     return Dipoles(np.asarray(position, dtype=np.float64)[None], np.asarray(moment, dtype=np.float64)[None])
 
 
-def sphere_moment(nav_field: Floats, radius_m: float, mu_r: float = IRON_MU_R) -> Floats:
+def compute_sphere_moment(nav_field: Floats, radius_m: float, mu_r: float = IRON_MU_R) -> Floats:
     """Moment (3,) A m^2 that a soft-iron sphere takes on in a homogeneous field (3,) uT."""
-    return spheroid_moment(nav_field, UP, radius_m, radius_m, mu_r)
+    return compute_spheroid_moment(nav_field, UP, radius_m, radius_m, mu_r)
 
 
-def spheroid_moment(
+def compute_spheroid_moment(
     nav_field: Floats, axis: Floats, half_length_m: float, radius_m: float, mu_r: float = IRON_MU_R
 ) -> Floats:
     """Moment (3,) A m^2 of a soft-iron spheroid in a homogeneous field.
@@ -126,16 +126,16 @@ def spheroid_moment(
             f"a spheroid of {half_length_m} m by {radius_m} m and permeability {mu_r} cannot be: "
             f"give lengths above 0 and a permeability of 1 or more."
         )
-    along = demagnetising_factor(half_length_m / radius_m)
+    along = compute_demagnetizing_factor(half_length_m / radius_m)
     volume = 4 / 3 * np.pi * radius_m**2 * half_length_m
     lengthwise = float(nav_field @ axis) * axis
     across = nav_field - lengthwise
     chi = mu_r - 1
-    magnetised = chi / (1 + along * chi) * lengthwise + chi / (1 + (1 - along) / 2 * chi) * across
-    return np.asarray(volume / (4 * np.pi * SCALE_UT) * magnetised, dtype=np.float64)
+    magnetized = chi / (1 + along * chi) * lengthwise + chi / (1 + (1 - along) / 2 * chi) * across
+    return np.asarray(volume / (4 * np.pi * SCALE_UT) * magnetized, dtype=np.float64)
 
 
-def demagnetising_factor(aspect: float) -> float:
+def compute_demagnetizing_factor(aspect: float) -> float:
     """Factor N along the axis of revolution of a spheroid, `aspect` = that semi-axis over the others (Osborn 1945)."""
     if abs(aspect - 1) < 1e-4:
         return 1 / 3 - 4 / 15 * (aspect - 1)
@@ -229,7 +229,7 @@ class Circuit:
         return points
 
 
-def upright_loop(start: Floats, end: Floats, height_m: float, current_A: float) -> Circuit:
+def make_upright_loop(start: Floats, end: Floats, height_m: float, current_A: float) -> Circuit:
     """Circuit that runs from `start` (3,) m to `end` (3,) m and comes back `height_m` above."""
     up = np.array([0.0, 0.0, height_m])
     return Circuit(np.stack([start, end, end + up, start + up]), current_A)

@@ -2,7 +2,7 @@
 
 Symbols: w rate (rad/s), f specific force (m/s^2), each the mean over a sample's period; B field (uT), asked for
 at the instants of the magnetometer's own samples; all in the body frame. A bar is the mean over the units of a
-module, u counts them; every equation is explained in the file named beside it.
+module, u counts them; every equation is explained in the file that is named.
 
     gyr = mean_u digits((I + E_u) w + G_u f + b_u + d_u(t) + n)     `triad`, `drift`
     acc = mean_u digits((I + E_u) f + b_u + d_u(t) + n)             `triad`, `drift`
@@ -31,8 +31,8 @@ from fg_nav.lab.simulation.sensors.magnetometer import (
     IronPrior,
     Magnetometer,
     MagnetometerPrior,
-    fixed_iron,
     ma_table_1,
+    make_iron,
 )
 from fg_nav.lab.simulation.sensors.presets import PRESETS, preset
 from fg_nav.lab.simulation.sensors.sensor import Biases, Samples, Sensor, SensorPrior, SensorRun, Unit
@@ -55,7 +55,7 @@ __all__ = [
     "Triad",
     "TriadPrior",
     "Unit",
-    "fixed_iron",
     "ma_table_1",
+    "make_iron",
     "preset",
 ]

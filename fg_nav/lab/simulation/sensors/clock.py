@@ -80,11 +80,11 @@ class Clock:
     prior: ClockPrior
     scale_error: float
 
-    def shown(self, t: Floats) -> Floats:
+    def read(self, t: Floats) -> Floats:
         """What the clock shows (N,) s at true times `t` (N,) s."""
         return np.asarray((1 + self.scale_error) * t)
 
-    def switched_on(self, rng: np.random.Generator, rate_hz: float) -> ClockRun:
+    def switch_on(self, rng: np.random.Generator, rate_hz: float) -> ClockRun:
         """Start a recording at this rate; spawns its streams from `rng`.
 
         Raises
@@ -106,7 +106,7 @@ class ClockRun:
         self._count, self._latest = 0, -np.inf
         self._lost = -1  # samples lost in the burst so far; the first sample of all has none before it
 
-    def stamped(self, t: Floats) -> tuple[Floats, Floats, Ints]:
+    def stamp(self, t: Floats) -> tuple[Floats, Floats, Ints]:
         """What the clock makes of the next N samples, taken at `t` (N,) s.
 
         Returns
@@ -116,7 +116,7 @@ class ClockRun:
             above, and which rows they are (M,).
         """
         rows = np.flatnonzero(self._arrived(len(t)))
-        shown = self.clock.shown(t)
+        shown = self.clock.read(t)
         return self._stamps(shown)[rows], shown[rows], rows
 
     def _stamps(self, right: Floats) -> Floats:

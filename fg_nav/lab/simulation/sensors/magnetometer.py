@@ -40,10 +40,10 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.lab.simulation.sensors import checks
 from fg_nav.lab.simulation.sensors.checks import IDENTITY, ZERO, Matrix, Triple
-from fg_nav.lab.simulation.sensors.triad import digitised, distortion
+from fg_nav.lab.simulation.sensors.triad import digitize, draw_distortion
 
 
-def mean_of(values: list[Floats]) -> Floats:
+def average_units(values: list[Floats]) -> Floats:
     """Average arrays of one shape, adding up in place."""
     total = values[0].copy()
     for value in values[1:]:
@@ -108,7 +108,7 @@ class Iron:
     hard_uT: Floats
     soft: Floats
 
-    def bent(self, body_field: Floats) -> Floats:
+    def bend(self, body_field: Floats) -> Floats:
         """Field (N, 3) uT where the chips sit, from the field `body_field` (N, 3) uT without the iron."""
         return np.asarray(body_field @ self.soft.T + self.hard_uT)
 
@@ -125,10 +125,10 @@ def ma_table_1(level_R_body: Floats | None = None) -> IronPrior:
     body_R_level = np.eye(3) if level_R_body is None else level_R_body.T
     long_axis = body_R_level @ np.array([np.cos(MA_ETA_RAD), np.sin(MA_ETA_RAD), 0.0])
     soft = np.eye(3) + (1 / MA_TAU - 1) * np.outer(long_axis, long_axis)
-    return fixed_iron(body_R_level @ np.array([*MA_OFFSET_UT, 0.0]), soft)
+    return make_iron(body_R_level @ np.array([*MA_OFFSET_UT, 0.0]), soft)
 
 
-def fixed_iron(hard_uT: Floats, soft: Floats | None = None) -> IronPrior:
+def make_iron(hard_uT: Floats, soft: Floats | None = None) -> IronPrior:
     """Make exactly this iron: `hard_uT` (3,) and `soft` (3, 3), the latter none if left out."""
     x, y, z = (float(value) for value in hard_uT)
     rows = np.eye(3) if soft is None else soft
@@ -181,7 +181,7 @@ class MagnetometerPrior:
 
     def draw(self, rng: np.random.Generator) -> Magnetometer:
         """Draw one chip; takes the same number of draws whatever the parameters."""
-        matrix = distortion(self.scale_sd, self.cross_axis_sd, rng)
+        matrix = draw_distortion(self.scale_sd, self.cross_axis_sd, rng)
         return Magnetometer(self, matrix, self.offset_sd_uT * rng.standard_normal(3))
 
 
@@ -197,7 +197,7 @@ class Magnetometer:
         """Readings (N, 3) uT of the next N fresh samples of the field (N, 3) uT at the chip."""
         noise = self.prior.noise_sd_uT * rng.standard_normal(field.shape)
         reading = np.asarray(field @ self.matrix.T + self.offset_uT + noise)
-        return digitised(reading, self.prior.limit_uT, self.prior.resolution_uT)
+        return digitize(reading, self.prior.limit_uT, self.prior.resolution_uT)
 
 
 class Ticks:
@@ -265,8 +265,8 @@ class Compass:
             return np.zeros((0, 3))
         field = body_field(instants)
         checks.rows("field", field, instants)
-        bent = self._iron.bent(field @ self._turn)
-        return mean_of([chip.read(bent, rng) for chip, rng in zip(self._chips, self._rngs, strict=True)])
+        bent = self._iron.bend(field @ self._turn)
+        return average_units([chip.read(bent, rng) for chip, rng in zip(self._chips, self._rngs, strict=True)])
 
     def _repeated(self, reading: Floats, fresh: Bools) -> Floats:
         known = np.vstack([self._last, reading])

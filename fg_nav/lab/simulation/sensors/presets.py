@@ -20,7 +20,7 @@ sqrt(2). "sheet" is a data sheet we could read, "memory" one that we could not l
 choice, with its reason.
 
 What is calibrated. As it comes out of the bag (`mpu-9250-raw`) an MPU-9250 reads up to 5 deg/s at rest, weighs
-gravity 3 per cent wrong and takes 100 degrees for 103: nobody navigates with that. `mpu-9250` was calibrated as one can
+gravity 3 per cent wrong and takes 100 degrees for 103: no use for navigation. `mpu-9250` was calibrated as one can
 without a turntable. Six positions on a table show the accelerometers' errors, the gyroscopes' offset and, by its change
 with gravity, their g-sensitivity; ten full turns by hand about each axis, against a straight edge, show their scale
 and cross-axis errors. What is left is what changes with temperature since, and how squarely a box can be held;
@@ -114,7 +114,7 @@ def _ak8963() -> MagnetometerPrior:
     return MagnetometerPrior(
         rate_hz=100.0,  # sheet: continuous mode 2
         noise_sd_uT=0.5,  # assumed: the sheet is silent; raw readings at rest scatter by 2 to 7 steps
-        offset_sd_uT=10.0,  # assumed: what Table 1's offsets leave room for beside the shoe; the sheet allows more
+        offset_sd_uT=10.0,  # assumed: what Table 1's offsets leave room for besides the shoe; the sheet allows more
         scale_sd=0.02,  # memory: the sensitivity is adjusted per axis to within +-5 %
         cross_axis_sd=0.01,  # assumed: as the gyroscopes'
         lag_s=0.0036,  # memory: a measurement takes 7.2 ms; its middle is half of that ago

@@ -32,7 +32,7 @@ from fg_nav.lab.simulation.sensors.magnetometer import (
     IronPrior,
     Magnetometer,
     MagnetometerPrior,
-    mean_of,
+    average_units,
 )
 from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior
 from fg_nav.plain import plain
@@ -109,7 +109,7 @@ class SensorPrior:
         """Draw one particular sensor."""
         mount = Rotation.from_rotvec(self.mount_sd_rad * rng.standard_normal(3)).as_matrix()
         iron, clock = self.iron.draw(rng), self.clock.draw(rng)
-        units = tuple(Unit.drawn(self, rng) for _ in range(self.units))
+        units = tuple(Unit.draw(self, rng) for _ in range(self.units))
         return Sensor(self, units, iron, clock, mount)
 
     def as_dict(self) -> dict[str, Any]:
@@ -126,7 +126,7 @@ class Unit:
     mag: Magnetometer | None
 
     @classmethod
-    def drawn(cls, prior: SensorPrior, rng: np.random.Generator) -> Unit:
+    def draw(cls, prior: SensorPrior, rng: np.random.Generator) -> Unit:
         """Draw one unit."""
         mag = None if prior.mag is None else prior.mag.draw(rng)
         return cls(prior.gyr.draw(rng), prior.acc.draw(rng), mag)
@@ -148,17 +148,17 @@ class Sensor:
     @property
     def gyr_matrix(self) -> Floats:
         """What the readings make of a rate (3, 3): the mean of the units, after the turn of the board."""
-        return mean_of([unit.gyr.matrix for unit in self.units]) @ self.board_R_body
+        return average_units([unit.gyr.matrix for unit in self.units]) @ self.board_R_body
 
     @property
     def acc_matrix(self) -> Floats:
         """What the readings make of a specific force (3, 3)."""
-        return mean_of([unit.acc.matrix for unit in self.units]) @ self.board_R_body
+        return average_units([unit.acc.matrix for unit in self.units]) @ self.board_R_body
 
     @property
     def g_sensitivity(self) -> Floats:
         """What the rate readings make of a specific force (3, 3), rad/s per m/s^2."""
-        return mean_of([unit.gyr.g_sensitivity for unit in self.units]) @ self.board_R_body
+        return average_units([unit.gyr.g_sensitivity for unit in self.units]) @ self.board_R_body
 
     @property
     def soft_iron(self) -> Floats:
@@ -169,9 +169,9 @@ class Sensor:
     def hard_iron_uT(self) -> Floats:
         """What the field readings show without a field (3,) uT: iron and the chips' own offsets together."""
         offsets = [unit.mag.offset_uT for unit in self.units if unit.mag is not None]
-        return self._mag_matrix() @ self.iron.hard_uT + (mean_of(offsets) if offsets else 0.0)
+        return self._mag_matrix() @ self.iron.hard_uT + (average_units(offsets) if offsets else 0.0)
 
-    def switched_on(self, rng: np.random.Generator) -> SensorRun:
+    def switch_on(self, rng: np.random.Generator) -> SensorRun:
         """Switch on for one walk; spawns all its streams from `rng`, a new set with every call."""
         return SensorRun(self, rng)
 
@@ -189,7 +189,7 @@ class Sensor:
 
     def _mag_matrix(self) -> Floats:
         matrices = [unit.mag.matrix for unit in self.units if unit.mag is not None]
-        return mean_of(matrices) if matrices else np.eye(3)
+        return average_units(matrices) if matrices else np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -234,9 +234,9 @@ class SensorRun:
         rate_hz = sensor.prior.rate_hz
         clock_rng, field_rng, *unit_rngs = rng.spawn(2 + 2 * len(sensor.units))
         pairs = list(zip(sensor.units, unit_rngs[::2], unit_rngs[1::2], strict=True))
-        self._gyr = [unit.gyr.switched_on(gyr_rng, rate_hz) for unit, gyr_rng, _ in pairs]
-        self._acc = [unit.acc.switched_on(acc_rng, rate_hz) for unit, _, acc_rng in pairs]
-        self._clock = sensor.clock.switched_on(clock_rng, rate_hz)
+        self._gyr = [unit.gyr.switch_on(gyr_rng, rate_hz) for unit, gyr_rng, _ in pairs]
+        self._acc = [unit.acc.switch_on(acc_rng, rate_hz) for unit, _, acc_rng in pairs]
+        self._clock = sensor.clock.switch_on(clock_rng, rate_hz)
         self._compass = Compass(
             sensor.prior.mag, [unit.mag for unit in sensor.units], sensor.iron, sensor.board_R_body, field_rng
         )
@@ -266,10 +266,10 @@ class SensorRun:
         self._admit(t, rate, force)
         turn = self.sensor.board_R_body.T
         rate, force = rate @ turn, force @ turn
-        gyr = mean_of([unit.measure(t, rate, force) for unit in self._gyr])
-        acc = mean_of([unit.measure(t, force) for unit in self._acc])
+        gyr = average_units([unit.measure(t, rate, force) for unit in self._gyr])
+        acc = average_units([unit.measure(t, force) for unit in self._acc])
         mag, fresh = self._compass.measure(t, body_field)
-        stamps, taken, row = self._clock.stamped(t)
+        stamps, taken, row = self._clock.stamp(t)
         if mag is None or fresh is None:
             return Samples(stamps, taken, acc[row], gyr[row], None, None, row)
         return Samples(stamps, taken, acc[row], gyr[row], mag[row], fresh[row], row)
@@ -277,16 +277,16 @@ class SensorRun:
     def biases_at(self, t: Floats) -> Biases:
         """True biases at any instants `t` (N,) s of the walk, turn-on and drift together."""
         return Biases(
-            gyr=mean_of([unit.bias_at(t) for unit in self._gyr]),
-            acc=mean_of([unit.bias_at(t) for unit in self._acc]),
+            gyr=average_units([unit.bias_at(t) for unit in self._gyr]),
+            acc=average_units([unit.bias_at(t) for unit in self._acc]),
         )
 
     def as_dict(self) -> dict[str, Any]:
         """What was new on this walk, for JSON: turn-on biases of the average, and unit by unit."""
         gyr, acc = ([unit.turn_on_bias for unit in units] for units in (self._gyr, self._acc))
         return {
-            "gyr_turn_on_bias_rad_s": plain(mean_of(gyr)),
-            "acc_turn_on_bias_m_s2": plain(mean_of(acc)),
+            "gyr_turn_on_bias_rad_s": plain(average_units(gyr)),
+            "acc_turn_on_bias_m_s2": plain(average_units(acc)),
             "units": [{"gyr": plain(g), "acc": plain(a)} for g, a in zip(gyr, acc, strict=True)],
         }
 
@@ -299,18 +299,18 @@ class SensorRun:
 
 
 def _drawn(unit: Unit) -> dict[str, Any]:
-    """What is particular about a unit; its prior is told once."""
-    told: dict[str, Any] = {
+    """What is particular about a unit; its prior is written once."""
+    values: dict[str, Any] = {
         "gyr_matrix": plain(unit.gyr.matrix),
         "g_sensitivity": plain(unit.gyr.g_sensitivity),
         "acc_matrix": plain(unit.acc.matrix),
     }
     if unit.mag is not None:
-        told |= {"mag_matrix": plain(unit.mag.matrix), "mag_offset_uT": plain(unit.mag.offset_uT)}
-    return told
+        values |= {"mag_matrix": plain(unit.mag.matrix), "mag_offset_uT": plain(unit.mag.offset_uT)}
+    return values
 
 
 def _plain_dict(value: object) -> dict[str, Any]:
-    told = plain(value)
-    assert isinstance(told, dict)
-    return told
+    values = plain(value)
+    assert isinstance(values, dict)
+    return values

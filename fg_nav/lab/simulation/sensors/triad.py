@@ -9,7 +9,7 @@ G      u s^2/m (3, 3) g-sensitivity of a gyroscope, f the specific force: fixed 
 b      u     (3,) turn-on bias: new whenever the unit is switched on
 d(t)   u     (3,) drift (below)
 n      u     (3,) white noise, standard deviation N sqrt(f_s) a sample at the rate f_s (Hz)
-digits       the end of the range, then the steps of the converter (`digitised`)
+digits       the end of the range, then the steps of the converter (`digitize`)
 ====== ===== ===========================================================================================
 
 u is the unit of the triad. The noise density N (u/sqrt(Hz)) is the one estimators use: two-sided, the Allan
@@ -180,7 +180,7 @@ class TriadPrior:
 
     def draw(self, rng: np.random.Generator) -> Triad:
         """Draw one unit's triad; takes the same number of draws whatever the parameters."""
-        matrix = distortion(self.scale_sd, self.cross_axis_sd, rng)
+        matrix = draw_distortion(self.scale_sd, self.cross_axis_sd, rng)
         return Triad(self, matrix, self.g_sensitivity_sd * rng.standard_normal((3, 3)))
 
 
@@ -192,7 +192,7 @@ class Triad:
     matrix: Floats
     g_sensitivity: Floats
 
-    def switched_on(self, rng: np.random.Generator, rate_hz: float) -> TriadRun:
+    def switch_on(self, rng: np.random.Generator, rate_hz: float) -> TriadRun:
         """Switch on: draws the turn-on bias, and spawns streams for drift and noise from `rng`."""
         return TriadRun(self, rng, rate_hz)
 
@@ -218,23 +218,23 @@ class TriadRun:
         ----------
         t : (N,) s, instants of the samples.
         true : (N, 3) u, what is to be measured.
-        force : (N, 3) m/s^2, what a gyroscope is sensitive to beside its rate.
+        force : (N, 3) m/s^2, what a gyroscope is sensitive to besides its rate.
         """
         reading = true @ self.triad.matrix.T + self.bias_at(t)
         if force is not None and self.triad.prior.g_sensitivity_sd:
             reading += force @ self.triad.g_sensitivity.T
         if self._noise_sd:
             reading += self._noise_sd * self._rng.standard_normal(reading.shape)
-        return digitised(reading, self.triad.prior.limit, self.triad.prior.resolution)
+        return digitize(reading, self.triad.prior.limit, self.triad.prior.resolution)
 
 
-def distortion(scale_sd: float, cross_axis_sd: float, rng: np.random.Generator) -> Floats:
+def draw_distortion(scale_sd: float, cross_axis_sd: float, rng: np.random.Generator) -> Floats:
     """Draw a matrix M (3, 3): identity plus errors of these standard deviations on and off the diagonal."""
     spread = np.where(np.eye(3, dtype=np.bool_), scale_sd, cross_axis_sd)
     return np.asarray(np.eye(3) + spread * rng.standard_normal((3, 3)))
 
 
-def digitised(reading: Floats, limit: float, resolution: float) -> Floats:
+def digitize(reading: Floats, limit: float, resolution: float) -> Floats:
     """Clip readings (N, 3) at the ends of the range, then round to steps of the converter; changes `reading`."""
     if np.isfinite(limit):
         np.clip(reading, -limit, limit, out=reading)

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from fg_nav.lab.simulation import courses
+from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stairs, Stand, Walk, plan, plan_with_landmarks
@@ -28,7 +28,7 @@ OPEN = ("office_open", "mall_open")
 
 
 def drawn(name, seed=0):
-    course = getattr(courses, name)
+    course = getattr(routes, name)
     return course(np.random.default_rng(seed)) if inspect.signature(course).parameters else course()
 
 
@@ -121,7 +121,7 @@ def test_fourteen_landmarks_are_crossed_in_each_of_three_laps():
 @pytest.mark.parametrize("seed", range(10))
 def test_some_feet_come_down_near_the_magnet_and_none_on_it(seed):
     strides = walked("magnet_corridor", seed)
-    away = np.linalg.norm(strides.footprint - np.array(courses.MAGNET_POSITION), axis=1)
+    away = np.linalg.norm(strides.footprint - np.array(routes.MAGNET_POSITION), axis=1)
     assert np.sum((away > 0.3) & (away < 0.5)) >= 2
     assert away.min() > 0.2
     assert np.median(away) > 5.0
@@ -142,7 +142,7 @@ def test_the_street_runs_east_and_can_be_turned_north():
     reach = np.ptp(strides.footprint, axis=0)
     np.testing.assert_allclose(reach[0], 500.0, atol=0.2)
     assert reach[1] < 1.0
-    north = plan(courses.turned(drawn("pocket_street"), -np.pi / 2), Person(), np.random.default_rng(0))
+    north = plan(routes.rotate(drawn("pocket_street"), -np.pi / 2), Person(), np.random.default_rng(0))
     np.testing.assert_allclose(north.footprint[:, 1], strides.footprint[:, 0], atol=0.2)
     assert np.sum(strides.style == Style.TURN) == 6 * 3
 

@@ -33,42 +33,42 @@ CLOSE_TO = {2: (230.0, 5.0), 3: (147.0, 4.25), 4: (470.0, 5.0), 5: (297.0, 4.25)
 """By leg of `past_cars`: how far along the street one has come how far to its left, m; two cars, two lights."""
 
 TIGHTEST_M = 1.5
-"""Smallest radius of a winding way: below it nobody walks, but turns."""
+"""Smallest radius of a winding path: below it a walker turns on the spot."""
 
 
 def office(rng: np.random.Generator) -> list[Section]:
     """Three equal loops to the right through the corridors of a floor: 1018 m in 786 strides."""
-    return _rested(Walk(_office_loop(rng).scaled_to(1018 / 3).repeated(3), strides=786), LONG_REST_S)
+    return _rested(Walk(_office_loop(rng).scale_to(1018 / 3).repeat(3), strides=786), LONG_REST_S)
 
 
 def office_open(rng: np.random.Generator) -> list[Section]:
-    """As long as `office`, through one wing after the other; it ends hundreds of metres to the east."""
+    """As long as `office`, through one wing after the other; it ends hundreds of meters to the east."""
     along, across = rng.uniform(30.0, 70.0, 12), rng.uniform(10.0, 45.0, 11) * rng.choice([-1.0, 1.0], 11)
     legs = np.zeros((23, 2))
     legs[::2, 0], legs[1::2, 1] = along, across
     path = polyline(np.vstack([np.zeros(2), np.cumsum(legs, axis=0)]), CORNER_M)
-    return _rested(Walk(path.scaled_to(1018.0), strides=786), LONG_REST_S)
+    return _rested(Walk(path.scale_to(1018.0), strides=786), LONG_REST_S)
 
 
 def mall(rng: np.random.Generator) -> list[Section]:
-    """Three laps of a winding way past 14 landmarks, 42 in all: 2480 m in 1920 strides."""
+    """Three laps of a winding path past 14 landmarks, 42 in all: 2480 m in 1920 strides."""
     lap = _winding(closed_curve(_CONCOURSES), 2480 / 3, rng)
-    return _rested(Walk(_marked(lap, 14, rng).repeated(3), strides=1920), LONG_REST_S)
+    return _rested(Walk(_marked(lap, 14, rng).repeat(3), strides=1920), LONG_REST_S)
 
 
 def mall_open(rng: np.random.Generator) -> list[Section]:
     """As long and winding as `mall`, past 42 landmarks, each once: up and down seven aisles to the far corner."""
     along = np.array([[0.0, 80.0, 160.0, 240.0, 320.0], [325.0, 245.0, 165.0, 85.0, 5.0]])
-    way = open_curve([(x, 56.0 * row) for row in range(7) for x in along[row % 2]])
-    path = _winding(way, 2480.0, rng)
+    middle = open_curve([(x, 56.0 * row) for row in range(7) for x in along[row % 2]])
+    path = _winding(middle, 2480.0, rng)
     return _rested(Walk(_marked(path, 42, rng), strides=1920), LONG_REST_S)
 
 
 def teaching_building() -> list[Section]:
     """Three cycles to the left through the corridors of a building with a lobby: 515.5 m in 7 minutes."""
     corners = [(0, 0), (0, 18), (-24, 18), (-24, 24), (-34, 24), (-34, 18), (-50, 18), (-50, -8), (0, -8), (0, 0)]
-    cycle = polyline(corners, CORNER_M).scaled_to(515.5 / 3)
-    return _rested(Walk(cycle.repeated(3), pace=_pace(515.5, 7 * 60 - 2 * REST_S)), REST_S)
+    cycle = polyline(corners, CORNER_M).scale_to(515.5 / 3)
+    return _rested(Walk(cycle.repeat(3), pace=_pace(515.5, 7 * 60 - 2 * REST_S)), REST_S)
 
 
 def magnet_corridor(rng: np.random.Generator) -> list[Section]:
@@ -79,16 +79,16 @@ def magnet_corridor(rng: np.random.Generator) -> list[Section]:
 def calibration_loop() -> list[Section]:
     """Three circles to the right and three to the left in which a stride turns by 25 degrees (Ma: 15 to 35)."""
     radius_m = Person().walk.stride_m / np.deg2rad(25.0)
-    circles = arc(radius_m, 2 * np.pi).repeated(3)
-    return _rested(Walk(circles.then(arc(radius_m, -2 * np.pi).repeated(3))), REST_S)
+    circles = arc(radius_m, 2 * np.pi).repeat(3)
+    return _rested(Walk(circles.then(arc(radius_m, -2 * np.pi).repeat(3))), REST_S)
 
 
 def pocket_street(rng: np.random.Generator) -> list[Section]:
-    """Three times along a street to the east and back, 500 m each way: 3 km in 39 minutes.
+    """Three times along a street to the east and back, 500 m in each direction: 3 km in 39 minutes.
 
     The paper prints legs of 600 m, which its total and its duration contradict. `turned` makes it north-south.
     """
-    return _to_and_fro(straight(500.0).turned(np.pi / 2), 3, rng, LONG_REST_S, 39 * 60)
+    return _to_and_fro(straight(500.0).rotate(np.pi / 2), 3, rng, LONG_REST_S, 39 * 60)
 
 
 def past_cars(rng: np.random.Generator) -> list[Section]:
@@ -97,21 +97,23 @@ def past_cars(rng: np.random.Generator) -> list[Section]:
     In a street with the template `PAST_CARS` one passes a parked car 16 and 32 minutes after the start and a light
     after 24 and 35, at the usual pace, and keeps away from all others. The sideways steps are ours.
     """
-    ways = [_coming_close(*CLOSE_TO.get(leg, (0.0, 0.0))) for leg in range(6)]
-    return _walked_in([way.reversed() if leg % 2 else way for leg, way in enumerate(ways)], rng, LONG_REST_S, 39 * 60)
+    paths = [_coming_close(*CLOSE_TO.get(leg, (0.0, 0.0))) for leg in range(6)]
+    return _walked_in(
+        [path.reverse() if leg % 2 else path for leg, path in enumerate(paths)], rng, LONG_REST_S, 39 * 60
+    )
 
 
 def pocket_long(rng: np.random.Generator, trips: int = 12) -> list[Section]:
-    """So many round trips on a straight way to the east: 4.3 km in 44 minutes.
+    """So many round trips on a straight path to the east: 4.3 km in 44 minutes.
 
     Sections of 360 m "repeated 12 times" may be 12 round trips of 360 m, or 6 of 720 m; the latter fits the 50 deg that
     the paper's yaw is off after the first, by 0.12 deg/s (Table 3): `fg-nav reproduce munoz-diaz2017`.
     """
-    return _to_and_fro(straight(2160.0 / trips).turned(np.pi / 2), trips, rng, LONG_REST_S, 44 * 60)
+    return _to_and_fro(straight(2160.0 / trips).rotate(np.pi / 2), trips, rng, LONG_REST_S, 44 * 60)
 
 
 def stairs() -> list[Section]:
-    """A corridor, two flights up with a landing between, the corridor above, and the same way back down."""
+    """A corridor, two flights up with a landing between, the corridor above, and the same path back down."""
     corridor = straight(12.0).then(_onwards(straight(12.0), arc(CORNER_M, np.pi / 2), straight(8.0)))
     landing = straight(0.4).then(_onwards(straight(0.4), arc(0.75, -np.pi), straight(0.4)))
     above = straight(6.0).then(_onwards(straight(6.0), arc(CORNER_M, np.pi / 2), straight(12.0)))
@@ -148,9 +150,9 @@ def at_rest() -> list[Section]:
     return [Stand(3600.0)]
 
 
-def turned(sections: Sequence[Section], angle: float) -> list[Section]:
+def rotate(sections: Sequence[Section], angle: float) -> list[Section]:
     """A course turned clockwise by `angle` rad about the origin."""
-    return [replace(s, path=s.path.turned(angle)) if isinstance(s, Walk) else s for s in sections]
+    return [replace(s, path=s.path.rotate(angle)) if isinstance(s, Walk) else s for s in sections]
 
 
 _SHARES = (0.0, 0.12, 0.30, 0.55, 0.75, 1.0)
@@ -169,7 +171,7 @@ def _office_loop(rng: np.random.Generator) -> Path:
     """One loop through all corridors of a floor, some 80 m by 50 m, from its middle; where walls stand is drawn.
 
     The paper ends 2 m from its start with its heading 14 degrees off. An error that grows steadily turns a loop about
-    the mean of its places, so the start was some 8 m from there (2 m / 14 degrees): a way that folds back on itself.
+    the mean of its places, so the start was some 8 m from there (2 m / 14 degrees): a path that folds back on itself.
     """
     east = np.array([0.0, 18.0, 28.0, 37.0, 59.0, 81.0]) + rng.uniform(-2.0, 2.0, 6)
     north = np.array([0.0, 15.0, 22.0, 27.0, 31.0, 52.0]) + rng.uniform(-1.5, 1.5, 6)
@@ -182,21 +184,23 @@ _OFFICE_NORTH = [4, 5, 5, 3, 3, 0, 0, 2, 2, 5, 5, 1, 1, 4]
 """Which wall each corner of the office stands at."""
 
 
-def _winding(way: Path, length_m: float, rng: np.random.Generator, every_m: float = 8.0, sway_m: float = 1.7) -> Path:
-    """A way of this length along which nobody goes straight: round people and displays, left and right of `way`.
+def _winding(
+    middle: Path, length_m: float, rng: np.random.Generator, every_m: float = 8.0, sway_m: float = 1.7
+) -> Path:
+    """A path of this length that is never straight: round people and displays, left and right of `middle`.
 
     Draws until no bend is tighter than `TIGHTEST_M`.
     """
-    closed = np.allclose(way.position[0], way.position[-1])
-    count = round(way.length_m / every_m)
+    closed = np.allclose(middle.position[0], middle.position[-1])
+    count = round(middle.length_m / every_m)
     while True:
-        along = (np.arange(count) + rng.uniform(-0.25, 0.25, count)) * way.length_m / count
+        along = (np.arange(count) + rng.uniform(-0.25, 0.25, count)) * middle.length_m / count
         along[0] = 0.0
-        position, heading = way.at(along)
+        position, heading = middle.at(along)
         right = np.stack([np.cos(heading), -np.sin(heading)], axis=1)
         swayed = position[:, :2] + np.clip(rng.normal(0.0, sway_m, count), -2 * sway_m, 2 * sway_m)[:, None] * right
         swayed[0] = position[0, :2]
-        path = (closed_curve(swayed) if closed else open_curve(swayed)).scaled_to(length_m)
+        path = (closed_curve(swayed) if closed else open_curve(swayed)).scale_to(length_m)
         if np.abs(path.curvature(path.arc)).max() < 1 / TIGHTEST_M:
             return path
 
@@ -210,7 +214,7 @@ def _to_and_fro(
     path: Path, trips: int, rng: np.random.Generator, rest_s: float, total_s: float | None = None
 ) -> list[Section]:
     """Round trips along a path, turning about at the ends to the side one likes; in `total_s`, or at the usual pace."""
-    return _walked_in([path, path.reversed()] * trips, rng, rest_s, total_s)
+    return _walked_in([path, path.reverse()] * trips, rng, rest_s, total_s)
 
 
 def _walked_in(
@@ -250,7 +254,7 @@ def _onwards(before: Path, *paths: Path) -> Path:
     """Paths one after the other, the first where `before` ends."""
     pose, whole = before.end, None
     for path in paths:
-        placed = path.placed(pose)
+        placed = path.place(pose)
         whole = placed if whole is None else whole.then(placed)
         pose = placed.end
     assert whole is not None
@@ -261,14 +265,14 @@ def _joined(sections: Sequence[Section]) -> list[Section]:
     """Sections with their paths moved to where each begins."""
     pose, placed = Pose(np.zeros(3), 0.0), []
     for section in sections:
-        here = replace(section, path=section.path.placed(pose)) if isinstance(section, Walk) else section
+        here = replace(section, path=section.path.place(pose)) if isinstance(section, Walk) else section
         placed.append(here)
         pose = end_of(here, pose)
     return placed
 
 
 def _back(section: Section) -> Section:
-    """The section on the way back."""
+    """The section in the opposite direction."""
     if isinstance(section, Walk):
-        return replace(section, path=section.path.reversed())
+        return replace(section, path=section.path.reverse())
     return replace(section, up=not section.up) if isinstance(section, Stairs) else section
