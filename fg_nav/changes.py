@@ -22,7 +22,7 @@ SCALARS = (bool, int, float, str)
 T = TypeVar("T")
 
 
-def changed(parameters: T, changes: Changes) -> T:
+def change_parameters(parameters: T, changes: Changes) -> T:
     """Return a dataclass of parameters with some of them, or of those in it, replaced.
 
     Raises
@@ -31,11 +31,11 @@ def changed(parameters: T, changes: Changes) -> T:
         For a name that is none, and a value of another type.
     """
     for name, value in changes:
-        parameters = _with(parameters, name.split("."), value, name)
+        parameters = _replace(parameters, name.split("."), value, name)
     return parameters
 
 
-def _with(parameters: T, path: list[str], value: Scalar, whole: str) -> T:
+def _replace(parameters: T, path: list[str], value: Scalar, whole: str) -> T:
     known = [item.name for item in fields(cast("Any", parameters))]
     head, *rest = path
     if head not in known:
@@ -46,11 +46,11 @@ def _with(parameters: T, path: list[str], value: Scalar, whole: str) -> T:
         raise EstimationError(f"the parameter '{whole}' has parts: choose one of {inner}.")
     if rest and not is_dataclass(before):
         raise EstimationError(f"there is no parameter '{whole}': {head} has no parts.")
-    new = _with(before, rest, value, whole) if rest else _fitting(type(parameters), head, value, whole)
+    new = _replace(before, rest, value, whole) if rest else _convert(type(parameters), head, value, whole)
     return cast("T", replace(cast("Any", parameters), **{head: new}))
 
 
-def _fitting(owner: type, name: str, value: Scalar, whole: str) -> Scalar:
+def _convert(owner: type, name: str, value: Scalar, whole: str) -> Scalar:
     """Return the value as the field has it: a whole number is a real one too, and nothing else is something else."""
     hint = typing.get_type_hints(owner)[name]
     literal = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
@@ -62,13 +62,13 @@ def _fitting(owner: type, name: str, value: Scalar, whole: str) -> Scalar:
         return float(value)
     if type(value) in kinds and type(value) is not float:
         return value
-    raise EstimationError(f"the parameter '{whole}' cannot be {value!r}: give {_wanted(literal, kinds)}.")
+    raise EstimationError(f"the parameter '{whole}' cannot be {value!r}: give {_describe_kinds(literal, kinds)}.")
 
 
-def _wanted(literal: tuple[Any, ...], kinds: tuple[Any, ...]) -> str:
+def _describe_kinds(literal: tuple[Any, ...], kinds: tuple[Any, ...]) -> str:
     words = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
     if literal:
         return f"one of {', '.join(map(str, literal))}"
-    told = [words[kind] for kind in kinds if kind in SCALARS]
+    kinds_known = [words[kind] for kind in kinds if kind in SCALARS]
     named = " or ".join(getattr(kind, "__name__", str(kind)) for kind in kinds if kind is not NoneType)
-    return " or ".join(told) or f"it in Python, where it is a {named}"
+    return " or ".join(kinds_known) or f"it in Python, where it is a {named}"

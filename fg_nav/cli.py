@@ -132,9 +132,9 @@ def main() -> NoReturn:
 @app.callback(invoke_without_command=True)
 def _program(version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False) -> None:
     if version:
-        from fg_nav.version import version as installed
+        from fg_nav.text import find_version
 
-        typer.echo(f"fg-nav {installed()}")
+        typer.echo(f"fg-nav {find_version()}")
         raise typer.Exit
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
 
-from fg_nav.changes import changed
+from fg_nav.changes import change_parameters
 from fg_nav.errors import EstimationError
 from fg_nav.solution import Solution
 from fg_nav.walk import Mount, Walk
@@ -38,7 +38,7 @@ DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import SmootherParameters, smooth
 
-    parameters = changed(SmootherParameters(), walk.options.changes)
+    parameters = change_parameters(SmootherParameters(), walk.options.changes)
     heading = walk.options.heading_rad
     return smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, walk.fixes)
 
@@ -59,7 +59,7 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import SmootherParameters
 
     recording, field, heading = walk.recording, walk.field, walk.options.heading_rad
-    parameters = changed(SmootherParameters(), walk.options.changes)
+    parameters = change_parameters(SmootherParameters(), walk.options.changes)
     navigator = OnlineNavigator(OnlineOptions(heading, field is not None, parameters=parameters))
     rows = rows_of(recording)
     for start in range(0, len(recording), BLOCK):

@@ -20,7 +20,7 @@ from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import GravityTransport
 from fg_nav.samples.saturation import find_saturated
 from fg_nav.samples.timing import fit_clock
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 
 @dataclass(frozen=True)
@@ -260,14 +260,14 @@ def _stamp_problems(facts: Inspection) -> list[str]:
     stamps = facts.stamps
     said = []
     if stamps.missing:
-        said.append(f"Missing, or out of any range: {counted(stamps.missing, 'sample')}.")
+        said.append(f"Missing, or out of any range: {format_count(stamps.missing, 'sample')}.")
     if stamps.repeated:
-        said.append(f"Repeated: {counted(stamps.repeated, 'stamp')}.")
+        said.append(f"Repeated: {format_count(stamps.repeated, 'stamp')}.")
     if stamps.backward:
-        said.append(f"Running backward: {counted(stamps.backward, 'stamp')}.")
+        said.append(f"Running backward: {format_count(stamps.backward, 'stamp')}.")
     if stamps.gaps:
         longest = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
-        said.append(f"Samples were dropped in {counted(stamps.gaps, 'place')}; the longest gap is {longest}.")
+        said.append(f"Samples were dropped in {format_count(stamps.gaps, 'place')}; the longest gap is {longest}.")
     if stamps.jitter_s * stamps.rate_hz > _JITTER_SHARE:
         said.append(f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock.")
     return said

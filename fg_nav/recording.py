@@ -38,7 +38,7 @@ from fg_nav.samples.gaps import Gaps, fill_gaps
 from fg_nav.samples.peaks import Peaks, rebuild_peaks
 from fg_nav.samples.saturation import find_clipping_levels
 from fg_nav.samples.timing import remove_jitter
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
@@ -288,7 +288,9 @@ def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> No
 
 def _check_count(count: int) -> None:
     if count < MIN_SAMPLES:
-        raise RecordingError(f"{counted(count, 'usable sample')} cannot make a walk: record at least {MIN_SAMPLES}.")
+        raise RecordingError(
+            f"{format_count(count, 'usable sample')} cannot make a walk: record at least {MIN_SAMPLES}."
+        )
 
 
 def _at(raw: RawRecording, index: int) -> str:
@@ -317,7 +319,7 @@ def _judge_missing(raw: RawRecording, usable: Bools) -> list[str]:
             f"{missing} of {len(usable)} samples are missing (empty, NaN or out of any range), the first in "
             f"{_at(raw, start[0])}: export the recording again."
         )
-    return [f"left out {counted(missing, 'missing sample')}, the first in row {raw.row[start[0]]}"]
+    return [f"left out {format_count(missing, 'missing sample')}, the first in row {raw.row[start[0]]}"]
 
 
 def _drop_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
@@ -339,7 +341,7 @@ def _drop_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
             f"{count} of {len(kept)} stamps repeat the one before, the first in row {first}: "
             f"write the stamps with more digits."
         )
-    return kept[~repeated], [f"left out {counted(count, 'repeated stamp')}, the first in row {first}"]
+    return kept[~repeated], [f"left out {format_count(count, 'repeated stamp')}, the first in row {first}"]
 
 
 def _judge_gaps(raw: RawRecording, kept: Ints) -> list[str]:
@@ -356,7 +358,7 @@ def _judge_gaps(raw: RawRecording, kept: Ints) -> list[str]:
     if not gaps:
         return []
     longest = f"{1e3 * step[worst]:.0f} ms before row {raw.row[kept[worst + 1]]}"
-    return [f"{counted(gaps, 'gap')} of more than two samples, the longest of {longest}"]
+    return [f"{format_count(gaps, 'gap')} of more than two samples, the longest of {longest}"]
 
 
 def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:

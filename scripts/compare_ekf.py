@@ -56,7 +56,7 @@ from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import USED, Key, Result, read_result
 from fg_nav.report.plots.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from fg_nav.report.terminal import console
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 OFFICE, OFFICE_OPEN, MALL, BUILDING = SCENARIOS = ("office", "office-open", "mall", "teaching-building")
 LEVELS = ("smooth", "between", "indoor")
@@ -258,7 +258,7 @@ def print_case(name: str, case: Case, reference: str | None = None) -> None:
     group = first[0].key.group
     against = reference or REFERENCE.get(group, OTHER_REFERENCE)
     count = max(len(results) for results in case.values())
-    harness.print_heading(f"{name}: {counted(count, 'walk')}, median (5 % to 95 %)")
+    harness.print_heading(f"{name}: {format_count(count, 'walk')}, median (5 % to 95 %)")
     if first[0].key.magnetometer == WALK:
         known = sum(any(note.startswith("corrected by the calibration") for note in one.notes) for one in first)
         print(f"the walk shows its iron on {known} of {len(first)} walks")

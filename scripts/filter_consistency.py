@@ -46,12 +46,12 @@ from fg_nav.ekf.matched import MatchedParameters
 from fg_nav.ekf.parameters import ACC_BIAS_SIGMA, VELOCITY_SIGMA, IezParameters
 from fg_nav.ekf.presets import Parameters, find_parameters
 from fg_nav.ekf.rts import Track
+from fg_nav.ends import Start
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.navigate import prepare_walk
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.start import Start
 from fg_nav.walk import Options, Walk
 
 METHODS = ("iez", "qsf", "iqsf", "ma2018", "aiez", "matched")

@@ -54,10 +54,10 @@ from fg_nav.lab.campaign.walks import LOOP, PERFECT, Simulated
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import USED, Key, Result, read_result, write_result
-from fg_nav.plain import plain
 from fg_nav.report.terminal import console
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution
+from fg_nav.text import to_json
 from fg_nav.walk import Outcome, Walk
 
 VARIED = ("default", "inertial")
@@ -174,7 +174,7 @@ def describe(variant: Variant) -> str:
 def settings_of(key: Key) -> dict[str, Any]:
     """What a result is made with."""
     variant = VARIANTS[key.method]
-    return dict(plain({"parameters": variant.parameters, "field": variant.field}))
+    return dict(to_json({"parameters": variant.parameters, "field": variant.field}))
 
 
 def make_walk(folder: Path, code: str, keys: Sequence[Key]) -> None:

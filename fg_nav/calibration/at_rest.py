@@ -40,7 +40,7 @@ from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.stances import runs
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 UNKNOWNS = 4
 """Scale and bias of the accelerometer; fewer attitudes than that cannot show them."""
@@ -115,7 +115,7 @@ class AccelerometerCalibration:
         """Return the recording with bias and scale taken off; raises `CalibrationError` if they are not separable."""
         if not self.separable:
             raise CalibrationError(
-                f"rests in {counted(self.attitudes, 'attitude')} do not tell the accelerometer's scale "
+                f"rests in {format_count(self.attitudes, 'attitude')} do not tell the accelerometer's scale "
                 f"from its bias: let it lie for {SHORTEST_ATTITUDE_S:g} s on each of its six faces."
             )
         return replace(recording, acc=self.correct(recording.acc))

@@ -24,7 +24,7 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
 from fg_nav.errors import CalibrationError
 from fg_nav.magnetic.compass import compute_level_R_body
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 UNKNOWN_UT = 30.0
 """Sigma of hard iron along the vertical, of which circles on a floor say nothing: the prior of
@@ -151,7 +151,7 @@ def select_levelled(level_xy: Floats, fewest: int) -> Floats:
     readings = level_xy[np.isfinite(level_xy).all(axis=1)]
     if len(readings) < fewest:
         raise CalibrationError(
-            f"{counted(len(readings), 'footfall')} with a field cannot make an ellipse: walk {fewest} in circles."
+            f"{format_count(len(readings), 'footfall')} with a field cannot make an ellipse: walk {fewest} in circles."
         )
     return np.asarray(readings)
 

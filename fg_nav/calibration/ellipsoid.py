@@ -46,7 +46,7 @@ from fg_nav.calibration.quadric import (
     unscale,
 )
 from fg_nav.errors import CalibrationError
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 CHANGE_PERCENT, LEAST_CHANGE_UT = 90.0, 2.0
 """Readings of a sensor that was turned change by more than this from their median, a tenth of them at least. Noise
@@ -111,7 +111,7 @@ def select_readings(readings: Floats) -> Floats:
     present = readings[np.isfinite(readings).all(axis=1)]
     if len(present) < FEWEST_READINGS:
         raise CalibrationError(
-            f"{counted(len(present), 'whole reading')} of the field cannot make an ellipsoid: record "
+            f"{format_count(len(present), 'whole reading')} of the field cannot make an ellipsoid: record "
             f"{FEWEST_READINGS} or more, of all three axes."
         )
     change = np.percentile(np.linalg.norm(present - np.median(present, axis=0), axis=1), CHANGE_PERCENT)

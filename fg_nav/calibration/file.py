@@ -17,8 +17,7 @@ import numpy as np
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.errors import CalibrationError
-from fg_nav.plain import plain
-from fg_nav.version import version
+from fg_nav.text import find_version, to_json
 
 FORMAT = "fg-nav calibration"
 VERSION = 1
@@ -55,7 +54,7 @@ class Calibration:
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a calibration; an older file is replaced."""
-    content = {"format": FORMAT, "version": VERSION, "made_by": f"fg-nav {version()}", **plain(calibration)}
+    content = {"format": FORMAT, "version": VERSION, "made_by": f"fg-nav {find_version()}", **to_json(calibration)}
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 

@@ -46,7 +46,7 @@ from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap
 from fg_nav.magnetic.compass import compute_level_R_body
 from fg_nav.magnetic.footfall_field import FootfallField
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 SEEN = float(chi2.ppf(0.95, 2))
 """Squared sigmas over the ground below which iron that is found may be none. Soft iron alone does not count: of what it
@@ -141,7 +141,7 @@ def find_level_iron(calibration: MagnetometerCalibration, field: FootfallField) 
 def _check_count(walk: Walk) -> None:
     if len(walk) < FEWEST_FOOTFALLS:
         raise CalibrationError(
-            f"{counted(len(walk), 'footfall')} with a field cannot tell the shoe's iron from the building's: "
+            f"{format_count(len(walk), 'footfall')} with a field cannot tell the shoe's iron from the building's: "
             f"walk {FEWEST_FOOTFALLS} strides or more, with turns."
         )
 

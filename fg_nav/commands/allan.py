@@ -23,7 +23,7 @@ from fg_nav.report.folder import ALLAN_FILES
 from fg_nav.report.plots.allan import AXES, UNITS, SheetUnit, plot_allan
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, print_place, ruled_table
-from fg_nav.version import version
+from fg_nav.text import find_version
 
 
 def allan(file: Path, format: str | None, out: Path | None, force: bool) -> None:
@@ -44,7 +44,7 @@ def write_allan(folder: Path, noise: RecordingNoise, source: Path) -> None:
 def describe_noise(noise: RecordingNoise, source: Path) -> dict[str, Any]:
     """Everything for JSON: rad/s, m/s^2 and uT, with sqrt(Hz) or sqrt(s) under N and K."""
     return {
-        "version": version(),
+        "version": find_version(),
         "recording": str(source),
         "start_s": noise.start_s,
         "seconds": noise.seconds,

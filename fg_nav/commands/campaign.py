@@ -19,7 +19,7 @@ from fg_nav.lab.campaign.tables import TABLES
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
 from fg_nav.report.terminal import console, ruled_table
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 MOST_REASONS = 10
 """Of failures, that are printed."""
@@ -46,7 +46,7 @@ def show_progress() -> Iterator[Callable[[Progress], None]]:
 def describe_progress(now: Progress) -> str:
     """Return the progress in one line."""
     left = "time left not known yet" if now.left_s is None else f"about {describe_duration(now.left_s)} left"
-    workers = counted(now.workers, "worker") if now.workers else "no workers yet"
+    workers = format_count(now.workers, "worker") if now.workers else "no workers yet"
     return f"{now.done} of {now.total} results, {workers}, {left}"
 
 
@@ -96,10 +96,10 @@ def _median(values: Sequence[float | None]) -> str:
 
 
 def _notes(done: Summary) -> Iterator[str]:
-    yield f"{counted(len(done.results), 'result')}, {done.stored} of them from before"
+    yield f"{format_count(len(done.results), 'result')}, {done.stored} of them from before"
     other = sum(one.code != code_sum() for one in done.results)
     if other:
-        yield f"{counted(other, 'result')} made by other code or libraries: --renew makes them again"
+        yield f"{format_count(other, 'result')} made by other code or libraries: --renew makes them again"
     yield from _of_failures([one for one in done.results if one.failed])
 
 
@@ -111,4 +111,4 @@ def _of_failures(failures: Sequence[Result]) -> Iterator[str]:
         yield f"and {len(failures) - MOST_REASONS} more failed: see the column `failed`"
     if failures:
         fewer = ", with fewer --workers for memory" if any(one.failed == KILLED for one in failures) else ""
-        yield f"{counted(len(failures), 'result')} failed: --retry makes them again{fewer}"
+        yield f"{format_count(len(failures), 'result')} failed: --retry makes them again{fewer}"

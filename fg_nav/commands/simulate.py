@@ -23,13 +23,11 @@ from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
-from fg_nav.plain import plain
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import SIMULATION_FILES
 from fg_nav.report.terminal import console, listing
-from fg_nav.version import version
-from fg_nav.wording import counted
+from fg_nav.text import find_version, format_count, to_json
 
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
@@ -65,7 +63,7 @@ def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
     """All truth but the path, for JSON: SI units, rad, uT; vectors in nav from the origin unless the name says body."""
     strides = walk.strides
     return {
-        "version": version(),
+        "version": find_version(),
         "scenario": walk.scenario.name,
         "seed": walk.seed,
         "sensor": walk.scenario.prior.name,
@@ -110,7 +108,7 @@ def print_simulation(walk: SimulatedWalk, place: Path) -> None:
         "field": f"{walk.scenario.field}, {walk.scenario.site}",
         "samples": f"{len(walk.recording)} in {walk.recording.duration_s:.1f} s",
         "strides": f"{len(walk.strides)} over {np.linalg.norm(step, axis=1).sum():.1f} m of the foot",
-        "landmarks": counted(len(walk.landmarks), "crossing") if walk.landmarks else "none",
+        "landmarks": format_count(len(walk.landmarks), "crossing") if walk.landmarks else "none",
         "files": str(place),
     }
     console().print(listing(list(rows.items())), soft_wrap=True)
@@ -121,4 +119,4 @@ def _describe_field(part: object) -> dict[str, Any]:
     parts = getattr(part, "parts", None)
     if parts is not None:
         return {"kind": type(part).__name__, "parts": [_describe_field(inner) for inner in parts]}
-    return {"kind": type(part).__name__, **plain(part)}
+    return {"kind": type(part).__name__, **to_json(part)}

@@ -60,6 +60,7 @@ from fg_nav.ekf.parameters import (
 from fg_nav.ekf.rts import Samples, Tape, Track, allocate_tape, allocate_track, smooth_backward, view_state
 from fg_nav.ekf.update import inject_error
 from fg_nav.ekf.zero_velocity import StanceNoise, update_in_stance
+from fg_nav.ends import Start, find_start, freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
@@ -67,8 +68,6 @@ from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
-from fg_nav.start import Start, starting_point
-from fg_nav.tails import hold_tails
 
 GAUGE_SIGMA = 1e-4
 """Position (m) and heading (rad) at the start are known by definition; a trace keeps P invertible."""
@@ -153,7 +152,7 @@ def compile_filter() -> None:
     stances = Stances.from_mask(np.ones(20, dtype=np.bool_))
     for smoothed in (False, True):
         parameters = IezParameters(smoothed=smoothed)
-        filter_walk(rest, stances.mask, stances.start, starting_point(rest, stances), parameters)
+        filter_walk(rest, stances.mask, stances.start, find_start(rest, stances), parameters)
 
 
 @njit(cache=True)
@@ -289,7 +288,7 @@ def make_solution(
     note: str,
 ) -> Solution:
     """Solution of a pass that `began` (perf_counter); `field` are verdicts and reasons, (K,) each."""
-    tails = hold_tails(recording.t, stances, track.position, track.velocity)
+    tails = freeze_ends(recording.t, stances, track.position, track.velocity)
     return Solution(
         method=method,
         t=recording.t,

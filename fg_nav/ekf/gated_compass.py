@@ -28,13 +28,13 @@ from fg_nav.ekf.attitude_updates import PseudoMeasurements, make_pseudo_measurem
 from fg_nav.ekf.core import GAUGE_SIGMA, compile_filter, describe_start, filter_walk, make_solution
 from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.rts import Track
+from fg_nav.ends import Start, find_start
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.quasi_static import Detector, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.start import Start, starting_point
 
 
 @dataclass(frozen=True)
@@ -151,10 +151,10 @@ def choose_start(
 ) -> tuple[Start, float]:
     """Start of the filter, and the sigma (rad) of its heading: 0 for a given one, else that of the first compass."""
     if heading is not None:
-        return starting_point(recording, stances, heading, parameters.inertial.rest), 0.0
+        return find_start(recording, stances, heading, parameters.inertial.rest), 0.0
     at_start = find_first_heading(field) + float(np.radians(parameters.declination_deg))
     sigma = float(np.radians(parameters.start_sigma_deg))
-    return starting_point(recording, stances, at_start, parameters.inertial.rest), sigma
+    return find_start(recording, stances, at_start, parameters.inertial.rest), sigma
 
 
 def find_first_heading(field: FootfallField) -> float:

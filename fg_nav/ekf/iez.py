@@ -11,10 +11,10 @@ from time import perf_counter
 
 from fg_nav.ekf.core import compile_filter, describe_start, filter_walk, make_solution
 from fg_nav.ekf.parameters import IezParameters
+from fg_nav.ends import find_start
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.start import starting_point
 
 UNUSED = "the filter does not use the magnetometer"
 
@@ -45,7 +45,7 @@ def run_iez(
     """
     compile_filter()
     began = perf_counter()
-    start = starting_point(recording, stances, heading, parameters.rest)
+    start = find_start(recording, stances, heading, parameters.rest)
     rows = stances.stillest(recording.gyr)
     track = filter_walk(recording, stances.mask, rows, start, parameters)
     note, unused = describe_start(recording, start, parameters), (("none",) * len(rows), (UNUSED,) * len(rows))

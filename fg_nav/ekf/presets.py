@@ -32,7 +32,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fg_nav.changes import Changes, changed
+from fg_nav.changes import Changes, change_parameters
 from fg_nav.ekf.aiez import AGREEING, AiezParameters, run_aiez
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.iez import run_iez
@@ -189,7 +189,7 @@ def run_filter(
     EstimationError
         For names that are none, and where the filter cannot solve this walk.
     """
-    parameters = changed(find_parameters(method, preset), changes)
+    parameters = change_parameters(find_parameters(method, preset), changes)
     if isinstance(parameters, AiezParameters):
         solution = run_aiez(recording, stances, field, parameters, heading, method)
     elif isinstance(parameters, MatchedParameters):

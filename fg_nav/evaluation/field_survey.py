@@ -23,7 +23,7 @@ from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import runs
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
@@ -125,7 +125,7 @@ def survey_field(
     """
     if len(field) < FEWEST_FOOTFALLS:
         raise MagneticError(
-            f"the recording has {counted(len(field), 'footfall')}, too few to compare: walk {FEWEST_FOOTFALLS} or "
+            f"the recording has {format_count(len(field), 'footfall')}, too few to compare: walk {FEWEST_FOOTFALLS} or "
             f"more, or look at the samples with --detector {SAMPLEWISE}."
         )
     ordered = [name for name in SURVEYED if name in detectors]

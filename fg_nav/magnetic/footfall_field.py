@@ -23,13 +23,13 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.ends import find_start
 from fg_nav.errors import MagneticError
 from fg_nav.frames import heading_of, wrap
 from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
 from fg_nav.mechanisation import nudge_tilt, rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
-from fg_nav.start import starting_point
 
 HALF_WINDOW_S = 0.5
 """Of a long stance only the second around its stillest instant is averaged: later the foot may stand elsewhere."""
@@ -212,7 +212,7 @@ def integrate_attitude(recording: Recording, stances: Stances, heading: float = 
     EstimationError
         Without a stance, on stances of another recording, or where the specific force vanishes.
     """
-    start = starting_point(recording, stances, heading)
+    start = find_start(recording, stances, heading)
     longest = max(start.rests, key=lambda rest: rest.stop - rest.start, default=None)
     bias = np.zeros(3) if longest is None else longest.rate
     return _integrate(

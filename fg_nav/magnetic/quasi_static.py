@@ -20,7 +20,7 @@ from fg_nav.frames import wrap
 from fg_nav.magnetic.detectors import HEADING_DRIFT, Channel, Detector
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.presets import DEFAULT, DETECTORS
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 __all__ = ["DEFAULT", "DETECTORS", "Detector", "FieldVerdicts", "find_detector", "judge_field"]
 
@@ -178,9 +178,11 @@ def _explain_missing(field: FootfallField, measured: Ints, detector: Detector) -
     there = np.isfinite(field.strength)
     reasons = [TOO_LITTLE if known else NO_FIELD for known in there]
     for k, footfall in enumerate(measured):
-        reasons[footfall] = f"over {counted(detector.rows - 1, 'stride')} there are too many footfalls without a field"
+        reasons[footfall] = (
+            f"over {format_count(detector.rows - 1, 'stride')} there are too many footfalls without a field"
+        )
         if k < detector.rows - 1:
-            reasons[footfall] = f"fewer than {counted(detector.rows, 'footfall')} with a field so far"
+            reasons[footfall] = f"fewer than {format_count(detector.rows, 'footfall')} with a field so far"
         if k < detector.alignment_footfalls:
             reasons[footfall] = "here the inertial heading is aligned with the compass"
     return reasons
@@ -196,7 +198,7 @@ def _explain_verdicts(windows: Floats, parts: Floats, measured: Ints, ends: Ints
     for each, part, count in zip(channels, parts, strides, strict=True):
         first, *others = (each[c] for c in np.argsort(-part, kind="stable"))
         rest = f" ({', '.join(others)})" if others else ""
-        over = f"over {counted(int(count), 'stride')}" if count else "this stance"
+        over = f"over {format_count(int(count), 'stride')}" if count else "this stance"
         reasons.append(f"{over}: {first}{rest}; {part.sum():.2g} times the threshold")
     return reasons
 

@@ -30,7 +30,7 @@ from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.smoother import OnlineOptions
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 VERSION = 3
 """Of the arrays in a checkpoint."""
@@ -57,8 +57,8 @@ def collect_content(navigator: OnlineNavigator) -> dict[str, Any]:
     if navigator.options.lag_s is not None:
         raise EstimationError("a walk with a lag discards its samples and has no checkpoint: leave one of the two out.")
     facts = {
-        "options": plain(navigator.options),
-        "detection": plain(navigator.detection),
+        "options": to_json(navigator.options),
+        "detection": to_json(navigator.detection),
         "judge": navigator.judge.state(),
         "source": dict(navigator.source),
         "has_ended": navigator.has_ended,
@@ -117,7 +117,7 @@ def load(
     samples, stops, facts = _read(path)
     options = _read_options(facts["options"]) if options is None else options
     for given, name, other in ((options, "options", "other options"), (detection, "detection", "another detection")):
-        if plain(given) != facts[name]:
+        if to_json(given) != facts[name]:
             raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
     navigator = OnlineNavigator(options, remark, detection, SampleJudge.resume(facts["judge"], samples, remark))
     navigator.source.update(facts["source"])

@@ -28,7 +28,7 @@ from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.lines import format_estimate
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.online.sources import RowReader, Source
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 Tell = Callable[[str], None]
 
@@ -135,10 +135,10 @@ def _begun(options: StreamOptions, remark: Tell) -> OnlineNavigator:
     path = options.checkpoint
     if path is None or not path.exists():
         navigator = OnlineNavigator(options.online, remark)
-        navigator.source["calibration"] = plain(options.calibration)
+        navigator.source["calibration"] = to_json(options.calibration)
         return navigator
     navigator = load(path, options.online, remark)
-    if navigator.source.get("calibration") != plain(options.calibration):
+    if navigator.source.get("calibration") != to_json(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
     remark(f"taken up from {path.name}: {len(navigator.footfalls)} stances, {navigator.buffer.stop} samples.")
     return navigator

@@ -42,7 +42,7 @@ from fg_nav.samples.plausibility import (
     measure_field_strength,
     median_period_s,
 )
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 JUMP_S = 1.0
 """A step ahead that is accepted only if the next stamp goes on from there."""
@@ -335,7 +335,7 @@ class SampleJudge:
         self._first = []
         for problem in _unit_problems(seen[:, 0], seen[:, 1:4], seen[:, 7:10]):
             if problem is not None:
-                raise RecordingError(f"{problem} (seen in the first {counted(CHECKED, 'sample')}).")
+                raise RecordingError(f"{problem} (seen in the first {format_count(CHECKED, 'sample')}).")
 
 
 def _name_shift(shift: float) -> str:

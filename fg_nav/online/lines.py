@@ -32,8 +32,8 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
 from fg_nav.frames import heading_of
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.plain import plain
 from fg_nav.solution import StanceTable
+from fg_nav.text import to_json
 
 SensorTime = Callable[[int, float], float]
 """The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleJudge.sensor_time`)."""
@@ -111,7 +111,7 @@ def _format_line(
         "field": field[0],
         "field_reason": field[1],
     }
-    return json.dumps(plain(content), allow_nan=False)
+    return json.dumps(to_json(content), allow_nan=False)
 
 
 class LineServer:

@@ -42,7 +42,7 @@ from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimat
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturated
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 Progress: TypeAlias = Callable[[float], None]
 
@@ -161,7 +161,7 @@ def _choose_step_length(steps: Steps, constant_m: float | None, distance_m: floa
 def _describe(swing: ThighSwing, steps: Steps, step_length: StepLength) -> list[str]:
     bouts = int(steps.bout[-1]) + 1
     pauses = f", in {bouts} stretches" if bouts > 1 else ""
-    notes = [f"{counted(len(steps), 'step')} of both legs{pauses}; height is not estimated"]
+    notes = [f"{format_count(len(steps), 'step')} of both legs{pauses}; height is not estimated"]
     if step_length.source == "default":
         notes.append(
             f"step constant {step_length.constant_m:.2f} m by default, good to {100 * step_length.sigma:.0f} % "
@@ -190,7 +190,7 @@ def _warn(recording: Recording, signs: TurnSigns, swing: ThighSwing, verdicts: t
     strides = np.array(verdicts) == QUASI_STATIC
     if recording.mag is not None and strides.mean() < LEAST_USED:
         notes.append(
-            f"the field was used in {int(strides.sum())} of {counted(len(strides), 'stride')}: calibrate the "
+            f"the field was used in {int(strides.sum())} of {format_count(len(strides), 'stride')}: calibrate the "
             "magnetometer, as iron about the sensor turns with it"
         )
     return notes

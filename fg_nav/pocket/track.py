@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.ends import LEAST_FORCE_M_S2
 from fg_nav.errors import EstimationError
 from fg_nav.frames import levelled, yaw_rotation
 from fg_nav.magnetic.compass import compute_field_heading, compute_true_heading
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.recording import Recording
-from fg_nav.start import LEAST_FORCE_M_S2
 
 GAUGE_SIGMA = 1e-4
 """Sigma of a heading that is zero by definition, rad: small, but it keeps P invertible."""

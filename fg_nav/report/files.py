@@ -24,9 +24,8 @@ import pandas as pd
 from fg_nav.frames import heading_of
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import find_detector
-from fg_nav.plain import plain
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.version import version
+from fg_nav.text import find_version, to_json
 
 if TYPE_CHECKING:
     from fg_nav.walk import Outcome, Walk
@@ -144,7 +143,7 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
     """Return everything needed to run it again."""
     stances = walk.stances
     return {
-        "fg_nav_version": version(),
+        "fg_nav_version": find_version(),
         "method": solution.method,
         **describe_recording(walk),
         "alignment": walk.options.alignment,
@@ -214,7 +213,7 @@ def describe_field_detector(walk: Walk) -> dict[str, object] | None:
 
 def write_json(path: Path, content: object) -> None:
     """Write standard JSON: numbers that are not finite become null."""
-    path.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(to_json(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _text(path: Path | None) -> str | None:

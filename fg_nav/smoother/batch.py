@@ -17,6 +17,7 @@ from time import perf_counter
 
 import numpy as np
 
+from fg_nav.ends import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2
@@ -32,8 +33,7 @@ from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import Solved
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.tails import hold_tails
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 
 def smooth(
@@ -114,8 +114,8 @@ def _solution_of(
     """Return the dense trajectory, and the stances with their sigmas."""
     recording, p = problem.recording, problem.parameters
     position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
-    tails = hold_tails(recording.t, stances, position, velocity)
-    steps = f"solved in {counted(solved.steps, 'Gauss-Newton step')}"
+    tails = freeze_ends(recording.t, stances, position, velocity)
+    steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
     return Solution(
         method="smoother",
         t=recording.t,

@@ -31,14 +31,14 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.ends import find_start
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import Known, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
-from fg_nav.start import starting_point
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 LEVELS = (2e-3, 1e-3, 3e-4, 1e-4)
 """1/sqrt(Hz), falling. 2e-3 is a consumer sensor in a run; 1e-4 is the white noise of a good one over a swing."""
@@ -89,7 +89,7 @@ def choose_swing_noise(
         level = p.gyr_relative_density
         return SwingNoise(level, f"swing noise {_words(level)}: too few strides to see it from")
     level = choose_level(levels, np.array(evidences))
-    return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {counted(strides, 'stride')}")
+    return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {format_count(strides, 'stride')}")
 
 
 def choose_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
@@ -150,7 +150,7 @@ class _Piece:
     """The problem of a stretch, its noise free to change."""
 
     def __init__(self, recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> None:
-        nav_R_body = starting_point(recording, stances, 0.0, p.rest).nav_R_body
+        nav_R_body = find_start(recording, stances, 0.0, p.rest).nav_R_body
         without_swing, with_some = (replace(p, gyr_relative_density=level) for level in _BASE)
         self._problem = build_problem(recording, stances, nav_R_body, replace(known, rests=()), without_swing)
         factors = ((i, self._problem.graph.at(i)) for i in range(self._problem.graph.size()))

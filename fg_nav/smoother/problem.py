@@ -14,13 +14,13 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration import RollingLever, estimate_lever
 from fg_nav.detection import Rest
+from fg_nav.ends import find_start
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem
 from fg_nav.smoother.noise_level import SwingNoise, choose_swing_noise
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.stances import Stances
-from fg_nav.start import starting_point
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 
 def walk_problem(
@@ -40,7 +40,7 @@ def walk_problem(
     in_progress : bool
         Whether the walk goes on after the recording: then what is a rest only because the recording ends is none.
     """
-    start = starting_point(recording, stances, heading or 0.0, p.rest)
+    start = find_start(recording, stances, heading or 0.0, p.rest)
     rests = _whole_rests(start.rests, recording, p) if in_progress else start.rests
     known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
@@ -49,7 +49,7 @@ def walk_problem(
 
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:
     """Return the noise of the rate in a swing, 1/sqrt(Hz), that the smoother uses on this walk."""
-    rests = starting_point(recording, stances, parameters=p.rest).rests
+    rests = find_start(recording, stances, parameters=p.rest).rests
     return _estimate_known(recording, stances, rests, p)[1].gyr_relative_density
 
 
@@ -93,7 +93,7 @@ def _bias_note(known: Known) -> str:
     if not known.rests:
         return "gyro bias from the walk alone, there is no rest in it"
     bias = np.round(np.degrees(known.gyro_bias), 3).tolist()
-    return f"gyro bias {bias} deg/s from {counted(len(known.rests), 'rest')}"
+    return f"gyro bias {bias} deg/s from {format_count(len(known.rests), 'rest')}"
 
 
 def _lever_note(lever: RollingLever) -> str:

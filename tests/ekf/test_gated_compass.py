@@ -11,10 +11,10 @@ from fg_nav.ekf.gated_compass import find_first_heading, run_gated_compass
 from fg_nav.ekf.iez import run_iez
 from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter, scale_detector
+from fg_nav.ends import find_start
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.mechanisation import NavState
-from fg_nav.start import starting_point
 from tests.ekf.errors import error_of, random_state
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
@@ -166,7 +166,7 @@ def test_position_and_heading_covary_as_a_walk_with_another_start_heading():
     rows, step, sigma = stances.stillest(recording.gyr), np.radians(0.1), np.radians(20.0)
 
     def run(heading, start_sigma=0.0):
-        start = starting_point(recording, stances, float(headings[0]) + heading)
+        start = find_start(recording, stances, float(headings[0]) + heading)
         return filter_walk(recording, stances.mask, rows, start, IezParameters(), start_sigma=start_sigma)
 
     certain, considered = run(0.0), run(0.0, sigma)

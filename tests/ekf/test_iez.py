@@ -7,12 +7,12 @@ import pytest
 
 from fg_nav.ekf import OPENSHOE, IezParameters, run_iez
 from fg_nav.ekf.core import filter_walk
+from fg_nav.ends import find_start
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import align, evaluate, fit_scale
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
-from fg_nav.start import starting_point
 from tests.ekf.motion import Walk
 
 WALK = Walk(strides=20, turn=0.1)
@@ -61,7 +61,7 @@ def test_a_sensor_mounted_any_way_gives_the_same_walk():
 def test_a_wrong_start_is_corrected_by_the_stances():
     """A wrong sign anywhere between innovation and correction drives the tilt away instead."""
     recording, stances = WALK.recording()
-    start = starting_point(recording, stances)
+    start = find_start(recording, stances)
     tilt = np.radians(2.0)
     c, s = np.cos(tilt), np.sin(tilt)
     for turn in (np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])):

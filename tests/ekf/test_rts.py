@@ -14,10 +14,10 @@ from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.presets import RTS, find_parameters
 from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
+from fg_nav.ends import find_start
 from fg_nav.estimators import ESTIMATORS, FILTERS
 from fg_nav.frames import heading_of, wrap
 from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.start import starting_point
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as PreparedWalk
 from tests.ekf.errors import random_covariance
@@ -60,7 +60,7 @@ def evidence_of(recording, rows, walk, rng):
 def both(recording, stances, pseudo=None, parameters=IezParameters(), wrong_heading=0.0, walk=WALK):
     """Track of the filter and of the smoother over it, and the footfalls' samples."""
     rows = stances.stillest(recording.gyr)
-    start = starting_point(recording, stances, float(heading_of(walk.attitude(np.zeros(1))[0])) + wrong_heading)
+    start = find_start(recording, stances, float(heading_of(walk.attitude(np.zeros(1))[0])) + wrong_heading)
     runs = [
         filter_walk(recording, stances.mask, rows, start, replace(parameters, smoothed=s), pseudo, START_SIGMA)
         for s in (False, True)

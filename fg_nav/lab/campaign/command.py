@@ -22,7 +22,7 @@ from fg_nav.lab.campaign.plan import read_plan
 from fg_nav.lab.campaign.tables import place_of, write_tables
 from fg_nav.lab.store import code, results
 from fg_nav.lab.store.results import Key, Result
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def _note_if_stopped(folder: Folder, missing: Sequence[Key], stored: int, notify
         yield
     except KeyboardInterrupt:
         done = stored + folder.count_written({key.file for key in missing})
-        total = counted(stored + len(missing), "result")
+        total = format_count(stored + len(missing), "result")
         notify(f"stopped: {done} of {total} are kept, the same command goes on from there")
         raise
 

@@ -41,8 +41,8 @@ from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result, encode_flags, write_result
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.navigate import prepare_walk
-from fg_nav.plain import plain
 from fg_nav.recording import TrajectoryTruth
+from fg_nav.text import to_json
 from fg_nav.walk import Options, Outcome, Walk
 
 
@@ -281,7 +281,7 @@ def settings_of(
     }
     if reading is not None and reading.format is not None:
         settings["format"] = reading.format
-    return dict(plain(settings))
+    return dict(to_json(settings))
 
 
 @cache
@@ -292,9 +292,9 @@ def parameters_of(method: str) -> Any:
     """
     one = method_of(method)
     if one.changes:
-        return {"changed": plain(parameters_of(one.base)), "changes": plain(dict(one.changes))}
+        return {"changed": to_json(parameters_of(one.base)), "changes": to_json(dict(one.changes))}
     try:
-        return plain(solve_by(method, _probe()).solution.parameters)
+        return to_json(solve_by(method, _probe()).solution.parameters)
     except EstimationError as error:
         return str(error)
 
@@ -316,4 +316,4 @@ def _describe_scenario(name: str, level: str, own: UserScenario | None) -> dict[
     }
     if own is not None:
         description |= {"course": own.course, "aligned": one.aligned}
-    return dict(plain(description))
+    return dict(to_json(description))

@@ -19,7 +19,7 @@ from typing import IO
 from fg_nav.errors import CampaignError, OutputError
 from fg_nav.lab.campaign.tables import TABLES
 from fg_nav.lab.store.files import CAMPAIGN_MARKER, PART, find_foreign, list_visible
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 RESULTS_FOLDER = "cells"
 
@@ -42,7 +42,9 @@ class Folder:
         if number == 0:
             return ""
         last = f" (the last one there was {self.before})" if self.before else ""
-        return f"{self.out} has {counted(number, 'result')} of other plans than this{last}: the tables leave them out"
+        return (
+            f"{self.out} has {format_count(number, 'result')} of other plans than this{last}: the tables leave them out"
+        )
 
     def count_written(self, files: Collection[str]) -> int:
         """Return how many of these results were written since the folder is locked, by the clock of its own disk."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import cast
 
-from fg_nav.changes import Changes, Scalar, changed
+from fg_nav.changes import Changes, Scalar, change_parameters
 from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import EstimationError
 from fg_nav.estimators import SMOOTHERS, find_estimator, find_parameters
@@ -56,7 +56,7 @@ class Method:
         for name, value in self.changes:
             if isinstance(value, str) and not _WORD.fullmatch(value):
                 raise EstimationError(f"the parameter '{name}' cannot be {value!r}: give one word.")
-        parameters = changed(find_parameters(self.name, self.preset), self.changes)
+        parameters = change_parameters(find_parameters(self.name, self.preset), self.changes)
         typed = tuple((name, cast("Scalar", attrgetter(name)(parameters))) for name, _ in self.changes)
         return replace(self, changes=typed)
 

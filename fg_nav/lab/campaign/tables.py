@@ -20,7 +20,7 @@ from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.store.files import atomic_write
 from fg_nav.lab.store.results import USED, Key, Result
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 RESULTS, RESULTS_CSV, TIMINGS = "results.parquet", "results.csv", "timings.parquet"
 TABLES = (RESULTS, RESULTS_CSV, TIMINGS)
@@ -112,7 +112,7 @@ def rows_of(result: Result) -> Iterator[dict[str, Any]]:
     for mode, errors in sorted(result.errors.items()):
         at_landmarks = result.landmark_m.get(mode)
         mean = sum(at_landmarks) / len(at_landmarks) if at_landmarks else None
-        figures = {"end_percent": plain(errors.end_percent), "landmark_mean_m": mean}
+        figures = {"end_percent": to_json(errors.end_percent), "landmark_mean_m": mean}
         yield {**head, "alignment": mode, **{name: getattr(errors, name) for name in ERRORS}, **figures}
 
 

@@ -24,10 +24,9 @@ from fg_nav.lab.reproduce.messages import counted, named, printed, remark, told
 from fg_nav.lab.reproduce.page import write_page
 from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
-from fg_nav.plain import plain
 from fg_nav.report.folder import unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
-from fg_nav.version import version
+from fg_nav.text import find_version, to_json
 
 PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
 
@@ -80,7 +79,7 @@ def reproduce(
         except BrokenProcessPool:
             raise OutputError(_ENDED) from None
     command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
-    found = replace(made, command=command, versions=versions(), parameters=plain(made.parameters))
+    found = replace(made, command=command, versions=versions(), parameters=to_json(made.parameters))
     publish(found, out)
     show(found, out)
     return found
@@ -99,7 +98,7 @@ def _paper(name: str) -> Paper:
 def versions() -> dict[str, str]:
     """Of this package, of Python, and of the libraries that figures depend on."""
     return {
-        "fg-nav": version(),
+        "fg-nav": find_version(),
         "Python": platform.python_version(),
         **{name: metadata.version(name) for name in _LIBRARIES},
     }

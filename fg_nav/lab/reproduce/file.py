@@ -14,7 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.results import Reproduction, Row, Spread
 from fg_nav.lab.store.entries import encode_number
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 FORM = 2
 """Of the file."""
@@ -22,14 +22,14 @@ FORM = 2
 
 def write_reproduction(found: Reproduction) -> str:
     """Return the text of the file, with each row's verdict for readers without this library."""
-    content = {"form": FORM, **plain(found)}
+    content = {"form": FORM, **to_json(found)}
     for experiment, written in zip(found.experiments, content["experiments"], strict=True):
         written["rows"] = [_row(row) for row in experiment.rows]
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _row(row: Row) -> dict[str, Any]:
-    return {**plain(row), "ours": {name: _spread(one) for name, one in row.ours.items()}, "verdict": row.verdict}
+    return {**to_json(row), "ours": {name: _spread(one) for name, one in row.ours.items()}, "verdict": row.verdict}
 
 
 def _spread(one: Spread) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from fg_nav.lab.reproduce.results import (
     Picture,
     Reproduction,
 )
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 _CLASSES = {
     REPRODUCED: "reproduced",
@@ -73,7 +73,7 @@ def write_page(found: Reproduction, folder: Path) -> str:
         "printed": printed,
         "remark": remark,
         "told": told,
-        "json": lambda value: json.dumps(plain(value), indent=1, ensure_ascii=False),
+        "json": lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False),
         "load_png": partial(_load_png, folder),
     }
     return environment.get_template("page.html.j2").render(

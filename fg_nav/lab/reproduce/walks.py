@@ -27,7 +27,7 @@ from fg_nav.lab.store.entries import Measurement
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import USED, Key, Result, drop_paths, read_result
 from fg_nav.magnetic import DETECTORS
-from fg_nav.wording import counted
+from fg_nav.text import format_count
 
 RESULTS_FOLDER = "cells"
 """Of the folder of a reproduction."""
@@ -105,8 +105,8 @@ def describe_other_code(walks: Walks) -> tuple[str, ...]:
         f"sum {most_first[0][0]}" if len(others) == 1 else ", ".join(f"{n} with sum {code}" for code, n in most_first)
     )
     return (
-        f"{sum(others.values())} of {counted(total, 'result')} on walks were made by another state of the code, or of "
-        f"its libraries, than this one ({sums}), with the same parameters: "
+        f"{sum(others.values())} of {format_count(total, 'result')} on walks were made by another state of the code, "
+        f"or of its libraries, than this one ({sums}), with the same parameters: "
         f"without the folder '{RESULTS_FOLDER}' all are made again.",
     )
 

@@ -22,7 +22,7 @@ from pydantic import BeforeValidator
 
 from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.files import atomic_write, make_folder, write_text
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 FORM = 2
 """Layout of the files; an entry of another form does not hold."""
@@ -51,14 +51,14 @@ class Entry:
         """Return the content of a JSON file with its settings; None if it does not hold."""
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
-            holds = content.pop("form") == FORM and content["settings"] == plain(self.settings)
+            holds = content.pop("form") == FORM and content["settings"] == to_json(self.settings)
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
         return content if holds else None
 
     def write(self, content: Mapping[str, Any]) -> None:
         """Write a JSON file; another process may write at the same time. Raises `OutputError` if the system refuses."""
-        whole = {"form": FORM, **content, "settings": plain(self.settings)}
+        whole = {"form": FORM, **content, "settings": to_json(self.settings)}
         write_text(self.path, json.dumps(whole) + "\n")
 
     def read_arrays(self) -> dict[str, NDArray[Any]] | None:
@@ -77,7 +77,7 @@ class Entry:
 
     @property
     def _settings_text(self) -> str:
-        return json.dumps({"form": FORM, **plain(self.settings)}, sort_keys=True)
+        return json.dumps({"form": FORM, **to_json(self.settings)}, sort_keys=True)
 
 
 MEASUREMENTS = "parts"

@@ -20,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.lab.store.entries import Entry, Number
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 LONGEST_NAME, CUT = 200, 160
 """Bytes of a file's name before `.json`, and of a longer one after cutting: file systems allow 255."""
@@ -104,7 +104,7 @@ def encode_flags(used: Sequence[bool]) -> str:
 
 def write_result(folder: Path, result: Result) -> None:
     """Write a result; raises `OutputError` if the system refuses."""
-    Entry(folder / result.key.file, result.settings).write(plain(result))
+    Entry(folder / result.key.file, result.settings).write(to_json(result))
 
 
 def read_result(folder: Path, key: Key, settings: Mapping[str, Any]) -> Result | None:

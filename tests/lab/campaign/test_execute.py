@@ -12,7 +12,7 @@ from fg_nav.lab.campaign.execute import WorkerError, execute_task, run_task, tas
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated, pack
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.results import Key
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 METHODS = ("iez", "ma2018")
 
@@ -44,7 +44,7 @@ def recorded(folder, content=None):
 
 
 def without_times(results):
-    return [plain(replace(one, runtime_s=0.0)) for one in results]
+    return [to_json(replace(one, runtime_s=0.0)) for one in results]
 
 
 def test_results_one_by_one_are_those_of_the_walk_and_it_is_simulated_once(counted):

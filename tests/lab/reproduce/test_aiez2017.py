@@ -9,7 +9,7 @@ from fg_nav.lab.reproduce import aiez2017
 from fg_nav.lab.reproduce.aiez2017.magnet import NEAR, magnet_part
 from fg_nav.lab.reproduce.aiez2017.walks import keys
 from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, REPRODUCED
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
 
 SEEDS = (101, 102)
@@ -76,7 +76,7 @@ def test_the_footfalls_that_are_turned_are_those_beside_the_magnet(found, folder
 
 
 def test_parameters_are_told_of_walks_and_detectors_too(found):
-    told = json.dumps(plain(found.parameters))
+    told = json.dumps(to_json(found.parameters))
     assert "0x" not in told  # the place of something in memory: it would be another in each run
     assert found.parameters["scenario magnet-corridor"]["magnets"]
     assert not found.parameters["scenario teaching-building"]["magnets"]

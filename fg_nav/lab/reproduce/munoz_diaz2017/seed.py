@@ -62,8 +62,8 @@ from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
 from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.entries import Entry, Number, encode_number
 from fg_nav.lab.store.files import make_folder
-from fg_nav.plain import plain
 from fg_nav.pocket import PRESETS
+from fg_nav.text import to_json
 
 Values = dict[str, dict[str, Number]]
 """By row (`name_of`) and column; NaN where the walk has nothing to read it off, infinite where a method ended."""
@@ -145,14 +145,14 @@ def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
         "parameters": parameters(),
         "code": _code(),
     }
-    return dict(plain(made_with))
+    return dict(to_json(made_with))
 
 
 def parameters() -> dict[str, Any]:
     """Effective parameters of the estimators; the noise of the magnetometer and the detector are those of the case."""
     filters = {name: PRESETS[preset] for name, preset in PRESET_NAMES.items()}
     graphs = {f"{BATCH} and {ONLINE}, {walk} walk": GRAPHS[walk == "first"] for walk in ("first", "second")}
-    return dict(plain({**filters, **graphs}))
+    return dict(to_json({**filters, **graphs}))
 
 
 @cache

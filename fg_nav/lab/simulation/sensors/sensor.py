@@ -35,7 +35,7 @@ from fg_nav.lab.simulation.sensors.magnetometer import (
     average_units,
 )
 from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior
-from fg_nav.plain import plain
+from fg_nav.text import to_json
 
 MOST_UNITS = 256
 
@@ -180,10 +180,10 @@ class Sensor:
         effective = ("gyr_matrix", "acc_matrix", "g_sensitivity", "soft_iron", "hard_iron_uT")
         return {
             "prior": self.prior.as_dict(),
-            **{name: plain(getattr(self, name)) for name in effective},
+            **{name: to_json(getattr(self, name)) for name in effective},
             "clock_scale_error": self.clock.scale_error,
-            "board_R_body": plain(self.board_R_body),
-            "iron": plain(self.iron),
+            "board_R_body": to_json(self.board_R_body),
+            "iron": to_json(self.iron),
             "units": [_drawn(unit) for unit in self.units],
         }
 
@@ -285,9 +285,9 @@ class SensorRun:
         """What was new on this walk, for JSON: turn-on biases of the average, and unit by unit."""
         gyr, acc = ([unit.turn_on_bias for unit in units] for units in (self._gyr, self._acc))
         return {
-            "gyr_turn_on_bias_rad_s": plain(average_units(gyr)),
-            "acc_turn_on_bias_m_s2": plain(average_units(acc)),
-            "units": [{"gyr": plain(g), "acc": plain(a)} for g, a in zip(gyr, acc, strict=True)],
+            "gyr_turn_on_bias_rad_s": to_json(average_units(gyr)),
+            "acc_turn_on_bias_m_s2": to_json(average_units(acc)),
+            "units": [{"gyr": to_json(g), "acc": to_json(a)} for g, a in zip(gyr, acc, strict=True)],
         }
 
     def _admit(self, t: Floats, rate: Floats, force: Floats) -> None:
@@ -301,16 +301,16 @@ class SensorRun:
 def _drawn(unit: Unit) -> dict[str, Any]:
     """What is particular about a unit; its prior is written once."""
     values: dict[str, Any] = {
-        "gyr_matrix": plain(unit.gyr.matrix),
-        "g_sensitivity": plain(unit.gyr.g_sensitivity),
-        "acc_matrix": plain(unit.acc.matrix),
+        "gyr_matrix": to_json(unit.gyr.matrix),
+        "g_sensitivity": to_json(unit.gyr.g_sensitivity),
+        "acc_matrix": to_json(unit.acc.matrix),
     }
     if unit.mag is not None:
-        values |= {"mag_matrix": plain(unit.mag.matrix), "mag_offset_uT": plain(unit.mag.offset_uT)}
+        values |= {"mag_matrix": to_json(unit.mag.matrix), "mag_offset_uT": to_json(unit.mag.offset_uT)}
     return values
 
 
 def _plain_dict(value: object) -> dict[str, Any]:
-    values = plain(value)
+    values = to_json(value)
     assert isinstance(values, dict)
     return values

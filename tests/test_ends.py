@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav.ends import find_start
 from fg_nav.frames import GRAVITY_M_S2, heading_of
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
-from fg_nav.start import starting_point
 
 RATE = 200.0
 BIAS = np.radians([0.3, -0.2, 0.4])
@@ -26,7 +26,7 @@ def resting(seconds, seed=0, noise_deg_s=0.1, tilt=0.2):
 
 
 def test_levelling_finds_up_and_keeps_the_heading():
-    start = starting_point(*resting(2.0), heading=0.7)
+    start = find_start(*resting(2.0), heading=0.7)
     assert heading_of(start.nav_R_body) == pytest.approx(0.7)
     np.testing.assert_allclose(start.nav_R_body[2], [np.sin(0.2), 0.0, np.cos(0.2)], atol=1e-3)
 
@@ -35,14 +35,14 @@ def test_levelling_finds_up_and_keeps_the_heading():
 def test_a_rest_tells_the_bias_as_well_as_it_claims(seconds):
     errors = []
     for seed in range(60):
-        start = starting_point(*resting(seconds, seed))
+        start = find_start(*resting(seconds, seed))
         assert start.rest is not None
         errors.append((start.rest.rate - BIAS) / start.rest.sigma)
     assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
 def test_the_claim_falls_with_the_length_of_the_rest():
-    short, long = (starting_point(*resting(s)).rest.sigma for s in (1.0, 10.0))
+    short, long = (find_start(*resting(s)).rest.sigma for s in (1.0, 10.0))
     assert short > 4.0 * long
     assert 0.007 < np.degrees(long) < 0.02  # what sway leaves, and the floor
 
@@ -51,7 +51,7 @@ def test_a_rolling_foot_is_no_rest():
     recording, stances = resting(2.0)
     t = recording.t
     for rolling in (np.radians(2.0) * np.sin(2 * np.pi * t), np.radians(6.0) * np.linspace(-1, 1, len(t))):
-        start = starting_point(replace(recording, gyr=recording.gyr + rolling[:, None]), stances)
+        start = find_start(replace(recording, gyr=recording.gyr + rolling[:, None]), stances)
         assert start.rest is None
 
 
@@ -59,7 +59,7 @@ def test_the_lift_of_the_heel_is_left_out_of_the_rest():
     recording, stances = resting(3.0)
     gyr = recording.gyr.copy()
     gyr[500:] += np.linspace(0.0, 1.0, 100)[:, None]
-    start = starting_point(replace(recording, gyr=gyr), stances)
+    start = find_start(replace(recording, gyr=gyr), stances)
     assert start.rest.stop == 500
     np.testing.assert_allclose(start.rest.rate, BIAS, atol=3 * start.rest.sigma)
 
@@ -68,7 +68,7 @@ def test_a_short_stance_is_no_rest():
     recording, _ = resting(3.0)
     mask = np.zeros(600, dtype=bool)
     mask[100:180] = True
-    start = starting_point(recording, Stances.from_mask(mask))
+    start = find_start(recording, Stances.from_mask(mask))
     assert (start.row, start.rest) == (100, None)
 
 
@@ -79,8 +79,8 @@ def test_the_rest_may_come_after_some_fidgeting_in_the_same_footfall():
     mask[140:260] = False
     fidgeting = replace(recording, gyr=gyr)
     stances = Stances.from_mask(mask)
-    apart = starting_point(fidgeting, stances)
-    together = starting_point(fidgeting, replace(stances, footfall=np.zeros(2, dtype=np.int64)))
+    apart = find_start(fidgeting, stances)
+    together = find_start(fidgeting, replace(stances, footfall=np.zeros(2, dtype=np.int64)))
     assert apart.rest.stop <= 150
     assert together.rest.start >= 250
     assert together.rest.sigma < 0.5 * apart.rest.sigma

@@ -1,0 +1,39 @@
+"""What stands in messages and files: counts in sentences, values as JSON knows them, the version."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+
+def format_count(count: int, thing: str) -> str:
+    """Put a count before a thing, and an s behind it if there is not one of it."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def to_json(value: object) -> Any:
+    """Dataclasses, arrays and tuples become dictionaries and lists; what is not finite, None; all else, text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): to_json(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return to_json(value.tolist())
+    if isinstance(value, list | tuple):
+        return [to_json(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+def find_version() -> str:
+    """Version of the installed distribution, or words that say there is none."""
+    try:
+        return metadata.version("fg-nav")
+    except metadata.PackageNotFoundError:
+        return "unknown (not installed)"
