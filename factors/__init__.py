@@ -17,12 +17,12 @@ linearize with `graph.linearize(values)` from Python instead, which makes no cop
 
 from .field_potential import FieldPotential, LineIntegral, integrate_field
 from .field_state import FieldPrior, FieldTransition
-from .floor_height import FloorHeight, FloorParameters, floor_labels
+from .floor_height import FloorHeight, floor_labels
 from .guarded import guarded_factor
 from .magnetic_heading import MagneticHeading
 from .position_fix import position_fix_factor, position_fix_noise
 from .residual import Residual, ResidualBlock, factor_of, linear_factor_of
-from .straight_walk import StraightParameters, StraightWalk, straight_triples
+from .straight_walk import StraightWalk, straight_triples
 from .zero_velocity import StanceVelocity, zero_rate_factor
 
 __all__ = [
@@ -30,13 +30,11 @@ __all__ = [
     "FieldPrior",
     "FieldTransition",
     "FloorHeight",
-    "FloorParameters",
     "LineIntegral",
     "MagneticHeading",
     "Residual",
     "ResidualBlock",
     "StanceVelocity",
-    "StraightParameters",
     "StraightWalk",
     "factor_of",
     "floor_labels",

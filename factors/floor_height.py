@@ -46,43 +46,42 @@ class FloorHeight:
         return e, [by_pose, np.full((*e.shape, 1), -1.0 / self.sigma)]
 
 
-@dataclass(frozen=True)
-class FloorParameters:
-    """What is a step, and what is another floor."""
+STEP_M = 0.1
+"""Height between successive footfalls of one foot above which they are on stairs: a riser is 0.15 to 0.19 m, and
+a foot climbs one or two at a time; the drift of a stride is centimetres."""
 
-    step_m: float = 0.1
-    """Height between successive footfalls of one foot above which they are on stairs: a riser is 0.15 to 0.19 m, and
-    a foot climbs one or two at a time; the drift of a stride is centimetres."""
-    storey_m: float = 1.5
-    """Height from a floor above which a level stretch is another: half of the lowest storey, so that heights may drift
-    by as much between two visits."""
-    fewest: int = 4
-    """Footfalls of a level stretch: a landing has two or three."""
+STOREY_M = 1.5
+"""Height from a floor above which a level stretch is another: half of the lowest storey, so that heights may drift
+by as much between two visits."""
+
+FEWEST = 4
+"""Footfalls of a level stretch: a landing has two or three."""
 
 
-def floor_labels(height: Array, parameters: FloorParameters = FloorParameters()) -> NDArray[np.intp]:
+def floor_labels(height: Array, step_m: float = STEP_M) -> NDArray[np.intp]:
     """Propose the floor (K,) of each footfall, 0, 1, ... in the order they are found; -1 where it is on none.
 
     Parameters
     ----------
     height : (K,) m
         Of the footfalls of one foot, in order.
+    step_m : float
+        Change of height that is a step.
     """
-    p = parameters
     label = np.full(len(height), -1, dtype=np.intp)
     levels: list[float] = []
-    cuts = np.flatnonzero(np.abs(np.diff(height)) > p.step_m) + 1
+    cuts = np.flatnonzero(np.abs(np.diff(height)) > step_m) + 1
     for stretch in np.split(np.arange(len(height)), cuts):
-        if len(stretch) >= p.fewest:
-            label[stretch] = _floor_of(float(height[stretch[0]]), levels, p.storey_m)
+        if len(stretch) >= FEWEST:
+            label[stretch] = _floor_of(float(height[stretch[0]]), levels)
             levels[label[stretch[0]]] = float(height[stretch[-1]])
     return label
 
 
-def _floor_of(level: float, levels: list[float], storey_m: float) -> int:
+def _floor_of(level: float, levels: list[float]) -> int:
     """Index of the floor last seen nearest to the level; a new one, added to the levels, if none is near."""
     apart = np.abs(np.array(levels) - level)
-    if len(levels) and apart.min() < storey_m:
+    if len(levels) and apart.min() < STOREY_M:
         return int(apart.argmin())
     levels.append(level)
     return len(levels) - 1

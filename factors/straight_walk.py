@@ -21,10 +21,10 @@ Its negative logarithm is the loss, with x = r / s the whitened residual and the
 
 So the weight with which the residual is repeatedly reweighted is the probability that this was a straight walk. In a
 curve it is zero, and so is the information: there is no row of zero residual, which would tell the smoother that it
-knows the course when nobody does. With s = 2 deg and P = 1/2 a change of 6 deg is as likely a curve as not.
+knows the course where nothing shows it. With s = 2 deg and P = 1/2 a change of 6 deg is as likely a curve as not.
 
 The change of course is 0 at a person's will only. Corridors bend slowly, and people drift to one side: what this factor
-believes is wrong where a curve turns by less than s over n strides. It is off unless asked for. Successive changes
+assumes is wrong where a curve turns by less than s over n strides. It is off unless asked for. Successive changes
 share a displacement, so their errors still partly cancel: the information on a steady drift is understated.
 
 Source: Borenstein & Ojeda 2010; Zhang's Eq. 27-28 are the same with a threshold, and a zero beyond it in place of
@@ -40,30 +40,23 @@ from numpy.typing import NDArray
 
 from .guarded import Array
 
+STRIDES = 5
+"""Length n of a displacement: two of them are 14 m, as long as corridors are straight for."""
 
-@dataclass(frozen=True)
-class StraightParameters:
-    """What a straight walk is, and how common."""
+SIGMA_DEG = 2.0
+"""Change of course between them on a straight walk: weaving by 7 cm at points 7 m apart is 1.4 deg
+(0.07 sqrt(6) / 7 rad), and feet and corridors add to it."""
 
-    strides: int = 5
-    """Length n of a displacement: two of them are 14 m, as long as corridors are straight for."""
-    sigma_deg: float = 2.0
-    """Change of course between them on a straight walk: weaving by 7 cm at points 7 m apart is 1.4 deg
-    (0.07 sqrt(6) / 7 rad), and feet and corridors add to it."""
-    straight_share: float = 0.5
-    """Share of straight stretches: no preference. The weight depends on its logarithm only."""
-    shortest_m: float = 2.5
-    """Displacements over n strides below this have no course of a walk: half a metre a stride."""
+STRAIGHT_SHARE = 0.5
+"""Share of straight stretches: no preference. The weight depends on its logarithm only."""
 
-    @property
-    def sigma(self) -> float:
-        """Of the change of course, rad."""
-        return float(np.radians(self.sigma_deg))
+SHORTEST_M = 2.5
+"""Displacements over n strides below this have no course of a walk: half a metre a stride."""
 
-    @property
-    def odds_of_curve(self) -> float:
-        """Likelihood c of a curve against that of a straight walk without any change of course."""
-        return float(self.sigma * (1.0 - self.straight_share) / (self.straight_share * np.sqrt(2.0 * np.pi)))
+
+def odds_of_curve(sigma: float, straight_share: float) -> float:
+    """Likelihood c of a curve against that of a straight walk without any change of course, with sigma in rad."""
+    return float(sigma * (1.0 - straight_share) / (straight_share * np.sqrt(2.0 * np.pi)))
 
 
 @dataclass(frozen=True)
@@ -82,8 +75,8 @@ class StraightWalk:
     dims: ClassVar[tuple[int, ...]] = (6, 6, 6)
     rows: ClassVar[int] = 2
 
-    sigma: float
-    odds_of_curve: float
+    sigma: float = float(np.radians(SIGMA_DEG))
+    odds_of_curve: float = odds_of_curve(np.radians(SIGMA_DEG), STRAIGHT_SHARE)
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
         """Return both rows (..., 2) and, with the weight held, their Jacobians by the three poses."""
@@ -127,13 +120,12 @@ def has_course(before: Array, here: Array, after: Array, shortest_m: float) -> N
     return np.asarray(np.minimum(*lengths) >= shortest_m)
 
 
-def straight_triples(position: Array, parameters: StraightParameters = StraightParameters()) -> NDArray[np.intp]:
+def straight_triples(position: Array) -> NDArray[np.intp]:
     """Footfalls (M, 3), n strides apart, of `position` (K, 3) of one foot, between which there are courses."""
-    n = parameters.strides
-    middle = np.arange(n, len(position) - n, n)
-    triples = middle[:, None] + n * np.array([-1, 0, 1])
+    middle = np.arange(STRIDES, len(position) - STRIDES, STRIDES)
+    triples = middle[:, None] + STRIDES * np.array([-1, 0, 1])
     before, here, after = np.moveaxis(position[triples], 1, 0)
-    return np.asarray(triples[has_course(before, here, after, parameters.shortest_m)])
+    return np.asarray(triples[has_course(before, here, after, SHORTEST_M)])
 
 
 def straight_probability(whitened: Array | float, odds_of_curve: float) -> Array:

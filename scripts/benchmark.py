@@ -63,6 +63,7 @@ from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.report.terminal import progress
 from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother.strides import POSITION_DENSITY
 from fg_nav.stances import Stances
 
 SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 2.5, 2.3, 2.5
@@ -140,7 +141,7 @@ def run_bare_loop(recording: Recording) -> None:
     """Give every sample to the preintegration, over its own period."""
     p, identity = SmootherParameters(), np.eye(3)
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
-    params.setIntegrationCovariance(identity * p.position_density**2)
+    params.setIntegrationCovariance(identity * POSITION_DENSITY**2)
     params.setAccelerometerCovariance(identity * p.acc_density**2)
     params.setGyroscopeCovariance(identity * np.radians(p.gyr_density_deg_s) ** 2)
     integrate = gtsam.PreintegratedImuMeasurementsG(params).integrateMeasurement

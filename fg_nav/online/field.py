@@ -23,7 +23,7 @@ from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense import Trajectory
-from fg_nav.smoother.field import FieldSolution, judge_footfall
+from fg_nav.smoother.field import COMPASS_SIGMA_UT, FieldSolution, judge_footfall
 from fg_nav.smoother.field_factors import integrate_path, transition
 from fg_nav.smoother.field_noise import (
     FieldRoughness,
@@ -115,7 +115,7 @@ class OnlineField:
         about = np.array(disturbed or self._disturbed)
         change = transition(np.array(seen.distance_m), about, self._rough, self._p)
         if statistic < 1.0 and self._p.compass:
-            sigma = np.array(self._p.compass_sigma_uT)
+            sigma = np.array(COMPASS_SIGMA_UT)
             compass = MagneticHeading(seen.body_field, self._level_R_body, sigma)
             graph.push_back(factor_of(compass, [X(node), M(k)]))
         if self._p.potential and np.isfinite(seen.sigma_uT_m):

@@ -21,7 +21,7 @@ from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.strides import Place, StrideWindow, initialize_stride
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
-from fg_nav.smoother.strides import Stride, stride_graph
+from fg_nav.smoother.strides import ACC_BIAS_SIGMA, Stride, stride_graph
 
 REASON = "the walk had no solution here, and goes on from the footfall before"
 """In place of a verdict on the field."""
@@ -216,7 +216,7 @@ def _add_sensor_priors(
     p: SmootherParameters,
 ) -> None:
     """Priors on bias and settling."""
-    sigma = np.concatenate([np.repeat(p.acc_bias_sigma, 3), last.gyro_bias_sigma])
+    sigma = np.concatenate([np.repeat(ACC_BIAS_SIGMA, 3), last.gyro_bias_sigma])
     graph.addPriorConstantBias(B(number), bias, gtsam.noiseModel.Diagonal.Sigmas(sigma))
     graph.addPriorVector(S(number), np.zeros(1), gtsam.noiseModel.Isotropic.Sigma(1, p.settling_sigma_m))
 

@@ -21,7 +21,7 @@ from fg_nav.detection import Rest, RestParameters, find_rests
 from fg_nav.online.buffer import WalkSoFar
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import initial_values
-from fg_nav.smoother.nodes import Nodes, place_nodes
+from fg_nav.smoother.nodes import BIAS_SPACING_S, Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.strides import Stride, preintegrate, strides_of
 from fg_nav.stances import Stances
@@ -108,7 +108,7 @@ def cut_window(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParame
     nodes = place_nodes(recording, stances, p)
     result = int(nodes.result[1])
     t = float(recording.t[nodes.sample[result]])
-    interval, interval_before = (int(np.floor((at - t_first) / p.bias_spacing_s)) for at in (t, before.t))
+    interval, interval_before = (int(np.floor((at - t_first) / BIAS_SPACING_S)) for at in (t, before.t))
     another = interval > interval_before
     place = Place(
         number=before.number + 1,

@@ -25,12 +25,12 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.dense import trajectory_of
-from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
+from fg_nav.smoother.field import FIRST_CONVERGENCE, FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.marginals import stance_table
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import Solved
+from fg_nav.smoother.solver import CONVERGENCE, Solved
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -87,7 +87,7 @@ def _smooth(
     # The walk as its inertial sensor and its stances show it; near its minimum is enough to look at the field along it.
     problem = walk_problem(recording, stances, heading, parameters, progress)
     obstacle = find_obstacle(field, parameters.magnetic)
-    near_enough = parameters.convergence if obstacle else parameters.magnetic.first_convergence
+    near_enough = CONVERGENCE if obstacle else FIRST_CONVERGENCE
     solved = solve(problem, near_enough)
     # Fixes and constraints between footfalls are laid on that first solution.
     inertial = problem

@@ -37,16 +37,33 @@ from gtsam.symbol_shorthand import X, Z
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.factors.floor_height import FloorHeight, floor_labels
+from fg_nav.factors.floor_height import STEP_M, FloorHeight, floor_labels
 from fg_nav.factors.position_fix import position_fix_factor, position_fix_noise
 from fg_nav.factors.residual import ResidualBlock
-from fg_nav.factors.straight_walk import StraightParameters, StraightWalk, straight_triples
+from fg_nav.factors.straight_walk import StraightWalk, straight_triples
 from fg_nav.fixes import Fix
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
+from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import GtsamFactors
+
+STRAIGHT_WITHIN_M = 0.15
+"""Off the line between its ends within which a stretch may be straight: two sigmas of weaving by 7 cm."""
+
+FLOOR_SIGMA_M = 0.02
+"""Height of the sensor in a stance above its floor: mats, thresholds, and how the foot is set down, a centimetre
+each."""
+
+GIVEN_HEADING_DEG = 5.0
+"""Sigma of the heading at the start that was given, where fixes show it as well: a compass held by hand, or a line
+on a plan. Fixes show it once they leave a smaller one."""
+
+FIX_REACH_S = 1.5
+"""Farther than a stride from any node there is nothing to tie a fix to."""
+
+FIX_SPEED_M_S = 1.4
+"""Walking pace: for so much a second between a fix and the node it is tied to its sigma grows."""
 
 LEAST_KNOWN_HEADING_RAD = 1.0
 """Sigma that fixes leave of the heading at the start beyond which they show nothing of it."""
@@ -90,7 +107,7 @@ class PinnedFixes:
         return yaw_rotation(float(np.arctan2(across, along)))
 
 
-def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes, p: WalkParameters) -> PinnedFixes:
+def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes) -> PinnedFixes:
     """Find the node of each fix.
 
     Raises
@@ -99,29 +116,29 @@ def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes, p: WalkParameters) 
         For a fix outside the walk or farther than a stride from any node, or one without a place or a sigma.
     """
     t_node = t[nodes.sample]
-    node = [_node_of(fix, t_node, p.fix_reach_s) for fix in fixes]
+    node = [_node_of(fix, t_node) for fix in fixes]
     apart = np.array([fix.time_s - t_node[j] for fix, j in zip(fixes, node, strict=True)])
     return PinnedFixes(
         np.array(node, dtype=np.intp),
         np.array([fix.position for fix in fixes], dtype=np.float64).reshape(-1, 3),
-        np.hypot([fix.horizontal_sigma_m for fix in fixes], p.fix_speed_m_s * apart),
+        np.hypot([fix.horizontal_sigma_m for fix in fixes], FIX_SPEED_M_S * apart),
         np.array([fix.vertical_sigma_m for fix in fixes], dtype=np.float64),
     )
 
 
-def _node_of(fix: Fix, t_node: Floats, reach_s: float) -> int:
+def _node_of(fix: Fix, t_node: Floats) -> int:
     """Index of the node nearest to a fix in time."""
     if not (np.isfinite(fix.position).all() and 0 < fix.horizontal_sigma_m < np.inf and fix.vertical_sigma_m > 0):
         raise EstimationError(
             f"the fix at {fix.time_s:.2f} s needs a finite position and sigmas above zero: correct it or leave it out."
         )
-    if not t_node[0] - reach_s <= fix.time_s <= t_node[-1] + reach_s:
+    if not t_node[0] - FIX_REACH_S <= fix.time_s <= t_node[-1] + FIX_REACH_S:
         raise EstimationError(
             f"the fix at {fix.time_s:.2f} s is outside the walk, which lasts from {t_node[0]:.2f} s to "
             f"{t_node[-1]:.2f} s: give its time as in the recording, or leave it out."
         )
     apart = np.abs(t_node - fix.time_s)
-    if apart.min() > reach_s:
+    if apart.min() > FIX_REACH_S:
         raise EstimationError(
             f"the fix at {fix.time_s:.2f} s is {apart.min():.1f} s from the nearest footfall, which is farther than a "
             "stride: take fixes where the foot stands, or leave it out."
@@ -140,8 +157,7 @@ def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) 
     EstimationError
         As `pin_fixes`.
     """
-    p = problem.parameters
-    pinned = pin_fixes(fixes, problem.recording.t, problem.nodes, p.walk)
+    pinned = pin_fixes(fixes, problem.recording.t, problem.nodes)
     problem = replace(problem, constraints=(*problem.constraints, pinned.factors()))
     start = free_heading(problem, pinned, values)
     return problem if start is None else replace(problem, start=start, heading_known=True)
@@ -149,15 +165,15 @@ def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) 
 
 def free_heading(problem: WalkProblem, pinned: PinnedFixes, values: gtsam.Values) -> StartPrior | None:
     """Return the start with a heading to be found, where the fixes show it; None where it stays as it is."""
-    p, nav_R_body = problem.parameters, problem.start.nav_R_body
+    nav_R_body = problem.start.nav_R_body
     if problem.heading_known:
-        sigma = float(np.radians(p.walk.given_heading_deg))
+        sigma = float(np.radians(GIVEN_HEADING_DEG))
         return StartPrior(nav_R_body, sigma) if pinned.heading_sigma < sigma else None
     if pinned.heading_sigma > LEAST_KNOWN_HEADING_RAD:
         return None
     turn = pinned.best_turn(values)
     turn_walk(values, problem.nodes, turn)
-    return StartPrior(turn @ nav_R_body, float(np.radians(p.unknown_heading_deg)))
+    return StartPrior(turn @ nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)))
 
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
@@ -171,22 +187,22 @@ def find_constraints(node: Ints, values: gtsam.Values, p: WalkParameters) -> tup
     position = np.array([values.atPose3(X(int(j))).translation() for j in node])
     found, floors = [], 0
     if p.straight:
-        triples = straight_triples(position, p.straight_walk)
-        triples = triples[off_line(position, triples) <= p.straight_within_m]
-        found.append(constrain_courses(node, triples, p.straight_walk))
+        triples = straight_triples(position)
+        triples = triples[off_line(position, triples) <= STRAIGHT_WITHIN_M]
+        found.append(constrain_courses(node, triples))
     if p.floors:
-        label = floor_labels(keep_steps(position[:, 2], p.floor.step_m), p.floor)
-        found.append(constrain_heights(node, label, p.floor_sigma_m))
+        label = floor_labels(keep_steps(position[:, 2], STEP_M), STEP_M)
+        found.append(constrain_heights(node, label, FLOOR_SIGMA_M))
         floors = int(label.max(initial=-1)) + 1
         for floor in range(floors):
             values.insert(Z(floor), np.array([position[label == floor, 2].mean()]))
     return tuple(found), floors
 
 
-def constrain_courses(node: Ints, triples: Ints, p: StraightParameters) -> ResidualBlock:
+def constrain_courses(node: Ints, triples: Ints) -> ResidualBlock:
     """Keep the course between three footfalls each, `triples` (M, 3), of those at `node` (F,)."""
     keys = [tuple(X(int(j)) for j in node[triple]) for triple in triples]
-    return ResidualBlock(StraightWalk(p.sigma, p.odds_of_curve), keys)
+    return ResidualBlock(StraightWalk(), keys)
 
 
 def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:

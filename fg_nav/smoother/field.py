@@ -37,6 +37,7 @@ from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKN
 from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath, integrate_path
 from fg_nav.smoother.field_noise import (
+    REGIONAL_LENGTH_M,
     FieldRoughness,
     Roughness,
     field_deviation,
@@ -44,9 +45,34 @@ from fg_nav.smoother.field_noise import (
     over_threshold,
     usual_deviation,
 )
-from fg_nav.smoother.graph import StartPrior, WalkProblem, solve, turn_walk
+from fg_nav.smoother.graph import GAUGE_SIGMA, UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, solve, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.solver import Solved
+
+FIRST_CONVERGENCE = 0.05
+"""How near its minimum the walk without the field has to be to look at the field along it, as `convergence` of the
+smoother: by then it is millimetres and thousandths of a degree a stride from there."""
+
+COMPASS_SIGMA_UT = 0.3
+"""Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
+
+REFERENCE_SIGMA_DEG = 1.0
+"""How well compass and given heading have the same north, deg: declination, mounting, soft iron."""
+
+STRENGTH_SIGMA_UT = 5.0
+"""Horizontal strength of the field about the walk's median, uT."""
+
+HARD_IRON_LEVEL_UT = 0.3
+"""Hard iron left in the stance's level plane after a calibration, uT."""
+
+HARD_IRON_UP_UT = 15.0
+"""The same upward: a calibration from footfalls cannot see it, and in a swing it turns forward."""
+
+REGIONAL_SHARE_OF_MEAN = 0.3
+"""What of that is left in the mean field of a short walk, from which north is taken where no heading is given."""
+
+LEAST_STRENGTH_UT = 3.0
+"""Horizontal strength below which there is no compass."""
 
 FEWEST_SEEN = 4
 """Footfalls with a field without which it is not used."""
@@ -113,7 +139,7 @@ def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
     if seen.sum() < FEWEST_SEEN:
         return f"the field was seen at {seen.sum()} footfalls only"
     level = float(np.median(np.hypot(field.level_field[seen, 0], field.level_field[seen, 1])))
-    if level < p.least_strength_uT:
+    if level < LEAST_STRENGTH_UT:
         return f"the field is {level:.1f} uT over ground, which is too little for a compass"
     return ""
 
@@ -134,8 +160,8 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
     values = gtsam.Values(solved.values)
     if not problem.heading_known:
         _turn_to(problem, values, np.nanmean(_nav_field(field, _attitudes(problem, values)), axis=0))
-        unknown = np.radians(problem.parameters.unknown_heading_deg)
-        sigma = float(unknown) if p.potential else problem.parameters.gauge_sigma
+        unknown = np.radians(UNKNOWN_HEADING_DEG)
+        sigma = float(unknown) if p.potential else GAUGE_SIGMA
         problem = replace(problem, start=StartPrior(values.atPose3(X(0)).rotation().matrix(), sigma))
     # The first round has residuals without the heading, and finds the direction in which the field is expected.
     path = _integrate_path(problem, field, values, p)
@@ -229,7 +255,7 @@ def _mean_field(
 def _mean_field_sigma(residuals: FieldResiduals, path: FieldPath, p: FieldParameters) -> float:
     """How far the direction of a walk's mean field is from north, rad."""
     own = residuals.rough.across
-    region = Roughness(p.regional_share_of_mean * own.sigma, p.regional_length_m)
+    region = Roughness(REGIONAL_SHARE_OF_MEAN * own.sigma, REGIONAL_LENGTH_M)
     path_m = max(float(path.distance_m.sum()), LEAST_PATH_M)
     variance = sum(one.sigma**2 * min(1.0, 2.0 * one.length_m / path_m) for one in (own, region))
     return float(np.sqrt(variance) / np.linalg.norm(np.median(residuals.reference, axis=0)))
@@ -299,7 +325,7 @@ def _read_compass(
 ) -> CompassReadings:
     usable = np.isfinite(residuals.statistic)
     disturbed = usable & (residuals.statistic >= 1.0)
-    sigma = np.where(usable & ~disturbed, p.compass_sigma_uT, np.inf)
+    sigma = np.where(usable & ~disturbed, COMPASS_SIGMA_UT, np.inf)
     if p.gate is not None:
         passed = judge_field(replace(field, nav_R_body=residuals.nav_R_body), p.gate).quasi_static
         sigma = np.where(passed, sigma, p.outside_gate * sigma)
@@ -321,7 +347,7 @@ def _expect_direction(
     east, north, _ = first.mean(axis=0) if len(first) else (0.0, 1.0, 0.0)
     strength = np.linalg.norm(np.median(residuals.reference, axis=0))
     deviations = np.hypot(residuals.rough.across.sigma, residuals.rough.regional.sigma) / strength
-    sigma, found = np.radians(p.reference_sigma_deg), float(np.arctan2(east, north))
+    sigma, found = np.radians(REFERENCE_SIGMA_DEG), float(np.arctan2(east, north))
     if abs(found) <= CONTRADICTED_SIGMAS * np.hypot(sigma, deviations):
         return 0.0, sigma
     return found, np.radians(FOUND_SIGMA_DEG)
@@ -337,10 +363,10 @@ def _expect_field(residuals: FieldResiduals, direction: tuple[float, float], p: 
             residuals.rough.across.sigma,
             residuals.rough.regional.sigma,
             direction_sigma * strength,
-            p.strength_sigma_uT,
-            p.hard_iron_level_uT,
-            p.hard_iron_level_uT,
-            p.hard_iron_up_uT,
+            STRENGTH_SIGMA_UT,
+            HARD_IRON_LEVEL_UT,
+            HARD_IRON_LEVEL_UT,
+            HARD_IRON_UP_UT,
         ]
     )
     return FieldPrior(np.array([0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)

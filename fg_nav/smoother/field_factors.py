@@ -36,6 +36,19 @@ from fg_nav.smoother.field_noise import FieldRoughness
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 
+MEAN_WALK_UT = 0.003
+"""By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
+
+HARD_IRON_WALK_UT = 5e-3
+"""Its random walk from stride to stride, uT: 0.16 uT in a thousand. A tilt that is wrong in every swing looks like
+iron too, and changes with the gait."""
+
+PATH_SIGMA_UT_M = 0.1
+"""Noise of the line integral over a stride, uT m: sampling, and what scale errors leave."""
+
+COARSEST_M = 0.4
+"""Longest move between two samples of the field that a line integral passes over: the floor's steel is as near."""
+
 DISTURBED_FACTOR = 30.0
 """By how much more than usual deviation and potential may change into a disturbed footfall and out of it."""
 
@@ -150,7 +163,7 @@ class FieldFactors:
 def transition(distance_m: Floats, disturbed: Bools, rough: FieldRoughness, p: FieldParameters) -> FieldTransition:
     """Change of the state over strides (...) of these lengths, m, that begin or end at a disturbed footfall or not."""
     keep, new = np.ones((*distance_m.shape, SIZE)), np.empty((*distance_m.shape, SIZE))
-    new[..., E_H], new[..., IRON] = p.mean_walk_uT, p.hard_iron_walk_uT
+    new[..., E_H], new[..., IRON] = MEAN_WALK_UT, HARD_IRON_WALK_UT
     for column, one in ((PHI, rough.potential), (DELTA, rough.across), (RHO, rough.regional)):
         keep[..., column] = one.left(distance_m)
         new[..., column] = one.innovation(distance_m)
@@ -179,7 +192,7 @@ def integrate_path(
         u=np.diff(integral.u),
         level_path=np.diff(integral.s, axis=0) @ level.T,
         body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
-        sigma_uT_m=np.where(_coarsest(move, row, footfall) <= p.coarsest_m, p.path_sigma_uT_m, np.inf),
+        sigma_uT_m=np.where(_coarsest(move, row, footfall) <= COARSEST_M, PATH_SIGMA_UT_M, np.inf),
         distance_m=np.linalg.norm(straight, axis=1),
         level_R_body=level,
     )

@@ -22,6 +22,17 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.factors.field_state import PHI, across_field
 from fg_nav.smoother.parameters import FieldParameters
 
+REGIONAL_SHARE = 3.0
+"""What rooms and wings of a building do to the compass, as a share of how the field differs from footfall to
+footfall, before the walk has shown it: wide, for one who is wrong here on a short walk bends it; nothing in a
+homogeneous field."""
+
+REGIONAL_LENGTH_M = 20.0
+"""For how long."""
+
+REGIONAL_WEIGHT = 5.0
+"""How many regions' worth of evidence this assumption is: a walk through more of them learns its own value."""
+
 MAD_TO_SIGMA = 1.4826
 """Median absolute deviation to standard deviation, of a normal distribution."""
 
@@ -173,8 +184,8 @@ def measure_roughness(
     steady = deviation[:, 1:]
     own = np.array([max(robust_sigma(column[seen]), LEAST_SIGMA_UT) for column in steady.T])
     beyond_sensor = np.sqrt(max(across.sigma**2 - LEAST_SIGMA_UT**2, LEAST_REGIONAL_UT**2))
-    assumed = Roughness(p.regional_share * float(beyond_sensor), p.regional_length_m)
-    region = roughness_of_regions(steady, own, seen, distance_m, assumed, across.length_m, p.regional_weight)
+    assumed = Roughness(REGIONAL_SHARE * float(beyond_sensor), REGIONAL_LENGTH_M)
+    region = roughness_of_regions(steady, own, seen, distance_m, assumed, across.length_m, REGIONAL_WEIGHT)
     return FieldRoughness(_measure_potential(states, across, distance_m), across, region)
 
 

@@ -24,9 +24,22 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved, minimize, time_order
+from fg_nav.smoother.solver import (
+    CONVERGENCE,
+    GtsamFactors,
+    LinearizableBlock,
+    Solved,
+    minimize,
+    time_order,
+)
 from fg_nav.smoother.strides import add_start, add_stride, preintegrate, strides_of, velocity_block
 from fg_nav.stances import Stances
+
+GAUGE_SIGMA = 1e-4
+"""Position (m) and heading (rad) at the start are known by definition."""
+
+UNKNOWN_HEADING_DEG = 60.0
+"""Sigma of the heading at the start about what the walk's mean field says, where it is not given."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +68,7 @@ class StartPrior:
         pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.zeros(3))
         tilt = np.radians(p.tilt_sigma_deg)
         nav_rotation = np.diag([tilt, tilt, self.heading_sigma]) ** 2
-        covariance = np.eye(6) * p.gauge_sigma**2
+        covariance = np.eye(6) * GAUGE_SIGMA**2
         covariance[:3, :3] = self.nav_R_body.T @ nav_rotation @ self.nav_R_body
         return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
@@ -106,12 +119,10 @@ class WalkProblem:
         return graph
 
 
-def solve(problem: WalkProblem, convergence: float | None = None) -> Solved:
-    """Minimize the error of a walk, to the smoother's own convergence if no other is given."""
-    p = problem.parameters
+def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
+    """Minimize the error of a walk, to this difference of promised and true error per variable."""
     ordering = time_order(problem.nodes, problem.field is not None, problem.floors)
-    nearest = p.convergence if convergence is None else convergence
-    return minimize(problem.graph, problem.blocks, problem.values, ordering, nearest, p.largest_steps)
+    return minimize(problem.graph, problem.blocks, problem.values, ordering, convergence)
 
 
 def build_problem(
@@ -139,7 +150,7 @@ def build_problem(
         known,
         p,
         heading_known,
-        StartPrior(nav_R_body, p.gauge_sigma),
+        StartPrior(nav_R_body, GAUGE_SIGMA),
         graph,
         join_blocks(velocities),
         initial_values(recording, stances, nodes, nav_R_body, known.gyro_bias, p.gravity),

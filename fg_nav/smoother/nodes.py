@@ -16,6 +16,14 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.stances import Stances
 
+LONG_STANCE_S = 0.5
+"""Beyond this length of a stance, nodes stand `rest_spacing_s` apart."""
+
+REST_SPACING_S = 0.5
+
+BIAS_SPACING_S = 10.0
+"""Footfalls within this time share one bias: its random walk in between is 0.002 deg/s."""
+
 
 @dataclass(frozen=True)
 class Nodes:
@@ -60,7 +68,7 @@ def place_nodes(recording: Recording, stances: Stances, p: SmootherParameters) -
 
 def _biases(t: Floats, p: SmootherParameters) -> Ints:
     """Number (F,) of the bias variable of each footfall, at times `t` (F,): a new one after each spacing."""
-    spacing = np.floor((t - t[0]) / p.bias_spacing_s).astype(np.int64)
+    spacing = np.floor((t - t[0]) / BIAS_SPACING_S).astype(np.int64)
     return np.cumsum(np.diff(spacing, prepend=spacing[0]) > 0)
 
 
@@ -69,8 +77,8 @@ def _interval_nodes(t: Floats, start: int, stop: int, stillest: int, p: Smoother
     duration = t[stop - 1] - t[start]
     if duration < 2 * p.shortest_interval_s:
         return np.array([stillest if start <= stillest < stop else (start + stop) // 2])
-    dense = min(duration, p.long_stance_s)
-    pieces = np.ceil(dense / p.node_spacing_s) + np.ceil((duration - dense) / p.rest_spacing_s)
+    dense = min(duration, LONG_STANCE_S)
+    pieces = np.ceil(dense / p.node_spacing_s) + np.ceil((duration - dense) / REST_SPACING_S)
     nodes = np.round(np.linspace(start, stop - 1, int(pieces) + 1)).astype(np.int64)
     if start <= stillest < stop:
         nodes[np.argmin(np.abs(nodes - stillest))] = stillest

@@ -22,6 +22,13 @@ from gtsam.symbol_shorthand import B, M, S, V, X, Z
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.smoother.nodes import Nodes
 
+CONVERGENCE = 5e-4
+"""The solver stops when the error differs from what the linear model promised by less than this per variable: by
+then the nodes of an hour's walk move by millimetres, at a sigma of metres."""
+
+LARGEST_STEPS = 25
+"""And gives up after so many."""
+
 MOST_HALVINGS = 6
 
 UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)
@@ -95,8 +102,8 @@ def minimize(
     blocks: Sequence[LinearizableBlock],
     values: gtsam.Values,
     ordering: gtsam.Ordering,
-    convergence: float,
-    largest_steps: int,
+    convergence: float = CONVERGENCE,
+    largest_steps: int = LARGEST_STEPS,
 ) -> Solved:
     """Minimize the error of the graph and its blocks.
 

@@ -49,6 +49,27 @@ from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.stances import Stances
 
+POSITION_DENSITY = 1e-3
+"""White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
+
+VELOCITY_SIGMA = 0.004
+"""Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011)."""
+
+SETTLING_WALK_M = 2e-5
+"""Random walk of that, m/sqrt(s): 1 mm in an hour; a sole gets warm, a lace loose, a carpet begins."""
+
+SETTLING_TIME_S = 0.3
+"""Shortest time in which it does."""
+
+GYRO_BIAS_WALK_DEG_S = 6e-4
+"""Its random walk, deg/s/sqrt(s): 0.04 deg/s in an hour."""
+
+ACC_BIAS_SIGMA = 0.02
+"""Accelerometer bias, m/s^2 (2 mg)."""
+
+ACC_BIAS_WALK = 1e-4
+"""Its random walk, m/s^2/sqrt(s)."""
+
 UNREST_REACH_S = 0.01
 """On either side of a node, over which rate and specific force are averaged; not beyond the stance."""
 
@@ -74,7 +95,7 @@ class Stride:
 
 
 STANDS_S = 1.5
-"""Nobody walks with stances so long: the foot stands, and its sole has settled."""
+"""No walk has stances so long: the foot stands, and its sole has settled."""
 
 
 def strides_of(
@@ -143,10 +164,10 @@ def _add_inertial(graph: gtsam.NonlinearFactorGraph, stride: Stride) -> None:
 def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
     """Add the random walk of bias and settling where a new one begins, and the rests."""
     if stride.bias != stride.bias_before:
-        walk = np.repeat([p.acc_bias_walk, np.radians(p.gyro_bias_walk_deg_s)], 3)
+        walk = np.repeat([ACC_BIAS_WALK, np.radians(GYRO_BIAS_WALK_DEG_S)], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
-        change = _one_sigma(p.settling_walk_m * np.sqrt(stride.bias_age_s))
+        change = _one_sigma(SETTLING_WALK_M * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorVector(S(stride.bias_before), S(stride.bias), np.zeros(1), change))
     for rest in stride.rests:
         graph.push_back(zero_rate_factor(B(stride.bias), rest.rate, rest.sigma))
@@ -154,7 +175,7 @@ def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPa
 
 def add_start(graph: gtsam.NonlinearFactorGraph, gyro_bias_sigma: float, p: SmootherParameters) -> None:
     """Add the priors on the bias and on the excess of the settling."""
-    graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(p.acc_bias_sigma, gyro_bias_sigma))
+    graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(ACC_BIAS_SIGMA, gyro_bias_sigma))
     graph.push_back(gtsam.PriorFactorVector(S(0), np.zeros(1), _one_sigma(p.settling_sigma_m)))
 
 
@@ -183,7 +204,7 @@ def _sinking(t: Floats, stances: Stances, p: SmootherParameters) -> Floats:
     last = np.append(first[1:], len(stances)) - 1
     duration = t[stances.stop[last] - 1] - t[stances.start[first]]
     continues = np.append(False, stances.start[first[1:]] == stances.stop[last[:-1]])
-    sinking = 1.0 / np.maximum(duration, p.settling_time_s)
+    sinking = 1.0 / np.maximum(duration, SETTLING_TIME_S)
     return np.where(continues | (duration > STANDS_S), 0.0, sinking)
 
 
@@ -194,7 +215,7 @@ def _stance_noise(
     sinking = p.settling_m * sinks_per_m
     settling = np.zeros((len(rate), 3))
     settling[:, 2] = -sinking
-    still = p.velocity_sigma**2 + (p.unsteady_s * off_gravity) ** 2
+    still = VELOCITY_SIGMA**2 + (p.unsteady_s * off_gravity) ** 2
     rolling = p.roll_sigma_m**2 * (rate**2).sum(axis=1)
     sigma = np.repeat(np.sqrt(still + rolling)[:, None], 3, axis=1)
     sigma[:, 2] = np.hypot(sigma[:, 2], sinking)
@@ -228,25 +249,25 @@ def preintegrate(
 ) -> Iterator[gtsam.PreintegratedImuMeasurementsG]:
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
     acc_noise, gyr_noise = _interval_variances(recording, sample, p)
-    doubt = [size**2 for size in find_extra_sigmas(recording, p.saturated_share)]
-    doubted = np.concatenate([[0], np.cumsum((doubt[0] + doubt[1]).any(axis=1))])[sample]
+    extra = [size**2 for size in find_extra_sigmas(recording, p.saturated_share)]
+    uncertain = np.concatenate([[0], np.cumsum((extra[0] + extra[1]).any(axis=1))])[sample]
     period = np.diff(recording.t).tolist()
     force, rate = recording.integrable
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
-    params.setIntegrationCovariance(np.eye(3) * p.position_density**2)
+    params.setIntegrationCovariance(np.eye(3) * POSITION_DENSITY**2)
     for k, (i, j) in enumerate(pairwise(sample)):
         params.setAccelerometerCovariance(np.diag(acc_noise[k]))
         params.setGyroscopeCovariance(np.diag(gyr_noise[k]))
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
         integrate = measurement.integrateMeasurement
         samples = zip(force[i:j], rate[i:j], period[i:j], strict=True)
-        if doubted[k] == doubted[k + 1]:
+        if uncertain[k] == uncertain[k + 1]:
             for acc, gyr, h in samples:
                 integrate(acc, gyr, h)
         else:
-            for (acc, gyr, h), acc_doubt, gyr_doubt in zip(samples, doubt[0][i:j], doubt[1][i:j], strict=True):
-                params.setAccelerometerCovariance(np.diag(acc_noise[k] + acc_doubt * h))
-                params.setGyroscopeCovariance(np.diag(gyr_noise[k] + gyr_doubt * h))
+            for (acc, gyr, h), acc_extra, gyr_extra in zip(samples, extra[0][i:j], extra[1][i:j], strict=True):
+                params.setAccelerometerCovariance(np.diag(acc_noise[k] + acc_extra * h))
+                params.setGyroscopeCovariance(np.diag(gyr_noise[k] + gyr_extra * h))
                 steps = max(1, round(h / recording.period_s))
                 for _ in range(steps):
                     integrate(acc, gyr, h / steps)
@@ -256,7 +277,7 @@ def preintegrate(
 
 
 def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameters) -> tuple[Floats, Floats]:
-    """Squared noise densities (M-1, 3) of specific force and rate in each interval, without what is doubted."""
+    """Squared noise densities (M-1, 3) of specific force and rate in each interval, without the extra variances."""
     off_gravity = np.linalg.norm(recording.acc, axis=1) - p.gravity
     rate_squared = (recording.gyr**2).sum(axis=1)
     acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2

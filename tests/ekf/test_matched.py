@@ -14,8 +14,10 @@ from fg_nav.ekf.presets import find_parameters
 from fg_nav.ekf.zero_velocity import update_in_stance
 from fg_nav.errors import EstimationError
 from fg_nav.mechanisation import NavState
+from fg_nav.smoother import strides
 from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.strides import VELOCITY_SIGMA
 from tests.ekf.motion import Walk
 
 THERE = SmootherParameters()
@@ -29,16 +31,16 @@ def test_it_believes_what_the_graph_believes():
         "roll_sigma_m",
         "unsteady_s",
         "gyro_bias_sigma_deg_s",
-        "gyro_bias_walk_deg_s",
         "tilt_sigma_deg",
         "gravity",
         "rest",
     )
     assert {name: getattr(MATCHED, name) for name in same} == {name: getattr(THERE, name) for name in same}
+    assert MATCHED.gyro_bias_walk_deg_s == strides.GYRO_BIAS_WALK_DEG_S
     assert MATCHED.gyr_density_deg == THERE.gyr_density_deg_s
     assert MATCHED.acc_relative_density == FORCE_SHARE * THERE.acc_relative_density
     assert MATCHED.tilt_sigma_rest_deg == THERE.tilt_sigma_deg
-    assert (THERE.acc_bias_sigma, THERE.acc_bias_walk) == (ACC_BIAS_SIGMA, ACC_BIAS_WALK)
+    assert (strides.ACC_BIAS_SIGMA, strides.ACC_BIAS_WALK) == (ACC_BIAS_SIGMA, ACC_BIAS_WALK)
 
 
 def test_a_stance_tells_it_as_much_as_the_ties_tell_the_graph():
@@ -46,12 +48,12 @@ def test_a_stance_tells_it_as_much_as_the_ties_tell_the_graph():
     recording, stances = Walk(strides=10, stance_s=0.24).recording(200.0)
     ties = place_nodes(recording, stances, THERE)
     walking = ties.interval > 0
-    told_there = np.count_nonzero(walking) / THERE.velocity_sigma**2
+    told_there = np.count_nonzero(walking) / VELOCITY_SIGMA**2
     _, noise = make_noise_models(MATCHED)
     samples = np.count_nonzero(stances.mask[stances.start[1] :])
     assert samples * recording.period_s / noise.floor == pytest.approx(told_there, rel=0.1)
-    assert noise.rolling / noise.floor == pytest.approx((THERE.roll_sigma_m / THERE.velocity_sigma) ** 2)
-    assert noise.unsteady / noise.floor == pytest.approx((THERE.unsteady_s / THERE.velocity_sigma) ** 2)
+    assert noise.rolling / noise.floor == pytest.approx((THERE.roll_sigma_m / VELOCITY_SIGMA) ** 2)
+    assert noise.unsteady / noise.floor == pytest.approx((THERE.unsteady_s / VELOCITY_SIGMA) ** 2)
     assert FACTOR_SPACING_S == 0.08
 
 

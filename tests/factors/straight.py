@@ -7,7 +7,7 @@ import numpy as np
 
 from fg_nav.factors import guarded_factor
 from fg_nav.factors.straight_walk import (
-    StraightParameters,
+    StraightWalk,
     change_of_course,
     change_of_course_slopes,
     straight_probability,
@@ -15,13 +15,13 @@ from fg_nav.factors.straight_walk import (
 )
 
 
-def straight_walk_noise(parameters: StraightParameters = StraightParameters()) -> gtsam.noiseModel.Robust:
+def straight_walk_noise(walk: StraightWalk = StraightWalk()) -> gtsam.noiseModel.Robust:
     """Mixture of straight and anything, of dimension 1."""
-    c = parameters.odds_of_curve
+    c = walk.odds_of_curve
     estimator = gtsam.noiseModel.mEstimator.Custom(
         lambda x: float(straight_probability(float(x), c)), lambda x: float(straight_walk_loss(float(x), c))
     )
-    return gtsam.noiseModel.Robust.Create(estimator, gtsam.noiseModel.Isotropic.Sigma(1, parameters.sigma))
+    return gtsam.noiseModel.Robust.Create(estimator, gtsam.noiseModel.Isotropic.Sigma(1, walk.sigma))
 
 
 def straight_walk_factor(keys: Sequence[int], noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:

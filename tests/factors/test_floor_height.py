@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fg_nav.factors.floor_height import FloorHeight, FloorParameters, floor_labels
+from fg_nav.factors.floor_height import FloorHeight, floor_labels
 from fg_nav.factors.residual import factor_of
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
@@ -79,7 +79,7 @@ def test_a_landing_and_a_kerb_are_no_floors():
 def test_a_walk_that_is_too_short_or_empty_is_on_no_floor():
     np.testing.assert_array_equal(floor_labels(np.zeros(3)), [-1, -1, -1])
     assert floor_labels(np.zeros(0)).shape == (0,)
-    np.testing.assert_array_equal(floor_labels(np.zeros(3), FloorParameters(fewest=3)), 0)
+    np.testing.assert_array_equal(floor_labels(np.zeros(4)), 0)
 
 
 def climbed(rng, sigma, step_sigma, floors=True):

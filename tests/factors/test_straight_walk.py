@@ -10,10 +10,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from fg_nav.factors.straight_walk import (
-    StraightParameters,
+    StraightWalk,
     change_of_course,
     change_of_course_slopes,
     has_course,
+    odds_of_curve,
     straight_probability,
     straight_triples,
     straight_walk_loss,
@@ -23,7 +24,7 @@ from tests.factors.straight import straight_walk_factor, straight_walk_noise
 
 UNIT = gtsam.noiseModel.Unit.Create(1)
 POSES = [X(0), X(1), X(2)]
-DEFAULT = StraightParameters()
+DEFAULT = StraightWalk()
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
 angles = st.floats(-3.0, 3.0)
 odds = st.floats(1e-6, 0.5)
@@ -100,7 +101,8 @@ def test_the_weight_is_the_derivative_of_the_loss_over_the_residual(x, c):
 @given(turn=st.floats(-np.pi, np.pi), sigma_deg=st.floats(0.5, 10), share=st.floats(0.05, 0.95))
 @settings(max_examples=50, deadline=None)
 def test_the_weight_is_the_posterior_and_the_loss_the_likelihood(turn, sigma_deg, share):
-    p = StraightParameters(sigma_deg=sigma_deg, straight_share=share)
+    sigma = np.radians(sigma_deg)
+    p = StraightWalk(sigma, odds_of_curve(sigma, share))
     straight, curve = share * norm.pdf(turn, scale=p.sigma), (1 - share) / (2 * np.pi)
     at_zero = share * norm.pdf(0.0, scale=p.sigma) + curve
     x = turn / p.sigma
@@ -126,7 +128,7 @@ def test_far_out_the_loss_is_flat_and_finite():
 def test_gtsam_takes_loss_and_weight_as_they_are(turn_deg):
     factor = straight_walk_factor(POSES, straight_walk_noise())
     values = values_at(points(0.4, np.radians(turn_deg)))
-    x, c = turn_deg / DEFAULT.sigma_deg, DEFAULT.odds_of_curve
+    x, c = np.radians(turn_deg) / DEFAULT.sigma, DEFAULT.odds_of_curve
     assert factor.error(values) == pytest.approx(straight_walk_loss(x, c), abs=1e-12)
     plain = straight_walk_factor(POSES, gtsam.noiseModel.Isotropic.Sigma(1, DEFAULT.sigma)).linearize(values)
     weighted = factor.linearize(values).information()

@@ -11,17 +11,18 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors import guarded_factor
-from fg_nav.factors.floor_height import FloorHeight, FloorParameters, floor_labels
+from fg_nav.factors.floor_height import STEP_M, FloorHeight, floor_labels
 from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.factors.straight_walk import (
-    StraightParameters,
+    StraightWalk,
     change_of_course,
     straight_probability,
     straight_triples,
 )
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother import SmootherParameters, constraints, smooth
 from fg_nav.smoother.constraints import (
+    STRAIGHT_WITHIN_M,
     constrain_courses,
     constrain_heights,
     find_constraints,
@@ -35,7 +36,7 @@ from tests.factors.straight import straight_walk_factor, straight_walk_noise
 from tests.smoother.walks import DEFAULT, demo, problem
 
 STRIDE_M = 1.3
-STRAIGHT = StraightParameters()
+STRAIGHT = StraightWalk()
 STRAIGHT_ONLY = WalkParameters(straight=True)
 FLOORS_ONLY = WalkParameters(floors=True)
 FIRM = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
@@ -112,12 +113,12 @@ def positions(values: gtsam.Values, count: int) -> Floats:
 
 def straight_at(values: gtsam.Values, count: int) -> tuple[ResidualBlock, gtsam.NonlinearFactorGraph]:
     """The courses of a walk, and the same as robust factors of gtsam."""
-    triples = straight_triples(positions(values, count), STRAIGHT)
+    triples = straight_triples(positions(values, count))
     graph = gtsam.NonlinearFactorGraph()
     for triple in triples:
-        graph.push_back(straight_walk_factor([X(int(k)) for k in triple], straight_walk_noise(STRAIGHT)))
+        graph.push_back(straight_walk_factor([X(int(k)) for k in triple], straight_walk_noise()))
     assert graph.size() > 5
-    return constrain_courses(np.arange(count), triples, STRAIGHT), graph
+    return constrain_courses(np.arange(count), triples), graph
 
 
 def test_courses_are_the_factors_with_their_mixture() -> None:
@@ -134,9 +135,10 @@ def test_courses_are_the_factors_with_their_mixture() -> None:
 
 
 @pytest.mark.parametrize("p", [STRAIGHT_ONLY, FLOORS_ONLY], ids=["straight", "floors"])
-def test_linear_model_has_the_error_at_hand_and_its_slope(p: WalkParameters) -> None:
+def test_linear_model_has_the_error_at_hand_and_its_slope(p: WalkParameters, monkeypatch: pytest.MonkeyPatch) -> None:
     values = anywhere(60)
-    p = replace(p, floor=FloorParameters(step_m=1.0), straight_within_m=np.inf)
+    monkeypatch.setattr(constraints, "STRAIGHT_WITHIN_M", np.inf)
+    monkeypatch.setattr(constraints, "STEP_M", 1.0)
     (part,), _ = find_constraints(np.arange(60), values, p)
     model = linear(part, values)
     assert model.error(steps_of(values, 2, 0.0)) == pytest.approx(part.error(values), rel=1e-9)
@@ -152,7 +154,7 @@ def test_linear_model_is_never_below_the_loss() -> None:
     for bend_m in (0.0, 0.1, 0.3, 0.8):
         position[5, 1] = bend_m
         values = values_of(poses_of(position, np.zeros(11)))
-        block = constrain_courses(np.arange(11), straight_triples(position, STRAIGHT), STRAIGHT)
+        block = constrain_courses(np.arange(11), straight_triples(position))
         model = linear(block, values)
         for across_m in np.linspace(-1.0, 1.0, 21):
             step = gtsam.VectorValues()
@@ -165,7 +167,7 @@ def test_nothing_is_assumed_in_a_curve() -> None:
     """Round a circle of 8 m, 47 deg each five strides: no information, on whatever."""
     poses = walked(np.full(59, STRIDE_M / 8.0), np.zeros(59))
     values = values_of(poses)
-    block = constrain_courses(np.arange(60), straight_triples(positions(values, 60), STRAIGHT), STRAIGHT)
+    block = constrain_courses(np.arange(60), straight_triples(positions(values, 60)))
     assert len(block) == 10
     assert np.abs(linear(block, values).hessian(order(60))[0]).max() < 1e-20
 
@@ -236,8 +238,8 @@ def test_a_corner_that_is_grazed_does_not_pass_for_drift() -> None:
     for share, stride in ((0.25, 0), (0.5, 1), (0.25, 2)):
         turn[corner + stride] = -share * np.pi / 2
     position = positions(values_of(walked(turn, np.zeros(3000))), 3001)
-    triples = straight_triples(position, STRAIGHT)
-    kept = triples[off_line(position, triples) <= WalkParameters().straight_within_m]
+    triples = straight_triples(position)
+    kept = triples[off_line(position, triples) <= STRAIGHT_WITHIN_M]
 
     def believed(some: Ints) -> float:
         change = change_of_course(*np.moveaxis(position[some], 1, 0))
@@ -273,7 +275,7 @@ def test_floors_are_told_by_their_stairs_whatever_the_drift(drift_m: float) -> N
     height, floor = storeys(level=300)
     seen = height + drift_m * np.arange(len(height)) + np.random.default_rng(0).normal(0, 0.008, len(height))
     assert abs(seen[-1] - height[-1]) >= 50.0 * abs(drift_m)
-    label = floor_labels(keep_steps(seen, FloorParameters().step_m))
+    label = floor_labels(keep_steps(seen, STEP_M))
     np.testing.assert_array_equal(label, floor)
     if abs(drift_m) > 0.01:  # and the heights as they are do not tell
         assert not np.array_equal(floor_labels(seen), floor)

@@ -22,8 +22,9 @@ from fg_nav.factors.field_state import (
 )
 from fg_nav.factors.rotation import skew
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother import field_noise
-from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath
+from fg_nav.smoother import field_factors, field_noise
+from fg_nav.smoother.field import COMPASS_SIGMA_UT
+from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, CompassReadings, FieldFactors, FieldPath
 from fg_nav.smoother.field_noise import FieldRoughness, Roughness
 from fg_nav.smoother.parameters import FieldParameters
 from tests.factors.attitudes import eliminated, pose, values_of
@@ -55,7 +56,7 @@ def path_of(
         u=u,
         level_path=level_path,
         body_move=np.einsum("nji,nj->ni", nav_R_body[:-1], move),
-        sigma_uT_m=np.full(len(move), P.path_sigma_uT_m),
+        sigma_uT_m=np.full(len(move), PATH_SIGMA_UT_M),
         distance_m=np.linalg.norm(move, axis=1),
         level_R_body=level,
     )
@@ -87,7 +88,7 @@ class Walked:
         u = np.diff(self.position, axis=0)[:, :2] @ EARTH[:2]
         self.path = path_of(self.position, self.nav_R_body, u, rng.standard_normal((count - 1, 3)), level)
         disturbed = np.zeros(count, dtype=bool) if disturbed is None else disturbed
-        sigma = np.where(disturbed, np.inf, P.compass_sigma_uT)
+        sigma = np.where(disturbed, np.inf, COMPASS_SIGMA_UT)
         sigma = sigma if used is None else np.where(used, sigma, np.inf)
         body_field = np.einsum("nji,nj->ni", self.nav_R_body, field)
         self.readings = CompassReadings(2 * np.arange(count), body_field, sigma, disturbed)
@@ -214,7 +215,7 @@ def test_residuals_are_in_units_of_their_sigmas() -> None:
     """One sigma off, each alone, is an error of one half."""
     walked = Walked(count=2)
     true = walked.values()
-    for part, off in {PHI: P.path_sigma_uT_m, DELTA: P.compass_sigma_uT, RHO: P.compass_sigma_uT}.items():
+    for part, off in {PHI: PATH_SIGMA_UT_M, DELTA: COMPASS_SIGMA_UT, RHO: COMPASS_SIGMA_UT}.items():
         changed = gtsam.Values(true)
         m = true.atVector(M(1)).copy()
         m[part] += off
@@ -230,8 +231,8 @@ def test_a_heading_wrong_by_an_angle_is_seen_across_and_along_the_path() -> None
     angle = 1e-3
     error = walked.factors.error(about_up(walked.values(), X(0), angle))
     east, north = np.diff(walked.position, axis=0)[0, :2]
-    along = (EARTH[1] * east - EARTH[0] * north) * angle / P.path_sigma_uT_m
-    across = STRENGTH * angle / P.compass_sigma_uT
+    along = (EARTH[1] * east - EARTH[0] * north) * angle / PATH_SIGMA_UT_M
+    across = STRENGTH * angle / COMPASS_SIGMA_UT
     assert error == pytest.approx(0.5 * (across**2 + along**2), rel=2e-3)
     assert abs(along) > 1e-3
 
@@ -326,7 +327,7 @@ def test_a_magnet_moves_the_potential_where_it_lies_and_not_the_heading() -> Non
 def test_a_compass_next_to_a_magnet_moves_delta_where_it_may() -> None:
     """Used as it is, but in a stride in which the deviation is not that of the walk."""
     walked, _ = next_to_a_magnet(judged=True)
-    seen = replace(walked.readings, sigma_uT=np.full(8, P.compass_sigma_uT))
+    seen = replace(walked.readings, sigma_uT=np.full(8, COMPASS_SIGMA_UT))
     smooth = FieldRoughness(Roughness(2.0, 1.5), Roughness(2.0, 1.5), Roughness(0.2, 20.0))
     walked.factors = FieldFactors(seen, walked.path, FIRST, smooth, P)
     values = solved(walked, walked.values(), np.radians(1.0))
@@ -356,26 +357,35 @@ def test_a_field_that_is_not_where_it_was_expected_turns_and_does_not_shrink() -
 
 KNOWN = FieldPrior(FIRST.mean, np.full(SIZE, NEVER))
 """The Earth's field and no iron: nothing is asked."""
-STEADY = replace(P, mean_walk_uT=NEVER, hard_iron_walk_uT=NEVER, potential=False)
+COMPASS = replace(P, potential=False)
 NONE = Roughness(NEVER, 1.0)
 
 
+@pytest.fixture
+def steady(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Field and iron do not wander."""
+    monkeypatch.setattr(field_factors, "MEAN_WALK_UT", NEVER)
+    monkeypatch.setattr(field_factors, "HARD_IRON_WALK_UT", NEVER)
+
+
+@pytest.mark.usefixtures("steady")
 def test_without_any_deviation_it_is_a_compass() -> None:
     """As much information on each heading as an azimuth with its honest sigma, and none that is shared."""
-    walked = Walked(rough=FieldRoughness(NONE, NONE, NONE), first=KNOWN, p=STEADY)
+    walked = Walked(rough=FieldRoughness(NONE, NONE, NONE), first=KNOWN, p=COMPASS)
     found = walked.of_yaws(walked.values())
-    expected = (P.compass_sigma_uT / STRENGTH) ** -2
+    expected = (COMPASS_SIGMA_UT / STRENGTH) ** -2
     np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-4, atol=1e-4 * expected)
 
 
+@pytest.mark.usefixtures("steady")
 def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
     own = Roughness(5.0, 1e-3)
     walked = Walked(
         rough=FieldRoughness(NONE, own, NONE),
         first=replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 5.0, NEVER)),
-        p=STEADY,
+        p=COMPASS,
     )
-    expected = (np.hypot(P.compass_sigma_uT, 5.0) / STRENGTH) ** -2
+    expected = (np.hypot(COMPASS_SIGMA_UT, 5.0) / STRENGTH) ** -2
     found = walked.of_yaws(walked.values())
     np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-3, atol=1e-3 * expected)
 
@@ -386,16 +396,16 @@ def nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(field_noise, "LEAST_NEW", 0.0)
 
 
-@pytest.mark.usefixtures("nothing_new")
+@pytest.mark.usefixtures("nothing_new", "steady")
 def test_with_endless_deviation_that_stays_it_is_the_difference_of_two_fields() -> None:
     """Nothing on the heading itself; on the difference of two, what their difference has across the field."""
     endless = Roughness(1e4, 1e14)
     first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 1e4, NEVER))
-    walked = Walked(count=2, tilt=0.0, rough=FieldRoughness(NONE, endless, NONE), first=first, p=STEADY)
+    walked = Walked(count=2, tilt=0.0, rough=FieldRoughness(NONE, endless, NONE), first=first, p=COMPASS)
     found = walked.of_yaws(walked.values())
     # e = R_i y_i - R_j y_j of two poses that see one field, whatever it is
     of_turn = [
-        sign * R @ skew(y) / (np.sqrt(2.0) * P.compass_sigma_uT)
+        sign * R @ skew(y) / (np.sqrt(2.0) * COMPASS_SIGMA_UT)
         for sign, R, y in zip((-1, 1), walked.nav_R_body, walked.readings.body_field, strict=True)
     ]
     none = np.zeros((3, 3))
@@ -408,15 +418,15 @@ def test_with_endless_deviation_that_stays_it_is_the_difference_of_two_fields() 
     assert np.abs(found.sum(axis=1)).max() < 1e-3 * found[0, 0]
 
 
-@pytest.mark.usefixtures("nothing_new")
+@pytest.mark.usefixtures("nothing_new", "steady")
 def test_a_region_is_one_unknown_for_all_footfalls_in_it() -> None:
     """The common heading is known to its deviation, however many footfalls; differences as if it were not there."""
     first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == RHO, 2.0, NEVER))
     for count in (4, 12):
         region = Roughness(2.0, 1e12)
-        walked = Walked(count=count, rough=FieldRoughness(NONE, NONE, region), first=first, p=STEADY)
+        walked = Walked(count=count, rough=FieldRoughness(NONE, NONE, region), first=first, p=COMPASS)
         covariance = np.linalg.inv(walked.of_yaws(walked.values())) * STRENGTH**2
-        expected = 2.0**2 + P.compass_sigma_uT**2 * np.eye(count)
+        expected = 2.0**2 + COMPASS_SIGMA_UT**2 * np.eye(count)
         np.testing.assert_allclose(covariance, expected, rtol=1e-3)
 
 

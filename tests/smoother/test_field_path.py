@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import levelled, yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
-from fg_nav.smoother.field_factors import FieldPath, integrate_path
+from fg_nav.smoother import field_factors
+from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, FieldPath, integrate_path
 from fg_nav.smoother.parameters import FieldParameters
 
 P = FieldParameters()
@@ -71,7 +72,7 @@ def test_a_homogeneous_field_integrates_to_itself_times_the_move() -> None:
     np.testing.assert_allclose(way.distance_m, np.linalg.norm(moves(trodden), axis=1))
     in_body = np.einsum("nij,nj->ni", trodden.nav_R_body[trodden.footfall[:-1]], way.body_move)
     np.testing.assert_allclose(in_body, moves(trodden), atol=1e-12)
-    np.testing.assert_array_equal(way.sigma_uT_m, P.path_sigma_uT_m)
+    np.testing.assert_array_equal(way.sigma_uT_m, PATH_SIGMA_UT_M)
 
 
 @pytest.mark.parametrize("angle", [0.3, -2.0, np.pi])
@@ -161,13 +162,14 @@ def test_a_stride_whose_swing_was_not_seen_measured_nothing(start: float, stop: 
     assert strides_unseen(round_a_circle(), start, stop).tolist() == unseen
 
 
-def test_how_coarse_a_move_may_be_is_a_parameter() -> None:
+def test_a_move_may_be_no_coarser_than_the_steel_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
     trodden = round_a_circle()
     mag = trodden.mag(EARTH)
     mag[trodden.t % STRIDE_S > STANDS * STRIDE_S] = np.nan
     mag[trodden.footfall] = trodden.mag(EARTH)[trodden.footfall]
     assert np.isinf(along(trodden, mag).sigma_uT_m).all()
-    assert np.isfinite(along(trodden, mag, p=replace(P, coarsest_m=1.5)).sigma_uT_m).all()
+    monkeypatch.setattr(field_factors, "COARSEST_M", 1.5)
+    assert np.isfinite(along(trodden, mag).sigma_uT_m).all()
 
 
 def test_axes_of_the_stance_are_upright_and_right_handed() -> None:

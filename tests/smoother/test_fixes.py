@@ -15,9 +15,9 @@ from fg_nav.fixes import Fix
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import smooth
-from fg_nav.smoother.constraints import add_fixes, pin_fixes
-from fg_nav.smoother.graph import StartPrior
+from fg_nav.smoother import constraints, smooth
+from fg_nav.smoother.constraints import FIX_SPEED_M_S, add_fixes, pin_fixes
+from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior
 from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.problem import walk_problem
@@ -167,9 +167,9 @@ def test_sigma_grows_by_walking_pace_between_fix_and_node() -> None:
     t = demo().recording.t
     node = int(nodes.first[5]) - 1
     at, later = (Fix(float(t[nodes.sample[node]]) + dt, np.ones(3), 0.1) for dt in (0.0, 0.05))
-    pinned = pin_fixes([at, later], t, nodes, P)
+    pinned = pin_fixes([at, later], t, nodes)
     assert list(pinned.node) == [node, node]
-    np.testing.assert_allclose(pinned.horizontal, [0.1, np.hypot(0.1, 0.05 * P.fix_speed_m_s)])
+    np.testing.assert_allclose(pinned.horizontal, [0.1, np.hypot(0.1, 0.05 * FIX_SPEED_M_S)])
 
 
 def test_best_turn_is_that_of_the_fixes() -> None:
@@ -180,7 +180,7 @@ def test_best_turn_is_that_of_the_fixes() -> None:
         values.insert(X(j), gtsam.Pose3(gtsam.Rot3(), p))
     turn = yaw_rotation(2.0)
     fixes = [Fix(float(t[nodes.sample[j]]), turn @ walked[j], sigma) for j, sigma in ((10, 0.1), (40, 3.0))]
-    np.testing.assert_allclose(pin_fixes(fixes, t, nodes, P).best_turn(values), turn, atol=1e-9)
+    np.testing.assert_allclose(pin_fixes(fixes, t, nodes).best_turn(values), turn, atol=1e-9)
 
 
 def test_a_walk_is_turned_as_a_whole_about_its_start() -> None:
@@ -195,7 +195,7 @@ def test_a_walk_is_turned_as_a_whole_about_its_start() -> None:
         expected.append((turn @ pose.rotation().matrix(), turn @ pose.translation(), turn @ velocity))
     fix = Fix(float(t[nodes.sample[10]]), expected[10][1], 0.1)
     free = walk_problem(demo().recording, demo().stances, None, replace(DEFAULT, choose_swing_noise=False))
-    free = replace(free, start=StartPrior(np.eye(3), DEFAULT.gauge_sigma))
+    free = replace(free, start=StartPrior(np.eye(3), GAUGE_SIGMA))
     turned = add_fixes(free, values, [fix])
     assert turned.heading_known
     np.testing.assert_allclose(turned.start.nav_R_body, turn, atol=1e-9)
@@ -210,14 +210,14 @@ def test_sigma_of_the_heading_is_that_of_a_lever() -> None:
     t = demo().recording.t
     at = float(t[nodes.sample[30]])
     one = Fix(at, np.array([3.0, 4.0, 9.0]), 0.5)
-    assert pin_fixes([one], t, nodes, P).heading_sigma == pytest.approx(0.1)
-    assert pin_fixes([one] * 4, t, nodes, P).heading_sigma == pytest.approx(0.05)
-    assert pin_fixes([], t, nodes, P).heading_sigma == np.inf
+    assert pin_fixes([one], t, nodes).heading_sigma == pytest.approx(0.1)
+    assert pin_fixes([one] * 4, t, nodes).heading_sigma == pytest.approx(0.05)
+    assert pin_fixes([], t, nodes).heading_sigma == np.inf
 
 
-def refused(fix: Fix, p: WalkParameters = P) -> str:
+def refused(fix: Fix) -> str:
     with pytest.raises(EstimationError) as caught:
-        with_fixes([fix], p=p)
+        with_fixes([fix])
     assert str(caught.value).count(". ") == 0
     return str(caught.value)
 
@@ -227,12 +227,13 @@ def test_a_fix_outside_the_walk_is_refused(time_s: float) -> None:
     assert "outside the walk" in refused(Fix(time_s, np.zeros(3), 1.0))
 
 
-def test_a_fix_far_from_any_footfall_is_refused() -> None:
+def test_a_fix_far_from_any_footfall_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     nodes = place_nodes(demo().recording, demo().stances, DEFAULT)
     t = demo().recording.t[nodes.sample]
     gap = int(np.argmax(np.diff(t)))
     fix = Fix(float(t[gap] + t[gap + 1]) / 2, np.zeros(3), 1.0)
-    assert "farther than a stride" in refused(fix, replace(P, fix_reach_s=0.05))
+    monkeypatch.setattr(constraints, "FIX_REACH_S", 0.05)
+    assert "farther than a stride" in refused(fix)
 
 
 @pytest.mark.parametrize(

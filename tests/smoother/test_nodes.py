@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fg_nav.recording import Recording
-from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.nodes import LONG_STANCE_S, REST_SPACING_S, place_nodes
 from fg_nav.stances import Stances
 from tests.smoother.walks import DEFAULT, demo
 
@@ -62,7 +62,7 @@ def test_nodes_of_a_stance_are_neither_close_nor_far(lengths: list[tuple[int, in
         mine = nodes.sample[nodes.interval == k]
         step = np.diff(recording.t[mine])
         duration = recording.t[stances.stop[k] - 1] - recording.t[stances.start[k]]
-        spacing = DEFAULT.node_spacing_s if duration <= DEFAULT.long_stance_s else DEFAULT.rest_spacing_s
+        spacing = DEFAULT.node_spacing_s if duration <= LONG_STANCE_S else REST_SPACING_S
         assert np.all(step >= DEFAULT.shortest_interval_s - 1e-9)
         assert np.all(step <= 1.5 * spacing + 2 / RATE)  # the node on the stillest sample was moved by half a step
 

@@ -12,11 +12,18 @@ from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.samples.peaks import rebuild_peaks
 from fg_nav.samples.saturation import find_saturated
+from fg_nav.smoother import strides
 from fg_nav.smoother.strides import preintegrate
 from tests.smoother.walks import DEFAULT, demo
 
 NO_BIAS = gtsam.imuBias.ConstantBias()
-QUIET = replace(DEFAULT, acc_relative_density=0.0, gyr_relative_density=0.0, position_density=1e-9)
+QUIET = replace(DEFAULT, acc_relative_density=0.0, gyr_relative_density=0.0)
+
+
+@pytest.fixture(autouse=True)
+def exact_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No noise but that of the samples."""
+    monkeypatch.setattr(strides, "POSITION_DENSITY", 1e-9)
 
 
 def measurements(recording: Recording, sample: list[int], p=DEFAULT, bias=NO_BIAS) -> list:

@@ -9,8 +9,8 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
-from fg_nav.smoother.solver import MOST_HALVINGS, Solved, minimize
-from tests.smoother.walks import DEFAULT, demo, minimum, node_arrays, problem
+from fg_nav.smoother.solver import CONVERGENCE, MOST_HALVINGS, Solved, minimize
+from tests.smoother.walks import demo, minimum, node_arrays, problem
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
 
@@ -39,7 +39,7 @@ def run(
     graph: gtsam.NonlinearFactorGraph,
     values: gtsam.Values,
     keys: tuple[int, ...] = (V(0),),
-    convergence: float = DEFAULT.convergence,
+    convergence: float = CONVERGENCE,
     largest_steps: int = 25,
 ) -> Solved:
     """Solve a graph that is no walk."""

@@ -16,6 +16,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import PLAIN
+from fg_nav.smoother.strides import GYRO_BIAS_WALK_DEG_S, VELOCITY_SIGMA
 from fg_nav.stances import Stances
 from tests.real_data import needs_data
 from tests.simulated import LEVER, RIGID
@@ -183,7 +184,7 @@ def test_velocities_are_firm_where_the_foot_is_still() -> None:
     recording = Recording(t=np.arange(n) / 200.0, acc=acc, gyr=gyr)
     one = problem(Walk(recording, stances), KNOWN)
     sigma, p = at_nodes(one, "sigma"), DEFAULT
-    expected = np.hypot(p.velocity_sigma, np.array([0.0, 0.5 * p.roll_sigma_m, 0.5 * p.unsteady_s]))
+    expected = np.hypot(VELOCITY_SIGMA, np.array([0.0, 0.5 * p.roll_sigma_m, 0.5 * p.unsteady_s]))
     np.testing.assert_allclose(sigma[:, :2], np.repeat(expected[one.nodes.interval][:, None], 2, axis=1), rtol=1e-9)
     assert np.all(sigma[:, 2] > sigma[:, 0])  # how deep a sole sinks is not known
 
@@ -202,7 +203,7 @@ def test_plain_zero_velocity_is_zero_and_equally_firm() -> None:
     one = problem(demo(), PLAIN)
     assert not at_nodes(one, "body_velocity").any()
     assert not at_nodes(one, "settling").any()
-    np.testing.assert_allclose(at_nodes(one, "sigma"), PLAIN.velocity_sigma)
+    np.testing.assert_allclose(at_nodes(one, "sigma"), VELOCITY_SIGMA)
 
 
 def test_every_node_is_reached_and_every_rest_is_told_once() -> None:
@@ -227,7 +228,7 @@ def test_bias_walks_from_variable_to_variable() -> None:
     variance = sum(f.noiseModel().sigmas()[3] ** 2 for f in between)
     t = walk.recording.t[nodes.sample[nodes.result]]
     last = t[np.flatnonzero(np.diff(nodes.bias))[-1] + 1]
-    assert np.sqrt(variance) == pytest.approx(np.radians(DEFAULT.gyro_bias_walk_deg_s) * np.sqrt(last - t[0]), rel=1e-6)
+    assert np.sqrt(variance) == pytest.approx(np.radians(GYRO_BIAS_WALK_DEG_S) * np.sqrt(last - t[0]), rel=1e-6)
 
 
 def test_inertial_factors_chain_the_nodes_each_with_the_bias_of_its_start() -> None:

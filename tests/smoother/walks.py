@@ -20,9 +20,9 @@ from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.graph import StartPrior, initial_values
+from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, initial_values
 from fg_nav.smoother.nodes import Nodes, place_nodes
-from fg_nav.smoother.solver import Solved, minimize, time_order
+from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
 from fg_nav.smoother.strides import Stride, add_start, add_stride, preintegrate, strides_of, velocity_block
 from fg_nav.stances import Stances
 from tests.real_data import DATA
@@ -115,7 +115,7 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT) -> Problem:
     start = levelled(recording.acc[stances.start[0] : stances.stop[0]].mean(axis=0))
     measurements = preintegrate(recording, nodes.sample, gtsam.imuBias.ConstantBias(np.zeros(3), bias), p)
     graph = gtsam.NonlinearFactorGraph()
-    graph.push_back(StartPrior(start, p.gauge_sigma).factor(p))
+    graph.push_back(StartPrior(start, GAUGE_SIGMA).factor(p))
     add_start(graph, np.radians(p.gyro_bias_sigma_deg_s), p)
     strides = list(strides_of(recording, stances, nodes, measurements, bias, lever, rests, p))
     for stride in strides:
@@ -149,9 +149,9 @@ def with_exact_factors(walk: Walk) -> Problem:
     return replace(one, velocities=ResidualBlock(velocities, []))
 
 
-def minimum(one: Problem, convergence: float = DEFAULT.convergence) -> Solved:
+def minimum(one: Problem, convergence: float = CONVERGENCE) -> Solved:
     """Solve a problem as the smoother does."""
-    return minimize(one.graph, [one.velocities], one.initial, one.ordering, convergence, DEFAULT.largest_steps)
+    return minimize(one.graph, [one.velocities], one.initial, one.ordering, convergence, LARGEST_STEPS)
 
 
 def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:
