@@ -16,7 +16,7 @@ A frame stands in the name of what is expressed in it: `nav_R_body` maps body ve
 Units
 -----
 SI inside: s, m, m/s, m/s^2, rad, rad/s; magnetic flux density in uT. `acc` is specific force: +g on the up axis
-of a sensor at rest. Heading for people is in degrees clockwise from north. Where a reader could doubt, the unit
+of a sensor at rest. Heading for people is in degrees clockwise from north. Where a reader could be unsure, the unit
 stands in the name (`_deg_s`, `_uT`, `_m_s2`).
 
 Types

@@ -46,7 +46,7 @@ class SimulationError(FgNavError):
 
 
 class StreamError(FgNavError):
-    """A source of samples cannot be opened, or nobody can be served (`fg_nav.online`)."""
+    """A source of samples cannot be opened, or its lines cannot be served (`fg_nav.online`)."""
 
 
 class CampaignError(FgNavError):

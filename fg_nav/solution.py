@@ -60,7 +60,7 @@ class Solution:
 
     `t` (N,) s; `position` (N, 3) m; `velocity` (N, 3) m/s; `nav_R_body` (N, 3, 3).
     `parameters` are the effective ones, ready for JSON; `notes` are remarks for the user. `moment` is what an online
-    estimator told of each footfall when it was complete, before it knew what came after; None from all others.
+    estimator estimated at each footfall when it was complete, before it knew what came after; None from all others.
     """
 
     method: str

@@ -156,7 +156,7 @@ READING = (
 
 
 LONGEST_SWING_S = 10.0
-"""Between two stances; where none is found for longer nobody walks on that foot."""
+"""Between two stances; where none is found for longer, that foot does not walk."""
 
 
 def collect_survey_notes(walk: Walk) -> list[str]:

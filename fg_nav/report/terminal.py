@@ -26,8 +26,8 @@ FIGURES = (
     ("rmse_3d_m", "rmse 3-D (m)", "{:.3f}"),
     ("end_error_m", "end error (m)", "{:.3f}"),
     ("max_error_m", "max error (m)", "{:.3f}"),
-    ("moment_rmse_2d_m", "rmse 2-D told at the moment (m)", "{:.3f}"),
-    ("moment_end_error_m", "end error told at the moment (m)", "{:.3f}"),
+    ("moment_rmse_2d_m", "rmse 2-D at the moment (m)", "{:.3f}"),
+    ("moment_end_error_m", "end error at the moment (m)", "{:.3f}"),
     ("heading_rmse_deg", "heading rmse (deg)", "{:.2f}"),
     ("scale", "best-fit scale", "{:.4f}"),
     ("alignment", "alignment", "{}"),
@@ -101,7 +101,7 @@ def ruled_table(*headers: str) -> Table:
 
 @contextmanager
 def progress(words: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on standard error while the block runs; yields what is to be told the fraction done."""
+    """Show a bar on standard error while the block runs; yields what takes the fraction done."""
     errors = Console(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     shown = sys.stderr.isatty() and not errors.is_dumb_terminal

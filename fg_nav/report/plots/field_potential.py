@@ -1,4 +1,4 @@
-"""The coordinate along magnetic north that the field alone tells, beside that of a trajectory."""
+"""The coordinate along magnetic north from the field alone, next to that of a trajectory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Methods beside each other on one walk: their paths, what they made of the field, and their errors along the way.
+"""Methods next to each other on one walk: their paths, what they made of the field, and their errors along the path.
 
 Everything is at the footfalls, from above, in the truth's frame.
 """
@@ -38,7 +38,7 @@ class Track:
     method : its name.
     estimate : (K, 2) m east and north, laid on the truth.
     truth : (K, 2) m at the same footfalls; (M, 2) surveyed footprints; or none.
-    used : (K,) True where the method believed the field.
+    used : (K,) True where the method used the field.
     every : whether the truth is that of every footfall.
     """
 
@@ -73,7 +73,7 @@ def plot_paths(tracks: Sequence[Track], title: str) -> Figure:
 
 
 def plot_detection_maps(tracks: Sequence[Track], title: str) -> Figure:
-    """Draw where each method believed the field: on the true way, or where there is none, on its own."""
+    """Draw where each method used the field: on the true path, or where there is none, on its own."""
     with style.styled():
         figure, panels = _panels([_on_the_way(track) for track in tracks], title)
         for axes, track in zip(panels, tracks, strict=True):
