@@ -323,10 +323,10 @@ def stream(
     Reads rows of canonical CSV, the header line first. Ctrl-C ends the walk and writes its result.
     """
     from fg_nav.commands.stream import stream
-    from fg_nav.online.command import Wanted
+    from fg_nav.online.follow import StreamRequest
 
-    wanted = Wanted(source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence)
-    stream(wanted, out, force)
+    request = StreamRequest(source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence)
+    stream(request, out, force)
 
 
 def _list_scenarios(wanted: bool) -> None:

@@ -21,8 +21,8 @@ from fg_nav.estimators import Progress
 from fg_nav.evaluation import evaluate
 from fg_nav.navigate import prepare_walk
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.command import Followed, Wanted, streamed
-from fg_nav.online.lines import lines_of
+from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
+from fg_nav.online.lines import format_table
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Provenance
 from fg_nav.report.files import write_json, write_run, write_strides
@@ -31,12 +31,12 @@ from fg_nav.solution import Solution
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 
-def stream(wanted: Wanted, out: Path | None, force: bool) -> None:
+def stream(request: StreamRequest, out: Path | None, force: bool) -> None:
     """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder."""
     target = Target(out, force, "stream")
-    walk = streamed(wanted, line_printer(), remark)
+    walk = run_stream(request, line_printer(), remark)
     if out is None:
-        print_end(walk, wanted.serve is not None)
+        print_end(walk, request.serve is not None)
         return
     with target.open() as folder:
         write_end(folder, walk)
@@ -66,16 +66,16 @@ def line_printer() -> Callable[[str], None]:
     return print_line
 
 
-def print_end(walk: Followed, served: bool) -> None:
+def print_end(walk: StreamedWalk, served: bool) -> None:
     """Print the smoothed past, one line a footfall; nothing where the lines were served."""
     if served:
         return
     print_line = line_printer()
-    for line in lines_of(_solution(walk).stances, walk.navigator.judge.sensor_time):
+    for line in format_table(_solution(walk).stances, walk.navigator.judge.sensor_time):
         print_line(line)
 
 
-def write_end(folder: Path, walk: Followed) -> None:
+def write_end(folder: Path, walk: StreamedWalk) -> None:
     """Write what `fg-nav run` writes; with a lag, the table of footfalls and a summary only."""
     if walk.navigator.options.lag_s is None:
         with progress("online") as report:
@@ -98,7 +98,7 @@ def write_end(folder: Path, walk: Followed) -> None:
     write_json(folder / "summary.json", figures)
 
 
-def _solution(walk: Followed) -> Solution:
+def _solution(walk: StreamedWalk) -> Solution:
     if walk.navigator.options.lag_s is not None:
         return walk.navigator.finish()
     return solve_stream(walk.navigator, walk.name, walk.calibration)[1].solution

@@ -1,8 +1,12 @@
-"""Follow a source until it ends, or until somebody says stop: rows in, estimates out, checkpoints on the way.
+"""Follow a source to its end: rows in, estimates out, checkpoints on the way. This is what `fg-nav stream` does.
 
-Nothing that happens to the stream ends the walk but its end: bad rows are left out, a source that stalls is waited for,
-and both are told. Checkpoints come every `checkpoint_s`, are written beside the walk, and less often once that takes
-long: at most one part in twenty of the time goes into it.
+    StreamRequest  -> source, lag, heading, calibration, checkpoint, lines printed or served
+    follow_source  -> rows -> navigator -> one line an estimate, until the source ends or a signal says stop
+    StreamedWalk   -> the closed navigator, to be solved as a whole
+
+Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
+with a remark on each. Checkpoints come every `checkpoint_s`, are written in a thread of their own, and less often once
+that takes long: at most one part in twenty of the time goes into it.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -20,23 +24,27 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.file import Calibration
-from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.calibration.file import Calibration, read_calibration
+from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.checkpoint import collect_content, write_content
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.lines import format_estimate
+from fg_nav.online.lines import LineServer, format_estimate
 from fg_nav.online.smoother import OnlineOptions
-from fg_nav.online.sources import RowReader, Source
+from fg_nav.online.sources import RowReader, Source, open_source
 from fg_nav.text import to_json
 
-Tell = Callable[[str], None]
+Say = Callable[[str], None]
+"""Takes a line, or a sentence for people."""
 
 WAIT_S = 0.2
-"""For bytes, before looking whether somebody said stop."""
+"""For bytes, before the stop signal is checked."""
 
 SAVING_SHARE = 0.05
 """Of the time at most."""
+
+SHORTEST_LAG_S = 10.0
+"""A shorter lag holds fewer strides than the smoother needs to estimate sensor and foot."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +54,10 @@ class StreamOptions:
     Attributes
     ----------
     online : options of the smoother.
-    checkpoint : file to save the walk in, and to take it up from if it is there; None without.
+    checkpoint : file to save the walk in, and to resume it from if it is there; None without.
     checkpoint_s : time between two saves, s.
-    stalled_s : silence after which the source is said to stall, s.
-    until_silent_s : silence after which the walk is taken to be over, s; None to wait for ever.
+    stalled_s : silence after which a remark says that the source stalls, s.
+    until_silent_s : silence after which the walk ends, s; None to wait for ever.
     calibration : to apply; None without.
     """
 
@@ -62,7 +70,7 @@ class StreamOptions:
 
 
 class Stop(threading.Event):
-    """Set when somebody said stop; made by `on_signals`."""
+    """Set by a signal; made by `on_signals`."""
 
 
 @contextmanager
@@ -71,13 +79,13 @@ def on_signals() -> Iterator[Stop]:
     stop = Stop()
     before: dict[int, Any] = {}
 
-    def said(number: int, frame: FrameType | None) -> None:
+    def set_stop(number: int, frame: FrameType | None) -> None:
         if stop.is_set():
             raise KeyboardInterrupt
         stop.set()
 
     if threading.current_thread() is threading.main_thread():
-        before = {number: signal.signal(number, said) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, set_stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stop
     finally:
@@ -85,8 +93,8 @@ def on_signals() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
-def follow(
-    source: Source, options: StreamOptions, tell: Tell, remark: Tell, stop: threading.Event | None = None
+def follow_source(
+    source: Source, options: StreamOptions, emit: Say, remark: Say, stop: threading.Event | None = None
 ) -> OnlineNavigator:
     """Follow a source to its end.
 
@@ -96,7 +104,7 @@ def follow(
         Of canonical rows.
     options
         How.
-    tell
+    emit
         Given one JSON line (`fg_nav.online.lines`) for each estimate.
     remark
         Given a sentence for people about what is odd.
@@ -111,18 +119,18 @@ def follow(
     Raises
     ------
     FormatError, RecordingError, EstimationError
-        Where the rows are of another format or unit, or a checkpoint cannot be taken up.
+        Where the rows are of another format or unit, or a checkpoint cannot be resumed.
     """
-    navigator = _begun(options, remark)
-    walk = _Walk(navigator, options, tell, remark)
+    navigator = _open_navigator(options, remark)
+    walk = _Walk(navigator, options, emit, remark)
     reader = RowReader(source.name, remark, navigator.source.get("header"))
     silence = _Silence(source.name, options, remark)
     while not (stop is not None and stop.is_set()):
         piece = source.read(WAIT_S)
         if piece is None or silence.is_over(piece):
             break
-        walk.take(reader.read(piece), reader.header)
-    walk.take(reader.finish(), reader.header)
+        walk.add(reader.read(piece), reader.header)
+    walk.add(reader.finish(), reader.header)
     if reader.header is None:
         raise FormatError(f"{source.name} ended before a header came: its first line must name the columns.")
     if reader.bad:
@@ -131,7 +139,7 @@ def follow(
     return navigator
 
 
-def _begun(options: StreamOptions, remark: Tell) -> OnlineNavigator:
+def _open_navigator(options: StreamOptions, remark: Say) -> OnlineNavigator:
     path = options.checkpoint
     if path is None or not path.exists():
         navigator = OnlineNavigator(options.online, remark)
@@ -140,26 +148,26 @@ def _begun(options: StreamOptions, remark: Tell) -> OnlineNavigator:
     navigator = load(path, options.online, remark)
     if navigator.source.get("calibration") != to_json(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
-    remark(f"taken up from {path.name}: {len(navigator.footfalls)} stances, {navigator.buffer.stop} samples.")
+    remark(f"resumed from {path.name}: {len(navigator.footfalls)} stances, {navigator.buffer.stop} samples.")
     return navigator
 
 
 class _Walk:
-    """Samples to the navigator, estimates to whoever is told, and the walk into its checkpoint."""
+    """Samples to the navigator, lines of its estimates, and the walk into its checkpoint."""
 
-    def __init__(self, navigator: OnlineNavigator, options: StreamOptions, tell: Tell, remark: Tell) -> None:
-        self._navigator, self._options, self._tell = navigator, options, tell
+    def __init__(self, navigator: OnlineNavigator, options: StreamOptions, emit: Say, remark: Say) -> None:
+        self._navigator, self._options, self._emit = navigator, options, emit
         self._due = time.monotonic() + options.checkpoint_s
         self._remark, self._unsaved = remark, False
         self._saving: threading.Thread | None = None
 
-    def take(self, rows: Floats, header: list[str] | None) -> None:
+    def add(self, rows: Floats, header: list[str] | None) -> None:
         if not len(rows):
             return
         self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
-        self._say(self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None))
+        self._emit_lines(self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None))
         if self._options.checkpoint is not None and time.monotonic() >= self._due:
             self._save(self._options.checkpoint)
 
@@ -167,15 +175,15 @@ class _Walk:
         if self._options.checkpoint is not None:
             self._save(self._options.checkpoint)
             self._wait()
-        self._say(self._navigator.close())
+        self._emit_lines(self._navigator.close())
 
-    def _say(self, estimates: list[StanceEstimate]) -> None:
+    def _emit_lines(self, estimates: list[StanceEstimate]) -> None:
         for estimate in estimates:
             continues = self._navigator.footfalls[estimate.number].continues
-            self._tell(format_estimate(estimate, continues, self._navigator.judge.sensor_time))
+            self._emit(format_estimate(estimate, continues, self._navigator.judge.sensor_time))
 
     def _save(self, path: Path) -> None:
-        """Save beside the walk: only the copy holds it up."""
+        """Save in a thread: only the copy holds the walk up."""
         self._wait()
         content = collect_content(self._navigator)
         self._saving = threading.Thread(target=self._write, args=(content, path))
@@ -213,22 +221,102 @@ class _Walk:
 class _Silence:
     """How long nothing has come."""
 
-    def __init__(self, name: str, options: StreamOptions, remark: Tell) -> None:
+    def __init__(self, name: str, options: StreamOptions, remark: Say) -> None:
         self._name, self._options, self._remark = name, options, remark
         self._since = time.monotonic()
-        self._told = False
+        self._remarked = False
 
     def is_over(self, piece: bytes) -> bool:
-        """Note what has come, or not; whether it has been silent for so long that the walk is over."""
+        """Note what has come, or not; return whether the silence is so long that the walk is over."""
         now = time.monotonic()
         silent = now - self._since
         if piece:
-            if self._told:
+            if self._remarked:
                 self._remark(f"{self._name} sends again after {silent:.0f} s.")
-            self._since, self._told = now, False
+            self._since, self._remarked = now, False
             return False
-        if silent >= self._options.stalled_s and not self._told:
+        if silent >= self._options.stalled_s and not self._remarked:
             self._remark(f"nothing has come from {self._name} for {silent:.0f} s: waiting.")
-            self._told = True
+            self._remarked = True
         end = self._options.until_silent_s
         return end is not None and silent >= end
+
+
+@dataclass(frozen=True)
+class StreamRequest:
+    """What a user asks for; see `fg-nav stream --help`."""
+
+    source: str
+    checkpoint: Path | None = None
+    checkpoint_s: float = 10.0
+    lag_s: float | None = None
+    heading_deg: float | None = None
+    use_magnetometer: bool = True
+    calibration_path: Path | None = None
+    serve: int | None = None
+    baud: int = 115200
+    silence_s: float | None = None
+
+
+@dataclass(frozen=True)
+class StreamedWalk:
+    """A walk that has ended: its navigator, the name of its source, and the calibration that was applied."""
+
+    navigator: OnlineNavigator
+    name: str
+    calibration: Calibration | None
+
+
+def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
+    """Follow a source until it ends or a signal says stop.
+
+    Parameters
+    ----------
+    request
+        What the user asks for.
+    emit
+        Given each line, unless they are served.
+    remark
+        Given sentences for people.
+
+    Raises
+    ------
+    FgNavError
+        Where something that was asked for cannot be: the source, the checkpoint, the port, the rows.
+    """
+    calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
+    options = StreamOptions(
+        online=_online_options(request),
+        checkpoint=request.checkpoint,
+        checkpoint_s=_check_positive(request.checkpoint_s, "--every") or 0.0,
+        until_silent_s=_check_positive(request.silence_s, "--silence"),
+        calibration=calibration,
+    )
+    with on_signals() as stop, closing(open_source(request.source, request.baud)) as source:
+        if request.serve is None:
+            return StreamedWalk(follow_source(source, options, emit, remark, stop), source.name, calibration)
+        with closing(LineServer(request.serve)) as server:
+            remark(f"lines are served on 127.0.0.1:{server.port}.")
+            return StreamedWalk(follow_source(source, options, server.send, remark, stop), source.name, calibration)
+
+
+def _online_options(request: StreamRequest) -> OnlineOptions:
+    lag_s = _check_positive(request.lag_s, "--lag")
+    if lag_s is not None and request.checkpoint is not None:
+        raise EstimationError("with --lag the samples are discarded, so there is no --checkpoint: give one of the two.")
+    if lag_s is not None and lag_s < SHORTEST_LAG_S:
+        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {SHORTEST_LAG_S:g} or more.")
+    heading = request.heading_deg
+    if heading is not None and not np.isfinite(heading):
+        raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
+    return OnlineOptions(
+        heading_rad=None if heading is None else float(np.radians(heading)),
+        use_field=request.use_magnetometer,
+        lag_s=lag_s,
+    )
+
+
+def _check_positive(value: float | None, name: str) -> float | None:
+    if value is not None and not 0 < value < np.inf:
+        raise StreamError(f"{name} {value:g} is no time: give seconds above zero.")
+    return value

@@ -65,7 +65,7 @@ def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: Sens
     )
 
 
-def lines_of(table: StanceTable, sensor_time: SensorTime = _same_time) -> Iterator[str]:
+def format_table(table: StanceTable, sensor_time: SensorTime = _same_time) -> Iterator[str]:
     """Yield the lines of the smoothed past."""
     heading = np.degrees(heading_of(table.nav_R_body))
     for k in range(len(table)):

@@ -22,8 +22,8 @@ from fg_nav.errors import EstimationError, FormatError, StreamError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.follow import StreamOptions, follow
-from fg_nav.online.lines import LineServer, lines_of
+from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.lines import LineServer, format_table
 from fg_nav.online.sources import RowReader, open_source
 from tests.command_line import names
 from tests.online.walks import TOLD, push, short_walk, worst_difference
@@ -92,7 +92,7 @@ class Quiet(Pieces):
 
 def followed(source, **options):
     lines, remarks = [], []
-    navigator = follow(source, StreamOptions(online=TOLD, **options), lines.append, remarks.append)
+    navigator = follow_source(source, StreamOptions(online=TOLD, **options), lines.append, remarks.append)
     return navigator, [json.loads(line) for line in lines], remarks
 
 
@@ -124,7 +124,7 @@ def test_a_line_has_the_stamp_of_the_sensor_where_that_is_another(csv):
     for line, i in zip(lines, sample.tolist(), strict=True):
         assert ("sensor_t" in line) == (i >= 700)
         assert line.get("sensor_t", line["t"]) == pytest.approx(sent_t[i], abs=1e-8)
-    smoothed = [json.loads(line) for line in lines_of(navigator.smoothed(), navigator.judge.sensor_time)]
+    smoothed = [json.loads(line) for line in format_table(navigator.smoothed(), navigator.judge.sensor_time)]
     assert [line.get("sensor_t") for line in smoothed] == [line.get("sensor_t") for line in lines]
 
 
