@@ -27,7 +27,7 @@ The change of course is 0 at a person's will only. Corridors bend slowly, and pe
 assumes is wrong where a curve turns by less than s over n strides. It is off unless asked for. Successive changes
 share a displacement, so their errors still partly cancel: the information on a steady drift is understated.
 
-Source: Borenstein & Ojeda 2010; Zhang's Eq. 27-28 are the same with a threshold, and a zero beyond it in place of
+Source: Borenstein & Ojeda 2010; AIEZ (27), (28) are the same with a threshold, and a zero beyond it in place of
 no row. The mixture is this project's.
 """
 

@@ -9,7 +9,7 @@ tuned       of the physical one the noises chosen on walks that are not reported
 
 In all of them a footfall is one measurement, where the papers use each sample of a stance.
 
-Sigma of a heading as printed: Ma's 0.067 rad of a step's change, his only figure; Zhang gives none: 5 deg for the
+Sigma of a heading as printed: Ma's 0.067 rad of a step's change, his only figure; AIEZ gives none: 5 deg for the
 compass, 1 deg for HDR within 5 deg of five strides, and 1 deg for roll and pitch are our choice.
 
 Tuned: chosen by `scripts/tune_filters.py` on simulated walks that are not reported. What is not named is as in the

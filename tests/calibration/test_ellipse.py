@@ -1,4 +1,4 @@
-"""Ma's calibration in the levelled plane, against readings made from known iron, and the misprints of Eq. 4-12."""
+"""Ma's calibration in the levelled plane, against readings made from known iron, and the misprints of Ma (4)-(12)."""
 
 from dataclasses import replace
 
@@ -264,7 +264,7 @@ def test_an_ellipse_without_covariance_is_not_lifted():
 
 
 def ma_level(acc, mag, divided=True):
-    """Ma Eq. 4 and 5, letter by letter but for the quotient in Eq. 4, in units of g."""
+    """Ma (4), (5), letter by letter but for the quotient in Ma (4), in units of g."""
     p = -np.arcsin(acc[0])
     r = np.arcsin(acc[1] / np.cos(p)) if divided else np.arcsin(acc[1] * 1.0 * np.cos(p))
     x = mag[0] * np.cos(p) + mag[1] * np.sin(p) * np.sin(r) - mag[2] * np.sin(p) * np.cos(r)

@@ -1,4 +1,4 @@
-"""Walks in closed form with a magnetometer, in a field that is the Earth's but where it is told otherwise."""
+"""Walks in closed form with a magnetometer, in a field that is the Earth's unless given otherwise."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -1,20 +1,20 @@
 """The papers' filters: the equations as printed that do not do what they are meant to.
 
-Errors are estimate minus truth, in the papers' order dx = (dphi, dw, dr, dv, da), three each. What is printed, and what
-must stand there (tests/ekf/test_filter_misprints.py holds the one against the other):
+Errors are estimate minus truth, in the order of Ma (29), dx = (dphi, dw, dr, dv, da), three each. What is printed, and
+what must stand there (test_filter_misprints.py compares the two):
 
-============== ========================================== ==========================================================
-Ma 27          Cayley: (2 I + W h) / (2 I - W h)           right to third order: 8e-5 rad off at 0.1 rad a sample. Exp
-Ma 31, Zhang 2 the transition                              right with these errors and a residual bias, first order in h
-Ma 36          H = rows (0 I 0 0 0), (0 0 0 I 0)           heading row (0, 0, 1) on dphi; printed, it is the gyro bias
-Ma 38          (2 I + Theta h) / (2 I - Theta h)           dphi is an angle: no h, or a 1/h of it is never taken off
-Ma 39          Theta = +[dphi]                             -[dphi], as Zhang's 7: else the error doubles
-Zhang 22, 29   errors of roll, pitch and yaw are dphi      dphi = Rz(yaw) Ry(pitch) e_x droll + Rz(yaw) e_y dpitch + ...
-Zhang 28, 32   in a curve z = 0 with sigma_HDR             no row: zero is a measurement, and shrinks P
-============== ========================================== ==========================================================
+================= ======================================= ===========================================================
+Ma (27)           Cayley: (2 I + W h) / (2 I - W h)       right to third order: 8e-5 rad off at 0.1 rad a sample. Exp
+Ma (31), AIEZ (2) the transition                          right with these errors and a residual bias, first order
+Ma (36)           H = rows (0 I 0 0 0), (0 0 0 I 0)       heading row (0, 0, 1) on dphi; printed, it is the gyro bias
+Ma (38)           (2 I + Theta h) / (2 I - Theta h)       dphi is an angle: no h, or a 1/h of it is never removed
+Ma (39)           Theta = +[dphi]                         -[dphi], as AIEZ (7): else the error doubles
+AIEZ (22), (29)   errors of roll, pitch, yaw are dphi     dphi = Rz(yaw) Ry(pitch) e_x droll + Rz(yaw) e_y dpitch + ...
+AIEZ (28), (32)   in a curve z = 0 with sigma_HDR         no row: zero is a measurement, and shrinks P
+================= ======================================= ===========================================================
 
-The compass's own misprints are in `tests.magnetic.printed`. Nothing here is run by a filter but Zhang's Eq. 28, in the
-preset as-printed. Angles about z are counter-clockwise, z up, unless said otherwise.
+The compass's own misprints are in `tests.magnetic.printed`. No filter runs any of these but AIEZ (28), in the preset
+as-printed. Angles about z are counter-clockwise, z up, unless said otherwise.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ TO_OURS = np.array([6, 7, 8, 9, 10, 11, 0, 1, 2, 3, 4, 5, 12, 13, 14])
 
 
 def cayley(theta: Floats) -> Floats:
-    """Rotation (3, 3) about `theta` (3,) rad as Ma's Eq. 27 has it."""
+    """Rotation (3, 3) about `theta` (3,) rad as Ma (27) has it."""
     half = cross_matrix(theta) / 2
     return np.asarray(np.linalg.solve(np.eye(3) - half, np.eye(3) + half))
 
 
 def transition(nav_R_body: Floats, body_force: Floats, h: float) -> Floats:
-    """Phi (15, 15) of Ma's Eq. 31 and Zhang's Eq. 2, in the papers' order.
+    """Phi (15, 15) of Ma (31) and AIEZ (2), in the papers' order.
 
     Here dw and da are what is still to be taken off rate and force, so that a rate is too high by dw.
     """
@@ -52,12 +52,12 @@ def transition(nav_R_body: Floats, body_force: Floats, h: float) -> Floats:
 
 
 def ma_rows() -> Floats:
-    """H (6, 15) of Ma's Eq. 36 for the four numbers of his Eq. 35, (dtheta, v)."""
+    """H (6, 15) of Ma (36) for the four numbers of Ma (35), (dtheta, v)."""
     return _rows(GYRO_BIAS)
 
 
 def zhang_rows() -> Floats:
-    """H (6, 15) of Zhang's Eq. 29, for errors of roll, pitch and yaw, and of velocity."""
+    """H (6, 15) of AIEZ (29), for errors of roll, pitch and yaw, and of velocity."""
     return _rows(ATTITUDE)
 
 
@@ -69,12 +69,12 @@ def _rows(first: int) -> Floats:
 
 
 def ma_corrected(nav_R_body: Floats, dphi: Floats, h: float) -> Floats:
-    """Attitude (3, 3) after Ma's Eq. 38 and 39."""
+    """Attitude (3, 3) after Ma (38), (39)."""
     return cayley(dphi * h) @ nav_R_body
 
 
 def zhang_corrected(nav_R_body: Floats, dphi: Floats) -> Floats:
-    """Attitude (3, 3) after Zhang's Eq. 6 and 7, which are right."""
+    """Attitude (3, 3) after AIEZ (6), (7), which are right."""
     return cayley(-dphi) @ nav_R_body
 
 

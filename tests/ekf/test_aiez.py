@@ -36,7 +36,7 @@ def test_a_right_compass_holds_a_drifting_gyro():
 
 
 def test_a_field_that_is_steadily_wrong_is_refused_for_good():
-    """What a test on changes believes after three strides (Zhang's Figure 6)."""
+    """What a test on changes accepts after three strides (AIEZ, Figure 6)."""
     recording, stances, field, headings = walked(STRAIGHT, magnet)
     solution = solved(recording, stances, field, headings)
     words = np.array(solution.stances.field)
@@ -99,7 +99,7 @@ def test_the_sensor_is_levelled_by_the_force():
 
 
 def test_as_printed_the_compass_stays_locked_out_once_the_gyro_has_drifted():
-    """40 deg of drift while a magnet hid the field: Eq. 17 has no place for what the filter knows of its own doubt."""
+    """40 deg of drift while a magnet hid the field: AIEZ (17) does not count the filter's own variance."""
     hidden = lambda t: np.where((t > 10.3) & (t < 40.3), -120.0, 0.0)  # noqa: E731
     recording, stances, field, headings = walked(STRAIGHT, hidden, gyro_bias_deg_s=1.6, from_s=10.0)
     drifting = replace(PARAMETERS.inertial, gyr_density_deg=4.0)

@@ -34,11 +34,11 @@ def upright(rng):
     return state
 
 
-def measure_at(truth, **believed):
+def measure_at(truth, **used):
     """PseudoMeasurements of one footfall, as a perfect sensor in this state has it."""
     R = truth.nav_R_body
     return make_pseudo_measurements(1)._replace(
-        body_field=(R.T @ NAV_FIELD)[None], body_force=(R.T @ FORCE)[None], declination=DECLINATION, **believed
+        body_field=(R.T @ NAV_FIELD)[None], body_force=(R.T @ FORCE)[None], declination=DECLINATION, **used
     )
 
 
@@ -53,12 +53,12 @@ def update_at(state, pseudo, P, before=(), k=0, direction=None, considered=None)
     return x, P, innovation, traces
 
 
-@pytest.mark.parametrize("told", ["by the attitude", "by the force"])
+@pytest.mark.parametrize("levelled", ["by the attitude", "by the force"])
 @pytest.mark.parametrize("seed", range(4))
-def test_the_row_of_the_compass_is_the_derivative_of_its_residual(told, seed):
+def test_the_row_of_the_compass_is_the_derivative_of_its_residual(levelled, seed):
     truth = upright(np.random.default_rng(seed))
     pseudo = measure_at(truth, compass_variance=np.array([0.01]))
-    if told == "by the force":
+    if levelled == "by the force":
         pseudo = pseudo._replace(compass_heading=np.array([compute_heading(truth.nav_R_body) - DECLINATION]))
     for component in range(15):
         traces = []
@@ -66,7 +66,7 @@ def test_the_row_of_the_compass_is_the_derivative_of_its_residual(told, seed):
             estimate = with_error(truth, sign * STEP * np.eye(15)[component])
             traces.append(update_at(estimate, pseudo, np.eye(15))[3][2])
         slope = (traces[0][INNOVATION] - traces[1][INNOVATION]) / (2 * STEP)
-        if told == "by the force" and component in (6, 7):
+        if levelled == "by the force" and component in (6, 7):
             # a heading is not independent of tilt: the row leaves that out, and the tilt is small in a stance
             continue
         np.testing.assert_allclose(slope, traces[0][ROW + component], atol=1e-5)
@@ -151,21 +151,21 @@ def test_a_foot_that_is_shifted_about_has_no_course(missing):
     assert np.isnan(innovation[COURSE])
 
 
-@pytest.mark.parametrize(("limit", "believed"), [(6.0, True), (3.0, False)])
-def test_a_doubt_set_aside_counts_in_the_test_and_enters_with_the_compass(limit, believed):
+@pytest.mark.parametrize(("limit", "used"), [(6.0, True), (3.0, False)])
+def test_a_considered_variance_counts_in_the_test_and_enters_with_the_compass(limit, used):
     """40 deg off with a sigma of 20 deg set considered and 10 deg of the compass: z^2 / S = 1600 / 500."""
     rng = np.random.default_rng(4)
     truth = upright(rng)
     sigma = np.radians(10.0)
-    told = {"compass_variance": np.array([sigma**2]), "compass_limit": np.array([limit]), "agreement": sigma**2}
+    test = {"compass_variance": np.array([sigma**2]), "compass_limit": np.array([limit]), "agreement": sigma**2}
     estimate = with_error(truth, np.radians(40.0) * np.eye(15)[8])
     P, considered = 1e-6 * np.eye(15), np.zeros(15)
     considered[[0, 8]] = 5.0, np.radians(20.0)
-    x, after, innovation, _ = update_at(estimate, measure_at(truth, **told), P, considered=considered)
+    x, after, innovation, _ = update_at(estimate, measure_at(truth, **test), P, considered=considered)
     assert innovation[AGREEMENT] == pytest.approx(np.sqrt(3.2), rel=1e-2)
-    assert np.isfinite(innovation[COMPASS]) == believed
-    assert np.any(considered) != believed
-    if believed:
+    assert np.isfinite(innovation[COMPASS]) == used
+    assert np.any(considered) != used
+    if used:
         assert x[8] == pytest.approx(np.radians(40.0) * 400 / 500, rel=1e-2)
         assert x[0] == pytest.approx(5.0 * x[8] / np.radians(20.0), rel=1e-2)
     else:
@@ -173,10 +173,10 @@ def test_a_doubt_set_aside_counts_in_the_test_and_enters_with_the_compass(limit,
 
 
 @pytest.mark.parametrize(
-    ("off_deg", "own_deg", "use_own_variance", "believed"),
+    ("off_deg", "own_deg", "use_own_variance", "used"),
     [(4.0, 0.1, True, True), (6.0, 0.1, True, False), (6.0, 5.0, True, True), (6.0, 5.0, False, False)],
 )
-def test_the_compass_is_tested_against_the_heading_and_its_doubt(off_deg, own_deg, use_own_variance, believed):
+def test_the_compass_is_tested_against_the_heading_and_its_variance(off_deg, own_deg, use_own_variance, used):
     """Agreement to 2.5 deg and a limit of 4: two sigma, 5 deg where the heading is sure."""
     truth = upright(np.random.default_rng(6))
     pseudo = measure_at(
@@ -191,9 +191,9 @@ def test_the_compass_is_tested_against_the_heading_and_its_doubt(off_deg, own_de
     P = np.eye(15) * 1e-4
     P[8, 8] = np.radians(own_deg) ** 2
     _, after, innovation, _ = update_at(with_error(truth, error), pseudo, P)
-    assert np.isfinite(innovation[COMPASS]) == believed
-    assert (innovation[AGREEMENT] ** 2 < 4.0) == believed
-    assert believed == (after[8, 8] < P[8, 8])
+    assert np.isfinite(innovation[COMPASS]) == used
+    assert (innovation[AGREEMENT] ** 2 < 4.0) == used
+    assert used == (after[8, 8] < P[8, 8])
 
 
 RUNS, FOOTFALLS = 300, 12
@@ -256,8 +256,8 @@ def test_a_course_known_from_elsewhere_is_taken_in_as_well_as_claimed():
         P[8, 8] = SIGMA[2] ** 2
         estimate = with_error(truth, np.sqrt(np.diag(P)) * rng.standard_normal(15))
         for _ in range(FOOTFALLS):
-            told = compute_heading(truth.nav_R_body) + sigma * rng.standard_normal()
-            x, P, innovation, _ = update_at(estimate, pseudo, P, [told], 1)
+            seen = compute_heading(truth.nav_R_body) + sigma * rng.standard_normal()
+            x, P, innovation, _ = update_at(estimate, pseudo, P, [seen], 1)
             inject_error(estimate, x)
             squares.append(innovation[COURSE] ** 2)
         scores.append(error_of(estimate, truth)[8] ** 2 / P[8, 8])

@@ -34,7 +34,7 @@ def foot(yaw_deg, pitch_deg=10.0, roll_deg=5.0):
     return Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
 
 
-# Ma Eq. 27: Cayley for the exponential
+# Ma (27): Cayley for the exponential
 
 
 @pytest.mark.parametrize(("turn", "off"), [(0.025, 1.3e-6), (0.1, 8.3e-5)])
@@ -60,7 +60,7 @@ def test_over_a_swing_ours_turns_by_what_was_turned_and_cayley_by_less():
     assert angle(printed @ exact.T) == pytest.approx(((rates * 0.01) ** 3).sum() / 12, rel=0.01)
 
 
-# Ma Eq. 31, Zhang Eq. 2: the transition
+# Ma (31), AIEZ (2): the transition
 
 
 @pytest.mark.parametrize("component", range(15))
@@ -107,7 +107,7 @@ def test_our_transition_is_the_printed_one_for_short_periods_and_better_for_long
     assert wrong[1e-4][1] < 1e-3 * wrong[1e-2][1]
 
 
-# Ma Eq. 36: H
+# Ma (36): H
 
 
 def heading_slopes(yaw_deg, step=1e-6):
@@ -153,7 +153,7 @@ def test_the_printed_row_leaves_the_heading_wrong_and_spoils_the_gyro_bias():
     assert abs(left["printed"][GYRO_BIAS + 2]) > np.radians(4.0)  # per second
 
 
-# Ma Eq. 38, 39: taking the error off the attitude
+# Ma (38), (39), AIEZ (6), (7): injecting the error into the attitude
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 180.0])
@@ -172,13 +172,13 @@ def test_the_sign_of_zhang_takes_the_error_off_and_that_of_ma_doubles_it(yaw_deg
     assert angle(without_period @ truth.nav_R_body.T) == pytest.approx(2 * np.linalg.norm(dphi), rel=1e-4)
 
 
-def test_with_the_period_next_to_nothing_is_taken_off():
+def test_with_the_period_next_to_nothing_is_corrected():
     dphi, h = np.radians([0.1, -0.2, 0.1]), 1 / 400
     moved = ma_corrected(foot(30.0), dphi, h) @ foot(30.0).T
     assert angle(moved) == pytest.approx(h * np.linalg.norm(dphi), rel=1e-6)
 
 
-# Zhang Eq. 22, 29: errors of Euler angles
+# AIEZ (22), (29): errors of Euler angles
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 60.0, 90.0, 180.0])
@@ -232,12 +232,12 @@ def test_ours_levels_by_the_force_at_every_yaw():
         pseudo = make_pseudo_measurements(1)._replace(body_force=force, tilt_variance=np.array([np.radians(1.0) ** 2]))
         for _ in range(20):
             x, P = np.zeros(15), np.diag(np.repeat([1e-6, 1e-6, np.radians(1.0) ** 2, 1e-12, 1e-12], 3))
-            told(estimate, P, x, pseudo)
+            update_at(estimate, P, x, pseudo)
             inject_error(estimate, x)
         assert np.linalg.norm(error_of(estimate, truth)[6:8]) < np.radians(0.01)
 
 
-def told(estimate, P, x, pseudo, before=(), k=0, direction=0.0):
+def update_at(estimate, P, x, pseudo, before=(), k=0, direction=0.0):
     innovation = np.full(4, np.nan)
     update_at_footfall(
         estimate.nav_R_body,
@@ -254,10 +254,10 @@ def told(estimate, P, x, pseudo, before=(), k=0, direction=0.0):
     return innovation
 
 
-# Zhang Eq. 28, 32: zero in a curve
+# AIEZ (28), (32): zero in a curve
 
 
-def test_zero_in_a_curve_makes_the_filter_sure_of_what_nobody_measured():
+def test_zero_in_a_curve_reduces_the_variance_without_a_measurement():
     turns = np.radians(20.0) * np.arange(31)  # a curve all the way
     sigma = {}
     for as_printed in (False, True):
@@ -269,7 +269,7 @@ def test_zero_in_a_curve_makes_the_filter_sure_of_what_nobody_measured():
         )
         estimate, P, x = random_state(np.random.default_rng(9)), np.eye(15), np.zeros(15)
         for k in range(1, 31):
-            innovation = told(estimate, P, x, pseudo, turns[:k], k, turns[k])
+            innovation = update_at(estimate, P, x, pseudo, turns[:k], k, turns[k])
             assert np.isfinite(innovation[COURSE]) == as_printed
             assert not x.any()
         sigma[as_printed] = np.sqrt(P[ATTITUDE + 2, ATTITUDE + 2])
@@ -277,7 +277,7 @@ def test_zero_in_a_curve_makes_the_filter_sure_of_what_nobody_measured():
     assert sigma[True] < np.radians(0.4)
 
 
-# Zhang Eq. 26, 27: angles are wrap_angle
+# AIEZ (26), (27): angles are wrapped
 
 
 def test_unwrapped_a_straight_walk_southward_is_a_curve():
@@ -287,6 +287,6 @@ def test_unwrapped_a_straight_walk_southward_is_a_curve():
         course_variance=np.full(4, np.radians(2.0) ** 2), course_limit=float(np.radians(4.0)), course_strides=3
     )
     x = np.zeros(15)
-    told(random_state(np.random.default_rng(10)), np.eye(15), x, pseudo, before, 3, now)
+    update_at(random_state(np.random.default_rng(10)), np.eye(15), x, pseudo, before, 3, now)
     # 1 deg clockwise of their mean, 179.5
     assert x[8] == pytest.approx(-np.radians(1.0), rel=0.01)

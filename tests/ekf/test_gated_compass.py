@@ -48,7 +48,7 @@ NOTHING_PASSES = replace(
 
 
 def test_without_a_heading_and_a_footfall_to_believe_it_is_the_iez_turned_and_says_how_sure_it_is():
-    """On a foot that rolls and a force that is off, whose stances a filter unsure of its heading would ask for it."""
+    """On a foot that rolls and a force that is off, whose stances would reduce the variance of an unknown heading."""
     walk = replace(STRAIGHT, strides=20, turn=0.1, roll=0.3, height=0.1)
     recording, stances, _, _ = walked(walk)
     rng = np.random.default_rng(2)
@@ -86,7 +86,7 @@ def test_the_compass_that_told_the_start_is_not_taken_in_a_second_time(name, bac
 
 
 def test_a_compass_believed_late_turns_the_walk_about_its_start():
-    """The first footfalls' field is 15 deg off and moves too much to be believed."""
+    """The first footfalls' field is 15 deg off and moves too much to be used."""
     wild = lambda t: np.where(t < 2.3, 15.0, 15.0 + 40.0 * (np.floor(t - 0.3) % 2))  # noqa: E731
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.where(t < 20.3, wild(t), 0.0))
     parameters = replace(find_parameters("ma2018", PHYSICAL), compass_sigma_deg=3.0)

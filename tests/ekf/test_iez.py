@@ -128,7 +128,7 @@ def test_a_rolling_foot_makes_plain_zero_velocity_short_and_its_height_mends_tha
     assert rolled == pytest.approx(1.0, abs=0.003)
 
 
-def test_a_clipped_gyroscope_hurts_little_and_its_samples_are_doubted():
+def test_a_clipped_gyroscope_hurts_little_and_its_samples_get_extra_noise():
     """The flat tops are found in the recording, the foot's peaks being cut by a tenth, and are rebuilt."""
     walk = Walk(strides=20, turn=0.1, pitch=1.2)
     recording, stances = walk.recording()
@@ -140,8 +140,8 @@ def test_a_clipped_gyroscope_hurts_little_and_its_samples_are_doubted():
     assert np.all(aware.stances.position_sigma[-1] > unaware.stances.position_sigma[-1])
 
 
-def test_samples_before_a_gap_are_doubted():
-    """In a swing that nothing else in the recording is like, what the doubt adds covers what the gap costs."""
+def test_samples_before_a_gap_get_extra_noise():
+    """In a swing that nothing else in the recording is like, the extra variance covers the error of the gap."""
     recording, stances = replace(WALK, strides=1).recording()
     swing = int((WALK.rest_s + 0.25) * 200)
     keep = np.ones(len(recording), dtype=bool)

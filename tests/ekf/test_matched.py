@@ -43,15 +43,15 @@ def test_it_believes_what_the_graph_believes():
     assert (strides.ACC_BIAS_SIGMA, strides.ACC_BIAS_WALK) == (ACC_BIAS_SIGMA, ACC_BIAS_WALK)
 
 
-def test_a_stance_tells_it_as_much_as_the_ties_tell_the_graph():
-    """Of a stance as long as those of the simulated walks: sum of 1 / sigma^2 over the ties, and over the samples."""
+def test_a_stance_carries_the_information_of_the_factors_of_the_graph():
+    """Of a stance as long as those of the simulated walks: sum of 1 / sigma^2 over factors, and over samples."""
     recording, stances = Walk(strides=10, stance_s=0.24).recording(200.0)
     ties = place_nodes(recording, stances, THERE)
     walking = ties.interval > 0
-    told_there = np.count_nonzero(walking) / VELOCITY_SIGMA**2
+    information = np.count_nonzero(walking) / VELOCITY_SIGMA**2
     _, noise = make_noise_models(MATCHED)
     samples = np.count_nonzero(stances.mask[stances.start[1] :])
-    assert samples * recording.period_s / noise.floor == pytest.approx(told_there, rel=0.1)
+    assert samples * recording.period_s / noise.floor == pytest.approx(information, rel=0.1)
     assert noise.rolling / noise.floor == pytest.approx((THERE.roll_sigma_m / VELOCITY_SIGMA) ** 2)
     assert noise.unsteady / noise.floor == pytest.approx((THERE.unsteady_s / VELOCITY_SIGMA) ** 2)
     assert FACTOR_SPACING_S == 0.08

@@ -39,7 +39,7 @@ def noisy(walk, rate_hz, rng, gap=None):
     return replace(noisy, t=noisy.t[kept], acc=acc[kept], gyr=gyr[kept]), type(stances).from_mask(stances.mask[kept])
 
 
-def evidence_of(recording, rows, walk, rng):
+def measure_footfalls(recording, rows, walk, rng):
     """Compass, up and a steady course, as a sensor on this walk would measure them, with noise."""
     attitude, k = walk.attitude(recording.t[rows]), len(rows)
     nav_field = np.array([0.0, 20.0, -45.0])
@@ -157,8 +157,8 @@ def test_a_dense_smoother_that_inverts_agrees(monkeypatch, gap):
     rng = np.random.default_rng(5)
     recording, stances = noisy(WALK, 50.0, rng, gap)
     p = replace(IezParameters(), acc_density=0.05, gyr_density_deg=0.1)
-    told = evidence_of(recording, stances.stillest(recording.gyr), WALK, rng)
-    given = (recording, stances, told, p, np.radians(6.0))
+    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), WALK, rng)
+    given = (recording, stances, pseudo, p, np.radians(6.0))
     filtered, smoothed, rows, start = both(*given)
     _, P = make_initial_state(start, p, START_SIGMA)
     error, covariance = dense_smoother(P, *tape_of(monkeypatch, *given))
@@ -173,8 +173,8 @@ def test_a_dense_smoother_that_inverts_agrees(monkeypatch, gap):
 def test_the_walk_ends_where_the_filter_ends_and_nowhere_is_it_less_sure():
     rng = np.random.default_rng(6)
     recording, stances = noisy(WALK, 100.0, rng)
-    told = evidence_of(recording, stances.stillest(recording.gyr), WALK, rng)
-    filtered, smoothed, rows, _ = both(recording, stances, told, wrong_heading=np.radians(4.0))
+    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), WALK, rng)
+    filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(4.0))
     for end in (-1, rows[-1]):  # nothing was measured after the last stance but standing still
         np.testing.assert_allclose(smoothed.position[end], filtered.position[end], atol=2e-3)
     assert np.array_equal(smoothed.position[-1], filtered.position[-1])
@@ -190,8 +190,8 @@ def test_the_path_has_no_steps_where_the_filter_has_them():
     """The filter jumps when a compass corrects it; what is left of the smoothed path is h v from sample to sample."""
     rng = np.random.default_rng(7)
     recording, stances = noisy(WALK, 100.0, rng)
-    told = evidence_of(recording, stances.stillest(recording.gyr), WALK, rng)
-    filtered, smoothed, rows, _ = both(recording, stances, told, wrong_heading=np.radians(8.0))
+    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), WALK, rng)
+    filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(8.0))
 
     def steps(track):
         h = np.diff(recording.t)[:, None]
@@ -210,8 +210,8 @@ def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
     recording, stances = noisy(WALK, 100.0, rng)
     cut = int((WALK.rest_s + 0.3) * 100)
     part, stood = recording.slice(cut, len(recording)), stances.from_mask(stances.mask[cut:])
-    told = evidence_of(part, stood.stillest(part.gyr), WALK, rng)
-    _, smoothed, _, start = both(part, stood, told, wrong_heading=np.radians(8.0))
+    pseudo = measure_footfalls(part, stood.stillest(part.gyr), WALK, rng)
+    _, smoothed, _, start = both(part, stood, pseudo, wrong_heading=np.radians(8.0))
     assert start.row > 10
     about = slice(start.row - 10, start.row + 1)
     moved = np.diff(smoothed.position[about], axis=0) / 0.01
@@ -222,10 +222,10 @@ def test_what_comes_before_the_first_stance_hangs_on_the_smoothed_start():
 def test_a_heading_known_late_turns_the_beginning():
     rng, walk = np.random.default_rng(9), replace(WALK, strides=10)
     recording, stances = noisy(walk, 100.0, rng)
-    told = evidence_of(recording, stances.stillest(recording.gyr), walk, rng)
+    pseudo = measure_footfalls(recording, stances.stillest(recording.gyr), walk, rng)
     late = np.where(np.arange(11) >= 6, np.radians(3.0) ** 2, np.nan)
-    told = told._replace(compass_variance=late, course_variance=np.full(11, np.nan))
-    filtered, smoothed, rows, _ = both(recording, stances, told, wrong_heading=np.radians(8.0), walk=walk)
+    pseudo = pseudo._replace(compass_variance=late, course_variance=np.full(11, np.nan))
+    filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(8.0), walk=walk)
     truth = heading_of(walk.attitude(recording.t[rows]))
     before, after = (np.degrees(np.abs(wrap(heading_of(t.nav_R_body[rows]) - truth))) for t in (filtered, smoothed))
     assert before[:6].min() > 6.0

@@ -82,21 +82,21 @@ def test_both_papers_level_as_we_do():
     np.testing.assert_allclose(printed.ma_inclination(down), INCLINATION)
 
 
-def test_ma_eq_5_is_two_rows_of_eq_3():
-    """Eq. 5 written out as it is printed."""
+def test_ma_5_is_two_rows_of_ma_3():
+    """Ma (5) written out as it is printed."""
     rng = np.random.default_rng(0)
     (x, y, z), r, p = rng.normal(size=3), 0.3, -0.2
     two = [x * np.cos(p) + y * np.sin(p) * np.sin(r) - z * np.sin(p) * np.cos(r), y * np.cos(r) + z * np.sin(r)]
     np.testing.assert_allclose(printed.ma_levelled(np.array([x, y, z]), (r, p))[:2], two)
 
 
-def test_aiez_eq_19_is_the_force_that_eq_20_and_21_read():
+def test_aiez_19_is_the_force_that_aiez_20_and_21_read():
     roll, pitch = np.random.default_rng(0).uniform([[-np.pi], [-1.5]], [[np.pi], [1.5]], (2, 100))
     np.testing.assert_allclose(printed.aiez_tilt(printed.aiez_force((roll, pitch))), (roll, pitch), atol=1e-9)
 
 
 def test_a_compass_with_the_printed_sign_counts_the_heading_twice():
-    """Ma Eq. 1 and AIEZ Eq. 25: true minus printed heading is 2 psi where it must be 0 (both in their own axes)."""
+    """Ma (1) and AIEZ (25): true minus printed heading is 2 psi where it must be 0 (both in their own axes)."""
     ahead = HEADINGS[np.abs(HEADINGS) < np.pi / 2]
     field, acc = sensed(tilted(headings=ahead))
     frd = printed.FRD_FROM_FLU
@@ -109,7 +109,7 @@ def test_a_compass_with_the_printed_sign_counts_the_heading_twice():
 
 
 def test_an_arctangent_of_a_quotient_takes_south_for_north():
-    """Ma Eq. 1 and AIEZ Eq. 25: even with its sign right, the quotient forgets which way round the sensor is."""
+    """Ma (1) and AIEZ (25): even with its sign right, the quotient forgets which way round the sensor is."""
     field, acc = sensed(tilted())
     level = compass.rotate_to_level(field, acc)
     quotient = off_deg(np.arctan(level[:, 1] / level[:, 0]))
@@ -119,7 +119,7 @@ def test_an_arctangent_of_a_quotient_takes_south_for_north():
 
 
 def test_the_field_in_navigation_axes_holds_no_heading():
-    """Ma Eq. 1 asks for the components in north, east and down: there the field is the same however the foot turns."""
+    """Ma (1) asks for the components in north, east and down: there the field is the same however the foot turns."""
     attitudes = tilted()
     field, acc = sensed(attitudes)
     north, east, _ = np.moveaxis(np.einsum("nij,nj->ni", attitudes, field)[:, [1, 0, 2]], -1, 0)
@@ -130,7 +130,7 @@ def test_the_field_in_navigation_axes_holds_no_heading():
 
 
 def test_levelling_one_papers_way_with_the_others_accelerometer_is_off_by_far():
-    """Ma Eq. 3-4 and AIEZ Eq. 19-24 are each right, with an accelerometer that reads -g and +g down its third axis.
+    """Ma (3), (4) and AIEZ (19)-(24) are each right, with an accelerometer that reads -g and +g down its third axis.
 
     Ma's matrix with the angles that AIEZ's accelerometer gives tilts the field twice as far instead of back.
     """
@@ -145,7 +145,7 @@ def test_levelling_one_papers_way_with_the_others_accelerometer_is_off_by_far():
     assert off_deg(-unturned).max() > 60.0
 
 
-def test_the_product_of_ma_eq_4_is_no_roll():
+def test_the_product_of_ma_4_is_no_roll():
     """asin(a_y g cos p) has no unit that an arcsine takes: any tilt of more than half a degree is a right angle."""
     field, acc = sensed(tilted(roll_deg=17.0, pitch_deg=0.0))
     roll, pitch = printed.ma_tilt_as_printed(acc * printed.FRD_FROM_FLU)
@@ -157,7 +157,7 @@ def test_the_product_of_ma_eq_4_is_no_roll():
 
 
 def test_upside_down_is_not_upright():
-    """AIEZ Eq. 20 as a quotient, and an arcsine as in Ma Eq. 4, end at a right angle of roll."""
+    """AIEZ (20) as a quotient, and an arcsine as in Ma (4), end at a right angle of roll."""
     field, acc = sensed(tilted(roll_deg=160.0))
     assert off_deg(printed.aiez_heading(field, acc)).max() < 1e-9
     flat = printed.aiez_levelled(field, printed.aiez_tilt_as_printed(acc))
@@ -167,7 +167,7 @@ def test_upside_down_is_not_upright():
 
 
 def test_an_arcsine_wants_the_accelerometers_own_g():
-    """Ma Eq. 4 with an MPU-9250's 3 % of scale: a degree of heading, and none by arctangents."""
+    """Ma (4) with an MPU-9250's 3 % of scale: a degree of heading, and none by arctangents."""
     field, acc = sensed(tilted())
     assert off_deg(_by_arcsine(field, acc)).max() < 1e-6
     assert off_deg(_by_arcsine(field, 1.03 * acc)).max() > 1.0
@@ -175,7 +175,7 @@ def test_an_arcsine_wants_the_accelerometers_own_g():
 
 
 def _by_arcsine(field, acc):
-    """Ma's heading with the division that Eq. 4 must mean, and its arcsines and g as printed."""
+    """Ma's heading with the division that Ma (4) must mean, and its arcsines and g as printed."""
     x, y, _ = np.moveaxis(acc * printed.FRD_FROM_FLU, -1, 0)
     p = -np.arcsin(x / GRAVITY_M_S2)
     tilt = np.arcsin(np.clip(y / (GRAVITY_M_S2 * np.cos(p)), -1.0, 1.0)), p

@@ -104,7 +104,7 @@ def test_a_foot_that_rolls_in_stance_loses_nothing_by_the_mean():
 
 
 def test_the_rate_of_the_vector_is_that_of_rolling_and_the_rate_of_the_strength_is_not():
-    """AIEZ Eq. 9 prints |dB/dt|: a foot that rolls at 0.2 rad/s in a still field has eight of its sigmas, 0.5 uT/s."""
+    """AIEZ (9) prints |dB/dt|: a foot that rolls at 0.2 rad/s in a still field has eight of its sigmas, 0.5 uT/s."""
     recording, _, stances = walk(rolling=0.2)
     printed_rate = np.linalg.norm(np.diff(recording.mag[:STAND], axis=0), axis=1) * RATE_HZ
     assert printed_rate.min() / 0.5 > 8.0
