@@ -159,17 +159,6 @@ def test_help_and_tables_have_every_method_and_preset() -> None:
     assert not [name for name in PRESETS if f"`{name}`" not in README.read_text(encoding="utf-8")]
 
 
-def test_each_misprint_names_the_tests_that_show_it() -> None:
-    text = FILTERS_PAGE.read_text(encoding="utf-8")
-    files = [ROOT / name for name in re.findall(r"`(tests/\w+/\w+\.py)`", text)]
-    known = {name for file in files for name in re.findall(r"^def (test_\w+)", file.read_text("utf-8"), re.MULTILINE)}
-    told = [
-        re.findall(r"`(test_\w+)`", row[3]) for row in rows_of(FILTERS_PAGE) if row[0].startswith(("Ma ", "Zhang "))
-    ]
-    assert len(told) > 10
-    assert all(names and set(names) <= known for names in told)
-
-
 def test_pages_of_the_filters_exist() -> None:
     text = FILTERS_PAGE.read_text(encoding="utf-8")
     modules = re.findall(r"`(?:fg_nav/)?((?:ekf|magnetic|evaluation)/\w+\.py)`", text)

@@ -3,7 +3,7 @@
     each footfall
         T = detector(field of the last footfalls)                                  Ma (13)-(26)
         if T < threshold: update by the heading of the levelled field               Ma (34)-(37)
-    else as the IEZ                                                                 Ma (27)-(32), (35)-(38)
+    else as the IEZ                                                                 Ma (27)-(33), (37)-(39)
 
 The three differ by their detector alone. Ma's z (heading of the gyroscope less that of the field) and its row of H are
 those of `fg_nav.ekf.attitude_updates`; Ma (36) as printed has the row of the gyro bias instead. The attitude is

@@ -1,6 +1,6 @@
 """The equations of Munoz Diaz et al. (2017): state, prediction, and the two updates, compiled.
 
-State: R = nav_R_body and the gyro bias b. The error is estimate minus truth, in this order:
+State, MD (1): R = nav_R_body and the gyro bias b. The error is estimate minus truth, in this order:
 
 ======= ========== ==================================================================================
 0       attitude   a small rotation in nav, R_estimate = Exp(dphi) R_true; or of the Euler angles, rad
@@ -9,7 +9,7 @@ State: R = nav_R_body and the gyro bias b. The error is estimate minus truth, in
 
 Prediction over a sample: a rate w held for h seconds, the Earth's rate W in nav, Jr the right Jacobian of SO(3),
 
-    theta = (w - b - R^T W) h,    A = Exp(theta)                                     MD (3), (5), (6), (26)
+    theta = (w - b - R^T W) h,    A = Exp(theta)                                     MD (2), (3), (5), (6), (26)
     R' = R A                                                                         MD (4)
     b' = c b,    c = exp(-h / t_B), or 1                                             MD (10)
 

@@ -52,7 +52,7 @@ def transition(nav_R_body: Floats, body_force: Floats, h: float) -> Floats:
 
 
 def ma_rows() -> Floats:
-    """H (6, 15) of Ma (36) for the four numbers of Ma (35), (dtheta, v)."""
+    """H (6, 15) of Ma (36) for the four numbers of Ma (34), (dtheta, v)."""
     return _rows(GYRO_BIAS)
 
 

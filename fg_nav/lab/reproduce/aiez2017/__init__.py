@@ -76,8 +76,8 @@ _DIFFERS = (
     drawn anew by each seed.""",
     """No window, sigma, threshold, Q, R or P0 is printed. The filter as printed has Zhang's equations with 10 deg and
     0.5 uT/s in the test and 5 deg for the compass, and OpenShoe's noise. What would break it is put right and told in
-    each result: the sign of the compass (Eq. 25), angles (20, 27), the axes of the errors of roll and pitch (22,
-    29).""",
+    each result: the sign of the compass, AIEZ (25), angles, AIEZ (20), (27), the axes of the errors of roll and pitch,
+    AIEZ (22), (29).""",
     """Table I does not say what a position error is. Ours is that of the last footfall from the first, and as the walk
     ends where it began, it does not depend on how the path is laid on the truth.""",
     """The IEZ of the paper's one walk ends farther off than that of most of ours. So the gain of AIEZ over the IEZ is

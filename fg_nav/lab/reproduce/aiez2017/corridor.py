@@ -28,7 +28,7 @@ calibrated. The paper describes no magnet: ours is a block of 3 cm3 of neodymium
 footfall by 10 deg, and so it is laid there ten times over as well. Near: footfalls at which the magnet turns the field
 by more than 10 deg; far: by less than 2. Shares are of the footfalls of all walks, in brackets 5 to 95 % of single
 walks; "believed" is held to 0.8 at least, "rejected" to 0.2 at most. Classical: the rate of the strength within a
-stance, which lets pass nearly every footfall, far or near (rows): it is no gate at all. As printed: Zhang's Eq. 17 with
+stance, which lets pass nearly every footfall, far or near (rows): it is no gate at all. As printed: AIEZ (17) with
 10 deg and 0.5 uT/s, for no sigma is printed; physical: the same channels with 2.5 deg beside the drift of the
 gyroscope."""
 

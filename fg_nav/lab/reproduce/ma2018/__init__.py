@@ -157,8 +157,8 @@ _DIFFERS = (
     11.3 m of iQSF are those of a filter without a compass, as iQSF is on indoor only.""",
     """The filters run as printed have the paper's detector, threshold and sigmas. Noise of gyroscope, accelerometer and
     zero velocity is not printed and is OpenShoe's. What would break them is put right and told in each result: the sign
-    of the compass (Eq. 1), the row of H (36), the correction of the attitude (38, 39). iQSF's threshold is not in this
-    paper: it is the 99 % quantile of the noise that its authors assume.""",
+    of the compass, Ma (1), the row of H, Ma (36), the correction of the attitude, Ma (38), (39). iQSF's threshold is
+    not in this paper: it is the 99 % quantile of the noise that its authors assume.""",
     """The paper does not say how its trajectories were laid on the reference. Ours are judged as started: every method
     was told the true heading at the start and is left with its errors. By the best turn and shift, which favour who has
     no compass, all errors in the mall are smaller, some by half (rows so called, not judged), and the proposed filter

@@ -34,12 +34,12 @@ _CLOSE = 0.05
 _SETTING = """Scenario calibration-loop: circles to the right and to the left in a field without steel, eight MPU-9250
 in the heel, 400 Hz. Table 1 is what we put in: its first line is the iron of shoe and floor, its second the module
 without the shoe, tumbled by hand for a minute. So its rows tell whether the method finds again what was there (put in),
-and what the difference of the two lines costs CLSEF. As printed: Eq. 6-12 to the letter; right quadrant: the same with
-Eq. 8 by atan2; fitted: our least squares; CLSEF: the ellipsoid of the tumbled module; as no ellipsoid tells its scale
-from readings alone, K_c has the printed determinant. Figure 7 is the magnetic heading of the footfalls less that of the
+and what the difference of the two lines costs CLSEF. As printed: Ma (6)-(12) to the letter; right quadrant: the
+same with Ma (8) by atan2; fitted: our least squares; CLSEF: the ellipsoid of the tumbled module; as no ellipsoid tells
+its scale from readings alone, K_c has the printed determinant. Figure 7 is the magnetic heading of the footfalls less that of the
 gyroscope, about its mean."""
 
-_ETA = """Eq. 8 takes an arcsine, and so mirrors the long axis where the farthest reading lies at negative x; with the
+_ETA = """Ma (8) takes an arcsine, and so mirrors the long axis where the farthest reading lies at negative x; with the
 right quadrant the axis is found (column beside)."""
 
 _THEN = "Then the difference is within 5 deg, and so is that of our fit."

@@ -26,7 +26,7 @@ is what other thresholds would make of the statistic it had.
 Two hours of noise, for the sigmas of Ma's detector (2018, section 5.2; M-E2).
 
 y is what the detector looks at, from one instant to the next: the change of magnetic minus gyro heading, of the
-inclination and of the strength (Eq. 13). The paper says neither whether the foot stood or walked, nor from which
+inclination and of the strength, Ma (13). The paper says neither whether the foot stood or walked, nor from which
 instant to which: "rad/s" for a heading in steps of a stride, and no time at all for the strength. Three readings:
 
 ========== =========================================================================================================

@@ -36,7 +36,7 @@ DETECTOR_OF = {PRINTED: MA, PHYSICAL: OURS}
 FIELD = "between"
 """The field in which there are stances of both kinds."""
 
-_NOISE_SETTING = """Changes of what the detector looks at (Eq. 13), standard deviations. Walked: from footfall to
+_NOISE_SETTING = """Changes of what the detector looks at, Ma (13), standard deviations. Walked: from footfall to
 footfall in a field without steel, magnetometer calibrated on the loop, {minutes:.0f} minutes in all; iron on: the same
 walks with the iron of the shoe left on; at rest: from sample to sample, one shoe on a table for {rest:.0f} minutes, the
 first seed's. The paper prints the first two in rad/s and uses them on radians a stride; it does not say from which

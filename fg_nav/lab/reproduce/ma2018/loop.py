@@ -12,8 +12,8 @@ Heading: magnetic heading of the corrected footfalls minus that of the gyroscope
 ========================= ===========================================================================================
 none                      raw readings
 ellipse, fitted           ours
-ellipse, as printed       Ma Eq. 6-12 to the letter
-ellipse, by extremes      the same with Eq. 8 in the right quadrant
+ellipse, as printed       Ma (6)-(12) to the letter
+ellipse, by extremes      the same with Ma (8) in the right quadrant
 CLSEF, bare               the sensor tumbled for a minute without the shoe, where it has the other line of Table 1, the
                           K_c and B_c of the CLSEF method, along the levelled axes; shoe and floor make up the
                           difference of the two lines. C is taken upper triangular, as the paper has it

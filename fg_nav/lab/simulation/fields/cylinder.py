@@ -5,9 +5,9 @@ of horizontal part H is, and its upward part is as without iron,
 
     B = H + k (r_c / |r|)^n (2 (H . u) u - H),    k = (mu_r - 1) / (mu_r + 1).
 
-For H along north and rho = atan2(east, north) that is MD (21)-(23), whose factor prints
-n = 1. Only n = 2, the field of a line of dipoles, is free of divergence and curl, and only so does the field cross
-the iron as it must; n = 1 is kept to repeat what was printed.
+It solves MD (19), (20). For H along north and rho = atan2(east, north) it is MD (21)-(23), whose factor prints n = 1.
+Only n = 2, the field of a line of dipoles, is free of divergence and curl, and only so does the field cross the iron as
+it must; n = 1 is kept to repeat what was printed.
 
 The paper never lets two cylinders act at once. A street is cut into *cells*: the field at a place is that of the
 cylinder whose surface is nearest. Across the border of two cells the field jumps, so an emulation must not difference

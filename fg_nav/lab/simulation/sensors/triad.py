@@ -1,6 +1,6 @@
 """Three gyroscopes or three accelerometers: their errors of a rate or a specific force, and how their biases drift.
 
-    y = digits(M x + G f + b + d(t) + n)
+    y = digits(M x + G f + b + d(t) + n),    with M = I and G = 0 that is MD (17)
 
 ====== ===== ===========================================================================================
 x      u     (3,) what is to be measured along the body's axes: rate (rad/s) or specific force (m/s^2)
