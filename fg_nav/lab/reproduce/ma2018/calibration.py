@@ -36,8 +36,8 @@ in the heel, 400 Hz. Table 1 is what we put in: its first line is the iron of sh
 without the shoe, tumbled by hand for a minute. So its rows tell whether the method finds again what was there (put in),
 and what the difference of the two lines costs CLSEF. As printed: Ma (6)-(12) to the letter; right quadrant: the
 same with Ma (8) by atan2; fitted: our least squares; CLSEF: the ellipsoid of the tumbled module; as no ellipsoid tells
-its scale from readings alone, K_c has the printed determinant. Figure 7 is the magnetic heading of the footfalls less that of the
-gyroscope, about its mean."""
+its scale from readings alone, K_c has the printed determinant. Figure 7 is the magnetic heading of the footfalls less
+that of the gyroscope, about its mean."""
 
 _ETA = """Ma (8) takes an arcsine, and so mirrors the long axis where the farthest reading lies at negative x; with the
 right quadrant the axis is found (column beside)."""
