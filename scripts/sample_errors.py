@@ -57,8 +57,9 @@ from fg_nav.io import read
 from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
+from fg_nav.lab.simulation.mount import INSTEP, MOUNTS, Mount, find_mount
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import INSTEP, MOUNTS, Mount, Person, find_mount
+from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.samples.coning import compensate_coning

@@ -18,8 +18,9 @@ from fg_nav.arrays import Floats
 from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Bursts, Ramps, Strides, Style
+from fg_nav.lab.simulation.mount import INSTEP, Mount
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import INSTEP, Gait, Mount, Person, Shock
+from fg_nav.lab.simulation.person import Gait, Person, Shock
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
 from fg_nav.lab.simulation.sensors import SensorPrior, preset
 from fg_nav.recording import Recording, TrajectoryTruth

@@ -11,7 +11,8 @@ from fg_nav.calibration import rolling_lever as lever_module
 from fg_nav.detection import detect_stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Ramps
-from fg_nav.lab.simulation.person import INSTEP, Mount, Person
+from fg_nav.lab.simulation.mount import INSTEP, Mount
+from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from tests.simulated import FIRM, PERSON, QUIET, RIGID, mounted, straight_walk, turning_foot

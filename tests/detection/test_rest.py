@@ -13,8 +13,9 @@ from fg_nav.detection import rest as rest_module
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.motion import Style
+from fg_nav.lab.simulation.mount import Mount
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import Mount, Person
+from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stand, Walk
 from fg_nav.recording import Recording
 from tests.simulated import WALKERS, mounted, simulated, straight_walk

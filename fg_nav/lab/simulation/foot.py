@@ -35,8 +35,8 @@ from numba import njit
 from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, average_over_period
-from fg_nav.lab.simulation.person import Mount, Person
-from fg_nav.lab.simulation.shocks import shocks
+from fg_nav.lab.simulation.mount import Mount, shocks
+from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.steps import (
     ASIDE,
     DROP,

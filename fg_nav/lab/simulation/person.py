@@ -16,15 +16,14 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.sensors import checks
 
 
-def _rad(degrees: float) -> float:
+def to_radians(degrees: float) -> float:
+    """Convert an angle."""
     return float(np.deg2rad(degrees))
 
 
@@ -120,7 +119,8 @@ _RAREST = 2.5
 """No person differs by more standard deviations than this, and no lever."""
 
 
-def _usual(rng: np.random.Generator) -> float:
+def draw_usual(rng: np.random.Generator) -> float:
+    """Draw from a standard normal distribution that is clipped."""
     return float(np.clip(rng.standard_normal(), -_RAREST, _RAREST))
 
 
@@ -164,33 +164,33 @@ class Gait:
     vigour: float = 0.05
     swing_share: float = 0.62
     rhythm: float = 0.05
-    toe_down_rad: float = _rad(60.0)
-    toe_up_rad: float = _rad(27.0)
-    inversion_rad: float = _rad(10.0)
-    yaw_wobble_rad: float = _rad(7.0)
+    toe_down_rad: float = to_radians(60.0)
+    toe_up_rad: float = to_radians(27.0)
+    inversion_rad: float = to_radians(10.0)
+    yaw_wobble_rad: float = to_radians(7.0)
     wobble_scatter: float = 0.25
     circumduction_m: float = 0.02
     clearance_m: float = 0.115
     midswing_m: float = 0.042
     heel_m: float = 0.095
     climb: tuple[float, float] = (0.15, 0.90)
-    settle_rad: float = _rad(1.9)
-    rollover_rad: float = _rad(2.6)
-    stir_rad: float = _rad(3.1)
+    settle_rad: float = to_radians(1.9)
+    rollover_rad: float = to_radians(2.6)
+    stir_rad: float = to_radians(3.1)
     rollover_scatter: float = 0.3
-    pronation_rad: float = _rad(-0.8)
-    twist_rad: float = _rad(0.5)
+    pronation_rad: float = to_radians(-0.8)
+    twist_rad: float = to_radians(0.5)
     sole_m: float = 0.0022
     sole_sd_m: float = 0.0006
     slip_m: float = 0.0010
     slip_sd_m: float = 0.0010
     slip_sideways_m: float = 0.0005
     slip_correlation: float = 0.7
-    strike: Shock = Shock(15.0, _rad(80.0), 13.0, 0.18)
-    crack: Shock = Shock(5.0, _rad(50.0), 30.0, 0.08)
-    slap: Shock = Shock(8.0, _rad(60.0), 16.0, 0.16)
-    toe_off: Shock = Shock(6.0, _rad(45.0), 20.0, 0.12)
-    tremor: Shock = Shock(0.13, _rad(2.1), 18.0, 0.20, scatter=0.5)
+    strike: Shock = Shock(15.0, to_radians(80.0), 13.0, 0.18)
+    crack: Shock = Shock(5.0, to_radians(50.0), 30.0, 0.08)
+    slap: Shock = Shock(8.0, to_radians(60.0), 16.0, 0.16)
+    toe_off: Shock = Shock(6.0, to_radians(45.0), 20.0, 0.12)
+    tremor: Shock = Shock(0.13, to_radians(2.1), 18.0, 0.20, scatter=0.5)
 
     def __post_init__(self) -> None:
         checks.positive_finite(self, "stride_s")
@@ -265,70 +265,70 @@ class Person:
         stride_s=0.72,
         variation=0.03,
         swing_share=0.75,
-        toe_down_rad=_rad(80.0),
-        toe_up_rad=_rad(15.0),
+        toe_down_rad=to_radians(80.0),
+        toe_up_rad=to_radians(15.0),
         clearance_m=0.22,
         midswing_m=0.14,
         heel_m=0.08,
-        rollover_rad=_rad(2.0),
+        rollover_rad=to_radians(2.0),
         slip_m=0.0015,
         slip_sd_m=0.0015,
-        strike=Shock(35.0, _rad(100.0), 18.0, 0.12),
-        crack=Shock(15.0, _rad(50.0), 36.0, 0.06),
-        slap=Shock(15.0, _rad(60.0), 22.0, 0.10),
-        toe_off=Shock(12.0, _rad(60.0), 30.0, 0.08),
-        tremor=Shock(0.4, _rad(4.0), 14.0, 0.12, scatter=0.5),
+        strike=Shock(35.0, to_radians(100.0), 18.0, 0.12),
+        crack=Shock(15.0, to_radians(50.0), 36.0, 0.06),
+        slap=Shock(15.0, to_radians(60.0), 22.0, 0.10),
+        toe_off=Shock(12.0, to_radians(60.0), 30.0, 0.08),
+        tremor=Shock(0.4, to_radians(4.0), 14.0, 0.12, scatter=0.5),
     )
     stairs_up: Gait = Gait(
         stride_m=0.58,
         stride_s=1.15,
         variation=0.03,
         swing_share=0.60,
-        toe_down_rad=_rad(45.0),
-        toe_up_rad=_rad(-3.0),
+        toe_down_rad=to_radians(45.0),
+        toe_up_rad=to_radians(-3.0),
         clearance_m=0.12,
         midswing_m=0.09,
         heel_m=0.05,
         climb=(0.05, 0.65),
-        strike=Shock(8.0, _rad(40.0), 16.0, 0.14),
-        crack=Shock(3.0, _rad(20.0), 30.0, 0.08),
+        strike=Shock(8.0, to_radians(40.0), 16.0, 0.14),
+        crack=Shock(3.0, to_radians(20.0), 30.0, 0.08),
     )
     stairs_down: Gait = Gait(
         stride_m=0.58,
         stride_s=1.05,
         variation=0.03,
         swing_share=0.60,
-        toe_down_rad=_rad(35.0),
-        toe_up_rad=_rad(-18.0),
+        toe_down_rad=to_radians(35.0),
+        toe_up_rad=to_radians(-18.0),
         clearance_m=0.07,
         midswing_m=0.05,
         heel_m=0.06,
         climb=(0.40, 0.95),
-        strike=Shock(15.0, _rad(60.0), 16.0, 0.14),
-        crack=Shock(5.0, _rad(30.0), 30.0, 0.08),
+        strike=Shock(15.0, to_radians(60.0), 16.0, 0.14),
+        crack=Shock(5.0, to_radians(30.0), 30.0, 0.08),
     )
     turn: Gait = Gait(
         stride_m=0.0,
         stride_s=1.0,
         variation=0.05,
         swing_share=0.55,
-        toe_down_rad=_rad(22.0),
-        toe_up_rad=_rad(4.0),
-        inversion_rad=_rad(4.0),
-        yaw_wobble_rad=_rad(2.0),
+        toe_down_rad=to_radians(22.0),
+        toe_up_rad=to_radians(4.0),
+        inversion_rad=to_radians(4.0),
+        yaw_wobble_rad=to_radians(2.0),
         clearance_m=0.06,
         midswing_m=0.04,
         heel_m=0.03,
-        settle_rad=_rad(0.5),
-        rollover_rad=_rad(0.7),
-        stir_rad=_rad(1.0),
+        settle_rad=to_radians(0.5),
+        rollover_rad=to_radians(0.7),
+        stir_rad=to_radians(1.0),
         slip_m=0.0,
-        strike=Shock(6.0, _rad(30.0), 16.0, 0.14),
-        crack=Shock(2.0, _rad(10.0), 30.0, 0.08),
-        slap=Shock(4.0, _rad(20.0), 22.0, 0.12),
-        toe_off=Shock(3.0, _rad(15.0), 30.0, 0.08),
+        strike=Shock(6.0, to_radians(30.0), 16.0, 0.14),
+        crack=Shock(2.0, to_radians(10.0), 30.0, 0.08),
+        slap=Shock(4.0, to_radians(20.0), 22.0, 0.12),
+        toe_off=Shock(3.0, to_radians(15.0), 30.0, 0.08),
     )
-    sway_rad: float = _rad(0.04)
+    sway_rad: float = to_radians(0.04)
     sway_s: float = 1.5
 
     def __post_init__(self) -> None:
@@ -346,7 +346,7 @@ class Person:
 
     def draw(self, rng: np.random.Generator, variety: Variety = Variety()) -> Person:
         """One person drawn around this one, whose factors all of its gaits share."""
-        factors, longer_swing = _factors(variety, rng), variety.swing_share * _usual(rng)
+        factors, longer_swing = _factors(variety, rng), variety.swing_share * draw_usual(rng)
         trodden = {name: by for name, by in factors.items() if name != "stride_m"}
         walks = {name: getattr(self, name).scaled(factors, longer_swing) for name in ("walk", "run")}
         others = {name: getattr(self, name).scaled(trodden, longer_swing) for name in _PLANNED}
@@ -362,91 +362,6 @@ def _factors(variety: Variety, rng: np.random.Generator) -> dict[str, float]:
     drawn: dict[str, float] = {}
     for name, groups in _SHARED.items():
         for group in groups:
-            drawn |= dict.fromkeys(group, float(np.exp(getattr(variety, name) * _usual(rng))))
+            drawn |= dict.fromkeys(group, float(np.exp(getattr(variety, name) * draw_usual(rng))))
     drawn["slip_m"] = float(1 + variety.slip * rng.uniform(-1.0, 1.0))
     return drawn
-
-
-@dataclass(frozen=True)
-class Mount:
-    """How a sensor sits on the foot.
-
-    Attributes
-    ----------
-    lever_m, lever_sd_m : from the pivot to the sensor, foot frame, mean and scatter over mountings and feet.
-    tilt_rad, tilt_sd_rad : roll, pitch and yaw of the sensor's axes in the foot frame, mean and scatter over mountings.
-    shock : strength of the gait's shocks at this place, the instep being 1.
-    unrest : how much of what a foot turns and trembles in stance reaches this place, the instep being 1.
-    ringing : of the sensor on its mounting, after each heel strike.
-    shock_seed : draws in which direction and phase shocks move this sensor; None before it is mounted.
-    """
-
-    lever_m: tuple[float, float, float]
-    tilt_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    tilt_sd_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shock: float = 1.0
-    unrest: float = 1.0
-    ringing: Shock = Shock(0.0, 0.0, 40.0, 0.1)
-    lever_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shock_seed: int | None = None
-
-    def __post_init__(self) -> None:
-        checks.not_negative(self, "shock", "unrest")
-        for name in ("lever_m", "lever_sd_m", "tilt_rad", "tilt_sd_rad"):
-            checks.vector(self, name)
-        for name in ("lever_sd_m", "tilt_sd_rad"):
-            if min(getattr(self, name)) < 0:
-                raise SimulationError(f"{name} of a Mount is {getattr(self, name)}: give numbers of 0 or more.")
-
-    def draw(self, rng: np.random.Generator) -> Mount:
-        """One mounting: tilt, lever and shocks as they happened to be, and no scatter left."""
-        roll, pitch, yaw = (float(x) for x in self.tilt_rad + np.array(self.tilt_sd_rad) * rng.standard_normal(3))
-        x, y, z = (m + sd * _usual(rng) for m, sd in zip(self.lever_m, self.lever_sd_m, strict=True))
-        seed = int(rng.integers(2**32))
-        return replace(
-            self,
-            lever_m=(x, y, z),
-            lever_sd_m=(0.0, 0.0, 0.0),
-            tilt_rad=(roll, pitch, yaw),
-            tilt_sd_rad=(0.0, 0.0, 0.0),
-            shock_seed=seed if self.shock_seed is None else self.shock_seed,
-        )
-
-    @property
-    def foot_R_body(self) -> Floats:
-        """How the sensor's axes lie in the foot frame at the mean tilt, (3, 3)."""
-        return np.asarray(Rotation.from_euler("ZYX", self.tilt_rad[::-1]).as_matrix(), dtype=np.float64)
-
-
-INSTEP = Mount(
-    lever_m=(-0.02, -0.02, 0.085),
-    lever_sd_m=(0.005, 0.005, 0.012),
-    tilt_rad=(0.0, _rad(-25.0), 0.0),
-    tilt_sd_rad=(_rad(8.0), _rad(6.0), _rad(8.0)),
-    ringing=Shock(2.0, _rad(20.0), 30.0, 0.14),
-)
-"""On the laces, its x axis up along the instep (gdin: 10-35 deg). The lever is that of the Vicon trials, but for its
-height, which lies between theirs (5 to 11 cm) and what the gdin walks show of themselves (6 to 10 cm, some three
-standard deviations)."""
-
-HEEL = Mount(
-    lever_m=(-0.13, 0.0, 0.025),
-    lever_sd_m=(0.005, 0.005, 0.005),
-    tilt_rad=(0.0, _rad(3.0), 0.0),
-    tilt_sd_rad=(_rad(2.0), _rad(2.0), _rad(3.0)),
-    shock=1.6,
-    unrest=0.15,
-    ringing=Shock(5.0, _rad(10.0), 55.0, 0.08),
-)
-"""A module in the heel of the shoe (Ma et al. 2018): low, firmly held, and where the heel hits the ground. In stance
-the body's weight stands on it, while the instep goes along with the shin; how much less it turns (`unrest`) is assumed,
-as is `shock`: there is no recording of a heel with a truth to measure it on, and the drift in height hangs on it."""
-
-MOUNTS = {"instep": INSTEP, "heel": HEEL}
-
-
-def find_mount(name: str) -> Mount:
-    """Mount by name; raises `SimulationError` if there is none of that name."""
-    if name not in MOUNTS:
-        raise SimulationError(f"there is no mount '{name}': choose one of {', '.join(MOUNTS)}.")
-    return MOUNTS[name]

@@ -30,7 +30,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
 from fg_nav.lab.simulation.foot import build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
-from fg_nav.lab.simulation.person import Person, find_mount
+from fg_nav.lab.simulation.mount import find_mount
+from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Crossing, Section, Stand, plan_with_landmarks
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
 from fg_nav.lab.simulation.sensors import SensorRun

@@ -10,8 +10,9 @@ from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2, heading_of
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
+from fg_nav.lab.simulation.mount import HEEL, INSTEP, Mount
 from fg_nav.lab.simulation.path import Pose, straight
-from fg_nav.lab.simulation.person import HEEL, INSTEP, Gait, Mount, Person, Shock
+from fg_nav.lab.simulation.person import Gait, Person, Shock
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan
 from tests.scripts import load_script
 

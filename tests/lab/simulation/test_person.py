@@ -8,8 +8,9 @@ import pytest
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.foot import build_foot_motion
 from fg_nav.lab.simulation.motion import Style
+from fg_nav.lab.simulation.mount import HEEL, INSTEP, MOUNTS, Mount, find_mount
 from fg_nav.lab.simulation.path import straight
-from fg_nav.lab.simulation.person import HEEL, INSTEP, MOUNTS, Gait, Mount, Person, Shock, Variety, find_mount
+from fg_nav.lab.simulation.person import Gait, Person, Shock, Variety
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, plan
 
 
