@@ -42,13 +42,13 @@ from fg_nav.lab.reproduce.file import read_reproduction
 from fg_nav.lab.reproduce.messages import (
     MEANINGS,
     VERDICTS,
-    counted,
-    counts,
-    named,
-    printed,
-    remark,
-    seeds_told,
-    told,
+    count_verdicts,
+    describe_counts,
+    format_name,
+    format_note,
+    format_printed,
+    format_seeds,
+    format_spread,
 )
 from fg_nav.lab.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
 from fg_nav.lab.store.files import write_text
@@ -187,12 +187,16 @@ def document(found: Sequence[Reproduction]) -> str:
 
 
 def _counts(found: Reproduction) -> str:
-    return f"| {found.paper} | {seeds_told(found)} | " + " | ".join(str(n) for n in counts(found).values()) + " |"
+    return (
+        f"| {found.paper} | {format_seeds(found)} | "
+        + " | ".join(str(n) for n in count_verdicts(found).values())
+        + " |"
+    )
 
 
 def _paper(found: Reproduction) -> Iterator[str]:
     yield f"## {found.paper}"
-    yield from ("", found.citation, "", f"`{found.command}`, seeds {seeds_told(found)}. {counted(found)}")
+    yield from ("", found.citation, "", f"`{found.command}`, seeds {format_seeds(found)}. {describe_counts(found)}")
     yield from ("", "With " + ", ".join(f"{name} {number}" for name, number in found.versions.items()) + ".")
     for experiment in found.experiments:
         yield from ("", f"### {experiment.name}: {experiment.title}", "", experiment.setting, "")
@@ -207,11 +211,18 @@ def _table(experiment: Experiment, walks: int) -> Iterator[str]:
     for row in experiment.rows:
         ours = [_figure(row, column, walks) for column in experiment.columns]
         verdict = f"**{row.verdict}**" if row.verdict else ""
-        yield _line([named(row), printed(row), *ours, ": ".join(word for word in (verdict, remark(row)) if word)])
+        yield _line(
+            [
+                format_name(row),
+                format_printed(row),
+                *ours,
+                ": ".join(word for word in (verdict, format_note(row)) if word),
+            ]
+        )
 
 
 def _figure(row: Row, column: str, walks: int) -> str:
-    figure = told(row, column, walks)
+    figure = format_spread(row, column, walks)
     return f"**{figure}**" if column == row.judged and row.verdict else figure
 
 
@@ -237,9 +248,9 @@ def _headline(found: Reproduction, experiment: Experiment, line: Line, beside: S
     rows = [_row_named(found, experiment, name) for name in line.rows]
     first, walks = rows[0], len(found.seeds)
     ours = next((column for column in OURS if column in first.ours), "")
-    what = named(replace(first, quantity=line.what or first.quantity))
+    what = format_name(replace(first, quantity=line.what or first.quantity))
     figures = [_figures(rows, column, walks) for column in (first.judged, *beside, ours)]
-    return _line([f"{found.paper}, {experiment.name}: {what}", printed(first), *figures])
+    return _line([f"{found.paper}, {experiment.name}: {what}", format_printed(first), *figures])
 
 
 def _row_named(found: Reproduction, experiment: Experiment, name: str) -> Row:
@@ -251,7 +262,7 @@ def _row_named(found: Reproduction, experiment: Experiment, name: str) -> Row:
 
 def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
     """Of one row with its spread, of several the medians."""
-    figures = [told(row, column, walks) for row in rows]
+    figures = [format_spread(row, column, walks) for row in rows]
     return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
 
 

@@ -1,7 +1,7 @@
 """Tasks on processes of this machine, that end with whoever asked for them.
 
-Workers are begun afresh: this process has threads (a bar that moves), which do not survive a copy of it. What they
-make they keep themselves, so ending them loses only what each was at.
+Workers are spawned, not forked: this process has threads (a progress bar), which do not survive a copy of it. They
+store what they make themselves, so ending them loses only what each was at.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ T = TypeVar("T")
 
 
 def run_tasks(tasks: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[int, T]]:
-    """Run tasks and yield the number and the result of each when it is done; here where one worker is enough.
+    """Run tasks and yield the number and the result of each when it is done; in this process if one worker is enough.
 
-    At the first error, on Ctrl-C, and where nobody wants more, what waits is not begun and the workers are ended.
+    At the first error, on Ctrl-C, and when the caller stops iterating, waiting tasks are dropped and the workers ended.
     """
     if workers == 1 or len(tasks) < 2:
         for number, task in enumerate(tasks):
             yield number, task()
         return
-    with ProcessPoolExecutor(min(workers, len(tasks)), get_context("spawn"), _left_to_the_parent) as pool:
+    with ProcessPoolExecutor(min(workers, len(tasks)), get_context("spawn"), _ignore_interrupt) as pool:
         try:
             numbers = {pool.submit(task): number for number, task in enumerate(tasks)}
             for done in as_completed(numbers):
@@ -35,13 +35,13 @@ def run_tasks(tasks: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
-    """Begin nothing more, and end what is at work: the pool itself would wait for it."""
+    """End the running tasks and drop the others: the pool itself would wait for them."""
     at_work = list((pool._processes or {}).values())
     pool.shutdown(wait=False, cancel_futures=True)
     for process in at_work:
         process.terminate()
 
 
-def _left_to_the_parent() -> None:
-    """Ctrl-C goes to all processes of a terminal, and each worker would tell of it: the parent ends them."""
+def _ignore_interrupt() -> None:
+    """Ctrl-C goes to all processes of a terminal, and each worker would print a traceback: the parent ends them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

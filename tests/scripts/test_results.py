@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.messages import named, remark
+from fg_nav.lab.reproduce.messages import format_name, format_note
 from tests.lab.reproduce.made import reproduction
 from tests.scripts import load_script
 
@@ -32,10 +32,10 @@ def test_every_row_has_a_line_with_its_verdict_and_its_reason(found):
     for experiment in found.experiments:
         assert f"### {experiment.name}: {experiment.title}" in lines
         for row in experiment.rows:
-            (line,) = [line for line in lines if line.startswith(f"| {named(row)} |")]
+            (line,) = [line for line in lines if line.startswith(f"| {format_name(row)} |")]
             assert len(re.findall(r"(?<!\\)\|", line)) == len(experiment.columns) + 4
             assert (f"**{row.verdict}**" in line) == bool(row.verdict)
-            assert remark(row).replace("<is>", "&lt;is>") in line
+            assert format_note(row).replace("<is>", "&lt;is>") in line
     assert "| ma2018 | 101 to 103 | 1 | 1 | 1 | 2 |" in lines
     assert "`fg-nav reproduce ma2018 --seeds 3`, seeds 101 to 103." in text
     for words in (*found.differs, found.citation):

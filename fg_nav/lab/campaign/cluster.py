@@ -215,9 +215,9 @@ class Workers:
         avoided = frozenset(worker for worker, until in self._avoided.items() if until > monotonic()) & self.able
         return avoided if self.able - avoided else frozenset()
 
-    def _wait(self, nobody: bool, what: str) -> None:
+    def _wait(self, none_able: bool, what: str) -> None:
         """Note once that there is no worker, and raise `CampaignError` where that lasts."""
-        if not nobody:
+        if not none_able:
             self._idle_since = None
             return
         if self._idle_since is None:

@@ -1,7 +1,7 @@
 """The folder of a campaign: marked as ours, locked by one campaign at a time, and its results of other plans.
 
 The marker file names the plan that was last run there. The lock on it keeps a second campaign out: the system releases
-it when the process ends, however it ends. On a system or network disk without locks nobody is kept out.
+it when the process ends, however it ends. On a system or network disk without locks no campaign is kept out.
 
 Another plan is not refused in the folder: a plan grows, and results that no plan has any more do no harm. Each result
 is stored by its key, and the tables are of the present plan alone.
@@ -109,7 +109,7 @@ def _lock(file: IO[str], out: Path) -> bool:
 
 
 def _remove_parts(out: Path) -> None:
-    """Remove what killed campaigns left half written: with the lock, nobody else writes there."""
+    """Remove what killed campaigns left half written: with the lock, no other process writes there."""
     for folder in (out, out / RESULTS_FOLDER):
         for name in os.listdir(folder):
             if name.startswith(".") and name.endswith(PART):

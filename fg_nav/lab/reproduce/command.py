@@ -20,9 +20,9 @@ from rich.text import Text
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.file import write_reproduction
-from fg_nav.lab.reproduce.messages import counted, named, printed, remark, told
+from fg_nav.lab.reproduce.messages import describe_counts, format_name, format_note, format_printed, format_spread
 from fg_nav.lab.reproduce.page import write_page
-from fg_nav.lab.reproduce.results import EXPLAINED, NOT_REPRODUCED, Experiment, Reproduction
+from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, Experiment, Reproduction
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
 from fg_nav.report.folder import unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
@@ -43,7 +43,7 @@ _LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
 _ENDED = "a worker was ended from outside, perhaps for want of memory: run the same command again, it goes on."
 
 Paper = Callable[[Path, Sequence[int], int, Callable[[float], None], bool], Reproduction]
-"""Of a folder, seeds, workers, who is told the fraction done, and whether it is to be quick."""
+"""Of a folder, seeds, workers, a function of the fraction done, and whether it is to be quick."""
 
 
 def reproduce(
@@ -160,19 +160,26 @@ def show(found: Reproduction, out: Path) -> None:
         if experiment.rows:
             screen.print(_table(experiment, len(found.seeds)))
     reasons = [
-        ": ".join(part for part in (row.verdict, f"{experiment.name}, {named(row)}", remark(row)) if part)
+        ": ".join(part for part in (row.verdict, f"{experiment.name}, {format_name(row)}", format_note(row)) if part)
         for experiment in found.experiments
         for row in experiment.rows
-        if row.verdict in (EXPLAINED, NOT_REPRODUCED)
+        if row.verdict in (MISSED_EXPLAINED, MISSED)
     ]
-    for words in ["", *reasons, *([""] if reasons else []), counted(found), f"report: {out / REPORT}", f"files: {out}"]:
+    for words in [
+        "",
+        *reasons,
+        *([""] if reasons else []),
+        describe_counts(found),
+        f"report: {out / REPORT}",
+        f"files: {out}",
+    ]:
         screen.print(words, soft_wrap=True)
 
 
 def _table(experiment: Experiment, walks: int) -> object:
     table = ruled_table("", "paper", *experiment.columns, "verdict")
     for row in experiment.rows:
-        ours = (Text(told(row, column, walks)) for column in experiment.columns)
-        style = "bold red" if row.verdict == NOT_REPRODUCED else ""
-        table.add_row(Text(named(row)), Text(printed(row)), *ours, Text(row.verdict, style=style))
+        ours = (Text(format_spread(row, column, walks)) for column in experiment.columns)
+        style = "bold red" if row.verdict == MISSED else ""
+        table.add_row(Text(format_name(row)), Text(format_printed(row)), *ours, Text(row.verdict, style=style))
     return table

@@ -42,7 +42,7 @@ def truth_of(result: Result) -> Floats:
 
 
 def used_of(result: Result) -> Bools:
-    """(K,) where the method believed the field."""
+    """(K,) where the method used the field."""
     return np.array([flag == USED for flag in result.used], dtype=bool)
 
 
@@ -65,7 +65,7 @@ def draw_path(axes: Axes, path: Floats, label: str, colour: str, truth: Floats |
 
 
 def draw_flags(axes: Axes, used: Bools, title: str) -> None:
-    """Draw the verdict along the walk, 1 where the field was believed, as the papers do."""
+    """Draw the verdict along the walk, 1 where the field was used, as the papers do."""
     axes.fill_between(np.arange(len(used)), used.astype(float), step="mid", color=style.BLUE, linewidth=0.0)
     axes.set(ylim=(-0.05, 1.15), yticks=(0, 1), xlim=(0, len(used)), ylabel="quasi-static")
     axes.grid(visible=False)

@@ -34,7 +34,7 @@ def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
     -------
     dict
         `t` (F,) s, `compass`, `gyroscope`, `estimate` (F,) rad clockwise from north, `used` (F,) where the filter
-        believed the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
+        used the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
     """
     session = Simulated(scenario, field, seed).session(LOOP)
     seen, stances = session.require_field(), solve_by(method, session).solution.stances

@@ -1,4 +1,4 @@
-"""How figures, verdicts and counts are told, the same on a terminal, in a page and in a document."""
+"""Text of figures, verdicts and counts, the same on a terminal, in a page and in a document."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections import Counter
 from fg_nav.lab.reproduce.results import (
     AS_ASKED,
     BETTER,
-    EXPLAINED,
-    NOT_REPRODUCED,
+    MISSED,
+    MISSED_EXPLAINED,
     PUT_IN,
     REPRODUCED,
     SHORT,
@@ -18,7 +18,7 @@ from fg_nav.lab.reproduce.results import (
     Row,
 )
 
-VERDICTS = (REPRODUCED, BETTER, EXPLAINED, NOT_REPRODUCED)
+VERDICTS = (REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED)
 """Of a printed figure, from good to bad."""
 
 ASIDE = (PUT_IN, AS_ASKED, SHORT)
@@ -27,8 +27,8 @@ ASIDE = (PUT_IN, AS_ASKED, SHORT)
 MEANINGS = {
     REPRODUCED: "as printed within the row's tolerance, or within the printed bound",
     BETTER: "off the printed figure on the good side",
-    EXPLAINED: "off it, and a reason is given",
-    NOT_REPRODUCED: "off it, and there is none",
+    MISSED_EXPLAINED: "off it on the bad side, and a reason is given",
+    MISSED: "off it on the bad side, and there is none",
     PUT_IN: "a setting of ours was chosen by the printed figure, so it is no result",
     AS_ASKED: "within what was asked of ours",
     SHORT: "not within it",
@@ -37,23 +37,23 @@ MEANINGS = {
 _TIMES = ("s", "min", "h")
 
 
-def named(row: Row) -> str:
+def format_name(row: Row) -> str:
     """What a row is of, with its unit."""
     return f"{row.quantity} ({row.unit})" if row.unit else row.quantity
 
 
-def printed(row: Row) -> str:
+def format_printed(row: Row) -> str:
     """The paper's figure, with the row's own tolerance where it has one."""
     own = row.paper is not None and row.verdict and not row.bound and row.tolerance != TOLERANCE
     return f"{row.printed} (within {100 * row.tolerance:.0f} %)" if own else row.printed or "-"
 
 
-def remark(row: Row) -> str:
+def format_note(row: Row) -> str:
     """What is said beside the verdict."""
-    return " ".join(text for text in (row.why if row.verdict == EXPLAINED else "", row.note) if text)
+    return " ".join(text for text in (row.why if row.verdict == MISSED_EXPLAINED else "", row.note) if text)
 
 
-def told(row: Row, column: str, walks: int) -> str:
+def format_spread(row: Row, column: str, walks: int) -> str:
     """Median (5 to 95 %) of a column, with the number of values where it is not that of the walks."""
     one = row.ours.get(column)
     if one is None or one.n == 0:
@@ -74,7 +74,7 @@ def _value(row: Row, value: float) -> str:
     return row.pattern.format(value)
 
 
-def counts(found: Reproduction) -> dict[str, int]:
+def count_verdicts(found: Reproduction) -> dict[str, int]:
     """How many printed figures have each verdict, in the order of `VERDICTS`."""
     number = _number(found)
     return {verdict: number[verdict] for verdict in VERDICTS}
@@ -84,16 +84,16 @@ def _number(found: Reproduction) -> Counter[str]:
     return Counter(row.verdict for experiment in found.experiments for row in experiment.rows)
 
 
-def counted(found: Reproduction) -> str:
+def describe_counts(found: Reproduction) -> str:
     """The counts as a sentence."""
-    number = counts(found)
+    number = count_verdicts(found)
     parts = [f"{count} {verdict}" for verdict, count in number.items() if count]
     aside = [f"{_number(found)[verdict]} {verdict}" for verdict in ASIDE if _number(found)[verdict]]
     beside = f" Beside these, {', '.join(aside)}." if aside else ""
     return f"{sum(number.values())} figures compared: {', '.join(parts) or 'none compared'}.{beside}"
 
 
-def seeds_told(found: Reproduction) -> str:
+def format_seeds(found: Reproduction) -> str:
     """The seeds, as a range where they are one."""
     seeds = list(found.seeds)
     if len(seeds) > 2 and seeds == list(range(seeds[0], seeds[-1] + 1)):

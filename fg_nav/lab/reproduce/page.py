@@ -14,12 +14,20 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.messages import MEANINGS, counts, named, printed, remark, seeds_told, told
+from fg_nav.lab.reproduce.messages import (
+    MEANINGS,
+    count_verdicts,
+    format_name,
+    format_note,
+    format_printed,
+    format_seeds,
+    format_spread,
+)
 from fg_nav.lab.reproduce.results import (
     AS_ASKED,
     BETTER,
-    EXPLAINED,
-    NOT_REPRODUCED,
+    MISSED,
+    MISSED_EXPLAINED,
     PUT_IN,
     REPRODUCED,
     SHORT,
@@ -32,8 +40,8 @@ from fg_nav.text import to_json
 _CLASSES = {
     REPRODUCED: "reproduced",
     BETTER: "better",
-    EXPLAINED: "explained",
-    NOT_REPRODUCED: "missed",
+    MISSED_EXPLAINED: "explained",
+    MISSED: "missed",
     PUT_IN: "aside",
     AS_ASKED: "reproduced",
     SHORT: "missed",
@@ -41,8 +49,8 @@ _CLASSES = {
 _SIGNS = {
     REPRODUCED: "=",
     BETTER: "+",
-    EXPLAINED: "~",
-    NOT_REPRODUCED: "\N{MULTIPLICATION SIGN}",
+    MISSED_EXPLAINED: "~",
+    MISSED: "\N{MULTIPLICATION SIGN}",
     PUT_IN: "\N{RIGHTWARDS ARROW}",
     AS_ASKED: "\N{CHECK MARK}",
     SHORT: "\N{MULTIPLICATION SIGN}",
@@ -69,20 +77,20 @@ def write_page(found: Reproduction, folder: Path) -> str:
         keep_trailing_newline=True,
     )
     environment.filters |= {
-        "named": named,
-        "printed": printed,
-        "remark": remark,
-        "told": told,
+        "name": format_name,
+        "printed": format_printed,
+        "note": format_note,
+        "spread": format_spread,
         "json": lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False),
         "load_png": partial(_load_png, folder),
     }
     return environment.get_template("page.html.j2").render(
         found=found,
-        counts=counts(found),
+        counts=count_verdicts(found),
         meanings=MEANINGS,
         classes=_CLASSES,
         signs=_SIGNS,
-        seeds=seeds_told(found),
+        seeds=format_seeds(found),
         tolerance=f"{100 * TOLERANCE:.0f} %",
     )
 

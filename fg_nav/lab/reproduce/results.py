@@ -5,8 +5,7 @@ made of it over the seeds. The verdict is of one column, the paper's own method,
 
     reproduced     |m - p| <= tolerance |p|, or where the paper has a bound ("at most 0.5 m"): m holds it
     better         m is off p on the good side
-    explained      off on the bad side, and `why` gives a reason for that side
-    not reproduced off on the bad side, and there is none
+    missed         off on the bad side; `explained` is noted where `why` gives a reason for that side
     put in         m is p because a setting of ours was chosen by p: it is no result
     as asked       p is a bound that was asked of ours, not the paper's, and m holds it
     short          it does not
@@ -32,7 +31,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.lab.store.entries import Number
 
-REPRODUCED, BETTER, EXPLAINED, NOT_REPRODUCED = "reproduced", "better", "explained", "not reproduced"
+REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED = "reproduced", "better", "missed (explained)", "missed"
 PUT_IN, AS_ASKED, SHORT = "put in", "as asked", "short"
 
 TOLERANCE = 0.4
@@ -118,7 +117,7 @@ class Row:
         if math.isfinite(median) and (median - self.paper) * self.good > 0:
             return BETTER
         holds = not self.side or (median - self.paper) * self.side > 0
-        return EXPLAINED if self.why and holds else NOT_REPRODUCED
+        return MISSED_EXPLAINED if self.why and holds else MISSED
 
     @property
     def _holds(self) -> bool:

@@ -43,6 +43,8 @@ def settings(found):
 
 
 def test_a_scenario_of_a_file_is_walked(folder):
+    more = tasks(plan(folder, PLAN.replace("seeds = 1", "seeds = 3")))
+    assert [task.source.seed for task in more] == 2 * [101, 102, 103]
     found = plan(folder, PLAN)
     assert found.scenarios == ("demo", "my walk.toml")
     _, own = tasks(found)

@@ -14,7 +14,7 @@ from fg_nav import cli
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import command
 from fg_nav.lab.reproduce.file import read_reproduction, write_reproduction
-from fg_nav.lab.reproduce.messages import counted, seeds_told, told
+from fg_nav.lab.reproduce.messages import describe_counts, format_seeds, format_spread
 from fg_nav.lab.reproduce.results import Spread, spread_of
 from fg_nav.lab.store.entries import Number, encode_number
 from tests.command_line import in_a_process, names
@@ -80,9 +80,9 @@ def test_a_run_writes_all_and_prints_every_row(papers, tmp_path, capsys):
     said = capsys.readouterr().out
     for words in ("M-E1  The <first>", "end < error & more (m)", "0.50 to 0.60", "never", "report: "):
         assert words in said
-    assert "explained: M-E1, heading (deg): Their field" in said
-    assert "not reproduced: M-E1, landmarks\n" in said
-    assert "5 figures compared: 1 reproduced, 1 better, 1 explained, 2 not reproduced." in said
+    assert "missed (explained): M-E1, heading (deg): Their field" in said
+    assert "missed: M-E1, landmarks\n" in said
+    assert "5 figures compared: 1 reproduced, 1 better, 1 missed (explained), 2 missed." in said
     assert "fg-nav reproduce ma2018 --seeds 2 --first 7" in (tmp_path / "out" / "report.html").read_text()
     assert "numpy" in read_reproduction(tmp_path / "out" / "results.json").versions
 
@@ -179,13 +179,17 @@ def test_figures_are_told_with_what_never_came_and_how_many_there_are():
         "c": Spread(math.nan, math.nan, math.nan, 0),
     }
     asked = replace(one, ours=several)
-    assert [told(asked, name, 3) for name in "abc"] == ["never (1.00 to never)", "1.50 (1.05 to 1.95, n 2)", "-"]
-    assert told(replace(asked, unit="m"), "a", 3) == "failed (1.00 to failed)"
-    assert told(replace(asked, unit=""), "a", 3) == "infinite (1.00 to infinite)"
+    assert [format_spread(asked, name, 3) for name in "abc"] == [
+        "never (1.00 to never)",
+        "1.50 (1.05 to 1.95, n 2)",
+        "-",
+    ]
+    assert format_spread(replace(asked, unit="m"), "a", 3) == "failed (1.00 to failed)"
+    assert format_spread(replace(asked, unit=""), "a", 3) == "infinite (1.00 to infinite)"
 
 
 def test_seeds_and_counts_are_told(tmp_path):
     found = reproduction(tmp_path)
-    assert seeds_told(found) == "101 to 103"
-    assert seeds_told(replace(found, seeds=(101, 104))) == "101, 104"
-    assert counted(replace(found, experiments=())) == "0 figures compared: none compared."
+    assert format_seeds(found) == "101 to 103"
+    assert format_seeds(replace(found, seeds=(101, 104))) == "101, 104"
+    assert describe_counts(replace(found, experiments=())) == "0 figures compared: none compared."

@@ -11,7 +11,7 @@ from fg_nav.lab.reproduce.ma2018 import walks as walked
 from fg_nav.lab.reproduce.ma2018.detections import noise
 from fg_nav.lab.reproduce.ma2018.detector import _bend, _slope
 from fg_nav.lab.reproduce.ma2018.walks import LAID
-from fg_nav.lab.reproduce.results import ABOVE, EXPLAINED, NOT_REPRODUCED, PUT_IN, REPRODUCED, Reason, reason_for
+from fg_nav.lab.reproduce.results import ABOVE, MISSED, MISSED_EXPLAINED, PUT_IN, REPRODUCED, Reason, reason_for
 from fg_nav.magnetic import DETECTORS
 from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
 
@@ -141,7 +141,7 @@ def test_table_1_is_found_again_and_the_printed_quadrant_is_explained(found):
     for name in ("offset x", "offset y", "tau", "B_c x", "B_c y", "B_c z", "K_c 12", "K_c 33"):
         assert rows[f"M-E1: {name}"].verdict == PUT_IN, name
     eta = rows["M-E1: eta"]
-    assert eta.verdict == EXPLAINED
+    assert eta.verdict == MISSED_EXPLAINED
     assert abs(eta.ours["fitted"].median - 0.973) < 0.01
     assert rows["M-E1: largest difference of headings"].ours["fitted"].median < 5.0
 
@@ -164,15 +164,15 @@ def test_a_miss_that_nobody_can_explain_is_told(measured, undrawn, tmp_path):
     failing = [key for key in keys if key.method == "ma2018:as-printed"]
     store_walks(tmp_path, keys, lambda key: 6.0 if key.method.startswith("iez") else 0.6, failing)
     rows = rows_of(ma2018.reproduce(tmp_path, SEEDS, workers=1))
-    assert rows["M-E3: final position error, iQSF, smooth"].verdict == EXPLAINED
-    assert rows["M-E3: final position error, iQSF, indoor"].verdict == EXPLAINED
-    assert rows["M-E3: final heading error, pure ZUPT"].verdict == EXPLAINED
-    assert rows["M-E3: final position error, pure ZUPT"].verdict == NOT_REPRODUCED  # farther off, not less so
+    assert rows["M-E3: final position error, iQSF, smooth"].verdict == MISSED_EXPLAINED
+    assert rows["M-E3: final position error, iQSF, indoor"].verdict == MISSED_EXPLAINED
+    assert rows["M-E3: final heading error, pure ZUPT"].verdict == MISSED_EXPLAINED
+    assert rows["M-E3: final position error, pure ZUPT"].verdict == MISSED  # farther off, not less so
     failed = rows["M-E4: mean error at 42 landmarks, proposed, smooth"]
     assert failed.ours["as printed"].median == np.inf
-    assert failed.verdict == NOT_REPRODUCED
-    assert rows["M-E4: mean error at 42 landmarks, iQSF, indoor"].verdict == NOT_REPRODUCED
-    assert rows["M-E4: mean error at 42 landmarks, iQSF, smooth"].verdict == EXPLAINED
+    assert failed.verdict == MISSED
+    assert rows["M-E4: mean error at 42 landmarks, iQSF, indoor"].verdict == MISSED
+    assert rows["M-E4: mean error at 42 landmarks, iQSF, smooth"].verdict == MISSED_EXPLAINED
 
 
 def test_quick_leaves_a_field_out_and_says_so(measured, undrawn, tmp_path):
@@ -217,7 +217,7 @@ def test_the_slope_of_the_roc_is_that_between_two_tenths_of_p_d():
 
 def test_sigmas_are_told_in_the_units_of_their_rows(found):
     row = rows_of(found)["M-E2a: sigma of strength"]
-    assert (row.unit, row.paper, row.verdict) == ("mG", pytest.approx(5.35), EXPLAINED)
+    assert (row.unit, row.paper, row.verdict) == ("mG", pytest.approx(5.35), MISSED_EXPLAINED)
     assert row.ours["walked"].median == pytest.approx(10 * 0.2)
     assert row.ours["at rest, one seed"].n == 1
 

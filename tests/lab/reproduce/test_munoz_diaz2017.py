@@ -173,7 +173,7 @@ def test_medians_and_verdicts_are_those_of_the_seeds():
     assert equator.ours["filter"].median == 13.0
     assert equator.ours["filter"].high == math.inf
     assert equator.verdict == "put in"
-    assert row_of(found, "detector: z is at -0.08 deg/s after").verdict == "explained"
+    assert row_of(found, "detector: z is at -0.08 deg/s after").verdict == "missed (explained)"
     assert PUBLISHED.minutes_perturbed == row_of(found, "detector: z is at -0.08 deg/s after").paper
 
 

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.messages import named, remark
+from fg_nav.lab.reproduce.messages import format_name, format_note
 from fg_nav.lab.reproduce.page import write_page
 from tests.lab.reproduce.made import reproduction
 
@@ -88,12 +88,12 @@ def test_every_row_is_there_with_paper_columns_verdict_and_reason(read, found):
     rows = [row for experiment in found.experiments for row in experiment.rows]
     heads = [text for tag, text in read.texts if tag == "th"]
     columns = [c for e in found.experiments for c in ("Figure", "Paper", *e.columns, "Verdict")]
-    assert [head for head in heads if head not in columns] == [named(row) for row in rows]
+    assert [head for head in heads if head not in columns] == [format_name(row) for row in rows]
     verdicts = [text.split(" ", 1)[1] for text in read.said("span") if re.fullmatch(r"[=+~×] .*", text)]
     assert verdicts == [row.verdict for row in rows if row.verdict]
-    assert set(verdicts) == {"reproduced", "better", "explained", "not reproduced"}
+    assert set(verdicts) == {"reproduced", "better", "missed (explained)", "missed"}
     for row in rows:
-        assert not remark(row) or remark(row) in read.said("span")
+        assert not format_note(row) or format_note(row) in read.said("span")
     assert {"0.55", "(0.50 to 0.60)", "never", "10.00"} & set(read.said("span")) >= {"0.55", "(0.50 to 0.60)", "never"}
 
 

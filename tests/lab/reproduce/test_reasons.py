@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from fg_nav.lab.reproduce.command import PAPERS
 from fg_nav.lab.reproduce.file import read_reproduction
 from fg_nav.lab.reproduce.ma2018.walks import LAID
 from fg_nav.lab.reproduce.results import TOLERANCE
@@ -16,8 +17,8 @@ RESULTS = Path(__file__).parents[3] / "docs" / "results"
 def spreads():
     """By paper, experiment, row and column."""
     found = {}
-    for path in RESULTS.glob("*.json"):
-        paper = read_reproduction(path)
+    for name in PAPERS:
+        paper = read_reproduction(RESULTS / f"{name}.json")
         for experiment in paper.experiments:
             for row in experiment.rows:
                 for column, spread in row.ours.items():

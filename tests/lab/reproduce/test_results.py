@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fg_nav.lab.reproduce.messages import printed, remark, told
+from fg_nav.lab.reproduce.messages import format_note, format_printed, format_spread
 from fg_nav.lab.reproduce.results import Row, Spread, spread_of
 
 
@@ -17,18 +17,18 @@ def row(median, paper=1.0, **more):
     [
         (1.39, {}, "reproduced"),
         (0.5, {}, "better"),
-        (0.5, {"good": 0}, "not reproduced"),
-        (0.5, {"good": 0, "why": "kinder"}, "explained"),
-        (1.5, {"why": "rougher"}, "explained"),
-        (1.5, {}, "not reproduced"),
-        (1.5, {"why": "rougher", "side": 1}, "explained"),
-        (1.5, {"why": "kinder", "side": -1}, "not reproduced"),
-        (0.5, {"why": "kinder", "side": -1, "good": 0}, "explained"),
+        (0.5, {"good": 0}, "missed"),
+        (0.5, {"good": 0, "why": "kinder"}, "missed (explained)"),
+        (1.5, {"why": "rougher"}, "missed (explained)"),
+        (1.5, {}, "missed"),
+        (1.5, {"why": "rougher", "side": 1}, "missed (explained)"),
+        (1.5, {"why": "kinder", "side": -1}, "missed"),
+        (0.5, {"why": "kinder", "side": -1, "good": 0}, "missed (explained)"),
         (1.0, {"bound": 1}, "reproduced"),
-        (1.01, {"bound": 1}, "not reproduced"),
-        (0.99, {"bound": -1, "good": 1}, "not reproduced"),
+        (1.01, {"bound": 1}, "missed"),
+        (0.99, {"bound": -1, "good": 1}, "missed"),
         (1.2, {"whose": "input"}, "put in"),
-        (1.6, {"whose": "input", "why": "drawn"}, "explained"),
+        (1.6, {"whose": "input", "why": "drawn"}, "missed (explained)"),
         (0.9, {"bound": 1, "whose": "asked"}, "as asked"),
         (1.1, {"bound": 1, "whose": "asked"}, "short"),
         (math.nan, {"why": "none"}, ""),
@@ -39,21 +39,21 @@ def test_a_verdict_is_what_its_word_says(median, more, verdict):
 
 
 def test_a_reason_stands_beside_a_difference_only_and_a_note_beside_any_verdict():
-    assert remark(row(1.5, why="rougher", note="One walk.")) == "rougher One walk."
-    assert remark(row(1.0, why="rougher", note="One walk.")) == "One walk."
-    assert remark(row(1.0, why="rougher")) == ""
+    assert format_note(row(1.5, why="rougher", note="One walk.")) == "rougher One walk."
+    assert format_note(row(1.0, why="rougher", note="One walk.")) == "One walk."
+    assert format_note(row(1.0, why="rougher")) == ""
 
 
 def test_a_tolerance_of_its_own_is_told_beside_the_printed_figure():
-    assert printed(row(1.0)) == "1"
-    assert printed(row(1.0, tolerance=0.15)) == "1 (within 15 %)"
-    assert printed(row(1.0, tolerance=0.15, bound=1)) == "1"
-    assert printed(row(1.0, paper=None, tolerance=0.15)) == "1"
+    assert format_printed(row(1.0)) == "1"
+    assert format_printed(row(1.0, tolerance=0.15)) == "1 (within 15 %)"
+    assert format_printed(row(1.0, tolerance=0.15, bound=1)) == "1"
+    assert format_printed(row(1.0, paper=None, tolerance=0.15)) == "1"
 
 
 @pytest.mark.parametrize("more", [{}, {"bound": -1}, {"bound": -1, "good": 1}, {"good": 1}])
 def test_a_method_that_failed_reproduces_nothing_and_is_not_better(more):
-    assert row(math.inf, **more).verdict == "not reproduced"
+    assert row(math.inf, **more).verdict == "missed"
 
 
 def test_of_walks_of_which_half_failed_the_median_failed():
@@ -65,5 +65,5 @@ def test_of_walks_of_which_half_failed_the_median_failed():
 
 def test_how_many_values_there_were_is_told_where_they_are_not_the_walks():
     one = Row("figure", "m", "1", {"filter": Spread(2.0, 2.0, 2.0, 10)})
-    assert told(one, "filter", 50) == "2.00 (n 10)"
-    assert told(one, "filter", 10) == "2.00"
+    assert format_spread(one, "filter", 50) == "2.00 (n 10)"
+    assert format_spread(one, "filter", 10) == "2.00"

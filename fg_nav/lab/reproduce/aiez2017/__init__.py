@@ -44,8 +44,8 @@ def reproduce(
     folder : for walks (`cells`), other measurements (`parts`) and pictures.
     seeds : of the simulated walks.
     workers : processes.
-    progress : told the fraction done.
-    quick : told, and nothing is left out but seeds.
+    progress : called with the fraction done.
+    quick : leaves out nothing but seeds.
 
     Raises
     ------

@@ -95,7 +95,7 @@ def reproduce(
     folder : for walks (`cells`), other measurements (`parts`) and pictures.
     seeds : of the simulated walks.
     workers : processes.
-    progress : told the fraction done.
+    progress : called with the fraction done.
     quick : one field, and ten minutes at rest for two hours.
 
     Raises

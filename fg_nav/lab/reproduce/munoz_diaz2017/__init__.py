@@ -36,7 +36,7 @@ def reproduce(
     folder : for pictures and seeds.
     seeds : of the pairs of walks; the first one is drawn.
     workers : processes.
-    progress : told the fraction done.
+    progress : called with the fraction done.
     quick : without the other noises of the second walk's magnetometer.
     leg_m : legs of so many metres, m: shows that it runs, nothing else.
     """
