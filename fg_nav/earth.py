@@ -37,10 +37,7 @@ PLACE_FORM = "latitude,longitude,YYYY-MM-DD"
 class Place:
     """Where and when: geodetic degrees, north and east positive, and the day; height in m above the WGS 84 ellipsoid.
 
-    Raises
-    ------
-    EarthError
-        If it is not on the Earth, or higher or lower than the model holds.
+    Raises `EarthError` if it is not on the Earth, or higher or lower than the model holds.
     """
 
     latitude_deg: float
@@ -58,7 +55,7 @@ class Place:
         if not low <= self.height_m <= high:
             raise EarthError(
                 f"at {self.height_m} m there is no World Magnetic Model: "
-                f"give metres above sea within {low:.0f} to {high:.0f}."
+                f"give meters above sea within {low:.0f} to {high:.0f}."
             )
 
     @classmethod
@@ -107,10 +104,7 @@ class EarthField:
 def compute_field(place: Place) -> EarthField:
     """Field of the World Magnetic Model at a place and day.
 
-    Raises
-    ------
-    EarthError
-        Without the extra `wmm`, or for a day of no edition that `pygeomag` knows (2010 to 2029).
+    Raises `EarthError` without the extra `wmm`, or for a day of no edition that `pygeomag` knows (2010 to 2029).
     """
     try:
         model = _library().GeoMag(base_year=place.day.year)

@@ -44,7 +44,7 @@ MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
 
 MAX_GAP_S = 0.1
-"""A hole longer than this cannot be bridged: in mid-swing a foot speeds up by metres a second within it."""
+"""A hole longer than this cannot be bridged: in mid-swing a foot speeds up by meters a second within it."""
 
 MAX_MISSING_S = 0.02
 """Samples missing for up to this long (or a single one) are left out: a foot hardly turns within it."""
@@ -116,10 +116,7 @@ class RawRecording:
 class Recording:
     """Samples an estimator can trust the shape of: finite acc and gyr, strictly increasing stamps.
 
-    Raises
-    ------
-    RecordingError
-        On wrong shapes, too few samples, non-finite samples or stamps that do not increase.
+    Raises `RecordingError` on wrong shapes, too few samples, non-finite samples or stamps that do not increase.
     """
 
     t: Floats
@@ -150,10 +147,7 @@ class Recording:
 
         What was left out stands in the notes of `provenance`.
 
-        Raises
-        ------
-        RecordingError
-            If the recording is refused: what is wrong, at which row and time, and what to try.
+        Raises `RecordingError` if the recording is refused: what is wrong, at which row and time, and what to try.
         """
         try:
             return _admit(raw)
@@ -208,10 +202,7 @@ class Recording:
 
         What lies in gaps and within samples stays what the whole recording makes of it.
 
-        Raises
-        ------
-        RecordingError
-            If too few samples are left.
+        Raises `RecordingError` if too few samples are left.
         """
         part = np.s_[start:stop]
         mag = None if self.mag is None else self.mag[part]

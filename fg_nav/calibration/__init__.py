@@ -4,22 +4,13 @@ In order: all at once and its file; the magnetometer, turned over, on a loop, on
 where it sits on the shoe.
 """
 
-from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart, compute_allan_curve, fit_noise
-from fg_nav.calibration.at_rest import (
-    AccelerometerCalibration,
-    GyroscopeCalibration,
-    RecordingNoise,
-    SensorNoise,
-    calibrate_accelerometer,
-    calibrate_gyroscope,
-    measure_recording_noise,
-)
+from fg_nav.calibration.at_rest import AccelerometerCalibration
 from fg_nav.calibration.ellipse import Ellipse
-from fg_nav.calibration.ellipse_fit import calibrate_on_loop, fit_ellipse
+from fg_nav.calibration.ellipse_fit import calibrate_on_loop
 from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
-from fg_nav.calibration.of_recording import METHODS, CalibrationResult, Effect, calibrate
+from fg_nav.calibration.of_recording import METHODS, calibrate
 from fg_nav.calibration.rolling_lever import RollingLever, estimate_lever
 from fg_nav.calibration.walk import (
     Spread,
@@ -32,35 +23,21 @@ from fg_nav.calibration.walk import (
 __all__ = [
     "METHODS",
     "AccelerometerCalibration",
-    "AllanCurve",
     "Calibration",
-    "CalibrationResult",
-    "Effect",
     "Ellipse",
-    "GyroscopeCalibration",
     "MagnetometerCalibration",
-    "NoiseFit",
-    "NoisePart",
-    "RecordingNoise",
     "RollingLever",
-    "SensorNoise",
     "Spread",
     "WalkCalibrationParameters",
     "calibrate",
-    "calibrate_accelerometer",
-    "calibrate_gyroscope",
     "calibrate_on_loop",
     "calibrate_on_walk",
     "circular_sd_deg",
-    "compute_allan_curve",
     "correct_field",
     "estimate_lever",
     "find_level_iron",
-    "fit_ellipse",
     "fit_ellipsoid",
-    "fit_noise",
     "fit_unit_sphere",
-    "measure_recording_noise",
     "measure_spread",
     "read_calibration",
     "write_calibration",

@@ -30,7 +30,7 @@ z is normal with mean 0, so (Isserlis)
     cov(AVAR(m), AVAR(m')) = sum_u count(u) R_mm'(u)^2 / (2 m^2 m'^2 M_m M_m')
     R_mm'(u) = sum_ab c_a c_b G(u + b m' - a m),    c = 1, -2, 1
 
-where R_mm'(u) is the covariance of z_m(i) and z_m'(i + u), count(u) how many pairs lie u apart, and G the generalised
+where R_mm'(u) is the covariance of z_m(i) and z_m'(i + u), count(u) how many pairs lie u apart, and G the generalized
 covariance of theta: -N^2 |t| / 2 of white noise, B^2 t^2 ln|t| / (2 pi) of flicker, K^2 |t|^3 / 12 of a random walk. R
 is a sum over the three, so the covariance is a quadratic form in (N^2, B^2, K^2) with nine matrices. It replaces the
 tables of equivalent degrees of freedom by noise type (Riley, section 5.4).
@@ -165,10 +165,7 @@ def choose_averaging_factors(count: int) -> Ints:
 def compute_allan_curve(readings: Floats, period_s: float, factors: Ints | None = None) -> AllanCurve:
     """Overlapping Allan deviation of evenly sampled readings (n,), in time linear in n for each averaging time.
 
-    Raises
-    ------
-    CalibrationError
-        For too few readings, missing ones, or averaging times that they do not hold twice.
+    Raises `CalibrationError` for too few readings, missing ones, or averaging times that they do not hold twice.
     """
     n = len(readings)
     if not np.isfinite(readings).all():

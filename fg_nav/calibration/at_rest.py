@@ -5,7 +5,7 @@
 
 A rest shows one number about the accelerometer, ||acc||, and four are unknown: one attitude cannot separate scale from
 bias. Rests in several attitudes lie on a sphere with radius s g about b_a, found by least squares with the covariance
-of the four. The attitudes must surround the centre for that: six faces do, a foot's do not.
+of the four. The attitudes must surround the center for that: six faces do, a foot's do not.
 
 One scale stands for three axes. With E what scales and axes differ from that by, each entry of sd e, a rest in the
 direction n_i is g n_i' E n_i off the sphere. So rests are correlated, e^2 g^2 (n_i . n_j)^2, and the covariance has it.
@@ -14,7 +14,7 @@ Noise: an Allan deviation of each axis (`fg_nav.calibration.allan`) over the lon
 the sensor's own noise, not by a foot's rest (`fg_nav.detection.rest`): one second is quiet if its scatter is about that
 of the quietest seconds, and two quiet seconds belong together if their means agree as far as noise allows. Any motion,
 a step on the floor nearby even, ends the stretch. A magnetometer with a rate of its own is read at its own rows.
-Samples that a recording lacks lie on a line between their neighbours.
+Samples that a recording lacks lie on a line between their neighbors.
 """
 
 from __future__ import annotations
@@ -247,10 +247,7 @@ class RecordingNoise:
 def measure_recording_noise(recording: Recording) -> RecordingNoise:
     """Allan deviations over the longest stretch at rest.
 
-    Raises
-    ------
-    CalibrationError
-        If the sensor does not lie still, or not for long enough.
+    Raises `CalibrationError` if the sensor does not lie still, or not for long enough.
     """
     start, stop = find_longest_stillness(recording)
     seconds = (stop - start) * recording.period_s

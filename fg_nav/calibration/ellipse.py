@@ -86,10 +86,7 @@ class Ellipse:
         the swing. The vertical is left as it is: hard iron along it has a sigma of `UNKNOWN_UT`, which stands for soft
         iron too; what that makes of the vertical field over the ground is in o.
 
-        Raises
-        ------
-        CalibrationError
-            If the ellipse has no covariance.
+        Raises `CalibrationError` if the ellipse has no covariance.
         """
         if not np.isfinite(self.covariance).all():
             raise CalibrationError(f"the ellipse {self.method} has no covariance: use fit_ellipse.")
@@ -161,9 +158,9 @@ def find_ellipse_by_extremes(level_xy: Floats) -> Ellipse:
 
     `level_xy` (F, 2) uT, levelled axes; NaN rows are left out.
     """
-    centred, offset = _center_between_extremes(level_xy)
-    x1, y1 = centred[np.argmax(np.linalg.norm(centred, axis=1))]
-    return _build_ellipse("by extremes", centred, offset, half_turn(float(np.arctan2(y1, x1))))
+    centered, offset = _center_between_extremes(level_xy)
+    x1, y1 = centered[np.argmax(np.linalg.norm(centered, axis=1))]
+    return _build_ellipse("by extremes", centered, offset, half_turn(float(np.arctan2(y1, x1))))
 
 
 def find_ellipse_as_printed(level_xy: Floats) -> Ellipse:
@@ -171,9 +168,9 @@ def find_ellipse_as_printed(level_xy: Floats) -> Ellipse:
 
     `level_xy` (F, 2) uT, levelled axes; NaN rows are left out.
     """
-    centred, offset = _center_between_extremes(level_xy)
-    r = np.linalg.norm(centred, axis=1)
-    return _build_ellipse("as printed", centred, offset, float(np.arcsin(centred[np.argmax(r), 1] / r.max())))
+    centered, offset = _center_between_extremes(level_xy)
+    r = np.linalg.norm(centered, axis=1)
+    return _build_ellipse("as printed", centered, offset, float(np.arcsin(centered[np.argmax(r), 1] / r.max())))
 
 
 def _center_between_extremes(level_xy: Floats) -> tuple[Floats, Floats]:
@@ -183,10 +180,10 @@ def _center_between_extremes(level_xy: Floats) -> tuple[Floats, Floats]:
     return readings - offset, offset
 
 
-def _build_ellipse(method: str, centred: Floats, offset: Floats, eta: float) -> Ellipse:
-    r = np.linalg.norm(centred, axis=1)
+def _build_ellipse(method: str, centered: Floats, offset: Floats, eta: float) -> Ellipse:
+    r = np.linalg.norm(centered, axis=1)
     found = Ellipse(
-        method, offset, eta, float(r.min() / r.max()), float(r.min()), np.full((4, 4), np.nan), np.nan, len(centred)
+        method, offset, eta, float(r.min() / r.max()), float(r.min()), np.full((4, 4), np.nan), np.nan, len(centered)
     )
-    spread = np.linalg.norm(found.correct(centred + offset), axis=1) - found.radius_uT
+    spread = np.linalg.norm(found.correct(centered + offset), axis=1) - found.radius_uT
     return replace(found, residual_uT=float(np.sqrt((spread**2).mean())))

@@ -1,6 +1,6 @@
 """Ma's calibration on the shoe: the levelled field of the standing foot, turned round, lies on an ellipse.
 
-The ellipse and its symbols are in `fg_nav.calibration.ellipse`. Centre and symmetric matrix are fitted by least squares
+The ellipse and its symbols are in `fg_nav.calibration.ellipse`. Center and symmetric matrix are fitted by least squares
 of distances, |C (m - o)| = 1, a few wild footfalls left out; they give offset, eta and tau with their covariance.
 
 Lack of fit. Iron in the floor is another at every place, and circles pass the same places again with the same heading:
@@ -50,7 +50,7 @@ FEWEST_FOOTFALLS = 10
 """Five numbers want a few more footfalls to be judged by."""
 
 LARGEST_GAP_RAD = float(np.deg2rad(90.0))
-"""Between neighbouring directions about the centre. Ma turns by 15 to 35 deg from step to step; with a quarter of the
+"""Between neighboring directions about the center. Ma turns by 15 to 35 deg from step to step; with a quarter of the
 round missing the two ends of it still hold the ellipse."""
 
 LARGEST_SIGMA = 0.05
@@ -67,10 +67,8 @@ def fit_ellipse(level_xy: Floats) -> Ellipse:
 
     `level_xy` (F, 2) uT, levelled axes, one a footfall; NaN rows are left out.
 
-    Raises
-    ------
-    CalibrationError
-        Where the headings do not go round, naming the arc that is missing, or the readings leave a parameter open.
+    Raises `CalibrationError` where the headings do not go round, naming the arc that is missing, or the readings leave
+    a parameter open.
     """
     ellipse = _fit_round(level_xy)
     _check(ellipse)
@@ -83,10 +81,7 @@ def calibrate_on_loop(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibr
     The covariance has in it by how much circles to the left and to the right disagree, and that of the offset a steady
     error of levelling, which the footfalls do not show.
 
-    Raises
-    ------
-    CalibrationError
-        As `fit_ellipse`, and for an x axis that stands upright.
+    Raises `CalibrationError` as `fit_ellipse`, and for an x axis that stands upright.
     """
     body_up = mean_up(field.nav_R_body)
     _check_x_axis(body_up)
@@ -187,10 +182,7 @@ _SIZES = np.array([0.01, 0.01, 30.0, 30.0, 30.0])
 def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
     """Fit readings (F, 2) uT, all finite; returns the ellipse and which of them were kept (F,).
 
-    Raises
-    ------
-    CalibrationError
-        Where there is no ellipse.
+    Raises `CalibrationError` where there is no ellipse.
     """
     fit = _fit(readings)
     kept = readings[fit.kept]
@@ -201,10 +193,10 @@ def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
 
 
 def _fit(readings: Floats) -> Fit:
-    """Centre and matrix of the ellipse, scaled; a refusal addresses the walker."""
+    """Center and matrix of the ellipse, scaled; a refusal addresses the walker."""
     try:
-        centre, C = fit_trimmed_quadric(readings)
-        return fit_robustly(_distance, readings, np.array([*centre, C[0, 0], C[0, 1], C[1, 1]]) * _SIZES)
+        center, C = fit_trimmed_quadric(readings)
+        return fit_robustly(_distance, readings, np.array([*center, C[0, 0], C[0, 1], C[1, 1]]) * _SIZES)
     except CalibrationError:
         raise CalibrationError(NO_ELLIPSE) from None
 
@@ -216,7 +208,7 @@ def _distance(scaled: Floats, readings: Floats) -> Floats:
 
 
 def _build_ellipse(scaled: Floats, scaled_covariance: Floats, residual: float, samples: int) -> Ellipse:
-    """Offset, axes and their covariance from the centre and the symmetric matrix that were fitted."""
+    """Offset, axes and their covariance from the center and the symmetric matrix that were fitted."""
     x, covariance = scaled / _SIZES, scaled_covariance / np.outer(_SIZES, _SIZES)
     (least, most), axes = np.linalg.eigh(np.array([[x[2], x[3]], [x[3], x[4]]]))
     if not least > 0.0:

@@ -16,7 +16,7 @@ the readings' mean and in units of their spread,
 
     a . (squares and products of x) + b . x = 1        N equations, nine numbers.
 
-The corrected readings have length 1, as in the paper, or the strength of the field at the place, if given. It minimises
+The corrected readings have length 1, as in the paper, or the strength of the field at the place, if given. It minimizes
 no distance, the squared noise shifts it, one wild reading spoils it, and a hyperboloid is refused. Its covariance is
 that of the equations as they scatter (White 1980), without that shift.
 
@@ -39,7 +39,7 @@ from fg_nav.calibration.quadric import (
     Fit,
     design,
     distance,
-    find_centre,
+    find_center,
     fit_robustly,
     fit_trimmed_quadric,
     scale_readings,
@@ -73,11 +73,8 @@ def fit_ellipsoid(readings: Floats, strength_uT: float | None = None) -> Magneto
     readings : (N, 3) uT in the body frame; NaN rows are left out.
     strength_uT : of the field; None if it is not known: then det C = 1 and the strength is estimated.
 
-    Raises
-    ------
-    CalibrationError
-        Where the directions covered leave a parameter open, naming the weakest direction, or the field was not the
-        same throughout, or is none that Earth has.
+    Raises `CalibrationError` where the directions covered leave a parameter open, naming the weakest direction, or the
+    field was not the same throughout, or is none that Earth has.
     """
     present = select_readings(readings)
     if strength_uT is not None:
@@ -173,10 +170,7 @@ def check_fit(found: MagnetometerCalibration, residual_uT: float, coverage: Cove
     found : the ellipsoid; with a strength that was given, C has a scale, which is taken out.
     residual_uT : of the readings as they were, not corrected.
 
-    Raises
-    ------
-    CalibrationError
-        In this order, with the reason.
+    Raises `CalibrationError` in this order, with the reason.
     """
     scale = float(np.cbrt(np.linalg.det(found.correction)))
     size_uT = found.strength_uT / scale
@@ -213,10 +207,7 @@ def fit_unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerC
     readings : (N, 3) uT in the body frame; NaN rows are left out.
     strength_uT : that the corrected readings shall have: 1 as the paper has it, or that of the field, for uT.
 
-    Raises
-    ------
-    CalibrationError
-        Where the readings are too few or lie on no ellipsoid, and as `fit_ellipsoid`.
+    Raises `CalibrationError` where the readings are too few or lie on no ellipsoid, and as `fit_ellipsoid`.
     """
     check_given(strength_uT)
     present = select_readings(readings)
@@ -268,8 +259,8 @@ def _plain_least_squares(columns: Floats) -> tuple[Floats, Floats]:
 
 
 def _parameters(p: Floats, middle: Floats, scale: float) -> Floats:
-    """Centre and the upper half of C (9,) of |C (m - h)| = 1."""
-    h, C = unscale(*find_centre(p[:6], np.append(p[6:], -1.0)), middle, scale)
+    """Center and the upper half of C (9,) of |C (m - h)| = 1."""
+    h, C = unscale(*find_center(p[:6], np.append(p[6:], -1.0)), middle, scale)
     return np.concatenate([h, C[UPPER]])
 
 

@@ -67,10 +67,8 @@ def is_calibration(path: Path) -> bool:
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration.
 
-    Raises
-    ------
-    CalibrationError
-        If the file cannot be read, is no calibration, is of a newer version, or lacks what it should have.
+    Raises `CalibrationError` if the file cannot be read, is no calibration, is of a newer version, or lacks what it
+    should have.
     """
     content = _read_json(path)
     recording = content.get("recording")

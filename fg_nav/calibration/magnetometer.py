@@ -44,10 +44,7 @@ def differentiate_inverse(matrix: Floats) -> Floats:
 def check_strength(found_uT: float, allowed_uT: tuple[float, float] = FIELD_UT) -> None:
     """Refuse a field that Earth has nowhere: a dead magnetometer, one that was not turned, or another unit.
 
-    Raises
-    ------
-    CalibrationError
-        If the strength is not within those allowed.
+    Raises `CalibrationError` if the strength is not within those allowed.
     """
     low, high = allowed_uT
     if not low <= found_uT <= high:

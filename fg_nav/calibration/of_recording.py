@@ -76,13 +76,9 @@ def calibrate(recording: Recording, method: str | None = None, strength_uT: floa
     method : one of `METHODS`; None to choose by the recording.
     strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
 
-    Raises
-    ------
-    CalibrationError
-        Without a magnetometer, for a method that is none, a strength that the method cannot use, or where the
-        recording does not show the magnetometer's errors.
-    DetectionError, MagneticError
-        For a method on foot, where there are no footfalls or none with a field.
+    Raises `CalibrationError` without a magnetometer, for a method that is none, a strength that the method cannot use,
+    or where the recording does not show the magnetometer's errors; raises `DetectionError` and `MagneticError` for a
+    method on foot, where there are no footfalls or none with a field.
     """
     name, choice = _choose_method(recording, method)
     if strength_uT is not None and name in ON_FOOT:

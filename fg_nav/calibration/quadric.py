@@ -2,7 +2,7 @@
 
     x^T A x + 2 v^T x + d = 0        A (n, n) symmetric, n = 2 or 3
 
-with the monomials x_i x_j (i <= j), 2 x_i, 1 in the columns of a design matrix. About its centre h it is
+with the monomials x_i x_j (i <= j), 2 x_i, 1 in the columns of a design matrix. About its center h it is
 
     |C (x - h)| = 1,   h = -A^-1 v,   C = (A / (h^T A h - d))^1/2 symmetric.
 
@@ -41,12 +41,9 @@ NO_ELLIPSOID = "the readings lie on no ellipsoid: turn the sensor in more direct
 
 
 def fit_constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
-    """Centre (n,) and symmetric C (n, n) of the ellipse or ellipsoid through readings (N, n).
+    """Center (n,) and symmetric C (n, n) of the ellipse or ellipsoid through readings (N, n).
 
-    Raises
-    ------
-    CalibrationError
-        Where the readings do not determine one, as on a plane or along too short an arc.
+    Raises `CalibrationError` where the readings do not determine one, as on a plane or along too short an arc.
     """
     x, middle, scale = scale_readings(readings)
     n = readings.shape[1]
@@ -62,11 +59,11 @@ def fit_constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
     if not allowed.any():
         raise CalibrationError(NO_ELLIPSOID)
     best = vectors[:, np.argmin(np.where(allowed, np.abs(values), np.inf))]
-    return unscale(*find_centre(best, elimination @ best), middle, scale)
+    return unscale(*find_center(best, elimination @ best), middle, scale)
 
 
 def fit_trimmed_quadric(readings: Floats) -> tuple[Floats, Floats]:
-    """Centre (n,) and C (n, n) as `fit_constrained_quadric` has them, of readings whose farthest are left out by steps.
+    """Center (n,) and C (n, n) as `fit_constrained_quadric` has them, of readings whose farthest are left out by steps.
 
     Far is what lies more than `TRIM_SIGMAS` from the ellipsoid, as the bulk of the distances scatters. This is a start
     that a few wild readings do not spoil; a fit decides on them again.
@@ -97,9 +94,9 @@ def scale_readings(readings: Floats) -> tuple[Floats, Floats, float]:
     return (readings - middle) / scale, middle, scale
 
 
-def unscale(centre: Floats, C: Floats, middle: Floats, scale: float) -> tuple[Floats, Floats]:
-    """Centre and C of the readings from those of the scaled ones."""
-    return middle + scale * centre, C / scale
+def unscale(center: Floats, C: Floats, middle: Floats, scale: float) -> tuple[Floats, Floats]:
+    """Center and C of the readings from those of the scaled ones."""
+    return middle + scale * center, C / scale
 
 
 def design(x: Floats) -> tuple[Floats, Floats]:
@@ -117,20 +114,20 @@ def _constraint(n: int) -> Floats:
     return K
 
 
-def find_centre(quadratic: Floats, rest: Floats) -> tuple[Floats, Floats]:
-    """Centre and C from the coefficients of the two halves of `design`; `CalibrationError` where there is none."""
+def find_center(quadratic: Floats, rest: Floats) -> tuple[Floats, Floats]:
+    """Center and C from the coefficients of the two halves of `design`; `CalibrationError` where there is none."""
     n = len(rest) - 1
     i, j = np.triu_indices(n, k=1)
     A = np.diag(quadratic[:n])
     A[i, j] = A[j, i] = quadratic[n:]
     try:
-        centre = -np.linalg.solve(A, rest[:-1])
+        center = -np.linalg.solve(A, rest[:-1])
     except np.linalg.LinAlgError as error:
         raise CalibrationError(NO_ELLIPSOID) from error
-    size, axes = np.linalg.eigh(A / (centre @ A @ centre - rest[-1]))
+    size, axes = np.linalg.eigh(A / (center @ A @ center - rest[-1]))
     if not size.min() > 0.0:
         raise CalibrationError(NO_ELLIPSOID)
-    return np.asarray(centre), np.asarray((axes * np.sqrt(size)) @ axes.T)
+    return np.asarray(center), np.asarray((axes * np.sqrt(size)) @ axes.T)
 
 
 OUTLIER_SIGMAS = 4.0
@@ -159,10 +156,7 @@ def fit_robustly(residuals: Callable[[Floats, Floats], Floats], readings: Floats
     readings : (N, D) uT.
     start : (P,), near the answer (`fg_nav.calibration.quadric.fit_trimmed_quadric`), of sizes that are much alike.
 
-    Raises
-    ------
-    CalibrationError
-        If the readings do not determine the parameters.
+    Raises `CalibrationError` if the readings do not determine the parameters.
     """
     x = _solved(residuals, readings, start, "cauchy")
     kept = is_near(residuals(x, readings))

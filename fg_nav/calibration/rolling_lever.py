@@ -135,12 +135,12 @@ def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, normal: Flo
     sum z z' - s s'/n - q q'/sum tau^2, with s = sum z, q = sum z tau, tau the time from the mean time.
     """
     middle = 0.5 * (t[a + 1 : b + 2] + t[a : b + 1])
-    centre = middle.mean()
+    center = middle.mean()
     R, y, z = np.eye(3), np.zeros(3), np.empty(4)
     products, s, q = np.zeros((4, 4)), np.zeros((3, 4)), np.zeros((3, 4))
     for i in range(a, b + 1):
         w = gyr[i]
-        tau = middle[i - a] - centre
+        tau = middle[i - a] - center
         if i > a:
             before, after = t[i] - middle[i - 1 - a], middle[i - a] - t[i]
             _push(y, R, acc[i - 1], before)
@@ -157,7 +157,7 @@ def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, normal: Flo
                 q[r, j] += z[j] * tau
                 for k in range(4):
                     products[j, k] += z[j] * z[k]
-    products -= s.T @ s / len(middle) + q.T @ q / ((middle - centre) ** 2).sum()
+    products -= s.T @ s / len(middle) + q.T @ q / ((middle - center) ** 2).sum()
     normal += products[:3, :3]
     right += products[:3, 3]
 

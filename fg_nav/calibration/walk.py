@@ -89,11 +89,8 @@ def calibrate_on_walk(
 
     `field` is that of the walk, not calibrated; footfalls without a field are left out.
 
-    Raises
-    ------
-    CalibrationError
-        With the reason: too few footfalls, headings that do not go round, no field that Earth has, no iron, iron that
-        no shoe carries, or nothing gained out of sample.
+    Raises `CalibrationError` with the reason: too few footfalls, headings that do not go round, no field that Earth
+    has, no iron, iron that no shoe carries, or nothing gained out of sample.
     """
     p = parameters
     walk = Walk.of(field)

@@ -11,7 +11,7 @@ Z_k               turn about up by delta_k, that drift: a constant rate and a ra
 h, S         uT,1 hard iron; soft iron, symmetric
 b            uT   mean field along the walk, nav
 d_k          uT   what the building adds there, nav: 6 to 13 uT per axis at a foot indoors, heavy-tailed, alike at
-                  neighbouring footfalls
+                  neighboring footfalls
 ============ ==== ==================================================================================================
 
 d is Student distributed, with one scale over the ground and one upright; h, S and delta have Gaussian priors. The field
@@ -61,10 +61,10 @@ TAIL = 5.0
 """Degrees of freedom of the Student distribution: excess kurtosis of the field at a real foot is 0 to 4."""
 
 LAGS = 8
-"""Footfalls over which neighbours may be alike: ten metres."""
+"""Footfalls over which neighbors may be alike: ten meters."""
 
 LEAST_CORRELATION = 0.4
-"""Of neighbouring footfalls, falling off as a power: gdin walks have 0.2 to 0.25, and their mean hides some.
+"""Of neighboring footfalls, falling off as a power: gdin walks have 0.2 to 0.25, and their mean hides some.
 Tuned on 60 simulated demos (seeds below 100), whose errors it makes 1.03 sigmas instead of 1.26."""
 
 FEWEST_FOOTFALLS = 20
@@ -158,7 +158,7 @@ def compute_weights(residual: Floats, sigma: Floats) -> Floats:
 
 
 MOST_CORRELATED = 0.9
-"""Neighbouring footfalls: beyond this nothing could be said of h at all."""
+"""Neighboring footfalls: beyond this nothing could be said of h at all."""
 
 PASS_WIDTH = 9
 """Lags over which another pass shows: rounds differ by some strides."""
@@ -183,7 +183,7 @@ def compute_covariance(walk: Walk, at: Floats, sigma_d: Floats) -> Floats:
     square = float((pull**2).mean())
     bend = float(weight.mean()) - 2 / (TAIL + 3) * square
     free = len(walk) / max(len(walk) - IRON / 3, 1.0)
-    meat = square * free * (_sum_over_neighbours(jacobian, pull) + _sum_over_passes(jacobian, pull))
+    meat = square * free * (_sum_over_neighbors(jacobian, pull) + _sum_over_passes(jacobian, pull))
     bread = np.linalg.inv(bend * _sum_at_lag(jacobian, 0) + prior)
     return np.asarray(bread @ (meat + prior) @ bread)
 
@@ -195,10 +195,10 @@ def _sum_at_lag(jacobian: Floats, lag: int) -> Floats:
     return np.asarray(product + product.T if lag else product)
 
 
-def _sum_over_neighbours(jacobian: Floats, pull: Floats) -> Floats:
-    """J^T corr(d) J (P, P), the correlation a power of that of neighbours, all axes alike."""
-    neighbours = float((pull[1:] * pull[:-1]).sum() / _sum_of_squares(pull))
-    base = float(np.clip(neighbours, LEAST_CORRELATION, MOST_CORRELATED))
+def _sum_over_neighbors(jacobian: Floats, pull: Floats) -> Floats:
+    """J^T corr(d) J (P, P), the correlation a power of that of neighbors, all axes alike."""
+    neighbors = float((pull[1:] * pull[:-1]).sum() / _sum_of_squares(pull))
+    base = float(np.clip(neighbors, LEAST_CORRELATION, MOST_CORRELATED))
     last = min(LAGS, len(pull) - 1)
     return np.asarray(sum(base**lag * _sum_at_lag(jacobian, lag) for lag in range(last + 1)))
 
@@ -210,7 +210,7 @@ def _sum_of_squares(pull: Floats) -> float:
 def _sum_over_passes(jacobian: Floats, pull: Floats) -> Floats:
     """Add (P, P) for a walk that comes by the same places again: strides far apart are alike there.
 
-    It shows as a correlation over a few neighbouring lags that chance does not make. It may only add uncertainty.
+    It shows as a correlation over a few neighboring lags that chance does not make. It may only add uncertainty.
     """
     lag = np.arange(len(pull))
     pairs = len(pull) - lag

@@ -1,7 +1,7 @@
 """Which moments of stillness are footfalls: an automatic threshold for each footfall of each recording.
 
 Gait, shoe and sensor change how still a foot in stance is by a factor of a hundred between recordings, and the
-middle of a swing can look as still as the stance of a runner. But a foot in mid-swing moves at metres a second,
+middle of a swing can look as still as the stance of a runner. But a foot in mid-swing moves at meters a second,
 and that shows in the integrated acceleration. So:
 
 1. Candidates are the local minima of L = log10(SHOE), at least `PROMINENCE` decades deep; a rest is one candidate,

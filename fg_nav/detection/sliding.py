@@ -34,10 +34,7 @@ class Sliding:
     def between(self, start: int, stop: int) -> Floats:
         """Return the rows `start <= i < stop` as a view that is good until the next `append`.
 
-        Raises
-        ------
-        IndexError
-            If they are no longer there, or not yet.
+        Raises `IndexError` if they are no longer there, or not yet.
         """
         if not self._first <= start <= stop <= self.stop:
             raise IndexError(f"rows {start} to {stop} are not among {self._first} to {self.stop}")

@@ -93,7 +93,7 @@ def threshold_at_rest(detector: str, window: int, false_alarm_rate: float) -> fl
 
 
 def _mean(samples: Floats, window: int) -> Floats:
-    """Centred sliding mean along the first axis; the ends repeat the outermost sample."""
+    """Centered sliding mean along the first axis; the ends repeat the outermost sample."""
     return np.asarray(uniform_filter1d(samples, window, axis=0, mode="nearest"))
 
 
@@ -112,11 +112,8 @@ class StanceParameters:
 def detect_stances(recording: Recording, parameters: StanceParameters = StanceParameters()) -> Stances:
     """Find when the foot stands.
 
-    Raises
-    ------
-    DetectionError
-        For an unknown detector, an automatic threshold with another detector than SHOE, a threshold that makes no
-        sense, or if no stance is found.
+    Raises `DetectionError` for an unknown detector, an automatic threshold with another detector than SHOE, a threshold
+    that makes no sense, or if no stance is found.
     """
     statistic = _compute_statistic(recording, parameters)
     one = _choose_threshold(recording, parameters)

@@ -1,7 +1,7 @@
 """How good a solution is: alignment with truth, figures of merit, whether claimed sigmas are true, ROC of detectors."""
 
-from fg_nav.evaluation.alignment import MODES, Alignment, align, fit_scale
-from fg_nav.evaluation.comparison import Comparison, FootprintMatch, compare, match_footprints
+from fg_nav.evaluation.alignment import MODES, align, fit_scale
+from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.evaluation.consistency import Consistency, compute_stance_nees
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.roc import (
@@ -16,12 +16,10 @@ from fg_nav.evaluation.roc import (
 
 __all__ = [
     "MODES",
-    "Alignment",
     "Band",
     "Comparison",
     "Consistency",
     "FieldChange",
-    "FootprintMatch",
     "Metrics",
     "Roc",
     "align",
@@ -30,7 +28,6 @@ __all__ = [
     "evaluate",
     "fit_scale",
     "make_roc",
-    "match_footprints",
     "measure_compass_deviation",
     "measure_course_change",
     "measure_field_change",

@@ -52,10 +52,8 @@ class Alignment:
 def align(estimate: Floats, truth: Floats, mode: str = "yaw") -> Alignment:
     """Find the rigid motion of `mode` that lays `estimate` (N, 3) m on `truth` (N, 3) m, point by point.
 
-    Raises
-    ------
-    EvaluationError
-        On an unknown mode, on shapes that differ, and where there is no point or one that is not finite.
+    Raises `EvaluationError` on an unknown mode, on shapes that differ, and where there is no point or one that is not
+    finite.
     """
     _check(estimate, truth)
     if mode == "none":
@@ -86,7 +84,7 @@ def _fit(mode: str, truth_R_nav: Floats, estimate: Floats, truth: Floats) -> Ali
 
 
 def _kabsch(p: Floats, q: Floats) -> Floats:
-    """Rotation (3, 3) that lays centred points `p` on centred points `q`; if straight, one of the best."""
+    """Rotation (3, 3) that lays centered points `p` on centered points `q`; if straight, one of the best."""
     left, _, right = np.linalg.svd(q.T @ p)
     proper = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
     return np.asarray(left @ proper @ right)

@@ -59,10 +59,7 @@ class Comparison:
 def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
     """Lay a solution on a truth with alignment `mode` (`fg_nav.evaluation.alignment`).
 
-    Raises
-    ------
-    EvaluationError
-        Where the two share no time, no footprint, or the mode does not fit the truth.
+    Raises `EvaluationError` where the two share no time, no footprint, or the mode does not fit the truth.
     """
     if isinstance(truth, FootprintTruth):
         return _compare_footprints(solution, truth, mode)
@@ -100,10 +97,7 @@ def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -
 def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
     """Rows of `t` (N,) s at which the truth was seen, and its positions (M, 3) m there.
 
-    Raises
-    ------
-    EvaluationError
-        Where there is no such row.
+    Raises `EvaluationError` where there is no such row.
     """
     seen = np.isfinite(truth.position).all(axis=1)
     stamps, position = truth.t[seen], truth.position[seen]
@@ -182,10 +176,7 @@ class FootprintMatch:
 def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch:
     """Match stances at `stance_xy` (K, 2) m, in any frame, with surveyed footprints by stride number.
 
-    Raises
-    ------
-    EvaluationError
-        Where fewer than `MIN_FOOTPRINTS` footprints have a stance.
+    Raises `EvaluationError` where fewer than `MIN_FOOTPRINTS` footprints have a stance.
     """
     surplus = 0 if truth.stride_count is None else len(stance_xy) - 1 - truth.stride_count
     stance, notes = truth.stride.astype(np.int64), []

@@ -9,7 +9,7 @@ the yaw psi that makes the errors most likely under the claim,
 
 For an honest claim nees_k is chi-square with 3 degrees of freedom, less what the fit of psi absorbs: nothing of the
 vertical and the along-track error, but of the cross-track variance two thirds at the end of a straight walk with white
-steps. Errors of neighbouring stances are nearly the same error: judge the median over stances and over walks.
+steps. Errors of neighboring stances are nearly the same error: judge the median over stances and over walks.
 
 Position and heading (`whiten_errors`). Where the estimator was given the true heading at its start nothing is fitted.
 With everything relative to the first footfall but the heading, which is absolute,
@@ -58,7 +58,7 @@ from fg_nav.solution import StanceTable
 DEGREES_OF_FREEDOM = 3
 
 TRUTH_SIGMA_M = 0.001
-"""Motion capture of a marker on a shoe: about a millimetre."""
+"""Motion capture of a marker on a shoe: about a millimeter."""
 
 _YAW_STEPS = 10
 
@@ -91,10 +91,8 @@ def compute_stance_nees(
 ) -> Consistency:
     """Compare claimed stance positions with a true trajectory.
 
-    Raises
-    ------
-    EvaluationError
-        Where the truth saw fewer than two stances, or a claimed covariance is not positive definite.
+    Raises `EvaluationError` where the truth saw fewer than two stances, or a claimed covariance is not positive
+    definite.
     """
     row, true_position = interpolate_truth(truth, stances.t)
     if len(row) < 2:
@@ -160,10 +158,7 @@ def whiten_errors(
     stances : of the same solution.
     places : shares of the walk.
 
-    Raises
-    ------
-    EvaluationError
-        Without a true attitude, or where a claimed covariance is not positive definite.
+    Raises `EvaluationError` without a true attitude, or where a claimed covariance is not positive definite.
     """
     if found.yaw_error is None or len(found.yaw_error) != len(found.row):
         raise EvaluationError("the truth has no attitude at some footfalls, so their heading errors are not known.")

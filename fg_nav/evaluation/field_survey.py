@@ -52,7 +52,7 @@ class FieldSurvey:
     ----------
     field : at the footfalls.
     verdicts : by detector.
-    chosen : the detector that colours what has one colour only.
+    chosen : the detector that colors what has one color only.
     solution : of a quick estimator, to draw the map on.
     earth : undisturbed field at the place and date; None where they were not given.
     """
@@ -98,7 +98,7 @@ class FieldSurvey:
 def parse_detectors(words: str | None) -> list[str]:
     """Return the detectors of a list with commas, of "all", or without words the usual ones.
 
-    The first colours what has one colour only. Raises `MagneticError` for a name that is none.
+    The first colors what has one color only. Raises `MagneticError` for a name that is none.
     """
     if words is None or words.strip() == ALL:
         return list(dict.fromkeys([DEFAULT, *(USUAL if words is None else SURVEYED)]))
@@ -116,7 +116,7 @@ def survey_field(
     solution: Solution,
     earth: EarthField | None = None,
 ) -> FieldSurvey:
-    """Put each detector to a walk, in the order of `SURVEYED`; the first of `detectors` colours.
+    """Put each detector to a walk, in the order of `SURVEYED`; the first of `detectors` colors.
 
     Raises
     ------
@@ -154,9 +154,9 @@ class Coverage:
     detector : its name.
     footfalls, judged, accepted : counts.
     longest_run : accepted footfalls in a row.
-    change_deg : median of the change of compass minus gyroscope between neighbours that are both accepted; NaN
+    change_deg : median of the change of compass minus gyroscope between neighbors that are both accepted; NaN
         without any.
-    change_all_deg : the same over all neighbours.
+    change_all_deg : the same over all neighbors.
     """
 
     detector: str
@@ -189,7 +189,7 @@ def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -
 
 
 def _median_change(field: FootfallField, counted: Bools) -> float:
-    """Median |change| in deg of compass minus gyroscope between neighbours that both count."""
+    """Median |change| in deg of compass minus gyroscope between neighbors that both count."""
     change = np.abs(np.degrees(wrap(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
     change = change[np.isfinite(change)]
     return float(np.median(change)) if len(change) else float("nan")

@@ -63,10 +63,7 @@ def evaluate(solution: Solution, truth: Truth | None = None, alignment: str = "y
     Without a truth only distance, closure and the stride count are known. `alignment` is "yaw", "none", "origin" or
     "se3" (`fg_nav.evaluation.alignment`).
 
-    Raises
-    ------
-    EvaluationError
-        Where solution and truth cannot be compared, or there is no stance.
+    Raises `EvaluationError` where solution and truth cannot be compared, or there is no stance.
     """
     path = _measure_path(solution.stances.position)
     if truth is None:

@@ -26,7 +26,7 @@ Ma 2018, Figure 8:
 The curve goes through one point for each distinct value of the statistic, so ties make one sloping stroke. Cases
 without a statistic do not count.
 
-Bands. Neighbouring stances share their field and their window; walks of different seeds share nothing. So each band is
+Bands. Neighboring stances share their field and their window; walks of different seeds share nothing. So each band is
 a jackknife over walks: with a_w the figure without walk w, all on the scale of the logit,
 
     sigma^2 = (W - 1) / W sum_w (a_w - mean a)^2,        band = a +- t_{W-1} sigma.
@@ -126,10 +126,7 @@ class Roc:
     def area_band(self, level: float = LEVEL) -> Band:
         """Area under the curve with its band.
 
-        Raises
-        ------
-        EvaluationError
-            With one walk only, here as in all bands.
+        Raises `EvaluationError` with one walk only, here as in all bands.
         """
         fewest = min(self.signals[:, -1].sum(), self.others[:, -1].sum())
         left_out = _compute_areas(_leave_one_out(self.signals), _leave_one_out(self.others))
@@ -173,10 +170,7 @@ def make_roc(statistic: Floats, signal: Bools, walk: Ints | None = None) -> Roc:
     walk : (M,) which walk a case is of, by any numbers; None for one walk. A walk of which no case has a statistic is
         none.
 
-    Raises
-    ------
-    EvaluationError
-        Where there is no case with a statistic, or none of one kind.
+    Raises `EvaluationError` where there is no case with a statistic, or none of one kind.
     """
     judged = np.isfinite(statistic)
     _check(signal[judged], len(statistic))
@@ -270,10 +264,7 @@ def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
 
     `nav_field` (F, 3) uT is true, in nav, at the footfalls; `window` is N, the steps in it.
 
-    Raises
-    ------
-    EvaluationError
-        For a window of no step, or a walk that is shorter than one window.
+    Raises `EvaluationError` for a window of no step, or a walk that is shorter than one window.
     """
     if window < 1 or len(nav_field) <= window:
         raise EvaluationError(
@@ -302,10 +293,7 @@ def measure_course_change(position: Floats, window: int) -> Floats:
 
     `position` (F, 3) m, true, at the footfalls. With one step in the window it is 0.
 
-    Raises
-    ------
-    EvaluationError
-        As `measure_field_change`.
+    Raises `EvaluationError` as `measure_field_change`.
     """
     if window < 1 or len(position) <= window:
         raise EvaluationError(f"a window of {window} steps cannot be laid over {len(position)} stances: walk farther.")

@@ -88,10 +88,7 @@ class WalkErrors:
 def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
     """Lay the footfalls of a solution on a truth; rows of the comparison are footfalls.
 
-    Raises
-    ------
-    EvaluationError
-        As `fg_nav.evaluation.compare`.
+    Raises `EvaluationError` as `fg_nav.evaluation.compare`.
     """
     stances = solution.stances
     return compare(
@@ -113,10 +110,7 @@ def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_
     Without a truth only distance and closure are known. `mode` is the alignment, "origin" (as started) or "yaw"; "none"
     and "se3" are accepted too.
 
-    Raises
-    ------
-    EvaluationError
-        Where solution and truth cannot be compared, or there is no footfall.
+    Raises `EvaluationError` where solution and truth cannot be compared, or there is no footfall.
     """
     if truth is None:
         return _measure_closure(solution.stances.position)
@@ -208,10 +202,7 @@ def measure_landmarks(
     position : (L, 3) m, or (L, 2), where the sensor then truly is.
     alignment : that lays the solution on the truth.
 
-    Raises
-    ------
-    EvaluationError
-        Without a crossing, or where one is not within the time of the solution.
+    Raises `EvaluationError` without a crossing, or where one is not within the time of the solution.
     """
     if len(landmark) == 0:
         raise EvaluationError("the walk crosses no landmark: there is no error to count at one.")

@@ -33,10 +33,7 @@ def recognizes(content: Content) -> bool:
 def read(content: Content) -> RawRecording:
     """Read a BROAD trial.
 
-    Raises
-    ------
-    FormatError
-        If a variable is missing, damaged, or does not fit the others.
+    Raises `FormatError` if a variable is missing, damaged, or does not fit the others.
     """
     path = content.path
     variables = load_mat(path)

@@ -32,10 +32,7 @@ def recognizes(content: Content) -> bool:
 def read(content: Content) -> RawRecording:
     """Read a canonical CSV.
 
-    Raises
-    ------
-    FormatError
-        If a column is missing or doubled, or a field is no number.
+    Raises `FormatError` if a column is missing or doubled, or a field is no number.
     """
     path, header = content.path, content.fields()
     has_mag = not set(MAG).isdisjoint(header)
@@ -57,10 +54,7 @@ _BLOCK_ROWS = 20_000
 def write_canonical(recording: Recording | RawRecording, path: Path | str) -> None:
     """Write a recording as canonical CSV; reading it back gives the same numbers.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     columns = [recording.t[:, None], recording.acc, recording.gyr]
     names: tuple[str, ...] = TIME + ACC + GYR

@@ -46,10 +46,7 @@ def split_fields(line: str) -> list[str]:
 def read_content(path: Path) -> Content:
     """Open a file and see what it is made of.
 
-    Raises
-    ------
-    FormatError
-        If the path is no readable file, or the file is empty.
+    Raises `FormatError` if the path is no readable file, or the file is empty.
     """
     head = _read_head(path)
     if not head.strip():
@@ -96,10 +93,7 @@ def is_mat(head: bytes) -> bool:
 def list_variables(path: Path) -> frozenset[str]:
     """Names of the variables in a MATLAB file.
 
-    Raises
-    ------
-    FormatError
-        If the file is damaged or of version 7.3.
+    Raises `FormatError` if the file is damaged or of version 7.3.
     """
     return frozenset(name for name, _, _ in _run_reader(path, scipy.io.whosmat))
 
@@ -107,10 +101,7 @@ def list_variables(path: Path) -> frozenset[str]:
 def load_mat(path: Path) -> Mapping[str, Any]:
     """Variables of a MATLAB file by name.
 
-    Raises
-    ------
-    FormatError
-        If the file is damaged or of version 7.3.
+    Raises `FormatError` if the file is damaged or of version 7.3.
     """
     return _run_reader(path, scipy.io.loadmat)
 
@@ -118,10 +109,7 @@ def load_mat(path: Path) -> Mapping[str, Any]:
 def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int | None = None) -> Floats:
     """Take a variable as floats: (M, columns), or (M,) without `columns`.
 
-    Raises
-    ------
-    FormatError
-        If the variable is missing, not real numbers, or of another shape.
+    Raises `FormatError` if the variable is missing, not real numbers, or of another shape.
     """
     value = variables.get(name)
     if value is None:

@@ -48,12 +48,8 @@ def read(path: Path | str, format: str | None = None) -> Recording:
 
     `format` is a name of `FORMATS` to read it as; without one the format is recognized from the content.
 
-    Raises
-    ------
-    FormatError
-        If the file cannot be read, or its format is not known.
-    RecordingError
-        If what it holds cannot be navigated with (`Recording.from_raw`).
+    Raises `FormatError` if the file cannot be read, or its format is not known; raises `RecordingError` if what it
+    holds cannot be navigated with (`Recording.from_raw`).
     """
     return Recording.from_raw(read_raw(path, format))
 
@@ -73,10 +69,7 @@ def read_raw(path: Path | str, format: str | None = None) -> RawRecording:
 def recognize_format(content: Content) -> Format:
     """Find the format of a file.
 
-    Raises
-    ------
-    FormatError
-        If it is none of `FORMATS`.
+    Raises `FormatError` if it is none of `FORMATS`.
     """
     for known in FORMATS.values():
         if known.recognizes(content):
@@ -92,10 +85,7 @@ def recognize_format(content: Content) -> Format:
 def read_truth(path: Path | str) -> Truth:
     """Read a true path or surveyed footprints; which it is, the content says.
 
-    Raises
-    ------
-    FormatError
-        If the file holds neither, or is damaged.
+    Raises `FormatError` if the file holds neither, or is damaged.
     """
     content = read_content(Path(path))
     if "GCP_meters" in content.variables:

@@ -44,10 +44,7 @@ def recognizes(content: Content) -> bool:
 def read(content: Content) -> RawRecording:
     """Read an OpenShoe recording.
 
-    Raises
-    ------
-    FormatError
-        If a field is no number, columns are missing, or no rate is given.
+    Raises `FormatError` if a field is no number, columns are missing, or no rate is given.
     """
     path = content.path
     width = len(next((line.split() for line in content.lines if line.strip()), []))
@@ -70,10 +67,7 @@ def read(content: Content) -> RawRecording:
 def find_nominal_rate_hz(estimates: Floats, name: str) -> float:
     """Find the rate a sensor was set to, from noisy estimates (N,) Hz of it.
 
-    Raises
-    ------
-    FormatError
-        If no estimate is between 1 Hz and 100 kHz.
+    Raises `FormatError` if no estimate is between 1 Hz and 100 kHz.
     """
     usable = estimates[(estimates >= 1.0) & (estimates <= 1e5)]
     if not usable.size:

@@ -34,10 +34,7 @@ def recognizes(content: Content) -> bool:
 def read(content: Content) -> RawRecording:
     """Read a PyShoe trial.
 
-    Raises
-    ------
-    FormatError
-        If `imu` or `ts` is missing, damaged, or does not fit the other.
+    Raises `FormatError` if `imu` or `ts` is missing, damaged, or does not fit the other.
     """
     path = content.path
     variables = load_mat(path)
@@ -59,10 +56,7 @@ def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
 
     `detector` is `shoe`, `ared`, `amvd`, `mbgtd` or `vicon`, whose `zv_<detector>_opt` is read.
 
-    Raises
-    ------
-    FormatError
-        If the file is no MATLAB file or does not hold these labels.
+    Raises `FormatError` if the file is no MATLAB file or does not hold these labels.
     """
     path = Path(path)
     labels = mat_array(load_mat(path), f"zv_{detector}_opt", path)

@@ -48,10 +48,7 @@ def recognizes(content: Content) -> bool:
 def read(content: Content) -> RawRecording:
     """Read a SensorConnect CSV, with the footprints next to it if there are any.
 
-    Raises
-    ------
-    FormatError
-        If channels are missing or doubled, or a field is no number.
+    Raises `FormatError` if channels are missing or doubled, or a field is no number.
     """
     path, line = content.path, _find_header(content) or 0
     full_header = content.fields(line)

@@ -22,10 +22,7 @@ from fg_nav.errors import FormatError
 def find_column(name: str, header: Sequence[str], path: Path) -> int:
     """Index of the one column of this name.
 
-    Raises
-    ------
-    FormatError
-        If there is none, or more than one.
+    Raises `FormatError` if there is none, or more than one.
     """
     count = list(header).count(name)
     if count == 0:
@@ -58,10 +55,7 @@ def read_table(
     -------
     (N, K) floats and (N,) line numbers.
 
-    Raises
-    ------
-    FormatError
-        If a field is no number, a row has too many fields, or there is no row.
+    Raises `FormatError` if a field is no number, a row has too many fields, or there is no row.
     """
     # One column more than the header has: a separator may end each row, and a field too many shows.
     wanted: list[int] = [*positions, len(header)]

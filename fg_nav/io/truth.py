@@ -33,10 +33,7 @@ TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 def read_tum(content: Content) -> TrajectoryTruth:
     """Read TUM lines.
 
-    Raises
-    ------
-    FormatError
-        If a line has not 8 numbers, the stamps do not rise, or a quaternion is not of unit length.
+    Raises `FormatError` if a line has not 8 numbers, the stamps do not rise, or a quaternion is not of unit length.
     """
     path = content.path
     comments = next((k for k, line in enumerate(content.lines) if not line.startswith("#")), 0)
@@ -61,14 +58,11 @@ def read_tum(content: Content) -> TrajectoryTruth:
 
 
 def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats) -> None:
-    """Write a trajectory as TUM lines `t x y z qx qy qz qw`, to the nanosecond and nanometre.
+    """Write a trajectory as TUM lines `t x y z qx qy qz qw`, to the nanosecond and nanometer.
 
     `t` (N,) s, `position` (N, 3) m, `nav_R_body` (N, 3, 3).
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     table = np.concatenate([t[:, None], position, quaternion_xyzw(nav_R_body)], axis=1)
     write_text(Path(path), "", format_rows(table, "%.9f", " "))
@@ -80,10 +74,7 @@ CSV_COLUMNS = ("stride", "x_m", "y_m")
 def read_footprint_mat(path: Path) -> FootprintTruth:
     """Footprints from `GCP_meters` (M, 2), `GCP_stride_numbers` (M,) and, where there, `numberOfStrides`.
 
-    Raises
-    ------
-    FormatError
-        If a variable is missing, damaged, or does not fit the other.
+    Raises `FormatError` if a variable is missing, damaged, or does not fit the other.
     """
     variables = load_mat(path)
     xy = mat_array(variables, "GCP_meters", path, columns=2)
@@ -97,10 +88,7 @@ def read_footprint_mat(path: Path) -> FootprintTruth:
 def read_footprint_csv(content: Content) -> FootprintTruth:
     """Footprints from a CSV with the columns `stride,x_m,y_m`.
 
-    Raises
-    ------
-    FormatError
-        If a column is missing or a field is no number.
+    Raises `FormatError` if a column is missing or a field is no number.
     """
     path, header = content.path, content.fields()
     table, _ = read_table(path, header, [find_column(n, header, path) for n in CSV_COLUMNS], first_line=2)
@@ -110,10 +98,7 @@ def read_footprint_csv(content: Content) -> FootprintTruth:
 def pack_footprints(stride: Floats, xy: Floats, stride_count: int | None, path: Path) -> FootprintTruth:
     """Check and pack footprints.
 
-    Raises
-    ------
-    FormatError
-        If a number is not finite, or the strides are not whole, rising numbers.
+    Raises `FormatError` if a number is not finite, or the strides are not whole, rising numbers.
     """
     if not (np.isfinite(stride).all() and np.isfinite(xy).all()):
         raise FormatError(f"{path.name} has a footprint that is not finite: correct or delete it.")
@@ -144,10 +129,8 @@ FIX_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "sigma_m")
 def read_fixes(path: Path | str) -> tuple[Fix, ...]:
     """Read the fixes of a file.
 
-    Raises
-    ------
-    FormatError
-        If a column is missing, a field is no number, or anything but z is empty; or if a sigma is not above zero.
+    Raises `FormatError` if a column is missing, a field is no number, or anything but z is empty; or if a sigma is not
+    above zero.
     """
     content = read_content(Path(path))
     path, header = content.path, content.fields()

@@ -53,10 +53,7 @@ def recognizes(content: Content) -> bool:
 def read(content: Content) -> RawRecording:
     """Read an x-io CSV.
 
-    Raises
-    ------
-    FormatError
-        If a column is missing or doubled, has no known unit, or a field is no number.
+    Raises `FormatError` if a column is missing or doubled, has no known unit, or a field is no number.
     """
     path, header = content.path, content.fields()
     columns = find_columns(header, path)
@@ -84,10 +81,7 @@ def read(content: Content) -> RawRecording:
 def find_columns(header: list[str], path: Path) -> list[Column]:
     """Find the columns of a header that are time, acc, gyr or mag.
 
-    Raises
-    ------
-    FormatError
-        If one of them has no unit or an unknown one.
+    Raises `FormatError` if one of them has no unit or an unknown one.
     """
     columns = []
     for position, name in enumerate(header):

@@ -8,7 +8,7 @@ change within the period that misses, to third order in h, the angle and the vel
 
 so the sample that integrates to the right angle and velocity, when held, is
 
-    w + h/12 w x dw,     f + h/12 (w x df - dw x f),     with dw = h w', df = h f' from the neighbouring samples.
+    w + h/12 w x dw,     f + h/12 (w x df - dw x f),     with dw = h w', df = h f' from the neighboring samples.
 
 At 100 Hz a walking foot's coning is some 0.035 deg/s about up, like a gyroscope bias that comes and goes with the
 gait; it falls with the square of the rate. What is left is of fourth order

@@ -242,7 +242,7 @@ def _samples_in(duration_s: float, period_s: float) -> int:
 
 
 def _moving_mean(vectors: Floats, length: int) -> Floats:
-    """Average (N, 3) over `length` neighbours: (N - length + 1, 3)."""
+    """Average (N, 3) over `length` neighbors: (N - length + 1, 3)."""
     sums: Floats = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
     means: Floats = (sums[length:] - sums[:-length]) / length
     return means

@@ -4,7 +4,7 @@ A sensor that clips cuts the tops of its peaks. When the clipping comes before c
 flat top is not quite constant: the other axes leak in through the calibration, and a low-pass bends its
 corners. So:
 
-* flat: neighbouring samples near the extreme of an axis whose steps stay below a small share of the extreme;
+* flat: neighboring samples near the extreme of an axis whose steps stay below a small share of the extreme;
 * cut: within a few samples on either side, the steps are many times larger. On a parabola, the top of any
 smooth peak, steps grow linearly from the middle: next to n steps below a bound, the j-th step outside is
 below (n + 2 j) / n times the bound. A larger one is a corner;
@@ -75,7 +75,7 @@ def find_saturation_level(signal: Floats) -> float:
     step = np.abs(np.diff(signal))
     bound = _FLAT * top
     moving = step[step > 0]
-    if not moving.size or moving.min() > bound:  # too coarsely quantised to tell flat from still
+    if not moving.size or moving.min() > bound:  # too coarsely quantized to tell flat from still
         return np.inf
     high = signal >= _NEAR_EXTREME * top
     flat = (step < bound) & high[1:] & high[:-1]
