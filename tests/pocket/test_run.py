@@ -210,4 +210,4 @@ def test_the_names_of_the_methods_are_the_same_everywhere():
     assert estimators.POCKET_METHODS == METHODS == tuple(POCKET_METHOD_NAMES.split(" or "))
     assert estimators.DEFAULT_METHOD["pocket"] == METHODS[0]
     with pytest.raises(EstimationError, match="no method"):
-        estimators.estimator("best", "pocket")
+        estimators.find_estimator("best", "pocket")
