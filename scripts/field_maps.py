@@ -1,30 +1,23 @@
-"""The simulated magnetic fields: are they fields at all, and what do they look like.
+"""The simulated magnetic fields: are they fields at all.
 
-    python scripts/field_maps.py [--seed N] [--figure FILE]
+    python scripts/field_maps.py [--seed N]
 
 For each map, at points on a patch at foot height (0.10 m) and at pocket height (0.75 m) that are half a metre or more
 from its sources: the largest divergence and curl by central differences over their own scale, the largest gradient
 there (all in uT/m), and the rms per axis of what the map adds to the Earth's field. A magnetic field has neither
 divergence nor curl; the cylinder with the exponent printed in the paper has both.
 
-The picture shows each map from above at both heights: colour is the strength of the whole field (white: that of the
-Earth alone), arrows its horizontal part; the way of the walk is dashed.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import harness
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import OutputError, SimulationError
 from fg_nav.lab.simulation.fields import (
     AS_PRINTED,
     SITES,
@@ -48,7 +41,6 @@ from fg_nav.lab.simulation.fields import (
     rod,
     street,
 )
-from fg_nav.report.plots import style
 
 HEIGHTS_M = {"foot": 0.10, "pocket": 0.75}
 FAR_M = 0.5
@@ -56,9 +48,6 @@ FAR_M = 0.5
 
 BESIDE_M = 0.75
 """Where there is a way, points are judged as near to it as a foot or a pocket comes."""
-
-SHOWN_PERCENT = 96.0
-"""Colours reach as far as the field differs from the Earth's on this much of the patch at foot height."""
 
 MUNICH, EQUATOR = SITES["munich"], SITES["equator"]
 
@@ -80,12 +69,6 @@ class Patch:
     way: Floats | None = None
     climbs: float = 0.0
 
-    def grid(self, height_m: float, shape: tuple[int, int]) -> Floats:
-        """Points (rows, columns, 3) m, `height_m` over the floor."""
-        rows, columns = shape
-        x, y = np.meshgrid(np.linspace(self.west, self.east, columns), np.linspace(self.south, self.north, rows))
-        return np.stack([x, y, height_m + self.climbs * x], axis=-1)
-
     def random(self, height_m: float, count: int, rng: np.random.Generator) -> Floats:
         """Points (N, 3) m far from all sources and near to the way if there is one, `height_m` over the floor."""
         x, y = rng.uniform(self.west, self.east, count), rng.uniform(self.south, self.north, count)
@@ -97,21 +80,16 @@ class Patch:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, draw the picture."""
-    parser = argparse.ArgumentParser(description="Divergence, curl and pictures of the simulated fields.")
-    parser.add_argument("--seed", type=int, default=1, metavar="N")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw the maps into a PNG")
-    chosen = parser.parse_args(arguments)
+    """Print the table."""
+    chosen = harness.parse_arguments(__doc__, arguments, seed=1)
     patches = all_patches(chosen.seed)
     rows = [
-        [patch.name, place, *(f"{value:.2g}" for value in judged(patch, height, chosen.seed))]
+        [patch.name, place, *(f"{value:.2g}" for value in measure_patch(patch, height, chosen.seed))]
         for patch in patches
         for place, height in HEIGHTS_M.items()
     ]
     harness.print_heading("The maps: largest |div|, |curl| and gradient (uT/m), and rms per axis of what is added (uT)")
     harness.print_table(("map", "height", "|div|", "|curl|", "gradient", "div/grad", "curl/grad", "added"), rows)
-    if chosen.figure:
-        _save(drawn(patches), chosen.figure)
 
 
 def all_patches(seed: int) -> list[Patch]:
@@ -153,7 +131,7 @@ def all_patches(seed: int) -> list[Patch]:
     ]
 
 
-def judged(patch: Patch, height_m: float, seed: int, count: int = 2000) -> tuple[float, ...]:
+def measure_patch(patch: Patch, height_m: float, seed: int, count: int = 2000) -> tuple[float, ...]:
     """Largest |div|, |curl| and gradient, both over the largest gradient, and the rms of what is added."""
     position = patch.random(height_m, count, np.random.default_rng(seed))
     changes = gradient(patch.field, position)
@@ -188,84 +166,6 @@ def _cylinder_distance(field: Cylinders, position: Floats, reach_m: float = 0.1)
     shifts = reach_m * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     same = np.all([field.cell(position + shift) == field.cell(position) for shift in shifts], axis=0)
     return np.where(same, gap + FAR_M - reach_m, 0.0)
-
-
-def drawn(patches: Sequence[Patch]) -> Figure:
-    """Draw every map at both heights, two maps in a row."""
-    with style.styled():
-        figure = style.new_figure(3.0 * -(-len(patches) // 2), width_in=14.0)
-        cells = figure.subfigures(-(-len(patches) // 2), 2, wspace=0.03, hspace=0.03).ravel()
-        for patch, cell in zip(patches, cells, strict=False):
-            _draw(cell, patch)
-    return figure
-
-
-def _draw(cell: SubFigure, patch: Patch) -> None:
-    pair = cell.subplots(1, 2, sharey=True)
-    strengths = [_strengths(patch, height) for height in HEIGHTS_M.values()]
-    undisturbed = float(np.linalg.norm(patch.earth.vector))
-    reach = float(np.nanpercentile(np.abs(strengths[0] - undisturbed), SHOWN_PERCENT))
-    for axes, strength, (place, height) in zip(pair, strengths, HEIGHTS_M.items(), strict=True):
-        image = axes.imshow(
-            strength,
-            origin="lower",
-            extent=(patch.west, patch.east, patch.south, patch.north),
-            cmap="RdBu_r",
-            vmin=undisturbed - reach,
-            vmax=undisturbed + reach,
-            interpolation="bilinear",
-        )
-        _draw_arrows(axes, patch, height)
-        _draw_way(axes, patch)
-        axes.set(xlim=(patch.west, patch.east), ylim=(patch.south, patch.north), xlabel="east (m)", facecolor=style.INK)
-        axes.grid(visible=False)
-        axes.set_title(f"{place}, {height:.2f} m", color=style.SOFT_INK, fontsize=9.0)
-    pair[0].set_ylabel("north (m)")
-    cell.suptitle(patch.name, x=0.01, ha="left", fontsize=11.0, color=style.INK)
-    cell.colorbar(image, ax=list(pair), label="|B| (uT)", pad=0.015, extend="both", aspect=16)
-
-
-def _draw_way(axes: Axes, patch: Patch) -> None:
-    if patch.way is not None:
-        axes.plot(*patch.way[:, :2].T, color=style.GREEN, linewidth=1.8, linestyle=(0, (4, 2)))
-
-
-def _strengths(patch: Patch, height_m: float, shape: tuple[int, int] = (120, 160)) -> Floats:
-    """Strength (rows, columns) uT; NaN inside of iron."""
-    return np.asarray(np.linalg.norm(_anywhere(patch.field, patch.grid(height_m, shape)), axis=-1))
-
-
-def _draw_arrows(axes: Axes, patch: Patch, height_m: float) -> None:
-    """Horizontal field; beside iron, where it is more than twice the Earth's, the arrows grow no longer."""
-    place = patch.grid(height_m, (14, 18))[1:-1, 1:-1]
-    east, north = np.moveaxis(_anywhere(patch.field, place)[..., :2], -1, 0)
-    usual = float(np.linalg.norm(patch.earth.vector[:2]))
-    shown = np.minimum(1.0, 2 * usual / np.hypot(east, north))
-    size = {"scale": 22 * usual, "scale_units": "width", "width": 0.0045, "headwidth": 3.6}
-    axes.quiver(place[..., 0], place[..., 1], shown * east, shown * north, color=style.INK, pivot="mid", **size)
-
-
-def _anywhere(field: Field, grid: Floats) -> Floats:
-    """Field (rows, columns, 3) uT; NaN where it cannot be asked for."""
-    try:
-        return field.at(grid.reshape(-1, 3)).reshape(grid.shape)
-    except SimulationError:
-        points = [_or_nothing(field, point) for point in grid.reshape(-1, 3)]
-        return np.array(points).reshape(grid.shape)
-
-
-def _or_nothing(field: Field, point: Floats) -> Floats:
-    try:
-        return field.at(point[None])[0]
-    except SimulationError:
-        return np.full(3, np.nan)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    try:
-        style.save(figure, path)
-    except OSError as error:
-        raise OutputError(f"{path} could not be written ({error.strerror}): name another file.") from error
 
 
 if __name__ == "__main__":

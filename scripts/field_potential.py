@@ -1,7 +1,6 @@
 """What the integral of the field along the way leaves over: on simulated walks, and on the gdin and openshoe walks.
 
     python scripts/field_potential.py [--seeds N] [--scenarios NAME ...] [--trajectory true|own|upright] [--no-real]
-    python scripts/field_potential.py --figure FILE [--walk NAME]
 
 The integral u of the body field over the displacements of the body frame is E . p + h . s less the potential phi
 (`factors.field_potential`). E (east, north), h and a constant are fitted to u at the footfalls by least squares; h has
@@ -37,7 +36,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -45,10 +43,9 @@ from pathlib import Path
 import harness
 import numpy as np
 import walks
-from matplotlib.figure import Figure
+from harness import option, spread
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.errors import OutputError
 from fg_nav.factors.field_potential import integrate_field
 from fg_nav.factors.rotation import rotation_exp, turn_about_up
 from fg_nav.frames import wrap
@@ -56,12 +53,9 @@ from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.fields import find_earth_field
 from fg_nav.recording import TrajectoryTruth
-from fg_nav.report.plots import style
-from fg_nav.report.plots.field_potential import plot_field_north
 from fg_nav.smoother import smooth
 from fg_nav.walk import Walk
 
-FIRST_SEED, SEEDS = 101, 10
 SCENARIOS = ("mall", "office", "teaching-building")
 LEVELS = ("smooth", "indoor")
 LAGS = (1, 4, 16)
@@ -159,29 +153,22 @@ class Fit:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure, print, draw."""
-    chosen = _parse(arguments)
-    if chosen.figure is not None:
-        draw(chosen.walk, chosen.figure, chosen.magnetometer, chosen.data)
-        return
+    """Measure and print."""
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        seeds=10,
+        scenarios=SCENARIOS,
+        magnetometer=option(LOOP, "what is known of the iron", choices=("perfect", "loop", "raw")),
+        trajectory=option(TRUE, "to sum the field along", choices=TRAJECTORIES),
+        jobs=2,
+        data=None,
+        no_real=option(False, "simulated walks only"),
+        walks=None,
+    )
     print_simulated(chosen)
     if not chosen.no_real:
         print_real(walks.data_folder(chosen.data), chosen.walks)
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="The integral of the field along the way.")
-    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"walks of a scenario ({SEEDS}); 0: none")
-    parser.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), metavar="NAME")
-    parser.add_argument("--magnetometer", default=LOOP, choices=("perfect", "loop", "raw"))
-    parser.add_argument("--trajectory", default=TRUE, choices=TRAJECTORIES, help="to sum the field along (true)")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--no-real", action="store_true", help="simulated walks only")
-    parser.add_argument("--walks", nargs="+", metavar="NAME", help="of the real ones these only, such as 'gdin 31'")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw one walk instead")
-    parser.add_argument("--walk", default="mall indoor 101", metavar="NAME", help="which ('mall indoor 101')")
-    return parser.parse_args(arguments)
 
 
 def way_of(session: Walk, trajectory: Trajectory) -> Way:
@@ -223,13 +210,12 @@ def towards(nav_field: Floats) -> float:
 
 def print_simulated(chosen: argparse.Namespace) -> None:
     """One row a scenario and field."""
-    seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
     rows = []
     for name in chosen.scenarios if chosen.seeds else ():
         for level in LEVELS:
-            with ProcessPoolExecutor(chosen.jobs) as pool:
-                found = list(pool.map(partial(of_seed, name, level, chosen.magnetometer, chosen.trajectory), seeds))
-            rows.append([f"{name}, {level}", *(_spread(column) for column in zip(*found, strict=True))])
+            measure = partial(of_seed, name, level, chosen.magnetometer, chosen.trajectory)
+            found = harness.map_walks(measure, harness.seeds_of(chosen), chosen.jobs, f"{name}, {level}")
+            rows.append([f"{name}, {level}", *(spread(column, "{:.2f}") for column in zip(*found, strict=True))])
     if rows:
         harness.print_heading(f"Simulated walks, trajectory: {chosen.trajectory}, {chosen.seeds} seeds")
         lags = [f"correlation {lag}" for lag in LAGS]
@@ -284,11 +270,6 @@ def simulated(name: str, level: str, magnetometer: str, seed: int) -> tuple[Walk
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     return session, Trajectory(truth.nav_R_body, truth.position), find_earth_field(scenario(name).site).vector
-
-
-def _spread(values: Sequence[float]) -> str:
-    low, middle, high = np.percentile(values, [5, 50, 95])
-    return f"{middle:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def print_real(data: Path, names: Sequence[str] | None = None) -> None:
@@ -414,31 +395,6 @@ def _in_nav(way: Way) -> tuple[Floats, Floats]:
 def _as_it_is(way: Way) -> tuple[Floats, Floats]:
     """The field as the sensor has it."""
     return np.broadcast_to(np.eye(3), way.trajectory.nav_R_body.shape), np.zeros(3)
-
-
-def draw(name: str, path: Path, magnetometer: str, data: Path | None) -> None:
-    """Draw the coordinate along magnetic north, from the field alone and from the trajectory without it.
-
-    E and h are fitted to the truth of a simulated walk, and to the trajectory of a real one.
-    """
-    words = name.split()
-    if words[0] in walks.REAL_WALKS:
-        way = shown = real_way(name, data)
-    else:
-        session, truth, _ = simulated(words[0], words[1], magnetometer, int(words[2]))
-        way = way_of(session, inertial(session))
-        shown = placed(way, truth)
-    fit = fitted(shown)
-    own, true = (one.position[:, :2] @ fit.earth / fit.strength for one in (way, shown))
-    field, known = true + fit.left / fit.strength, None if way is shown else true
-    _save(plot_field_north(way.t[way.footfall], field, own, known, name), path)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    try:
-        style.save(figure, path)
-    except OSError as error:
-        raise OutputError(f"{path} could not be written ({error.strerror}): name another file.") from error
 
 
 if __name__ == "__main__":

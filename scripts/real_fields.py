@@ -1,6 +1,6 @@
 """What a real floor leaves of the magnetic heading: detectors and calibration on the gdin and openshoe walks.
 
-    python scripts/real_fields.py [--data DIR] [--out DIR] [--draws N]
+    python scripts/real_fields.py [--data DIR] [--draws N]
 
 Ten gdin walks (one sensor, one person's foot, seven ways of mounting) and three openshoe walks, indoors. Inertial
 heading: the IEZ filter without magnetometer; every figure is of the difference compass minus inertial heading at the
@@ -35,7 +35,6 @@ median of those found flatters, and that of all walks does not.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -44,7 +43,6 @@ from pathlib import Path
 import harness
 import numpy as np
 import walks
-from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration import (
@@ -59,12 +57,11 @@ from fg_nav.calibration import (
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
-from fg_nav.errors import CalibrationError, OutputError
+from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap
 from fg_nav.io import read
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
-from fg_nav.report.plots import style
 
 OPENSHOE = ("openshoe 1", "openshoe 7", "openshoe 13")
 
@@ -73,9 +70,6 @@ ANYWAY = WalkCalibrationParameters(must_gain=False, largest_sigma_uT=float("inf"
 
 SHUFFLE_SHARE = 40
 """Shuffling costs a run of the detector: so many times fewer than random choices."""
-
-SHOWN = ("ma2018-printed", "aiez")
-"""Detectors whose stances are marked in the figure."""
 
 
 @dataclass(frozen=True)
@@ -104,19 +98,13 @@ class FieldWalk:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure, print, draw."""
-    parser = argparse.ArgumentParser(description="Detectors and calibration on the real walks with a magnetometer.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write the figure there")
-    parser.add_argument("--draws", type=int, default=2000, metavar="N", help="random choices to compare with")
-    parser.add_argument("--walks", nargs="+", metavar="NAME", help="these only, such as 'gdin 31'")
-    chosen = parser.parse_args(arguments)
+    """Measure and print."""
+    draws = harness.option(2000, "random choices to compare with", metavar="N")
+    chosen = harness.parse_arguments(__doc__, arguments, data=None, draws=draws, walks=None)
     found = real_fields(walks.data_folder(chosen.data), chosen.walks)
     print_coverage(found)
     print_worth(found, chosen.draws)
     print_calibrations(found)
-    if chosen.out is not None:
-        draw(found, chosen.out)
 
 
 def real_fields(data: Path, names: Sequence[str] | None = None) -> list[FieldWalk]:
@@ -286,45 +274,6 @@ def _by_others(field: FootfallField, others: Sequence[MagnetometerCalibration]) 
     pulled = sum(w @ c.hard_iron_uT for w, c in zip(weights, others, strict=True))
     hard = np.linalg.solve(np.sum(weights, axis=0), pulled)
     return replace(field, body_field=field.body_field - hard)
-
-
-def draw(found: Sequence[FieldWalk], folder: Path) -> None:
-    """Draw the difference along each walk, what two detectors accept of it, and the coverage of all detectors."""
-    with style.styled():
-        figure = style.new_figure(2.1 * (1 + -(-len(found) // 3)), width_in=12.0)
-        grid = figure.add_gridspec(1 + -(-len(found) // 3), 3)
-        for k, walk in enumerate(found):
-            _draw_walk(figure.add_subplot(grid[k // 3, k % 3]), walk, first=k == 0)
-        figure.legend(loc="outside upper left", ncols=3)
-        _draw_coverage(figure.add_subplot(grid[-1, :]), found)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            style.save(figure, folder / "real_fields.png")
-        except OSError as error:
-            raise OutputError(f"{folder} could not be written to ({error.strerror}): name another folder.") from error
-
-
-def _draw_walk(axes: Axes, walk: FieldWalk, first: bool) -> None:
-    number, degrees = np.arange(1, len(walk.field) + 1), np.degrees(walk.difference)
-    axes.plot(number, degrees, ".-", color=style.TRUTH, linewidth=0.7, label="every stance" if first else None)
-    for name, colour, size in zip(SHOWN, (style.BLUE, style.VERMILION), (4.5, 8.0), strict=True):
-        passed = walk.verdicts[name].quasi_static
-        label = f"accepted by {name}" if first else None
-        axes.plot(number[passed], degrees[passed], "o", color=colour, markersize=size, fillstyle="none", label=label)
-    axes.set(ylim=(-90, 90), yticks=(-90, -45, 0, 45, 90), ylabel="deg", xlabel="footfall")
-    axes.set_title(f"{walk.name}: {circular_sd_deg(walk.difference):.0f} deg")
-
-
-def _draw_coverage(axes: Axes, found: Sequence[FieldWalk]) -> None:
-    """Bars: accepted and rejected shares of all footfalls."""
-    passed = [100 * np.concatenate([w.verdicts[n].quasi_static for w in found]).mean() for n in DETECTORS]
-    judged = [100 * np.concatenate([w.verdicts[n].judged for w in found]).mean() for n in DETECTORS]
-    axes.bar(range(len(passed)), passed, color=style.BLUE, label="accepted")
-    rejected = np.subtract(judged, passed)
-    axes.bar(range(len(passed)), rejected, bottom=passed, color=style.GRID, label="rejected")
-    axes.set_xticks(range(len(passed)), list(DETECTORS))
-    axes.set(ylabel="% of the footfalls", ylim=(0, 100))
-    style.head(axes, "Accepted and rejected share of all footfalls")
 
 
 if __name__ == "__main__":

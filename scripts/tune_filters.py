@@ -31,6 +31,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import pickle
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields, replace
@@ -39,6 +41,7 @@ from typing import Any, TypeAlias
 
 import harness
 import numpy as np
+from harness import option
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
@@ -55,7 +58,7 @@ from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 
 SCENARIOS, FIELDS = ("teaching-building", "office", "mall"), ("smooth", "indoor")
-FIRST_SEED, SEEDS, MOST_SEEDS = 1, 3, 12
+FIRST_SEED, MOST_SEEDS = 1, 12
 HELD_OUT = 31
 RATE_HZ = 100.0
 BASELINE = "iez"
@@ -154,7 +157,19 @@ Star: TypeAlias = Mapping[str, Mapping[float, float]]
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Tune, print, and keep what was computed."""
-    chosen = _parse(arguments)
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        cache=option(None, "folder of walks and results", type=Path, required=True, metavar="DIR"),
+        seeds=option(3, "walks of a scenario", choices=range(1, MOST_SEEDS + 1)),
+        scenarios=SCENARIOS,
+        methods=tuple(GRIDS),
+        rounds=option(4, "at most so many rounds of the search", metavar="N"),
+        jobs=2,
+        core=option(False, "sensor and foot as well"),
+        start=option(False, "sigma of a start that the compass gives as well"),
+        held_out=option(False, "measure `tuned` on seeds 31 to 36 instead"),
+    )
     first = HELD_OUT if chosen.held_out else FIRST_SEED
     with ProcessPoolExecutor(chosen.jobs) as pool:
         rate = np.inf if chosen.held_out else RATE_HZ
@@ -180,34 +195,29 @@ def tune(bench: Bench, chosen: argparse.Namespace) -> None:
             print_star(bench, best, CORE_GRID, f"core of {', '.join(best)}")
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Tune the filters on simulated walks.")
-    parser.add_argument("--cache", type=Path, required=True, metavar="DIR", help="folder of walks and results")
-    parser.add_argument("--seeds", type=int, choices=range(1, MOST_SEEDS + 1), default=SEEDS, metavar="N", help="1-12")
-    parser.add_argument("--scenarios", nargs="+", choices=SCENARIOS, default=SCENARIOS)
-    parser.add_argument("--methods", nargs="*", choices=tuple(GRIDS), default=tuple(GRIDS))
-    parser.add_argument("--rounds", type=int, default=4, metavar="N", help="at most so many rounds of the search (4)")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
-    parser.add_argument("--core", action="store_true", help="sensor and foot as well")
-    parser.add_argument("--start", action="store_true", help="sigma of a start that the compass tells as well")
-    parser.add_argument("--held-out", action="store_true", help="measure `tuned` on seeds 31 to 36 instead")
-    return parser.parse_args(arguments)
-
-
 # --- the walks -------------------------------------------------------------------------------------------------------
 
 
-def walked(folder: Path, scenario: str, seed: int, rate_hz: float = RATE_HZ) -> Walked:
+def find_walk(folder: Path, scenario: str, seed: int, rate_hz: float = RATE_HZ) -> Walked:
     """Return a walk out of the folder, or simulate it and put it there."""
-    path = folder / f"{scenario}-{seed}.npz"
+    path = folder / f"{scenario}-{seed}.pickle"
     if not path.exists():
-        _write(path, _simulated(scenario, seed, rate_hz))
-    return _read(path)
+        walk, unfinished = simulate_walk(scenario, seed, rate_hz), path.with_suffix(f".{os.getpid()}")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            unfinished.write_bytes(pickle.dumps(walk))
+            unfinished.replace(path)
+        except OSError as error:
+            raise OutputError(f"{path} could not be written ({error.strerror}): name another --cache.") from error
+    walk = pickle.loads(path.read_bytes())
+    assert isinstance(walk, Walked)
+    return walk
 
 
-def _simulated(scenario: str, seed: int, rate_hz: float) -> Walked:
+def simulate_walk(scenario: str, seed: int, rate_hz: float) -> Walked:
+    """Simulate a walk in each field."""
     walks = {name: simulate(scenario, seed, Choices(calibrated=True, field=name)).recording for name in FIELDS}
-    walks = {name: averaged(recording, rate_hz) for name, recording in walks.items()}
+    walks = {name: average_samples(recording, rate_hz) for name, recording in walks.items()}
     first = walks[FIELDS[0]]
     truth = first.truth
     assert isinstance(truth, TrajectoryTruth)
@@ -222,7 +232,7 @@ def _simulated(scenario: str, seed: int, rate_hz: float) -> Walked:
     return Walked(replace(first, mag=None, truth=None), stances, compare_at_footfalls, there, heading)
 
 
-def averaged(recording: Recording, rate_hz: float) -> Recording:
+def average_samples(recording: Recording, rate_hz: float) -> Recording:
     """Return the recording with neighbouring samples averaged, down to about this rate; none for an infinite one."""
     size = max(1, round(1.0 / (rate_hz * recording.period_s)))
     truth, blocks = recording.truth, len(recording) // size
@@ -237,34 +247,6 @@ def averaged(recording: Recording, rate_hz: float) -> Recording:
     mean = np.nansum(mag, axis=1) / np.where(count == 0, np.nan, count)
     there = TrajectoryTruth(recording.t[first], truth.position[first], truth.nav_R_body[first])
     return Recording(recording.t[first], acc.mean(axis=1), gyr.mean(axis=1), mean, there)
-
-
-def _write(path: Path, walk: Walked) -> None:
-    recording, stances = walk.recording, walk.stances
-    assert stances.statistic is not None
-    columns: dict[str, Any] = {"t": recording.t, "acc": recording.acc, "gyr": recording.gyr, "truth": walk.truth}
-    columns |= {name: getattr(stances, name) for name in ("start", "stop", "footfall", "statistic")}
-    for name, field in walk.fields.items():
-        columns |= {f"{name}.{column.name}": getattr(field, column.name) for column in fields(field)}
-    unfinished = path.with_suffix(f".{id(walk)}.npz")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(unfinished, heading=walk.heading, **columns)
-        unfinished.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path} could not be written ({error.strerror}): name another --cache.") from error
-
-
-def _read(path: Path) -> Walked:
-    with np.load(path) as kept:
-        recording = Recording(t=kept["t"], acc=kept["acc"], gyr=kept["gyr"])
-        intervals = {name: kept[name] for name in ("start", "stop", "footfall", "statistic")}
-        stances = Stances(n_samples=len(recording), **intervals)
-        columns = [column.name for column in fields(FootfallField)]
-        compare_at_footfalls = {
-            name: FootfallField(*(kept[f"{name}.{column}"] for column in columns)) for name in FIELDS
-        }
-        return Walked(recording, stances, compare_at_footfalls, kept["truth"], float(kept["heading"]))
 
 
 # --- one run ---------------------------------------------------------------------------------------------------------
@@ -350,7 +332,7 @@ def on_walk(
             kept |= json.loads(line)
     todo = [trial for trial in dict.fromkeys(trials) if trial.key not in kept]
     if todo:
-        walk = walked(folder, scenario, seed, rate_hz)
+        walk = find_walk(folder, scenario, seed, rate_hz)
         with path.open("a", encoding="utf-8") as file:
             for trial in todo:
                 kept[trial.key] = [list(errors_m(trial, walk, field)) for field in FIELDS]

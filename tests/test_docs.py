@@ -177,3 +177,10 @@ def test_scripts_that_pages_and_modules_name_exist() -> None:
     named = {name for page in sources if page.name != "CHANGELOG.md" for name in NAMED.findall(page.read_text("utf-8"))}
     assert "compare_ekf" in named
     assert not [name for name in sorted(named) if not (ROOT / "scripts" / f"{name}.py").exists()]
+
+
+def test_files_that_the_architecture_names_exist() -> None:
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w/]+\.py)`", text))
+    roots = (ROOT, ROOT / "fg_nav", ROOT / "fg_nav/lab", ROOT / "fg_nav/lab/simulation", ROOT / "scripts")
+    assert not [name for name in sorted(named) if not any((root / name).exists() for root in roots)]

@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def walk(folder):
-    return tune.walked(folder, "teaching-building", 7)
+    return tune.find_walk(folder, "teaching-building", 7)
 
 
 def test_the_search_finds_the_bottom_of_an_oblique_valley_and_says_how_flat_it_is(capsys):
@@ -94,20 +94,20 @@ def test_averaging_keeps_what_is_integrated_and_measured():
     t, acc, gyr, mag = np.arange(n) / 400.0, *rng.normal(size=(3, n, 3))
     mag[np.arange(n) % 3 > 0] = np.nan
     truth = TrajectoryTruth(t, np.column_stack([t, t, t]), np.tile(np.eye(3), (n, 1, 1)))
-    slow = tune.averaged(Recording(t, acc, gyr, mag, truth), 100.0)
+    slow = tune.average_samples(Recording(t, acc, gyr, mag, truth), 100.0)
     assert slow.period_s == pytest.approx(0.01)
     assert slow.acc.sum(axis=0) * 4 == pytest.approx(acc[:400].sum(axis=0))
     assert slow.gyr[7] == pytest.approx(gyr[28:32].mean(axis=0))
     assert slow.mag[1] == pytest.approx(mag[6])
     assert np.array_equal(slow.truth.position[:, 0], slow.t)
-    whole = tune.averaged(Recording(t, acc, gyr, mag, truth), np.inf)
+    whole = tune.average_samples(Recording(t, acc, gyr, mag, truth), np.inf)
     assert np.array_equal(whole.mag, mag, equal_nan=True)
 
 
 def test_a_walk_comes_out_of_the_cache_as_it_went_in(walk, folder):
-    again = tune.walked(folder, "teaching-building", 7)
+    again = tune.find_walk(folder, "teaching-building", 7)
     assert np.array_equal(again.recording.acc, walk.recording.acc)
-    fresh = tune._simulated("teaching-building", 7, tune.RATE_HZ)
+    fresh = tune.simulate_walk("teaching-building", 7, tune.RATE_HZ)
     trial = tune.Trial("ma2018")
     assert tune.errors_m(trial, again, "smooth") == tune.errors_m(trial, fresh, "smooth")
     assert len(walk.truth) == walk.stances.n_footfalls == len(walk.fields["indoor"])
@@ -128,7 +128,7 @@ def test_the_loss_is_the_mean_log_ratio_to_the_iez_and_results_are_kept(monkeypa
         counted.append((trial.method, walk, field))
         return (1.0, 3.0) if trial.method == "iez" else (0.5, 0.5 if field == "smooth" else 3.5)
 
-    monkeypatch.setattr(tune, "walked", lambda folder, *of: of)
+    monkeypatch.setattr(tune, "find_walk", lambda folder, *of: of)
     monkeypatch.setattr(tune, "errors_m", errors_m)
     bench = tune.Bench(tmp_path, Inline(), ("office",), range(1, 3))
     assert bench.losses([tune.Trial("qsf")]) == [pytest.approx((np.log(1 / 4) + 0.0) / 2)]
@@ -139,7 +139,7 @@ def test_the_loss_is_the_mean_log_ratio_to_the_iez_and_results_are_kept(monkeypa
 
 
 def test_held_out_walks_are_printed_and_are_not_those_tuned_on(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(tune, "walked", lambda folder, *of: of)
+    monkeypatch.setattr(tune, "find_walk", lambda folder, *of: of)
     monkeypatch.setattr(tune, "errors_m", lambda trial, walk, field: (walk[1], 4.0))
     monkeypatch.setattr(tune, "ProcessPoolExecutor", lambda jobs: _Entered())
     tune.main(["--cache", str(tmp_path), "--held-out", "--seeds", "3", "--methods", "qsf", "--scenarios", "office"])
@@ -157,10 +157,11 @@ class _Entered(Inline):
         return None
 
 
-def test_a_cache_that_cannot_be_written_is_named(walk, tmp_path):
+def test_a_cache_that_cannot_be_written_is_named(walk, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
+    monkeypatch.setattr(tune, "simulate_walk", lambda *_: walk)
     with pytest.raises(OutputError, match="--cache"):
-        tune._write(tmp_path / "file" / "walk.npz", walk)
+        tune.find_walk(tmp_path / "file", "office", 1)
 
 
 def test_the_benchmark_has_the_compass_in_every_filter_it_times(monkeypatch, capsys):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import RecordingError
-from fg_nav.lab.simulation.fields import SITES, make_earth_field
+from fg_nav.lab.simulation.fields import make_earth_field
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -96,19 +96,9 @@ def test_indoor_lies_in_the_range_of_the_real_walks():
 
 def test_only_the_printed_cylinder_is_no_field():
     for patch in maps.all_patches(1):
-        _, _, size, div, rot, added = maps.judged(patch, 0.1, seed=0, count=300)
+        _, _, size, div, rot, added = maps.measure_patch(patch, 0.1, seed=0, count=300)
         assert size > 0
         assert added > 0
         printed = patch.name == "cylinder, as printed"
         assert (div > 0.1) == (rot > 0.1) == printed, patch.name
         assert printed or max(div, rot) < 1e-4, patch.name
-
-
-def test_the_maps_are_drawn(tmp_path, capsys):
-    picture = tmp_path / "maps.png"
-    patch = next(p for p in maps.all_patches(1) if p.name == "cylinder")
-    maps._save(maps.drawn([patch]), picture)
-    assert picture.stat().st_size > 10_000
-    grid = maps._strengths(patch, 0.1)
-    assert np.isnan(grid).any()
-    assert np.nanmin(grid) < np.linalg.norm(SITES["equator"].vector) < np.nanmax(grid)
