@@ -176,9 +176,9 @@ READ_TO_UT = 0.2
 DRIFT_RATE_DEG_S, DRIFT_WALK_DEG_SQRT_MIN = 0.02, 1.0
 
 COURSES: dict[str, Callable[[np.random.Generator], Sequence[Section]]] = {
-    "demo": SCENARIOS["demo"].course,
-    "office": SCENARIOS["office"].course,
-    "mall": SCENARIOS["mall"].course,
+    "demo": SCENARIOS["demo"].route,
+    "office": SCENARIOS["office"].route,
+    "mall": SCENARIOS["mall"].route,
     "straight": lambda _: [Walk(straight(80.0))],
 }
 

@@ -148,7 +148,7 @@ def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field:
     scenario = replace(
         demo,
         name=f"{rounds} rounds",
-        course=lambda _: [rest, *[around, Stand(PAUSE_S)] * rounds],
+        route=lambda _: [rest, *[around, Stand(PAUSE_S)] * rounds],
         sensor=demo.sensor if field else replace(demo.prior, mag=None),
         field=field or "homogeneous",
     )
