@@ -49,7 +49,7 @@ def test_stances_without_a_field_are_left_out_of_the_comparison():
 
 def test_a_made_up_walk_is_what_it_says_it_is():
     walk = calibration.make_walk("demo", "smooth", "preset", 5)
-    reading = walk.iron.bent(walk.free)
+    reading = walk.iron.bend(walk.free)
     assert np.std(walk.field.body_field - reading) == pytest.approx(calibration.READ_TO_UT, rel=0.2)
     # Against the drifted axes the field turns with the drift.
     level = np.einsum("nij,nj->ni", walk.field.nav_R_body, walk.free)
