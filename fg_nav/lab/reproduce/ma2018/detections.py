@@ -13,11 +13,10 @@ between 0.65 of smooth and 0.35 of indoor: about 10 uT, the geometric mean of th
 indoor  the level of that name, fitted to real walks over reinforced floors: 27 uT
 ======= ================================================================================================
 
-Each field has its own limit, at which both kinds are there; Ma's threshold is looked at in more mixtures. They need no
-walks of their own: with one seed the two levels have the same steps and the same noise, and what the magnetometer
-shows is linear in the field.
+Each field has its own limit, at which both kinds are there. The mixture needs no walk of its own: with one seed the two
+levels have the same steps and the same noise, and the magnetometer's reading is linear in the field.
 
-The magnetometer is calibrated (hard and soft iron taken off as drawn) or has its iron. Bands are of 90 % over walks
+The magnetometer is calibrated: hard and soft iron are removed as drawn. Bands are of 90 % over walks
 (`fg_nav.evaluation.roc`). Seeds begin at 101: the fraction and the limits were chosen on seeds below 100.
 
 AIEZ's statistic depends on its own threshold, for what it trusts corrects the heading it is compared with: its curve
@@ -73,11 +72,8 @@ WINDOW = 3
 FIELDS = {"smooth": 0.0, "between": 0.35, "indoor": 1.0}
 """How much of `indoor` is in each; the rest is `smooth`."""
 
-SWEEP = {f"{share:g} indoor": share for share in (0.2, 0.5, 0.7)}
-"""More of these, in which only Ma's detector is looked at."""
-
-LIMIT_UT = {"smooth": 2.0, "between": 10.0, "indoor": 20.0} | dict.fromkeys(SWEEP, 10.0)
-"""Of the change of the vector over a window, where one limit is to stand for all."""
+LIMIT_UT = {"smooth": 2.0, "between": 10.0, "indoor": 20.0}
+"""Of the change of the vector over a window."""
 
 MA, MA_THRESHOLD, MA_P_D, OURS = "ma2018-printed", 170.0, 0.8, "ma2018"
 
@@ -90,30 +86,20 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Judged:
-    """One simulated walk in one field: what is true of its F stances, and each detector's statistic there.
-
-    Statistics (F,) are over thresholds: of a calibrated magnetometer, and of one that has its iron.
-    """
+    """One simulated walk in one field: what is true of its F stances, and each detector's statistic over threshold."""
 
     change: FieldChange
     course: Floats
     deviation: Floats
-    calibrated: Mapping[str, Floats]
-    with_iron: Mapping[str, Floats]
+    statistic: Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
 class Case:
-    """All walks of a scenario in one field."""
+    """All walks in one field."""
 
-    scenario: str
     field: str
     walks: Sequence[Judged]
-
-    @property
-    def name(self) -> str:
-        """For people."""
-        return f"{self.scenario}, {self.field}"
 
     @cached_property
     def walk(self) -> Ints:
@@ -126,11 +112,6 @@ class Case:
         return np.concatenate([walk.change.vector_uT for walk in self.walks])
 
     @cached_property
-    def heading_deg(self) -> Floats:
-        """(M,) true change of the field's direction over the ground."""
-        return np.asarray(np.rad2deg(np.concatenate([walk.change.heading for walk in self.walks])))
-
-    @cached_property
     def course_deg(self) -> Floats:
         """(M,) by how much the directions of the window's strides differ."""
         return np.asarray(np.rad2deg(np.concatenate([walk.course for walk in self.walks])))
@@ -140,9 +121,9 @@ class Case:
         """(M,) error of a perfect compass."""
         return np.asarray(np.abs(np.rad2deg(np.concatenate([walk.deviation for walk in self.walks]))))
 
-    def statistic(self, detector: str, with_iron: bool = False) -> Floats:
+    def statistic(self, detector: str) -> Floats:
         """(M,) over its threshold; NaN also where the truth is not known."""
-        parts = [(walk.with_iron if with_iron else walk.calibrated)[detector] for walk in self.walks]
+        parts = [walk.statistic[detector] for walk in self.walks]
         return np.where(np.isfinite(self.vector_uT), np.concatenate(parts), np.nan)
 
     def passes(self, detector: str) -> Bools:
@@ -153,64 +134,50 @@ class Case:
     @property
     def static(self) -> Bools:
         """(M,) truly so, by the field's own limit."""
-        return self.within("vector", LIMIT_UT[self.field])
-
-    def within(self, measure: str, limit: float) -> Bools:
-        """(M,) True where this measure of the truth stays below a limit."""
-        measures = {"vector": self.vector_uT, "heading": self.heading_deg, "compass": self.wrong_deg}
         with np.errstate(invalid="ignore"):
-            return np.asarray(measures[measure] < limit)
+            return np.asarray(self.vector_uT < LIMIT_UT[self.field])
 
-    def roc(self, detector: str, truth: Bools | None = None, with_iron: bool = False) -> Roc | None:
-        """ROC against a truth, that of the field's own limit if none is given; None with too few of a kind."""
-        statistic, signal = self.statistic(detector, with_iron), self.static if truth is None else truth
+    def roc(self, detector: str) -> Roc | None:
+        """ROC against the truth; None with too few of a kind."""
+        statistic, signal = self.statistic(detector), self.static
         judged = np.isfinite(statistic)
         if min(signal[judged].sum(), (~signal)[judged].sum()) < FEWEST:
             return None
         return make_roc(statistic, signal, self.walk)
 
 
-def by_steel() -> dict[str, float]:
-    """Every field by its name and the share of `indoor` in it, which rises."""
-    return dict(sorted((FIELDS | SWEEP).items(), key=lambda named: named[1]))
-
-
-def judged(wanted: tuple[str, int], fields: Sequence[str] | None = None) -> dict[str, Judged]:
-    """Simulate a scenario with a seed and judge it in these fields, or in every one."""
-    smooth, indoor = (simulate(*wanted, Choices(field=level)) for level in ("smooth", "indoor"))
+def judge_walk(scenario: str, seed: int) -> dict[str, Judged]:
+    """Simulate a scenario with a seed, and judge it in each of `FIELDS`."""
+    smooth, indoor = (simulate(scenario, seed, Choices(field=level)) for level in ("smooth", "indoor"))
     stances = detect_stances(smooth.recording)
     attitude = integrate_attitude(smooth.recording, stances)
-    return {name: _judged_in(smooth, indoor, name, stances, attitude) for name in fields or by_steel()}
+    return {name: _judge_in(smooth, indoor, share, stances, attitude) for name, share in FIELDS.items()}
 
 
-def _judged_in(smooth: SimulatedWalk, indoor: SimulatedWalk, name: str, stances: Stances, attitude: Floats) -> Judged:
+def _judge_in(smooth: SimulatedWalk, indoor: SimulatedWalk, share: float, stances: Stances, attitude: Floats) -> Judged:
     """Judge the walk in a mixture of the two fields; both are the same walk."""
-    share, detectors = by_steel()[name], tuple(DETECTORS) if name in FIELDS else (MA, OURS)
     recording = smooth.recording
     sample = stances.stillest(recording.gyr)
     assert isinstance(recording.truth, TrajectoryTruth)
     nav_field = (1 - share) * smooth.nav_field(sample) + share * indoor.nav_field(sample)
-    mixed = replace(recording, mag=_mixed(recording.mag, indoor.recording.mag, share))
-    fields = [
-        average_footfall_field(heard, stances, nav_R_body=attitude) for heard in (_without_iron(mixed, smooth), mixed)
-    ]
-    statistics = [{which: judge_field(field, which).statistic for which in detectors} for field in fields]
+    mixed = replace(recording, mag=_mix(recording.mag, indoor.recording.mag, share))
+    field = average_footfall_field(_remove_iron(mixed, smooth), stances, nav_R_body=attitude)
     return Judged(
         measure_field_change(nav_field, WINDOW),
         measure_course_change(recording.truth.position[sample], WINDOW),
         measure_compass_deviation(nav_field, smooth.earth.vector),
-        *statistics,
+        {name: judge_field(field, name).statistic for name in DETECTORS},
     )
 
 
-def _mixed(one: Floats | None, other: Floats | None, share: float) -> Floats:
+def _mix(one: Floats | None, other: Floats | None, share: float) -> Floats:
     assert one is not None
     assert other is not None
     return (1 - share) * one + share * other
 
 
-def _without_iron(recording: Recording, walk: SimulatedWalk) -> Recording:
-    """Take off the hard and soft iron as drawn: as calibrated as can be."""
+def _remove_iron(recording: Recording, walk: SimulatedWalk) -> Recording:
+    """Remove the hard and soft iron as drawn: as calibrated as can be."""
     assert recording.mag is not None
     sensor = walk.drawn["sensor"]
     mag = np.linalg.solve(np.array(sensor["soft_iron"]), (recording.mag - np.array(sensor["hard_iron_uT"])).T).T
@@ -218,12 +185,11 @@ def _without_iron(recording: Recording, walk: SimulatedWalk) -> Recording:
 
 
 def stretches(case: Case) -> dict[str, Bools]:
-    """(M,) True where the way is straight, bends, or is curved."""
+    """(M,) True where the path is straight, or is curved."""
     course = case.course_deg
     with np.errstate(invalid="ignore"):
         return {
             "straight": course < STRAIGHT_DEG,
-            "bent": (course >= STRAIGHT_DEG) & (course < CURVED_DEG),
             "curved": course >= CURVED_DEG,
         }
 
@@ -236,23 +202,23 @@ def roc_part(scenario: str, seed: int) -> Measurement:
 def _judged_arrays(scenario: str, seed: int) -> Arrays:
     """Truth and statistics of one walk in each of `FIELDS`, by names with a slash."""
     arrays: dict[str, Floats] = {}
-    for field, walk in judged((scenario, seed), tuple(FIELDS)).items():
+    for field, walk in judge_walk(scenario, seed).items():
         arrays |= {f"{field}/{name}": getattr(walk.change, name) for name in _CHANGES}
         arrays |= {f"{field}/course": walk.course, f"{field}/deviation": walk.deviation}
-        arrays |= {f"{field}/statistic {name}": values for name, values in walk.calibrated.items()}
+        arrays |= {f"{field}/statistic {name}": values for name, values in walk.statistic.items()}
     return arrays
 
 
 def cases_of(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, Case]:
     """Cases by field, of walks that are kept or made now; the magnetometer calibrated as can be."""
     walks = [roc_part(scenario, seed).load(folder) for seed in seeds]
-    return {field: Case(scenario, field, [_judged_of(arrays, field) for arrays in walks]) for field in FIELDS}
+    return {field: Case(field, [_judged_of(arrays, field) for arrays in walks]) for field in FIELDS}
 
 
 def _judged_of(arrays: Arrays, field: str) -> Judged:
     change = FieldChange(*(arrays[f"{field}/{name}"] for name in _CHANGES))
     statistics = {name: arrays[f"{field}/statistic {name}"] for name in DETECTORS}
-    return Judged(change, arrays[f"{field}/course"], arrays[f"{field}/deviation"], statistics, {})
+    return Judged(change, arrays[f"{field}/course"], arrays[f"{field}/deviation"], statistics)
 
 
 _CHANGES = ("vector_uT", "heading", "inclination", "strength_uT")
