@@ -18,7 +18,7 @@ north is not the cameras', and the pocket begins with a heading of zero.
 
 Methods that know all of the trial: VQF offline and `smooth_pocket`. Those that know the past alone: VQF,
 `follow_pocket` and the paper's filter, `estimate_pocket`. VQF has the magnetometer (9D) and its default parameters, and
-so have ours, but for the magnetometer's noise, which the first rest tells. Nothing is fitted to the truth; but that a
+so have ours, but for the magnetometer's noise, which the first rest shows. Nothing is fitted to the truth; but that a
 magnetometer keeps an error of its attitude, and a gyroscope one of its scale, was seen on these trials, in what the
 graph found for the scale: one sensor's ought to be the same in each.
 

@@ -205,7 +205,7 @@ class Walked:
     drift: Floats
 
     @property
-    def find_level_iron(self) -> Floats:
+    def level_iron(self) -> Floats:
         """True (2,) uT over the ground in levelled axes: what `fg_nav.calibration.walk.level_iron` estimates."""
         up = self.field.nav_R_body[:, 2].mean(axis=0)
         added = self.iron.hard_uT + EARTH.vector[2] * (self.iron.soft - np.eye(3)) @ up

@@ -2,17 +2,17 @@
 
     python scripts/campaign_faults.py [--scenarios NAME NAME] [--seeds N] [--methods NAME ...] [--out DIR]
 
-One plan, 2 scenarios x 3 methods x 8 seeds if not told otherwise, is run four times by `fg-nav campaign`, each in its
+One plan, 2 scenarios x 3 methods x 8 seeds by default, is run four times by `fg-nav campaign`, each in its
 own folder:
 
 one worker     on a Dask cluster of its own
 two workers    the same; it has the tables that the others are held against
 again          the same once more
 disturbed      on a scheduler and two workers started here: after a quarter of the cells one worker is killed, after
-               half of them the scheduler, which is started anew, after three quarters another worker (SIGKILL)
+               half of them the scheduler, which is started again, after three quarters another worker (SIGKILL)
 
-As a supervisor would, the script starts `dask worker` anew when it ends, which it does with its scheduler. Time is that
-of the whole command.
+As a supervisor would, the script starts `dask worker` again when it ends, which it does with its scheduler. Time is
+that of the whole command.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class OwnCluster:
         return f"tcp://127.0.0.1:{self.port}"
 
     def start_scheduler(self) -> None:
-        """Start, or start anew on the same port."""
+        """Start, or start again on the same port."""
         self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port))
 
     def start_workers(self) -> None:
@@ -136,7 +136,7 @@ class OwnCluster:
         self.workers = self._start("dask_worker", self.address, "--nworkers", "2", "--nthreads", "1")
 
     def tend(self) -> None:
-        """Start the workers anew where they went with their scheduler."""
+        """Start the workers again where they went with their scheduler."""
         if self.workers.poll() is not None:
             self.start_workers()
 
@@ -149,11 +149,11 @@ class OwnCluster:
         return f"worker {victim.pid} of {len(workers)} killed"
 
     def restart_scheduler(self) -> str:
-        """Kill the scheduler and start it anew."""
+        """Kill the scheduler and start it again."""
         self.scheduler.kill()
         self.scheduler.wait()
         self.start_scheduler()
-        return "scheduler killed and started anew"
+        return "scheduler killed and started again"
 
     def end(self) -> None:
         """End all that is left."""
@@ -183,7 +183,7 @@ def own_cluster() -> Iterator[OwnCluster]:
 
 
 def free_port() -> int:
-    """A port that nobody listens on."""
+    """A port that is free."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])

@@ -4,7 +4,7 @@
 
 The integral u of the body field over the displacements of the body frame is E . p + h . s less the potential phi
 (`factors.field_potential`). E (east, north), h and a constant are fitted to u at the footfalls by least squares; h has
-a prior of 15 uT. What is left over is phi, rms in uT m; over |E| it is how well the field tells the coordinate along
+a prior of 15 uT. What is left over is phi, rms in uT m; over |E| it is how well the field shows the coordinate along
 magnetic north at any footfall, however far one has walked.
 
 Simulated walks: along the true trajectory. With `--trajectory own` the field is summed along that of the smoother
@@ -18,7 +18,7 @@ Real walks: along the trajectory of the smoother without magnetometer, the magne
 against the mean field at the footfalls. `stance` is the strength of that mean. Controls:
 
 =========== ========================================================================================================
-shuffled    what the strides leave over, in random order: E and h are fitted anew. Errors that do not telescope leave
+shuffled    what the strides leave over, in random order: E and h are fitted again. Errors that do not telescope leave
             as much in any order. p is the share of orders that leave no more than the true one
 shifted     the strides' deviations from the mean field, in the navigation frame, go to the strides some way on
             (between a quarter and three quarters of the walk, round the end): the field is as rough, but not that of
@@ -27,9 +27,9 @@ strange     the same with the field in the body frame: |E| found from fields tha
 =========== ========================================================================================================
 
 Places passed twice: footfalls within 0.5 m of each other, more than 5 strides apart. `anywhere` is by how much phi
-differs from one footfall of the walk to another, rms, `there` between these. `told` is what is left over, `there` and
-`iron` where the fit is told that phi is the same there to 1 uT m: without curl this costs little. `shifted` as above,
-and told.
+differs from one footfall of the walk to another, rms, `there` between these. `tied` is what is left over, `there` and
+`iron` where the fit assumes that phi is the same there to 1 uT m: without curl this costs little. `shifted` as above,
+and tied.
 """
 
 from __future__ import annotations
@@ -189,12 +189,12 @@ def summed(way: Way, body_field: Floats) -> Way:
     return replace(way, body_field=body_field, u=found.u - found.u[0], s=found.s - found.s[0])
 
 
-def fitted(way: Way, told: bool = False) -> Fit:
-    """E, h and a constant by least squares; told, if so, that places passed twice have one phi."""
+def fitted(way: Way, tied: bool = False) -> Fit:
+    """E, h and a constant by least squares; with `tied`, places passed twice have one phi."""
     columns = np.column_stack([way.position[:, :2], way.s, np.ones(len(way.u))])
     prior = np.hstack([np.zeros((3, 2)), np.eye(3), np.zeros((3, 1))]) * PHI_SIGMA_UT_M / IRON_SIGMA_UT
     rows, right = [columns, prior], [way.u, np.zeros(3)]
-    if told:
+    if tied:
         first, again = way.passed_twice()
         weight = PHI_SIGMA_UT_M / AGAIN_UT_M
         rows.append(weight * (columns[again] - columns[first]))
@@ -282,7 +282,7 @@ def print_real(data: Path, names: Sequence[str] | None = None) -> None:
     twice = [(name, of_places(way)) for name, way in ways if len(way.passed_twice()[0]) >= FEWEST_PLACES]
     if twice:
         harness.print_heading("Places passed twice (uT m)")
-        words = ("pairs", "anywhere", "there", "left", "iron (uT)", "told: left", "there", "iron (uT)")
+        words = ("pairs", "anywhere", "there", "left", "iron (uT)", "tied: left", "there", "iron (uT)")
         _print_rows(("walk", *words, "shifted: left", "there"), twice)
 
 
@@ -349,11 +349,11 @@ def of_places(way: Way) -> tuple[float, ...]:
     def there(fit: Fit) -> float:
         return float(np.sqrt(np.mean((fit.left[again] - fit.left[first]) ** 2)))
 
-    fit, told = fitted(way), fitted(way, told=True)
-    others = [fitted(other, told=True) for other in elsewhere(way, _in_nav)]
+    fit, tied = fitted(way), fitted(way, tied=True)
+    others = [fitted(other, tied=True) for other in elsewhere(way, _in_nav)]
     ends = float(np.median([other.rms for other in others])), float(np.median([there(other) for other in others]))
     plain = float(np.sqrt(2.0)) * fit.rms, there(fit), fit.rms, fit.iron_along(way)
-    return float(len(first)), *plain, told.rms, there(told), told.iron_along(way), *ends
+    return float(len(first)), *plain, tied.rms, there(tied), tied.iron_along(way), *ends
 
 
 def shuffled(way: Way, draws: int, rng: np.random.Generator) -> Floats:

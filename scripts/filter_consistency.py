@@ -2,20 +2,20 @@
 
     python scripts/filter_consistency.py [--seeds N] [--methods NAME ...] [--preset NAME] [--scenario NAME]
 
-The motion is that of a simulated walk, at 25 Hz. A seed draws the truth about it as a filter believes it to be:
+The motion is that of a simulated walk, at 25 Hz. A seed draws the truth about it as a filter assumes it to be:
 
     start         velocity, tilt, heading and biases apart from the estimate by a draw from its P
     in stance     velocity of the sensor = rate x lever + white noise of the filter's density
     sensors       biases that walk, white noise of the densities of each sample
-    footfalls     the compass and the direction of up wrong by their sigmas; a compass is believed or not by the toss
+    footfalls     the compass and the direction of up wrong by their sigmas; a compass is used or not by the toss
                   of a coin, as a detector may decide
 
 Then innovations over their sigmas are white with variance 1 (NIS), and errors over the covariance chi-square with as
 many degrees of freedom as components (NEES; position, velocity, attitude and gyro bias: 12), both within the 95 % band
 of their number (Bar-Shalom et al. 2001, 5.4). A footfall's NEES is taken once a walk.
 
-Not drawn, and so left out here: a doubt that hangs on the sample's own force (`unsteady_s`), and a course (HDR): it is
-held against what the filter itself estimated before, shares its error, and has no NIS that could be asked for. What
+Not drawn, and so left out here: an uncertainty that depends on the sample's own force (`unsteady_s`), and a course (HDR): it
+is compared with what the filter itself estimated before, shares its error, and has no NIS that could be asked for. What
 is left of the first kind, noises in proportion to the sample, takes up to about one percent off the NIS of the velocity
 at the rate chosen here: a white velocity in stance asks for forces, and a large one is then doubted more.
 
@@ -77,7 +77,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A walk drawn from a filter's beliefs; the truth at its footfalls, and what the filter is told of them."""
+    """A walk drawn from a filter's beliefs; the truth at its footfalls, and what the filter is given of them."""
 
     recording: Recording
     start: Start
@@ -150,7 +150,7 @@ def drawable(parameters: Parameters) -> Parameters:
 def scores_of(
     motion: Motion, parameters: Parameters, rng: np.random.Generator, claimed: IezParameters | None = None
 ) -> Scores:
-    """Draw a walk, run the filter and its smoother, and score them; `claimed` by a filter that believes otherwise."""
+    """Draw a walk, run the filter and its smoother, and score them; `claimed` by a filter that assumes otherwise."""
     core = parameters if isinstance(parameters, IezParameters) else parameters.inertial
     walk = drawn(motion, core, parameters, rng)
     core = claimed or core
@@ -235,8 +235,8 @@ def drawn(motion: Motion, core: IezParameters, parameters: Parameters, rng: np.r
         strapdown(state, force + state.acc_bias, rate[i] + state.gyro_bias, h[i], core.gravity, turn, push)
         state.gyro_bias[:] += np.sqrt(q.gyro_bias * h[i]) * xi[i, 6:9]
         state.acc_bias[:] += np.sqrt(q.acc_bias * h[i]) * xi[i, 9:]
-    told = told_at_footfalls(np.array([true.nav_R_body for true in truth]), parameters, rng)
-    return Drawn(Recording(t=motion.t, acc=acc, gyr=gyr), start, told, truth)
+    known = draw_measurements(np.array([true.nav_R_body for true in truth]), parameters, rng)
+    return Drawn(Recording(t=motion.t, acc=acc, gyr=gyr), start, known, truth)
 
 
 def rates_of(nav_R_body: Floats, h: Floats) -> Floats:
@@ -276,24 +276,24 @@ def begun(
     return replace(start, nav_R_body=turned), truth
 
 
-def told_at_footfalls(nav_R_body: Floats, parameters: Parameters, rng: np.random.Generator) -> PseudoMeasurements:
-    """Compass and up at K footfalls, wrong by their sigmas, a coin deciding which compass is believed."""
+def draw_measurements(nav_R_body: Floats, parameters: Parameters, rng: np.random.Generator) -> PseudoMeasurements:
+    """Compass and up at K footfalls, wrong by their sigmas, a coin deciding which compass is used."""
     k = len(nav_R_body)
     if isinstance(parameters, IezParameters):
         return make_pseudo_measurements(k)
     sigma = np.radians(parameters.compass_sigma_deg)
     wrong = sigma * rng.standard_normal(k)
     field = np.array([R.T @ (yaw_rotation(float(a)) @ NAV_FIELD_UT) for R, a in zip(nav_R_body, wrong, strict=True)])
-    told = make_pseudo_measurements(k)._replace(
+    known = make_pseudo_measurements(k)._replace(
         body_field=field, compass_variance=np.where(rng.uniform(size=k) < 0.5, sigma**2, np.nan)
     )
     if parameters.levelled_by_force:
-        told = told._replace(compass_heading=heading_of(nav_R_body) + wrong)
+        known = known._replace(compass_heading=heading_of(nav_R_body) + wrong)
     if not isinstance(parameters, AiezParameters):
-        return told
+        return known
     tilt = np.radians(parameters.tilt_sigma_deg)
     up = np.column_stack([tilt * rng.standard_normal((k, 2)), np.ones(k)])
-    return told._replace(body_force=9.8 * np.einsum("kji,kj->ki", nav_R_body, up), tilt_variance=np.full(k, tilt**2))
+    return known._replace(body_force=9.8 * np.einsum("kji,kj->ki", nav_R_body, up), tilt_variance=np.full(k, tilt**2))
 
 
 if __name__ == "__main__":

@@ -3,18 +3,18 @@
     python scripts/online_accuracy.py [--scenarios NAME ...] [--fields LEVEL ...] [--seeds N] [--first SEED]
         [--real] [--jobs N] [--json FILE]
 
-Simulated walks, their magnetometer calibrated on a loop and their heading told, are pushed through `OnlineNavigator` in
-blocks of half a second, stances found on the way. Beside it `ma2018` as tuned, a filter without a way back: its
+Simulated walks, their magnetometer calibrated on a loop and their heading given, are pushed through `OnlineNavigator`
+in blocks of half a second, stances found on the way. Beside it `ma2018` as tuned, a filter without a way back: its
 estimate at a footfall is that of the moment too. Both laid as started; errors over the ground at the footfalls.
 
 =========== ============================================================================================================
-moment      error of the estimates as told, rms over the footfalls, m
+moment      error of the estimates as reported, rms over the footfalls, m
 ma2018      the same of the filter, and ours over it, walk by walk
 smoothed    the past as the online graph has it at the end
 batch       the polished solution
 gap before  largest distance of smoothed and batch at the same samples, m; asked below 0.1
 gap after   of the polished solution and `smoother` on the recording, m; asked below 0.02
-found       share of the batch's footfalls that were told on the way
+found       share of the batch's footfalls that were reported on the way
 =========== ============================================================================================================
 
 Medians over the seeds, 5 and 95 % behind. `--real`: the gaps on the gdin walks and openshoe loops (FG_NAV_DATA).
@@ -49,7 +49,7 @@ SAME_FOOTFALL_S = 0.3
 
 @dataclass(frozen=True)
 class Walked:
-    """Errors (m) of one walk, NaN without a truth; gaps (m); share of the footfalls that were told."""
+    """Errors (m) of one walk, NaN without a truth; gaps (m); share of the footfalls that were reported."""
 
     moment: float
     filtered: float

@@ -12,13 +12,13 @@ single      single samples missing all over
 clipped     gyroscope and accelerometer clip at 250 to 600 deg/s and 30 to 80 m/s^2
 magnet      a magnet of up to 300 uT at the sensor passes by within 0.3 to 3 s
 no field    stretches without a sample of the magnetometer, or no magnetometer at all
-stamps      repeated, backward, far ahead, or the clock begins anew
+stamps      repeated, backward, far ahead, or the clock begins again
 cut         the recording begins in the middle of the walk
 =========== ===========================================================================================
 
-It comes in blocks of one sample to two seconds; heading told or not, field used or not; the walk is then solved as a
-whole. Asked: no exception, nothing but numbers in what is told, and sigmas that grow where the input is lost for a
-second or more. Told too: how far the end is off over its own sigma.
+It comes in blocks of one sample to two seconds; heading given or not, field used or not; the walk is then solved as a
+whole. Asked: no exception, nothing but numbers in what is reported, and sigmas that grow where the input is lost for a
+second or more. Reported too: how far the end is off over its own sigma.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ def _no_field(rows: Floats, rng: np.random.Generator) -> Floats:
 
 def _stamps(rows: Floats, rng: np.random.Generator) -> Floats:
     at = int(rng.integers(10, len(rows) - 10))
-    kind = rng.choice(["repeated", "backward", "ahead", "anew"])
+    kind = rng.choice(["repeated", "backward", "ahead", "restart"])
     if kind == "repeated":
         return np.repeat(rows, np.where(np.arange(len(rows)) % 41 == 3, 2, 1), axis=0)
     if kind == "backward":
@@ -209,11 +209,11 @@ def push_walk(seed: int, lag_s: float | None) -> Fate:
     rng = np.random.default_rng(seed)
     recording = draw_walk(seed, rng)
     rows, defects = spoil(recording, rng)
-    told = bool(rng.random() < 0.5)
+    known_heading = bool(rng.random() < 0.5)
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
-    heading = float(heading_of(truth.nav_R_body[np.searchsorted(truth.t, rows[0, 0])])) if told else None
+    heading = float(heading_of(truth.nav_R_body[np.searchsorted(truth.t, rows[0, 0])])) if known_heading else None
     fate = Fate(seed, defects)
     try:
         options = OnlineOptions(heading, bool(rng.random() < 0.7), lag_s)
@@ -222,7 +222,7 @@ def push_walk(seed: int, lag_s: float | None) -> Fate:
             navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:])
         navigator.close()
         taken = SampleJudge().admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
-        _judge(fate, navigator, taken[:, 0], truth if told and "stamps" not in defects else None)
+        _judge(fate, navigator, taken[:, 0], truth if known_heading and "stamps" not in defects else None)
     except Exception:
         fate.failed = traceback.format_exc()
     return fate

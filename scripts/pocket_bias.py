@@ -3,7 +3,7 @@
     python scripts/pocket_bias.py [--seeds N] [--first SEED] [--noise UT] [--jobs N] [--json FILE]
 
 The 3 km of `pocket-street` with z along the thigh and the errors of Table 2 of Munoz Diaz et al. (2017): 0.1 deg/s of
-noise a rate sample, biases of -0.1, 0.1 and -0.1 deg/s, of which nobody is told. The magnetometer has 0.5 uT of white
+noise a rate sample, biases of -0.1, 0.1 and -0.1 deg/s, which are not given. The magnetometer has 0.5 uT of white
 noise a sample at 100 Hz, and the same walk is made in each of these fields:
 
 ========= ==========================================================================================================
@@ -16,7 +16,7 @@ past-cars the walk of `pocket-past-cars`: two cars and two lamps, as in the pape
 ============== =====================================================================================================
 online         `fg_nav.pocket.follow_pocket`: each estimate is made of what was there until then
 batch          `fg_nav.pocket.smooth_pocket`: of all of the walk
-paper          `fg_nav.pocket.estimate_pocket`, told the noise of the magnetometer
+paper          `fg_nav.pocket.estimate_pocket`, given the noise of the magnetometer
 quarter        the same with fields a quarter of a second apart
 quarter, wide  that with the graph's prior of the bias
 ============== =====================================================================================================
@@ -116,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def methods_at(noise_uT: float) -> Mapping[str, Estimate]:
-    """Return the methods, each told the noise of the magnetometer."""
+    """Return the methods, each given the noise of the magnetometer."""
     graph, paper = PocketSmootherParameters(mag_sigma_uT=noise_uT), PocketParameters(mag_sigma_uT=noise_uT)
     quarter = replace(paper, shortest_difference_s=0.25)
     wide = replace(quarter, gyro_bias_sigma_deg_s=graph.gyro_bias_sigma_deg_s)

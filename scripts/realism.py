@@ -249,7 +249,7 @@ def within(real: Facts, ours: Facts, key: str) -> int:
 
 
 def whoever(_: int) -> None:
-    """Nobody in particular: a simulation draws somebody by its seed."""
+    """No given person: a simulation draws one by its seed."""
 
 
 def unhurried(seed: int) -> Person:

@@ -19,7 +19,7 @@ What the real sensor adds:
   part shows in walks that turn, and the second column has it taken off (ridge fit, prior 5 uT per axis); its vertical
   part is a constant;
 * it answers late (the GX5 by 20 to 25 ms, in each of the ten walks), which in a swing of 400 deg/s looks like 6 uT of
-  roughness. The delay at which the field in nav is smoothest along the path is found first, told, and taken off.
+  roughness. The delay at which the field in nav is smoothest along the path is found first, printed, and removed.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def field_facts(recording: Recording, stances: Stances, solution: Solution) -> d
 
 
 def _nav_field(recording: Recording, solution: Solution) -> tuple[Floats, float]:
-    """Field (N, 3) in nav when it was felt, and the delay in s by which the magnetometer told of it."""
+    """Field (N, 3) in nav when it was felt, and the delay in s by which the magnetometer lags."""
     if recording.mag is None:
         raise RecordingError("the recording has no magnetometer: take one that has.")
     first, last = (round(delay / recording.period_s) for delay in DELAYS_S)

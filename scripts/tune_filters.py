@@ -2,7 +2,7 @@
 
     python scripts/tune_filters.py --cache DIR [--seeds N] [--methods NAME ...] [--jobs N]
     python scripts/tune_filters.py --cache DIR --core          what all share: sensor and foot
-    python scripts/tune_filters.py --cache DIR --start         sigma of a start that the compass tells
+    python scripts/tune_filters.py --cache DIR --start         sigma of a start that the compass gives
     python scripts/tune_filters.py --cache DIR --held-out      `tuned` and `physical` on seeds not tuned on
 
 One preset a method for all scenarios and fields, for a user does not know the field. Calibrated magnetometer, true
@@ -121,22 +121,22 @@ class Walked:
 
 @dataclass(frozen=True)
 class Trial:
-    """A method with some of its parameters otherwise; `told` is whether it is told the heading at the start."""
+    """A method with some of its parameters otherwise; `known_heading`: it is given the heading at the start."""
 
     method: str
     point: tuple[tuple[str, float], ...] = ()
     preset: str = PHYSICAL
-    told: bool = True
+    known_heading: bool = True
 
     @classmethod
-    def at(cls, method: str, point: Point, told: bool = True) -> Trial:
+    def at(cls, method: str, point: Point, known_heading: bool = True) -> Trial:
         """Of the physical preset."""
-        return cls(method, tuple(sorted(point.items())), told=told)
+        return cls(method, tuple(sorted(point.items())), known_heading=known_heading)
 
     @property
     def key(self) -> str:
         """Under which its result is kept."""
-        return json.dumps([self.method, self.preset, self.told, self.point])
+        return json.dumps([self.method, self.preset, self.known_heading, self.point])
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def tune(bench: Bench, chosen: argparse.Namespace) -> None:
         point = best[method] = tuned(bench, method, grid, chosen.rounds)
         print_star(bench, {method: point}, grid, method)
         if chosen.start:
-            print_star(bench, {method: point}, START_GRID, f"{method}, heading from the compass", told=False)
+            print_star(bench, {method: point}, START_GRID, f"{method}, heading from the compass", known_heading=False)
     if chosen.core:
         print_star(bench, {BASELINE: {}}, CORE_GRID, f"core of {BASELINE}")
         if best:
@@ -262,7 +262,7 @@ def errors_m(trial: Trial, walk: Walked, field: str) -> tuple[float, float]:
 def solved(trial: Trial, walk: Walked, field: str) -> Solution:
     """Run the filter."""
     parameters = moved(find_parameters(trial.method, trial.preset), dict(trial.point))
-    seen, heading = (walk.recording, walk.stances), walk.heading if trial.told else None
+    seen, heading = (walk.recording, walk.stances), walk.heading if trial.known_heading else None
     if isinstance(parameters, IezParameters):
         return run_iez(*seen, parameters, walk.heading)
     if isinstance(parameters, AiezParameters):
@@ -388,10 +388,12 @@ def value_of(parameters: Parameters, name: str) -> float:
 
 
 def along(
-    bench: Bench, points: Mapping[str, Point], name: str, values: Sequence[float], told: bool = True
+    bench: Bench, points: Mapping[str, Point], name: str, values: Sequence[float], known_heading: bool = True
 ) -> dict[float, float]:
     """Loss at each value of one parameter, the mean over the methods."""
-    trials = [Trial.at(method, {**point, name: value}, told) for value in values for method, point in points.items()]
+    trials = [
+        Trial.at(method, {**point, name: value}, known_heading) for value in values for method, point in points.items()
+    ]
     losses = np.reshape(bench.losses(trials), (len(values), len(points)))
     return dict(zip(values, losses.mean(axis=1).tolist(), strict=True))
 
@@ -399,12 +401,12 @@ def along(
 # --- tables ----------------------------------------------------------------------------------------------------------
 
 
-def print_star(bench: Bench, points: Mapping[str, Point], grid: Grid, words: str, told: bool = True) -> None:
+def print_star(bench: Bench, points: Mapping[str, Point], grid: Grid, words: str, known_heading: bool = True) -> None:
     """Print the ratio to the IEZ's error at each value of each parameter; the best is marked, and where it lies."""
     harness.print_heading(f"{words}: error over the IEZ's (geometric mean of {len(bench.cases)} walks)")
     rows = []
     for name, values in grid.items():
-        loss = along(bench, points, name, values, told)
+        loss = along(bench, points, name, values, known_heading)
         at = min(loss, key=lambda value: loss[value])
         shown = [f"{value:g}: {np.exp(loss[value]):.3f}{'*' if value == at else ''}" for value in values]
         rows.append([name, where(list(loss.values())), "  ".join(shown)])
