@@ -14,10 +14,11 @@ Then innovations over their sigmas are white with variance 1 (NIS), and errors o
 many degrees of freedom as components (NEES; position, velocity, attitude and gyro bias: 12), both within the 95 % band
 of their number (Bar-Shalom et al. 2001, 5.4). A footfall's NEES is taken once a walk.
 
-Not drawn, and so left out here: an uncertainty that depends on the sample's own force (`unsteady_s`), and a course (HDR): it
-is compared with what the filter itself estimated before, shares its error, and has no NIS that could be asked for. What
-is left of the first kind, noises in proportion to the sample, takes up to about one percent off the NIS of the velocity
-at the rate chosen here: a white velocity in stance asks for forces, and a large one is then doubted more.
+Not drawn, and so left out here: an uncertainty that depends on the sample's own force (`unsteady_s`), and a course
+(HDR), which is compared with what the filter itself estimated before, shares its error, and has no NIS that could be
+asked for. What is left of the first kind, noises in proportion to the sample, takes up to about one percent off the
+NIS of the velocity at the rate chosen here: a white velocity in stance asks for forces, and a large one is then
+doubted more.
 
 25 Hz was chosen after 200 and 50 Hz had been tried, because the forces so asked for grow with the rate. The NIS of the
 velocity of IEZ and `matched`, one sigma of the mean 0.002, was 0.976 and 0.973 at 200 Hz, outside the band; 0.994 at
