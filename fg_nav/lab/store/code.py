@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import sys
+import threading
 from collections.abc import Iterable
 from functools import cache
 from importlib import metadata
@@ -20,6 +21,9 @@ SHOWS_ONLY = ("report/", "commands/", "lab/reproduce/", "cli.py")
 
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")
 """Libraries that results depend on, to the last bit."""
+
+_PARSING = threading.Lock()
+"""Python 3.11 fails where two threads of a worker parse at once (its recursion depth is one for all)."""
 
 
 @cache
@@ -54,7 +58,8 @@ def _version(name: str) -> str:
 
 def strip_source(source: str) -> str:
     """Return a source without comments, layout and texts that stand alone."""
-    tree = ast.parse(source)
+    with _PARSING:
+        tree = ast.parse(source)
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
