@@ -1,6 +1,6 @@
 """Whether the simulated foot moves as real ones do: the same facts of both, side by side.
 
-    python scripts/realism.py [--data DIR] [--seeds N] [--per-walk] [--figure FILE]
+    python scripts/realism.py [--data DIR] [--seeds N] [--per-walk]
 
 Real: the ten gdin walks, indoors, 35 to 150 m, a LORD GX5 on the instep. Simulated: as many metres of straight lines
 and right-angled corners with the same sensor on the instep, its range unlimited, twice: persons and mounts drawn about
@@ -18,7 +18,6 @@ The field is compared by `realism_field.py`'s facts, on the same simulated walks
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -180,12 +179,7 @@ class Foot:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="The simulated foot beside real ones.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="simulated walks of each kind (5)")
-    parser.add_argument("--per-walk", action="store_true", help="a column for every real walk too")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw real and simulated strides into this file")
-    chosen = parser.parse_args(arguments)
+    chosen = harness.parse_arguments(__doc__, arguments, data=None, seeds=5, per_walk=False)
     data = walks.data_folder(chosen.data)
     real = [foot(walk.name, walk.recording) for walk in walks.read_gdin(data)]
     seeds = range(chosen.seeds)
@@ -203,8 +197,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     columns = {"real": captured} | ours
     print_facts(TRUE_FACTS, {name: [true_facts(walk) for walk in of] for name, of in columns.items()})
     print_field(data, recorded, chosen.seeds)
-    if chosen.figure:
-        draw(real, ours["unhurried"], chosen.figure)
 
 
 def motion_captured(data: Path) -> list[Foot]:
@@ -490,35 +482,6 @@ def _smoothed_slope(place: Floats, period_s: float, reach: int = 4) -> Floats:
     offsets = np.arange(-reach, reach + 1)
     kernel = offsets[::-1] / (period_s * (offsets**2).sum())
     return np.stack([np.convolve(axis, kernel, mode="same") for axis in place.T], axis=1)
-
-
-def draw(real: Sequence[Foot], ours: Sequence[Foot], file: Path, strides: int = 6) -> None:
-    """Draw strides of all real walks (grey) under simulated ones (blue) over the share of a stride."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(2, 3, figsize=(15, 8), sharex=True)
-    for walks_of, colour, width in ((real, "0.6", 0.4), (ours, "tab:blue", 0.6)):
-        for walk in walks_of:
-            for begin, end in walk.strides[3 : 3 + strides]:
-                for axis, curve in zip(axes.T.ravel(), _curves(walk, begin, end), strict=True):
-                    axis.plot(SHARES, curve, color=colour, linewidth=width)
-    names = [f"{name} {what}" for name in ("roll", "pitch", "yaw") for what in ("rate (deg/s)", "")]
-    names[1::2] = [f"force {name} (m/s²)" for name in ("forward", "left", "up")]
-    for axis, name in zip(axes.T.ravel(), names, strict=True):
-        axis.set_title(name)
-        axis.grid(alpha=0.3)
-    figure.suptitle("strides of ten real walks (grey) and simulated (blue), over the share of a stride")
-    figure.tight_layout()
-    figure.savefig(file, dpi=80)
-
-
-def _curves(walk: Foot, begin: int, end: int) -> list[Floats]:
-    seconds = walk.recording.t[end] - walk.recording.t[begin]
-    rate = walk.rate * seconds / UNHURRIED_S
-    return [resampled(walk, values[:, i], begin, end) for i in range(3) for values in (rate, walk.force)]
 
 
 if __name__ == "__main__":

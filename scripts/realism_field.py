@@ -24,7 +24,6 @@ What the real sensor adds:
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -105,11 +104,7 @@ class Sensed:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="The simulated field beside that of real walks.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--seeds", type=int, default=20, metavar="N", help="buildings on the made-up walk")
-    parser.add_argument("--per-walk", action="store_true", help="a column for every real walk too")
-    chosen = parser.parse_args(arguments)
+    chosen = harness.parse_arguments(__doc__, arguments, data=None, seeds=20, per_walk=False)
     real = real_walks(walks.data_folder(chosen.data))
     seeds = range(chosen.seeds)
     columns = {

@@ -16,7 +16,6 @@ The defaults were set with this table in view: `ok` says that the fit holds, not
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -157,10 +156,7 @@ def _stride(thigh: Thigh, begin: int, end: int) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="The simulated thigh beside a real one.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder with the recordings")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulated walk")
-    chosen = parser.parse_args(arguments)
+    chosen = harness.parse_arguments(__doc__, arguments, data=None, seed=1)
     real = real_strides(walks.data_folder(chosen.data))
     harness.print_heading("A real thigh and the simulated one: median (5 to 95 % of the strides)")
     rows = [_row(name, real[name], ours) for name, ours in strides_of(simulated_thigh(chosen.seed)).items()]
