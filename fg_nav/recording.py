@@ -360,3 +360,24 @@ def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
     senseless = ~(np.abs(mag) < plausibility.LIMIT_UT)
     mag[senseless.any(axis=1)] = np.nan
     return None if np.isnan(mag).all() else mag
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A position known at an instant of the walk: at a surveyed point, or by a receiver.
+
+    In the walk's own navigation frame, m, from where the sensor stood in the first stance: subtract a plan's
+    coordinates of the start.
+
+    Attributes
+    ----------
+    time_s : s, in the recording's own time.
+    position : (3,) m, x east, y north, z up from the start; z does not count where `vertical_sigma_m` is infinite.
+    horizontal_sigma_m : of x, and of y.
+    vertical_sigma_m : of z; infinite where the height is not known.
+    """
+
+    time_s: float
+    position: Floats
+    horizontal_sigma_m: float
+    vertical_sigma_m: float = np.inf

@@ -22,11 +22,10 @@ from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.walked import WalkErrors, measure_walk
-from fg_nav.fixes import Fix
 from fg_nav.io import read, read_fixes, read_truth
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, find_detector, judge_field
-from fg_nav.recording import Recording, Truth
+from fg_nav.recording import Fix, Recording, Truth
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 
@@ -258,7 +257,7 @@ def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
 
 def _compare_with_truth(solution: Solution, truth: Truth, alignment: str, field_used: bool) -> Outcome:
     comparison = compare(solution, truth, alignment)
-    metrics = evaluate(solution, truth, alignment)
+    metrics = evaluate(solution, truth, comparison=comparison)
     moment = None
     if solution.moment is not None:
         moment = measure_walk(replace(solution, stances=solution.moment), truth, alignment)

@@ -39,6 +39,7 @@ from scipy.stats import chi2
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
+from fg_nav.detection.rest import Start
 from fg_nav.ekf.aiez import AiezParameters
 from fg_nav.ekf.attitude_updates import COMPASS, TILT, PseudoMeasurements, make_pseudo_measurements
 from fg_nav.ekf.core import GAUGE_SIGMA, filter_walk, make_initial_state, make_noise_models
@@ -47,7 +48,6 @@ from fg_nav.ekf.matched import MatchedParameters
 from fg_nav.ekf.parameters import ACC_BIAS_SIGMA, VELOCITY_SIGMA, IezParameters
 from fg_nav.ekf.presets import Parameters, find_parameters
 from fg_nav.ekf.rts import Track
-from fg_nav.ends import Start
 from fg_nav.frames import heading_of, yaw_rotation
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.mechanisation import NavState, strapdown

@@ -37,7 +37,8 @@ from walks import GDIN, OPENSHOE, REAL_WALKS, Walk
 from fg_nav.arrays import Floats
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
-from fg_nav.evaluation import Consistency, Metrics, compute_stance_nees, evaluate
+from fg_nav.evaluation import Metrics, evaluate
+from fg_nav.evaluation.consistency import Consistency, compute_stance_nees
 from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
 from fg_nav.navigate import run_method
 from fg_nav.recording import Recording, TrajectoryTruth

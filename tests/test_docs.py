@@ -22,7 +22,7 @@ from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, RESULT_FILES, SIMULATION_FILES
-from fg_nav.smoother import SmootherParameters, graph, nodes, strides
+from fg_nav.smoother import SmootherParameters, graph, strides
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -68,7 +68,7 @@ def test_every_format_has_its_row(page: Path) -> None:
 
 def test_parameters_have_the_values_that_the_page_tells() -> None:
     known = {f.name: f.default for f in fields(SmootherParameters)}
-    for module in (graph, nodes, strides):
+    for module in (graph, strides):
         known |= {name: value for name, value in vars(module).items() if name.isupper() and isinstance(value, float)}
     told: dict[str, float] = {}
     for first, value, *_ in rows_of(ROOT / "docs/models.md"):

@@ -1,7 +1,6 @@
 """What a recording shows of its own sensor and mounting. Imports no estimator.
 
-In order: all at once and its file; the magnetometer, turned over, on a loop, on a walk; the sensor at rest; its noise;
-where it sits on the shoe.
+In order: all at once and its file; the magnetometer, turned over, on a loop, on a walk; the sensor at rest; its noise.
 """
 
 from fg_nav.calibration.at_rest import AccelerometerCalibration
@@ -11,7 +10,6 @@ from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
 from fg_nav.calibration.of_recording import METHODS, calibrate
-from fg_nav.calibration.rolling_lever import RollingLever, estimate_lever
 from fg_nav.calibration.walk import (
     Spread,
     WalkCalibrationParameters,
@@ -26,7 +24,6 @@ __all__ = [
     "Calibration",
     "Ellipse",
     "MagnetometerCalibration",
-    "RollingLever",
     "Spread",
     "WalkCalibrationParameters",
     "calibrate",
@@ -34,7 +31,6 @@ __all__ = [
     "calibrate_on_walk",
     "circular_sd_deg",
     "correct_field",
-    "estimate_lever",
     "find_level_iron",
     "fit_ellipsoid",
     "fit_unit_sphere",

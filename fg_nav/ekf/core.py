@@ -31,6 +31,7 @@ from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
+from fg_nav.detection.rest import Start, find_start, freeze_ends
 from fg_nav.ekf.attitude_updates import (
     PseudoMeasurements,
     compute_direction,
@@ -60,7 +61,6 @@ from fg_nav.ekf.parameters import (
 from fg_nav.ekf.rts import Samples, Tape, Track, allocate_tape, allocate_track, smooth_backward, view_state
 from fg_nav.ekf.update import inject_error
 from fg_nav.ekf.zero_velocity import StanceNoise, update_in_stance
-from fg_nav.ends import Start, find_start, freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown

@@ -24,11 +24,11 @@ from time import perf_counter
 import numpy as np
 
 from fg_nav.arrays import Bools
+from fg_nav.detection.rest import Start, find_start
 from fg_nav.ekf.attitude_updates import PseudoMeasurements, make_pseudo_measurements
 from fg_nav.ekf.core import GAUGE_SIGMA, compile_filter, describe_start, filter_walk, make_solution
 from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.rts import Track
-from fg_nav.ends import Start, find_start
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.quasi_static import Detector, judge_field

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from time import perf_counter
 
+from fg_nav.detection.rest import find_start
 from fg_nav.ekf.core import compile_filter, describe_start, filter_walk, make_solution
 from fg_nav.ekf.parameters import IezParameters
-from fg_nav.ends import find_start
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances

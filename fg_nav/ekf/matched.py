@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-from fg_nav.calibration import estimate_lever
+from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.parameters import STANCE_CORRELATION_S, IezParameters
 from fg_nav.magnetic import FootfallField

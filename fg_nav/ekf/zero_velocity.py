@@ -11,7 +11,7 @@ mean lever: sensors sit 5 to 10 cm above the sole, and where the foot rolls is n
 of the lever, in any direction, is noise that grows with the rate; being the same for a while, it has the
 density sigma |w| sqrt(2 tau). At rest all of this vanishes and a small floor is left.
 
-The lever may also be given in the body frame, where a recording shows it (`fg_nav.calibration.rolling_lever`). And a
+The lever may also be given in the body frame, where a recording shows it (`fg_nav.detection.rolling_lever`). And a
 foot whose specific force f is not gravity has begun to move: with the time for which that may have lasted, the velocity
 gets the further standard deviation unsteady | |f| - g |, again as a density.
 

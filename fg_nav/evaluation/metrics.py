@@ -57,18 +57,20 @@ class Metrics:
         return {name: value for name, value in known.items() if value is not None}
 
 
-def evaluate(solution: Solution, truth: Truth | None = None, alignment: str = "yaw") -> Metrics:
+def evaluate(
+    solution: Solution, truth: Truth | None = None, alignment: str = "yaw", comparison: Comparison | None = None
+) -> Metrics:
     """Measure a solution, against a truth where there is one.
 
     Without a truth only distance, closure and the stride count are known. `alignment` is "yaw", "none", "origin" or
-    "se3" (`fg_nav.evaluation.alignment`).
+    "se3" (`fg_nav.evaluation.alignment`); a `comparison` of the two that was made already is used in its place.
 
     Raises `EvaluationError` where solution and truth cannot be compared, or there is no stance.
     """
     path = _measure_path(solution.stances.position)
     if truth is None:
         return path
-    measured = _add_errors(path, compare(solution, truth, alignment))
+    measured = _add_errors(path, comparison or compare(solution, truth, alignment))
     if isinstance(truth, FootprintTruth):
         return replace(measured, strides_true=truth.stride_count, footprints_surveyed=len(truth.stride))
     return measured

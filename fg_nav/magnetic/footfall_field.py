@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.ends import find_start
+from fg_nav.detection.rest import find_start
 from fg_nav.errors import MagneticError
 from fg_nav.frames import heading_of, wrap
 from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level

@@ -17,7 +17,7 @@ from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.online.strides import Place
-from fg_nav.smoother.marginals import DIMENSION
+from fg_nav.smoother.solver import DIMENSION
 
 
 class Marginalized(NamedTuple):

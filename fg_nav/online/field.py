@@ -24,12 +24,13 @@ from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense import Trajectory
 from fg_nav.smoother.field import COMPASS_SIGMA_UT, FieldSolution, judge_footfall
-from fg_nav.smoother.field_factors import integrate_path, transition
-from fg_nav.smoother.field_noise import (
+from fg_nav.smoother.field_factors import (
     FieldRoughness,
     field_deviation,
+    integrate_path,
     measure_roughness,
     over_threshold,
+    transition,
     usual_deviation,
 )
 from fg_nav.smoother.parameters import FieldParameters

@@ -25,7 +25,7 @@ from fg_nav.online.backend import (
 )
 from fg_nav.online.isam2 import ATTITUDE_RAD, MOST_UPDATES
 from fg_nav.online.strides import Place
-from fg_nav.smoother.marginals import marginal_covariances
+from fg_nav.smoother.solver import marginal_covariances
 
 
 class FixedLagBackend:

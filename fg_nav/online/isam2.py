@@ -44,8 +44,7 @@ from fg_nav.online.backend import (
     weak_sigmas,
 )
 from fg_nav.online.strides import Place
-from fg_nav.smoother.marginals import marginal_covariances
-from fg_nav.smoother.solver import UNSOLVED
+from fg_nav.smoother.solver import UNSOLVED, marginal_covariances
 
 ATTITUDE_RAD = 0.005
 """0.3 deg: half its square is 12 millionths of a stride's length."""

@@ -17,9 +17,9 @@ from fg_nav.online.field import OnlineField
 from fg_nav.recording import Recording
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import Known, WalkProblem, solve
-from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
 
 RESOLVE_AT = (

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.ends import LEAST_FORCE_M_S2
+from fg_nav.detection.rest import LEAST_FORCE_M_S2
 from fg_nav.errors import EstimationError
 from fg_nav.frames import levelled, yaw_rotation
 from fg_nav.magnetic.compass import compute_field_heading, compute_true_heading

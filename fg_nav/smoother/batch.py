@@ -5,7 +5,7 @@ solve         Gauss-Newton (`solver`)
 fixes         known positions, laid on that first solution (`constraints`)
 constraints   straight stretches and floors, found on it, where they are asked for
 field         the magnetic field, in rounds (`field`)
-solution      marginals -> sigmas (`marginals`); nodes -> dense trajectory (`dense`)
+solution      marginals -> sigmas (`solver`); nodes -> dense trajectory (`dense`)
 """
 
 from __future__ import annotations
@@ -17,20 +17,18 @@ from time import perf_counter
 
 import numpy as np
 
-from fg_nav.ends import freeze_ends
+from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
-from fg_nav.fixes import Fix
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
-from fg_nav.recording import Recording
+from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field import FIRST_CONVERGENCE, FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.marginals import stance_table
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import CONVERGENCE, Solved
+from fg_nav.smoother.solver import CONVERGENCE, Solved, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_count

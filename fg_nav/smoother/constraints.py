@@ -41,12 +41,12 @@ from fg_nav.factors.floor_height import STEP_M, FloorHeight, floor_labels
 from fg_nav.factors.position_fix import position_fix_factor, position_fix_noise
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.straight_walk import StraightWalk, straight_triples
-from fg_nav.fixes import Fix
 from fg_nav.frames import yaw_rotation
+from fg_nav.recording import Fix
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
-from fg_nav.smoother.nodes import Nodes
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import GtsamFactors
+from fg_nav.smoother.strides import Nodes
 
 STRAIGHT_WITHIN_M = 0.15
 """Off the line between its ends within which a stretch may be straight: two sigmas of weaving by 7 cm."""

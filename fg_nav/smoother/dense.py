@@ -21,7 +21,7 @@ from numba import njit
 from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown
 from fg_nav.recording import Recording
-from fg_nav.smoother.nodes import Nodes
+from fg_nav.smoother.strides import Nodes
 
 
 class Trajectory(NamedTuple):

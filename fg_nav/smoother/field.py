@@ -35,12 +35,15 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, judge_field
 from fg_nav.smoother.dense import trajectory_of
-from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath, integrate_path
-from fg_nav.smoother.field_noise import (
+from fg_nav.smoother.field_factors import (
     REGIONAL_LENGTH_M,
+    CompassReadings,
+    FieldFactors,
+    FieldPath,
     FieldRoughness,
     Roughness,
     field_deviation,
+    integrate_path,
     measure_roughness,
     over_threshold,
     usual_deviation,

@@ -16,13 +16,12 @@ from gtsam.symbol_shorthand import B, S, V, X
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.calibration import RollingLever
 from fg_nav.detection import Rest
+from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.factors.residual import ResidualBlock, join_blocks
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.field_factors import FieldFactors
-from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import (
     CONVERGENCE,
@@ -32,7 +31,7 @@ from fg_nav.smoother.solver import (
     minimize,
     time_order,
 )
-from fg_nav.smoother.strides import add_start, add_stride, preintegrate, strides_of, velocity_block
+from fg_nav.smoother.strides import Nodes, add_start, add_stride, place_nodes, preintegrate, strides_of, velocity_block
 from fg_nav.stances import Stances
 
 GAUGE_SIGMA = 1e-4

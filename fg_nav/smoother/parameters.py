@@ -63,7 +63,7 @@ class SmootherParameters:
     gyr_relative_density: float = 0.001
     """The same per rad/s of rate, 1/sqrt(Hz): scale, misalignment, jitter."""
     choose_swing_noise: bool = True
-    """Choose `gyr_relative_density` by the evidence of the walk (`noise_level`); the value above is for walks that are
+    """Choose `gyr_relative_density` by the evidence of the walk (`problem`); the value above is for walks that are
     too short."""
     saturated_share: float = 0.1
     """What a peak cut at the end of the range may hide, one sigma, as a share of the range."""

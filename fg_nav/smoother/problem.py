@@ -2,25 +2,191 @@
 
 start -> rests; rests -> gyro bias and its sigma; stances -> lever of the rolling foot; evidence -> noise of a swing;
 all of it -> nodes, factors and initial values (`graph`).
+
+`gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
+for scale, misalignment, coning between samples, a mount that gives, a range that is too small; it differs tenfold from
+sensor to sensor and from gait to gait, and too large a k costs as much as too small a one. The evidence of a few dozen
+strides shows it. With a graph that is linear about its minimum, and all that does not depend on k left out,
+
+    -log p(z | k) = E + log|R| + 1/2 sum_i log|S_i(k)|                 (Laplace; MacKay 2003, section 27)
+
+E the error at the minimum, R the triangle of its square-root information, S_i the noise covariance of inertial
+factor i. The largest k is taken whose evidence is within `MOST_NATS` of the best: what the walk does not show stays
+pessimistic.
+
+The strides come in up to `PIECES` stretches from the beginning, the middle and the end, each with a gauge of its own,
+and their evidence is added. No k is taken that a piece alone finds too small by more than `MOST_NATS`: a walk that is
+run in part is trusted no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides the cost is constant.
+The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
+
+    S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import cast
 
+import gtsam
 import numpy as np
 
-from fg_nav.arrays import Floats
-from fg_nav.calibration import RollingLever, estimate_lever
+from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest
-from fg_nav.ends import find_start
+from fg_nav.detection.rest import find_start
+from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
+from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
-from fg_nav.smoother.graph import Known, WalkProblem, build_problem
-from fg_nav.smoother.noise_level import SwingNoise, choose_swing_noise
+from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
+
+LEVELS = (2e-3, 1e-3, 3e-4, 1e-4)
+"""1/sqrt(Hz), falling. 2e-3 is a consumer sensor in a run; 1e-4 is the white noise of a good one over a swing."""
+
+PIECES, PIECE_STRIDES = 3, 50
+"""150 strides separate 3e-4 from 1e-4 by some 5 nats, 1e-3 from 3e-4 by 30."""
+
+LONGEST_PIECE_S = 90.0
+"""A third more than 50 strides take; standing in between shows nothing of a swing."""
+
+STANDING_S = 1.0
+"""Of the standing before the first swing and after the last."""
+
+FEWEST_STRIDES = 8
+"""A walk of fewer keeps the level it was given."""
+
+INERTIAL_KEYS = 5
+"""An inertial factor joins two poses, two velocities and a bias; none other joins as many."""
+
+MOST_NATS = 3.0
+"""Twenty to one: what counts as strong evidence (Kass and Raftery 1995)."""
+
+
+@dataclass(frozen=True)
+class SwingNoise:
+    """The level `gyr_relative_density` (1/sqrt(Hz)) for a walk, and in words how it came about."""
+
+    gyr_relative_density: float
+    note: str
+
+
+def choose_swing_noise(
+    recording: Recording, stances: Stances, known: Known, p: SmootherParameters, levels: tuple[float, ...] = LEVELS
+) -> SwingNoise:
+    """Choose the noise of the rate in a swing from these levels, 1/sqrt(Hz), falling.
+
+    The `gyr_relative_density` of `p` is kept where the walk is too short to show another.
+    """
+    evidences, strides = [], 0
+    for piece_recording, piece_stances in _pieces(recording, stances):
+        try:
+            piece = _Piece(piece_recording, piece_stances, known, p)
+            evidences.append([piece.minus_log_evidence(level) for level in levels])
+        except EstimationError:
+            continue
+        strides += piece_stances.n_footfalls - 1
+    if not evidences:
+        level = p.gyr_relative_density
+        return SwingNoise(level, f"swing noise {_words(level)}: too few strides to see it from")
+    level = choose_level(levels, np.array(evidences))
+    return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {format_count(strides, 'stride')}")
+
+
+def choose_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
+    """Level for a walk from the evidence (pieces, levels): see above."""
+    level = np.array(levels)
+    together = _near_best(minus_log_evidence.sum(axis=0))
+    alone = _near_best(minus_log_evidence)
+    least = max(level[piece].min() for piece in alone)
+    return float(max(level[together].max(), least))
+
+
+def _near_best(minus_log_evidence: Floats) -> Bools:
+    best = minus_log_evidence.min(axis=-1, keepdims=True)
+    return np.asarray(minus_log_evidence <= best + MOST_NATS)
+
+
+def _words(level: float) -> str:
+    return f"{np.degrees(level):.2g} deg/s/sqrt(Hz) per rad/s"
+
+
+def _pieces(recording: Recording, stances: Stances) -> Iterator[tuple[Recording, Stances]]:
+    """Cut out the stretches to choose by; they do not overlap."""
+    strides = stances.n_footfalls - 1
+    if strides < FEWEST_STRIDES:
+        return
+    pieces = min(PIECES, -(-strides // PIECE_STRIDES))
+    length = min(strides // pieces, PIECE_STRIDES)
+    for first in np.linspace(0, strides - length, pieces).astype(int):
+        cut = _cut(recording, stances, first, first + length)
+        if cut[1].n_footfalls > FEWEST_STRIDES:
+            yield cut
+
+
+def _cut(recording: Recording, stances: Stances, first: int, last: int) -> tuple[Recording, Stances]:
+    """Footfalls `first <= k <= last` or what `LONGEST_PIECE_S` holds of them, and little standing at the ends."""
+    t = recording.t
+    number = np.arange(first, last + 1)
+    arrives = stances.start[np.searchsorted(stances.footfall, number)]
+    leaves = stances.stop[np.searchsorted(stances.footfall, number, side="right") - 1]
+    begin = max(int(arrives[0]), int(np.searchsorted(t, t[leaves[0] - 1] - STANDING_S)))
+    held = arrives[t[arrives] <= t[begin] + LONGEST_PIECE_S][-1]
+    leaves_last = int(leaves[arrives == held][0])
+    end = min(leaves_last, int(np.searchsorted(t, t[held] + STANDING_S)) + 1)
+    inside = (stances.stop > begin) & (stances.start < end)
+    footfall = stances.footfall[inside]
+    cut = replace(
+        stances,
+        start=np.maximum(stances.start[inside], begin) - begin,
+        stop=np.minimum(stances.stop[inside], end) - begin,
+        footfall=footfall - footfall[0],
+        n_samples=end - begin,
+        statistic=None if stances.statistic is None else stances.statistic[begin:end],
+    )
+    return recording.slice(begin, end), cut
+
+
+class _Piece:
+    """The problem of a stretch, its noise free to change."""
+
+    def __init__(self, recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> None:
+        nav_R_body = find_start(recording, stances, 0.0, p.rest).nav_R_body
+        without_swing, with_some = (replace(p, gyr_relative_density=level) for level in _BASE)
+        self._problem = build_problem(recording, stances, nav_R_body, replace(known, rests=()), without_swing)
+        factors = ((i, self._problem.graph.at(i)) for i in range(self._problem.graph.size()))
+        self._inertial = [(i, cast("gtsam.GalileanImuFactor", f)) for i, f in factors if f.size() == INERTIAL_KEYS]
+        bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
+        high = preintegrate(recording, self._problem.nodes.sample, bias, with_some)
+        self._at_zero = np.array([f.preintegratedMeasurements().preintMeasCov() for _, f in self._inertial])
+        self._by_square = np.array([measured.preintMeasCov() for measured in high]) - self._at_zero
+
+    def minus_log_evidence(self, level: float) -> float:
+        """Of the swing noise `level`, up to a constant."""
+        covariance = self._at_zero + (level / _BASE[1]) ** 2 * self._by_square
+        graph, blocks = self._problem.graph, self._problem.blocks
+        for (i, factor), noise in zip(self._inertial, covariance, strict=True):
+            graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
+        solved = solve(self._problem)
+        self._problem = replace(self._problem, values=solved.values)
+        error = graph.error(solved.values) + sum(block.error(solved.values) for block in blocks)
+        return float(error + _log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
+
+
+_BASE = (0.0, 1e-3)
+"""The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some."""
+
+
+def _log_root(tree: gtsam.GaussianBayesTree) -> float:
+    """log|R|, half the logarithm of the determinant of the information."""
+    total, stack = 0.0, list(tree.roots())
+    while stack:
+        clique = stack.pop()
+        total += float(np.log(np.abs(np.diagonal(clique.conditional().R()))).sum())
+        stack += [clique[i] for i in range(clique.nrChildren())]
+    return total
 
 
 def walk_problem(

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav.detection.rest import find_start
 from fg_nav.ekf import OPENSHOE, IezParameters, run_iez
 from fg_nav.ekf.core import filter_walk
-from fg_nav.ends import find_start
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import align, evaluate, fit_scale
 from fg_nav.frames import heading_of, yaw_rotation

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration import estimate_lever
+from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.core import make_noise_models
 from fg_nav.ekf.matched import FACTOR_SPACING_S, FORCE_SHARE, MATCHED, MatchedParameters, run_matched
@@ -15,9 +15,8 @@ from fg_nav.ekf.zero_velocity import update_in_stance
 from fg_nav.errors import EstimationError
 from fg_nav.mechanisation import NavState
 from fg_nav.smoother import strides
-from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.strides import VELOCITY_SIGMA
+from fg_nav.smoother.strides import VELOCITY_SIGMA, place_nodes
 from tests.ekf.motion import Walk
 
 THERE = SmootherParameters()

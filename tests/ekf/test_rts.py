@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fg_nav.detection.rest import find_start
 from fg_nav.ekf import core
 from fg_nav.ekf.attitude_updates import make_pseudo_measurements
 from fg_nav.ekf.core import filter_walk, make_initial_state
@@ -14,7 +15,6 @@ from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.presets import RTS, find_parameters
 from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
-from fg_nav.ends import find_start
 from fg_nav.estimators import ESTIMATORS, FILTERS
 from fg_nav.frames import heading_of, wrap
 from fg_nav.mechanisation import NavState, strapdown

@@ -12,7 +12,7 @@ from fg_nav.evaluation import Metrics
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import simulate
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.strides import place_nodes
 from tests.real_data import DATA, needs_data
 from tests.scripts import SCRIPTS, load_script
 

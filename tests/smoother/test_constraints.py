@@ -29,9 +29,8 @@ from fg_nav.smoother.constraints import (
     keep_steps,
     off_line,
 )
-from fg_nav.smoother.marginals import marginal_covariances
 from fg_nav.smoother.parameters import WalkParameters
-from fg_nav.smoother.solver import LinearizableBlock, Solved, minimize, time_order
+from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize, time_order
 from tests.factors.straight import straight_walk_factor, straight_walk_noise
 from tests.smoother.walks import DEFAULT, demo, problem
 

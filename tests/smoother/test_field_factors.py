@@ -22,10 +22,16 @@ from fg_nav.factors.field_state import (
 )
 from fg_nav.factors.rotation import skew
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother import field_factors, field_noise
+from fg_nav.smoother import field_factors
 from fg_nav.smoother.field import COMPASS_SIGMA_UT
-from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, CompassReadings, FieldFactors, FieldPath
-from fg_nav.smoother.field_noise import FieldRoughness, Roughness
+from fg_nav.smoother.field_factors import (
+    PATH_SIGMA_UT_M,
+    CompassReadings,
+    FieldFactors,
+    FieldPath,
+    FieldRoughness,
+    Roughness,
+)
 from fg_nav.smoother.parameters import FieldParameters
 from tests.factors.attitudes import eliminated, pose, values_of
 
@@ -393,7 +399,7 @@ def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
 @pytest.fixture
 def nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an endless deviation even the least that is new would be much."""
-    monkeypatch.setattr(field_noise, "LEAST_NEW", 0.0)
+    monkeypatch.setattr(field_factors, "LEAST_NEW", 0.0)
 
 
 @pytest.mark.usefixtures("nothing_new", "steady")

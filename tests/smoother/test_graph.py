@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled
 from fg_nav.smoother.graph import initial_values
-from fg_nav.smoother.nodes import place_nodes
+from fg_nav.smoother.strides import place_nodes
 from tests.simulated import RIGID
 from tests.smoother.walks import DEFAULT, Walk, degrees_between, demo, node_arrays, noise_free
 

@@ -7,7 +7,7 @@ from gtsam.symbol_shorthand import V
 
 from fg_nav.detection import detect_stances
 from fg_nav.recording import Recording
-from fg_nav.smoother.marginals import DIMENSION, marginal_covariances
+from fg_nav.smoother.solver import DIMENSION, marginal_covariances
 from tests.smoother.walks import Problem, Walk, demo, minimum, part, problem, with_exact_factors
 
 

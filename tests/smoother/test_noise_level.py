@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration import RollingLever
+from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.recording import Recording
-from fg_nav.smoother import noise_level
+from fg_nav.smoother import problem as problem_module
 from fg_nav.smoother.graph import Known
-from fg_nav.smoother.nodes import place_nodes
-from fg_nav.smoother.noise_level import LEVELS, choose_level, choose_swing_noise
+from fg_nav.smoother.problem import LEVELS, choose_level, choose_swing_noise
 from fg_nav.smoother.solver import time_order
-from fg_nav.smoother.strides import preintegrate
+from fg_nav.smoother.strides import place_nodes, preintegrate
 from fg_nav.stances import Stances
 from tests.simulated import LEVER
 from tests.smoother.walks import DEFAULT, Walk, noise_free, part
@@ -42,9 +41,9 @@ def chosen(walk: Walk) -> float:
 
 
 @cache
-def whole_piece() -> noise_level._Piece:
+def whole_piece() -> problem_module._Piece:
     walk = part(noise_free(), 12)
-    return noise_level._Piece(walk.recording, walk.stances, KNOWN, DEFAULT)
+    return problem_module._Piece(walk.recording, walk.stances, KNOWN, DEFAULT)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -54,7 +53,7 @@ def test_follows_the_noise_of_the_swing(seed: int) -> None:
 
 
 def test_a_part_that_is_noisier_is_not_outvoted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(noise_level, "PIECE_STRIDES", 15)
+    monkeypatch.setattr(problem_module, "PIECE_STRIDES", 15)
     assert chosen(noisy(3e-3, share=0.7)) >= 1e-3
 
 
@@ -89,7 +88,7 @@ def test_evidence_is_that_of_the_gaussian() -> None:
     assert abs(np.diff(expected)[0]) > 1.0
 
 
-def _noises(piece: noise_level._Piece) -> list[Floats]:
+def _noises(piece: problem_module._Piece) -> list[Floats]:
     """Covariances of the inertial factors as they are now."""
     models = [cast(gtsam.GalileanImuFactor, piece._problem.graph.at(i)).noiseModel() for i, _ in piece._inertial]
     return [cast(gtsam.noiseModel.Gaussian, model).covariance() for model in models]
@@ -123,12 +122,12 @@ def test_pieces_are_apart_and_no_longer_than_they_may() -> None:
     stances = Stances(starts, stops, np.arange(501), n_samples=int(stops[-1]))
     t = np.arange(stances.n_samples) / 100.0
     recording = Recording(t=t, acc=np.tile([0.0, 0.0, 9.81], (len(t), 1)), gyr=np.zeros((len(t), 3)))
-    pieces = list(noise_level._pieces(recording, stances))
-    assert len(pieces) == noise_level.PIECES
+    pieces = list(problem_module._pieces(recording, stances))
+    assert len(pieces) == problem_module.PIECES
     for (before, _), (after, _) in pairwise(pieces):
         assert before.t[-1] < after.t[0]
     for cut, its in pieces:
-        assert 8 < its.n_footfalls <= noise_level.PIECE_STRIDES + 1
-        assert cut.t[-1] - cut.t[0] <= noise_level.LONGEST_PIECE_S + noise_level.STANDING_S + 0.1
+        assert 8 < its.n_footfalls <= problem_module.PIECE_STRIDES + 1
+        assert cut.t[-1] - cut.t[0] <= problem_module.LONGEST_PIECE_S + problem_module.STANDING_S + 0.1
         assert its.n_samples == len(cut)
         np.testing.assert_array_equal(its.start[1:] - its.start[:-1] >= per_stride, True)

@@ -9,15 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation import Consistency, compute_stance_nees, evaluate
-from fg_nav.fixes import Fix
+from fg_nav.evaluation import evaluate
+from fg_nav.evaluation.consistency import Consistency, compute_stance_nees
 from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap, yaw_rotation
 from fg_nav.lab.simulation import simulate
-from fg_nav.recording import Recording
+from fg_nav.recording import Fix, Recording
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.nodes import place_nodes
-from fg_nav.smoother.noise_level import LEVELS
 from fg_nav.smoother.parameters import PLAIN
+from fg_nav.smoother.problem import LEVELS
+from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor, every_gait

@@ -14,9 +14,8 @@ import fg_nav.smoother
 from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.smoother.nodes import place_nodes
 from fg_nav.smoother.parameters import PLAIN
-from fg_nav.smoother.strides import GYRO_BIAS_WALK_DEG_S, VELOCITY_SIGMA
+from fg_nav.smoother.strides import GYRO_BIAS_WALK_DEG_S, VELOCITY_SIGMA, place_nodes
 from fg_nav.stances import Stances
 from tests.real_data import needs_data
 from tests.simulated import LEVER, RIGID

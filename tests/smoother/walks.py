@@ -10,8 +10,8 @@ import pytest
 from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration import estimate_lever
 from fg_nav.detection import detect_stances, find_rests
+from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.factors import guarded_factor
 from fg_nav.factors.residual import ResidualBlock, join_blocks, one_of
 from fg_nav.factors.zero_velocity import StanceVelocity
@@ -21,9 +21,17 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, initial_values
-from fg_nav.smoother.nodes import Nodes, place_nodes
 from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
-from fg_nav.smoother.strides import Stride, add_start, add_stride, preintegrate, strides_of, velocity_block
+from fg_nav.smoother.strides import (
+    Nodes,
+    Stride,
+    add_start,
+    add_stride,
+    place_nodes,
+    preintegrate,
+    strides_of,
+    velocity_block,
+)
 from fg_nav.stances import Stances
 from tests.real_data import DATA
 from tests.simulated import IDEAL, QUIET, corridor

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.evaluation import make_roc
+from fg_nav.evaluation.roc import make_roc
 from fg_nav.lab.reproduce import ma2018
 from fg_nav.lab.reproduce.headings import headings_of
 from fg_nav.lab.reproduce.ma2018 import detections

@@ -47,7 +47,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.evaluation import (
+from fg_nav.evaluation.roc import (
     FieldChange,
     Roc,
     make_roc,

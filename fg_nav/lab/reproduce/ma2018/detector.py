@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from fg_nav.evaluation import Band, Roc
+from fg_nav.evaluation.roc import Band, Roc
 from fg_nav.lab.reproduce.ma2018.detections import AT_REST, IRON_ON, LIMIT_UT, MA, MA_P_D, OURS, WALKED, Case, stretches
 from fg_nav.lab.reproduce.ma2018.loop import MG_PER_UT
 from fg_nav.lab.reproduce.results import (

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.evaluation import Roc
+from fg_nav.evaluation.roc import Roc
 from fg_nav.evaluation.walked import AS_STARTED
 from fg_nav.lab.reproduce.drawing import (
     Pictures,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.ends import find_start
+from fg_nav.detection.rest import find_start
 from fg_nav.frames import GRAVITY_M_S2, heading_of
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
