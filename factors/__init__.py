@@ -6,23 +6,25 @@ Pose keys hold `nav_T_body` (gtsam.Pose3), velocity keys hold nav_v (3-vector, m
 (3-vector, uT). Tangent-space order of a pose is rotation first, then translation, both in the body frame (gtsam's
 convention). A residual is what the variables say minus what was measured. SI units, and uT.
 
-One idea a file. Where gtsam has the factor in C++ the file builds that one; where it has not, the file has the residual
-with its Jacobians as a frozen dataclass of what was measured, for one instant or many (`residual`): `factor_of` makes a
-factor of one, `ResidualBlock` linearizes many together. There is no second formula anywhere.
+Where gtsam has a factor in C++, that one is built; where it has not, there is the residual with its Jacobians as a
+frozen dataclass of what was measured, for one instant or many (`residual`): `factor_of` makes a factor of one,
+`ResidualBlock` linearizes many together. There is no second formula anywhere.
 
 Every Python factor is built by `guarded_factor`, which checks shapes and finiteness before gtsam sees them. Inside
 an optimizer of gtsam such a factor is handed a copy of all values at each call, quadratic in the length of a walk:
 linearize with `graph.linearize(values)` from Python instead, which makes no copy.
 """
 
-from .field_potential import FieldPotential, LineIntegral, integrate_field
-from .field_state import FieldPrior, FieldTransition
-from .floor_height import FloorHeight, floor_labels
-from .guarded import guarded_factor
-from .magnetic_heading import MagneticHeading
-from .position_fix import position_fix_factor, position_fix_noise
-from .residual import Residual, ResidualBlock, factor_of, linear_factor_of
-from .straight_walk import StraightWalk, straight_triples
+from .magnetic_field import FieldPotential, FieldPrior, FieldTransition, LineIntegral, MagneticHeading, integrate_field
+from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear_factor_of
+from .walk_constraints import (
+    FloorHeight,
+    StraightWalk,
+    floor_labels,
+    position_fix_factor,
+    position_fix_noise,
+    straight_triples,
+)
 from .zero_velocity import StanceVelocity, zero_rate_factor
 
 __all__ = [

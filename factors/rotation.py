@@ -18,7 +18,7 @@ seen from the first frame, later rotations leave an earlier disturbance alone, s
 import numpy as np
 from numpy.typing import NDArray
 
-from .guarded import Array
+from .residual import Array
 
 Ints = NDArray[np.int64]
 

@@ -30,7 +30,7 @@ from typing import ClassVar
 import gtsam
 import numpy as np
 
-from .guarded import Array
+from .residual import Array
 from .rotation import skew
 
 

@@ -46,7 +46,7 @@ import walks
 from harness import option, spread
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors.field_potential import integrate_field
+from fg_nav.factors.magnetic_field import integrate_field
 from fg_nav.factors.rotation import rotation_exp, turn_about_up
 from fg_nav.frames import wrap
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated

@@ -16,9 +16,7 @@ from gtsam.symbol_shorthand import M, X
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
-from fg_nav.factors.field_potential import FieldPotential
-from fg_nav.factors.field_state import E_H, PHI, SIZE
-from fg_nav.factors.magnetic_heading import MagneticHeading
+from fg_nav.factors.magnetic_field import E_H, PHI, SIZE, FieldPotential, MagneticHeading
 from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording

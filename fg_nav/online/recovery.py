@@ -15,7 +15,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
-from fg_nav.factors.field_state import E_H, SIZE
+from fg_nav.factors.magnetic_field import E_H, SIZE
 from fg_nav.online.backend import Backend, join_factors, list_factors, marginalize, weak_priors
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.strides import Place, StrideWindow, initialize_stride

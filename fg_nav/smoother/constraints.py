@@ -11,7 +11,7 @@ nearest in time. Between the two the foot moves on, at walking pace on the mean;
 
 Constraints are off unless asked for.
 
-Straight on (`factors.straight_walk`): the change of course between footfalls n strides apart. Nothing is assumed in a
+Straight on (`factors.StraightWalk`): the change of course between footfalls n strides apart. Nothing is assumed in a
 curve, as a row of zeros holds no information. A corner that begins within the last stride of a displacement turns its
 course by a few degrees, which passes for straight. On a walk that turns one way more often than the other such changes
 do not cancel: on loops to the right they were worth 0.04 deg a stride. So no footfall may stand farther off the line
@@ -37,10 +37,16 @@ from gtsam.symbol_shorthand import X, Z
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.factors.floor_height import STEP_M, FloorHeight, floor_labels
-from fg_nav.factors.position_fix import position_fix_factor, position_fix_noise
 from fg_nav.factors.residual import ResidualBlock
-from fg_nav.factors.straight_walk import StraightWalk, straight_triples
+from fg_nav.factors.walk_constraints import (
+    STEP_M,
+    FloorHeight,
+    StraightWalk,
+    floor_labels,
+    position_fix_factor,
+    position_fix_noise,
+    straight_triples,
+)
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import Fix
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk

@@ -30,7 +30,7 @@ import numpy as np
 from gtsam.symbol_shorthand import M, X
 
 from fg_nav.arrays import Floats
-from fg_nav.factors.field_state import E_H, IRON, FieldPrior
+from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, judge_field

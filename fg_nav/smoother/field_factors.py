@@ -1,4 +1,4 @@
-"""All factors of the magnetic field of a walk, whose state m (`factors.field_state`) is a variable at each footfall.
+"""All factors of the magnetic field of a walk, whose state m (`factors.magnetic_field`) is a variable at each footfall.
 
     magnetic heading   (X_k, M_k)              compass, where the field at the footfall is used
     field potential    (X_k, M_k, M_k+1)       line integral of the field over the stride
@@ -36,9 +36,20 @@ import numpy as np
 from gtsam.symbol_shorthand import M, X
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.factors.field_potential import FieldPotential, integrate_field
-from fg_nav.factors.field_state import DELTA, E_H, IRON, PHI, RHO, SIZE, FieldPrior, FieldTransition, across_field
-from fg_nav.factors.magnetic_heading import MagneticHeading
+from fg_nav.factors.magnetic_field import (
+    DELTA,
+    E_H,
+    IRON,
+    PHI,
+    RHO,
+    SIZE,
+    FieldPotential,
+    FieldPrior,
+    FieldTransition,
+    MagneticHeading,
+    across_field,
+    integrate_field,
+)
 from fg_nav.factors.residual import ResidualBlock, factor_of, linear_factor_of, one_of
 from fg_nav.frames import levelled
 from fg_nav.smoother.parameters import FieldParameters

@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 
 from fg_nav.factors import guarded_factor
-from fg_nav.factors.straight_walk import (
+from fg_nav.factors.walk_constraints import (
     StraightWalk,
     change_of_course,
     change_of_course_slopes,

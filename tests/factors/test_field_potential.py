@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad_vec
 
 from fg_nav.factors import factor_of
-from fg_nav.factors.field_potential import FieldPotential, integrate_field
-from fg_nav.factors.field_state import EAST, IRON, NORTH, PHI, SIZE
+from fg_nav.factors.magnetic_field import EAST, IRON, NORTH, PHI, SIZE, FieldPotential, integrate_field
 from fg_nav.factors.rotation import rotation_exp
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation.fields import Circuit, Cylinders, Sum, draw_floor, magnet, make_earth_field

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fg_nav.factors.floor_height import FloorHeight, floor_labels
 from fg_nav.factors.residual import factor_of
+from fg_nav.factors.walk_constraints import FloorHeight, floor_labels
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)

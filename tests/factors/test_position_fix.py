@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fg_nav.factors.position_fix import position_fix_factor, position_fix_noise
+from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
 UNIT = gtsam.noiseModel.Unit.Create(3)

@@ -18,7 +18,7 @@ from fg_nav.factors import (
     factor_of,
     linear_factor_of,
 )
-from fg_nav.factors.field_state import SIZE
+from fg_nav.factors.magnetic_field import SIZE
 from fg_nav.factors.residual import join_blocks, one_of
 from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians, residual
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from fg_nav.factors.straight_walk import (
+from fg_nav.factors.walk_constraints import (
     StraightWalk,
     change_of_course,
     change_of_course_slopes,

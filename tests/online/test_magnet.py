@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import M
 
 from fg_nav.detection import detect_stances
-from fg_nav.factors.field_state import PHI
+from fg_nav.factors.magnetic_field import PHI
 from fg_nav.frames import heading_of
 from fg_nav.online import OnlineNavigator, isam2, smoother
 from fg_nav.online.buffer import rows_of

@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors import guarded_factor
-from fg_nav.factors.floor_height import STEP_M, FloorHeight, floor_labels
 from fg_nav.factors.residual import ResidualBlock, factor_of
-from fg_nav.factors.straight_walk import (
+from fg_nav.factors.walk_constraints import (
+    STEP_M,
+    FloorHeight,
     StraightWalk,
     change_of_course,
+    floor_labels,
     straight_probability,
     straight_triples,
 )

@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import M, X
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.factors.field_state import (
+from fg_nav.factors.magnetic_field import (
     DELTA,
     E_H,
     IRON,

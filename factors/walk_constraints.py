@@ -1,4 +1,7 @@
-"""People mostly walk straight on: heuristic drift reduction, as a mixture that switches itself off.
+"""What is known of a walk besides its samples: corridors are straight, floors are level, a position was surveyed.
+
+Straight on (`StraightWalk`): heuristic drift reduction, as a mixture that switches itself off
+----------------------------------------------------------------------------------------------
 
 Between the displacements over ground that meet at a footfall, d = (d_x, d_y) from p_a to p_b and from p_b to p_c, the
 course changes by
@@ -9,8 +12,8 @@ course changes by
 in the navigation frame, rad. Between points one stride apart r is some degrees on the straightest walk, as feet are set
 down beside the line, and its errors cancel from one stride to the next: taken as independent, they are worth nothing
 against a drift of 0.1 deg a stride. Points n strides apart see n times the drift with a fraction of the noise;
-`straight_triples` picks them. Either this is a straight walk, whose
-r is normal with sigma s, or it is anything, uniform over the circle:
+`straight_triples` picks them. Either this is a straight walk, whose r is normal with sigma s, or it is
+anything, uniform over the circle:
 
     p(r) = P N(r; 0, s^2) + (1 - P) / (2 pi),    P the share of straight walking.
 
@@ -29,16 +32,45 @@ share a displacement, so their errors still partly cancel: the information on a 
 
 Source: Borenstein & Ojeda 2010; AIEZ (27), (28) are the same with a threshold, and a zero beyond it in place of
 no row. The mixture is this project's.
+
+Position fix: a surveyed point, or a receiver's position, in the navigation frame
+---------------------------------------------------------------------------------
+The residual is that of gtsam's own `GPSFactor`, on the axes of the navigation frame,
+
+    e = p - fix,    de/dpose = [0, nav_R_body].
+
+A fix that is known in the plane only has an infinite sigma upwards, and says nothing of the height.
+
+Errors of a receiver persist for many seconds. Fixes are taken as independent here: take one each ten seconds or so,
+or enlarge sigma by the square root of how many share an error. Where some are plainly wrong (between houses) wrap the
+noise in `gtsam.noiseModel.Robust`.
+
+Floors (`FloorHeight`): all footfalls on one floor of a building are at one height
+----------------------------------------------------------------------------------
+Each floor has its height Z (1-vector, m) as a variable, each footfall on it the residual
+
+    e = z - Z,    de/dpose = [0, e_z^T nav_R_body],    de/dZ = -1,
+
+z the height of the sensor (navigation frame, z up). The sensor is not at the same height above the floor in each
+stance, by a centimetre or so; that is the noise. A kerb or a mat calls for a robust one. No floor's height is known
+before, so a floor that is visited once gets flat, and nothing else; one that is visited again also gets its height
+back.
+
+Which footfall is on which floor, `floor_labels` proposes from heights that were smoothed before: footfalls in a row
+without a step between them are a level stretch, a stretch joins the floor nearest in height if that is near, and else
+makes a new one. Footfalls on stairs belong to none. A ramp looks like drift: where there are ramps, leave this factor
+out.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from .guarded import Array
+from .residual import Array
 
 STRIDES = 5
 """Length n of a displacement: two of them are 14 m, as long as corridors are straight for."""
@@ -138,3 +170,88 @@ def straight_walk_loss(whitened: Array | float, odds_of_curve: float) -> Array:
     """Loss (...) of residuals (...) over their sigma: half a square near zero, and log(1 + 1/c) far out."""
     either = np.logaddexp(-0.5 * np.square(whitened), np.log(odds_of_curve))
     return np.asarray(np.log1p(odds_of_curve) - either)
+
+
+def position_fix_noise(horizontal_sigma: float, vertical_sigma: float = np.inf) -> gtsam.noiseModel.Diagonal:
+    """Noise of a fix, m: each horizontal axis, and the vertical one; that of a planar fix is infinite."""
+    sigmas = np.array([horizontal_sigma, horizontal_sigma, vertical_sigma])
+    if not (sigmas > 0.0).all():
+        raise ValueError("position fix: the sigmas must be above zero.")
+    return gtsam.noiseModel.Diagonal.Precisions(sigmas**-2.0)
+
+
+def position_fix_factor(pose_key: int, nav_position: Array, noise: gtsam.noiseModel.Base) -> gtsam.GPSFactor:
+    """Tie a pose to a fix.
+
+    Parameters
+    ----------
+    pose_key
+        Key of nav_T_body (Pose3).
+    nav_position : (3,) m
+        The fix; with a planar noise its height does not count.
+    noise
+        Of dimension 3, m, on nav's axes; see `position_fix_noise`.
+    """
+    return gtsam.GPSFactor(pose_key, np.asarray(nav_position, dtype=np.float64), noise)
+
+
+@dataclass(frozen=True)
+class FloorHeight:
+    """Height of a footfall above its floor, with `sigma` m; variables nav_T_body and the floor's height (1,) m."""
+
+    name: ClassVar[str] = "floor height"
+    dims: ClassVar[tuple[int, ...]] = (6, 1)
+    rows: ClassVar[int] = 1
+
+    sigma: float
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (..., 1) and its Jacobians by pose and floor."""
+        nav_T_body, floor = variables
+        e = (nav_T_body[..., 2, 3, None] - floor) / self.sigma
+        if not with_jacobians:
+            return e, []
+        by_pose = np.zeros((*e.shape, 6))
+        by_pose[..., 0, 3:] = nav_T_body[..., 2, :3] / self.sigma
+        return e, [by_pose, np.full((*e.shape, 1), -1.0 / self.sigma)]
+
+
+STEP_M = 0.1
+"""Height between successive footfalls of one foot above which they are on stairs: a riser is 0.15 to 0.19 m, and
+a foot climbs one or two at a time; the drift of a stride is centimetres."""
+
+STOREY_M = 1.5
+"""Height from a floor above which a level stretch is another: half of the lowest storey, so that heights may drift
+by as much between two visits."""
+
+FEWEST = 4
+"""Footfalls of a level stretch: a landing has two or three."""
+
+
+def floor_labels(height: Array, step_m: float = STEP_M) -> NDArray[np.intp]:
+    """Propose the floor (K,) of each footfall, 0, 1, ... in the order they are found; -1 where it is on none.
+
+    Parameters
+    ----------
+    height : (K,) m
+        Of the footfalls of one foot, in order.
+    step_m : float
+        Change of height that is a step.
+    """
+    label = np.full(len(height), -1, dtype=np.intp)
+    levels: list[float] = []
+    cuts = np.flatnonzero(np.abs(np.diff(height)) > step_m) + 1
+    for stretch in np.split(np.arange(len(height)), cuts):
+        if len(stretch) >= FEWEST:
+            label[stretch] = _floor_of(float(height[stretch[0]]), levels)
+            levels[label[stretch[0]]] = float(height[stretch[-1]])
+    return label
+
+
+def _floor_of(level: float, levels: list[float]) -> int:
+    """Index of the floor last seen nearest to the level; a new one, added to the levels, if none is near."""
+    apart = np.abs(np.array(levels) - level)
+    if len(levels) and apart.min() < STOREY_M:
+        return int(apart.argmin())
+    levels.append(level)
+    return len(levels) - 1

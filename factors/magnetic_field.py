@@ -1,4 +1,52 @@
-"""The line integral of the field: without currents it has no curl, so over a walk only the two ends count.
+"""The magnetic field: its state at a footfall, the heading against it, and its line integral between footfalls.
+
+State (`FieldPrior`, `FieldTransition`)
+---------------------------------------
+
+    m = (phi, delta, rho, E_east, E_north, h_x, h_y, h_z)
+
+========= ===== =====================================================================================================
+phi       uT m  potential of all that is magnetized about, without which the field would be E everywhere
+delta     uT    deviation of the field at the footfall across E, to its right
+rho       uT    the same of the region: what a room or a wing of the building does to the compass for tens of metres
+E         uT    horizontal field of the building
+h         uT    hard iron left in the stance's axes, carried along
+========= ===== =====================================================================================================
+
+Deviations and potential are stationary Gauss-Markov processes along the path; field and iron are random walks:
+
+    m_{k+1} = keep m_k + innovation,     innovation ~ N(0, sigma^2),     both componentwise.
+
+The prior on E is one on its direction and one on its strength, in place of those on E_east and E_north: a field that is
+not where it was expected would otherwise shrink instead of turning. With c the unit vector across E, to its right,
+
+    e_turn = |E_0| atan2(c_0 . E, E_0 . E / |E_0|),     e_strength = |E| - |E_0|.
+
+Heading (`MagneticHeading`): the pose of a footfall against the building's field and the deviation there
+--------------------------------------------------------------------------------------------------------
+
+y is the field in the body frame, uT, h the hard iron left in the stance's axes, L = level_R_body these axes from the
+body's. In the navigation frame (East-North-Up) the field is n = R (y - L^T h). Its part across the building's
+horizontal field E, to the right of it, is the deviation of the place and of its region:
+
+    e = (n_E E_N - n_N E_E) / |E| - delta - rho.
+
+A pose that is turned too far counter-clockwise sees the field turned to the left of E by as much. About up,
+
+    de/dpose = [-(n . E) / |E| e_z^T R, 0],     de/dE = -(n . E) / |E|^2 c,     de/dh = -L R_h^T c,
+
+c the unit vector across E and R_h the two horizontal rows of R.
+
+Tilt. The field is levelled by `nav_R_level`, and only a turn about up from there counts: a field indoors is no plumb
+line and must not tilt the attitude. Here nav_R_level is the attitude at hand, whose tilt the derivative leaves out:
+about the horizontal axes e would change by the vertical field, more than twice the horizontal one in Europe. The error
+of the tilt belongs in the noise.
+
+With an innovation of none, delta is one unknown for a whole stretch (field differences); with a spread of none, the
+field is known everywhere (absolute heading). A magnet moves delta where it lies, and not the heading.
+
+Line integral (`FieldPotential`): without currents the field has no curl, so over a walk only the two ends count
+----------------------------------------------------------------------------------------------------------------
 
 B is the field in the navigation frame (East-North-Up), uT: the Earth's E, the same everywhere, and that of the
 building's steel, which has a potential phi (uT m) that stays within bounds. With no current through the air
@@ -20,7 +68,7 @@ shows the heading of R_k. d_k, s_k and u_k are all from one trajectory, and held
     de/dpose_k = [(n_E E_N - n_N E_E) e_z^T R_k, 0],     n = R_k d_k,
     de/dE_h = n_h,     de/dh = s_k,     de/dphi_k = 1,     de/dphi_k+1 = -1.
 
-Only turns about up count, with the tilt of `nav_R_level` as in `magnetic_heading`: the field is no plumb line.
+Only turns about up count, with the tilt of `nav_R_level` as above: the field is no plumb line.
 
 What d_k is wrong by, u_k is wrong by as well. Where the path is false by a course of f(t), from f_k to f_k+1,
 
@@ -61,8 +109,113 @@ from typing import ClassVar
 
 import numpy as np
 
-from .field_state import E_H, EAST, IRON, NORTH, PHI, SIZE
-from .guarded import Array
+from .residual import Array
+
+SIZE = 8
+"""Numbers of a state."""
+
+PHI, DELTA, RHO, EAST, NORTH = range(5)
+E_H = slice(3, 5)
+IRON = slice(5, 8)
+"""Where its parts stand."""
+
+
+@dataclass(frozen=True)
+class FieldTransition:
+    """Change of the state from footfall to footfall; variables m before and after. It is linear.
+
+    `keep` (..., 8) is the share of each number that is left, `sigma` (..., 8) that of what is new.
+    """
+
+    name: ClassVar[str] = "field transition"
+    dims: ClassVar[tuple[int, ...]] = (SIZE, SIZE)
+    rows: ClassVar[int] = SIZE
+
+    keep: Array
+    sigma: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (..., 8) and its Jacobians by the states before and after."""
+        before, after = variables
+        e = (after - self.keep * before) / self.sigma
+        if not with_jacobians:
+            return e, []
+        weight = 1.0 / self.sigma
+        return e, [(-self.keep * weight)[..., None] * np.eye(SIZE), weight[..., None] * np.eye(SIZE)]
+
+
+@dataclass(frozen=True)
+class FieldPrior:
+    """The first state; variable m. `mean` (8,) and `sigma` (8,), for E of its turn as an arc and of its strength."""
+
+    name: ClassVar[str] = "first state of the field"
+    dims: ClassVar[tuple[int, ...]] = (SIZE,)
+    rows: ClassVar[int] = SIZE
+
+    mean: Array
+    sigma: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (8,) and its Jacobian by the state."""
+        (m,) = variables
+        e, mean = m - self.mean, self.mean[E_H]
+        length, strength = np.linalg.norm(mean), np.linalg.norm(m[E_H])
+        turn = np.arctan2(across_direction(mean) @ m[E_H], mean @ m[E_H] / length)
+        e[E_H] = turn * length, strength - length
+        by_state = np.eye(SIZE)
+        by_state[E_H, E_H] = across_direction(m[E_H]) * length / strength, m[E_H] / strength
+        return e / self.sigma, [by_state / self.sigma[:, None]] if with_jacobians else []
+
+
+def across_direction(horizontal: Array) -> Array:
+    """Unit vectors (..., 2) over ground at right angles to horizontal fields (..., 2), to their right."""
+    right = np.stack([horizontal[..., 1], -horizontal[..., 0]], axis=-1)
+    return np.asarray(right / np.linalg.norm(horizontal, axis=-1)[..., None])
+
+
+def across_field(nav_field: Array, horizontal: Array) -> Array:
+    """Part (...) uT of fields (..., 3) across horizontal ones (..., 2), to their right."""
+    return np.asarray((nav_field[..., :2] * across_direction(horizontal)).sum(axis=-1))
+
+
+@dataclass(frozen=True)
+class MagneticHeading:
+    """Compass at a footfall; variables nav_T_body and the state m of the field.
+
+    `body_field` (..., 3) uT; `level_R_body` (..., 3, 3); `sigma_uT` (...).
+    """
+
+    name: ClassVar[str] = "magnetic heading"
+    dims: ClassVar[tuple[int, ...]] = (6, SIZE)
+    rows: ClassVar[int] = 1
+
+    body_field: Array
+    level_R_body: Array
+    sigma_uT: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (..., 1) and its Jacobians by pose and state."""
+        nav_T_body, m = variables
+        nav_R_level = nav_T_body[..., :3, :3]
+        east, north = m[..., EAST], m[..., NORTH]
+        strength = np.sqrt(east * east + north * north)
+        body_field = self.body_field - (m[..., None, IRON] @ self.level_R_body)[..., 0, :]
+        n = (nav_R_level[..., :2, :] @ body_field[..., None])[..., 0]
+        across = (n[..., 0] * north - n[..., 1] * east) / strength
+        e = ((across - m[..., DELTA] - m[..., RHO]) / self.sigma_uT)[..., None]
+        if not with_jacobians:
+            return e, []
+        weight = 1.0 / self.sigma_uT
+        along = (n[..., 0] * east + n[..., 1] * north) / strength * weight
+        right = np.empty(n.shape)
+        right[..., 0], right[..., 1] = north / strength, -east / strength
+        by_pose, by_state = np.zeros((*e.shape, 6)), np.zeros((*e.shape, SIZE))
+        by_pose[..., 0, :3] = -along[..., None] * nav_R_level[..., 2, :]
+        by_state[..., 0, DELTA] = by_state[..., 0, RHO] = -weight
+        by_state[..., 0, E_H] = -(along / strength)[..., None] * right
+        across_body = right[..., None, :] @ nav_R_level[..., :2, :]
+        by_state[..., 0, IRON] = -weight[..., None] * (self.level_R_body @ np.swapaxes(across_body, -1, -2))[..., 0]
+        return e, [by_pose, by_state]
 
 
 @dataclass(frozen=True)
