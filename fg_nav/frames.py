@@ -15,13 +15,13 @@ GRAVITY_M_S2 = 9.80665
 """Standard gravity."""
 
 
-def heading_of(nav_R_body: Floats) -> Floats:
+def compute_heading(nav_R_body: Floats) -> Floats:
     """Heading (...,) rad, clockwise from north, of attitudes (..., 3, 3)."""
     east, north = nav_R_body[..., 0, 0], nav_R_body[..., 1, 0]
     return np.arctan2(east, north)
 
 
-def levelled(body_up: Floats, heading: float = 0.0) -> Floats:
+def level_attitude(body_up: Floats, heading: float = 0.0) -> Floats:
     """Attitude (3, 3) whose z row is `body_up` (3,), the direction of up in the body, and with this heading in rad.
 
     With the x axis within a hair of vertical the heading is that of no axis in particular.
@@ -37,7 +37,7 @@ def levelled(body_up: Floats, heading: float = 0.0) -> Floats:
     )
 
 
-def wrap(angle: Floats) -> Floats:
+def wrap_angle(angle: Floats) -> Floats:
     """Angles in rad to [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 

@@ -77,11 +77,11 @@ class Stances:
     @classmethod
     def from_mask(cls, mask: Bools, detector: str = "given") -> Stances:
         """Cut an (N,) mask into its runs of True, each a footfall of its own."""
-        start, stop = runs(mask)
+        start, stop = find_runs(mask)
         return cls(start, stop, np.arange(len(start)), n_samples=len(mask), detector=detector)
 
 
-def runs(mask: Bools) -> tuple[Ints, Ints]:
+def find_runs(mask: Bools) -> tuple[Ints, Ints]:
     """First sample (K,) and sample after the last (K,) of each run of True in an (N,) mask."""
     edges = np.diff(np.concatenate(([False], mask, [False])).astype(np.int8))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

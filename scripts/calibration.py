@@ -62,7 +62,7 @@ from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere, symmetr
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.frames import GRAVITY_M_S2, wrap, yaw_rotation
+from fg_nav.frames import GRAVITY_M_S2, wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 from fg_nav.lab.simulation.fields import SITES, draw_environment
 from fg_nav.lab.simulation.path import straight
@@ -373,7 +373,7 @@ def measure_scatter(sensor: str, calibrated: bool, seeds: Sequence[int]) -> list
 
 def _scatter_of(value: Floats, angle: bool, scale: float) -> tuple[float, float]:
     change = np.diff(value)
-    change = (wrap(change) if angle else change) * scale / np.sqrt(2.0)
+    change = (wrap_angle(change) if angle else change) * scale / np.sqrt(2.0)
     middle = np.nanmedian(np.abs(change - np.nanmedian(change)))
     return float(1.4826 * middle), float(np.nanstd(change))
 

@@ -48,7 +48,7 @@ from harness import option, spread
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.magnetic_field import integrate_field
 from fg_nav.factors.rotation import rotation_exp, turn_about_up
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.fields import find_earth_field
@@ -229,8 +229,8 @@ def of_seed(name: str, level: str, magnetometer: str, along: str, seed: int) -> 
     true = way_of(session, truth)
     way = true if along == TRUE else placed(way_of(session, _inertial(session, truth, along)), truth)
     fit = fitted(way)
-    direction = np.degrees(wrap(np.radians(towards(fit.earth) - towards(earth))))
-    spread = np.degrees(np.std([wrap(np.radians(towards(f) - towards(earth))) for f in true.stance_field]))
+    direction = np.degrees(wrap_angle(np.radians(towards(fit.earth) - towards(earth))))
+    spread = np.degrees(np.std([wrap_angle(np.radians(towards(f) - towards(earth))) for f in true.stance_field]))
     share = fit.strength / float(np.hypot(*earth[:2]))
     correlations = [fit.correlation(lag) for lag in LAGS]
     found = fit.iron_along(way), fit.rms, fit.rms_m, *correlations, float(spread), of_pieces(way)
@@ -325,7 +325,7 @@ def of_real(way: Way, seed: int = 1) -> tuple[float, ...]:
     orders = shuffled(way, SHUFFLES, rng)
     others = [fitted(other).rms_m for other in elsewhere(way, _in_nav)]
     strange = [fitted(other).strength for other in elsewhere(way, _as_it_is)]
-    direction = np.degrees(wrap(np.radians(towards(fit.earth) - towards(stance))))
+    direction = np.degrees(wrap_angle(np.radians(towards(fit.earth) - towards(stance))))
     return (
         float(len(way.u) - 1),
         way.length_m,

@@ -48,7 +48,7 @@ from fg_nav.ekf.matched import MatchedParameters
 from fg_nav.ekf.parameters import ACC_BIAS_SIGMA, VELOCITY_SIGMA, IezParameters
 from fg_nav.ekf.presets import Parameters, find_parameters
 from fg_nav.ekf.rts import Track
-from fg_nav.frames import heading_of, yaw_rotation
+from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.navigate import prepare_walk
@@ -289,7 +289,7 @@ def draw_measurements(nav_R_body: Floats, parameters: Parameters, rng: np.random
         body_field=field, compass_variance=np.where(rng.uniform(size=k) < 0.5, sigma**2, np.nan)
     )
     if parameters.levelled_by_force:
-        known = known._replace(compass_heading=heading_of(nav_R_body) + wrong)
+        known = known._replace(compass_heading=compute_heading(nav_R_body) + wrong)
     if not isinstance(parameters, AiezParameters):
         return known
     tilt = np.radians(parameters.tilt_sigma_deg)

@@ -33,7 +33,7 @@ import numpy as np
 from harness import FIRST_SEED, Figure, option
 
 from fg_nav.arrays import Floats
-from fg_nav.frames import heading_of, yaw_rotation
+from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.lab.simulation import Choices, Scenario, simulate
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Pose, arc, straight
@@ -213,7 +213,7 @@ def push_walk(seed: int, lag_s: float | None) -> Fate:
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
-    heading = float(heading_of(truth.nav_R_body[np.searchsorted(truth.t, rows[0, 0])])) if known_heading else None
+    heading = float(compute_heading(truth.nav_R_body[np.searchsorted(truth.t, rows[0, 0])])) if known_heading else None
     fate = Fate(seed, defects)
     try:
         options = OnlineOptions(heading, bool(rng.random() < 0.7), lag_s)
@@ -269,7 +269,7 @@ def _off(table: StanceTable, truth: TrajectoryTruth) -> float:
     true = np.array([np.interp(table.t[[0, -1]], truth.t, axis) for axis in truth.position.T]).T
     assert truth.nav_R_body is not None
     first = int(np.searchsorted(truth.t, table.t[0]))
-    turn = float(heading_of(truth.nav_R_body[first]) - heading_of(table.nav_R_body[0]))
+    turn = float(compute_heading(truth.nav_R_body[first]) - compute_heading(table.nav_R_body[0]))
     way = yaw_rotation(-turn) @ (table.position[-1] - table.position[0])
     error = (way - (true[1] - true[0]))[:2]
     covariance = table.position_cov[-1][:2, :2]

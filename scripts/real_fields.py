@@ -58,7 +58,7 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import CalibrationError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.io import read
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
@@ -89,12 +89,12 @@ class FieldWalk:
     def difference(self) -> Floats:
         """Compass minus inertial heading (F,) rad about its circular mean; NaN without a field."""
         middle = np.angle(np.nanmean(np.exp(1j * self.field.heading_difference)))
-        return wrap(self.field.heading_difference - middle)
+        return wrap_angle(self.field.heading_difference - middle)
 
     @property
     def change(self) -> Floats:
         """Of the difference since the stance before (F,) rad; NaN for the first."""
-        return wrap(np.diff(self.difference, prepend=np.nan))
+        return wrap_angle(np.diff(self.difference, prepend=np.nan))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -50,7 +50,7 @@ from fg_nav.ekf.aiez import AiezParameters, run_aiez
 from fg_nav.ekf.gated_compass import run_gated_compass
 from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters, scale_detector
 from fg_nav.errors import OutputError
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
@@ -223,7 +223,7 @@ def simulate_walk(scenario: str, seed: int, rate_hz: float) -> Walked:
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     stances = detect_stances(first)
-    heading = float(heading_of(truth.nav_R_body[0]))
+    heading = float(compute_heading(truth.nav_R_body[0]))
     compare_at_footfalls = {}
     for name, recording in walks.items():
         assert np.array_equal(recording.gyr, first.gyr)  # a seed has the same steps and noise in every field

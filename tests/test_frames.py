@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, quaternion_xyzw, wrap, yaw_rotation
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude, quaternion_xyzw, wrap_angle, yaw_rotation
 
 angles = st.floats(-50.0, 50.0)
 rotvecs = st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3)
@@ -19,16 +19,16 @@ def test_levelling_recovers_an_attitude_from_its_up_and_its_heading(rotvec, head
     tilt = Rotation.from_rotvec(rotvec).as_matrix()
     if np.hypot(tilt[0, 0], tilt[1, 0]) < 1e-3:
         return  # x is vertical and has no heading
-    nav_R_body = yaw_rotation(heading_of(tilt) - heading) @ tilt
+    nav_R_body = yaw_rotation(compute_heading(tilt) - heading) @ tilt
     body_up = GRAVITY_M_S2 * nav_R_body[2]  # specific force at rest
-    np.testing.assert_allclose(levelled(body_up, heading), nav_R_body, atol=1e-9)
+    np.testing.assert_allclose(level_attitude(body_up, heading), nav_R_body, atol=1e-9)
 
 
 @given(rotvec=rotvecs, heading=angles)
 @settings(deadline=None)
 def test_levelling_makes_a_rotation_with_up_up(rotvec, heading):
     body_up = Rotation.from_rotvec(rotvec).inv().apply(UP)
-    nav_R_body = levelled(3.0 * body_up, heading)
+    nav_R_body = level_attitude(3.0 * body_up, heading)
     np.testing.assert_allclose(nav_R_body @ nav_R_body.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(nav_R_body) == pytest.approx(1.0)
     np.testing.assert_allclose(nav_R_body @ body_up, UP, atol=1e-12)
@@ -38,7 +38,7 @@ def test_levelling_makes_a_rotation_with_up_up(rotvec, heading):
 def test_levelling_with_x_vertical_is_still_a_rotation(sign):
     for hair in (0.0, 1e-9, -1e-9):
         body_up = np.array([sign, hair, 0.0])
-        nav_R_body = levelled(body_up, 0.3)
+        nav_R_body = level_attitude(body_up, 0.3)
         np.testing.assert_allclose(nav_R_body @ nav_R_body.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(nav_R_body) == pytest.approx(1.0)
         np.testing.assert_allclose(nav_R_body @ body_up / np.linalg.norm(body_up), UP, atol=1e-8)
@@ -48,10 +48,10 @@ def test_levelling_with_x_vertical_is_still_a_rotation(sign):
     ("heading_deg", "forward"), [(0, NORTH), (90, EAST), (180, -NORTH), (-90, -EAST)], ids=["N", "E", "S", "W"]
 )
 def test_headings_are_clockwise_from_north(heading_deg, forward):
-    level = levelled(UP, np.radians(heading_deg))
+    level = level_attitude(UP, np.radians(heading_deg))
     np.testing.assert_allclose(level @ [1.0, 0.0, 0.0], forward, atol=1e-12)
     np.testing.assert_allclose(level @ [0.0, 0.0, 1.0], UP, atol=1e-12)
-    assert wrap(heading_of(level) - np.radians(heading_deg)) == pytest.approx(0.0, abs=1e-12)
+    assert wrap_angle(compute_heading(level) - np.radians(heading_deg)) == pytest.approx(0.0, abs=1e-12)
 
 
 @given(rotvec=rotvecs, turn=st.floats(-3.0, 3.0))
@@ -60,15 +60,15 @@ def test_turning_left_lowers_the_heading(rotvec, turn):
     nav_R_body = Rotation.from_rotvec(rotvec).as_matrix()
     if np.hypot(nav_R_body[0, 0], nav_R_body[1, 0]) < 1e-3:
         return
-    turned = heading_of(yaw_rotation(turn) @ nav_R_body)
-    assert wrap(turned - heading_of(nav_R_body) + turn) == pytest.approx(0.0, abs=1e-9)
+    turned = compute_heading(yaw_rotation(turn) @ nav_R_body)
+    assert wrap_angle(turned - compute_heading(nav_R_body) + turn) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_headings_of_many_attitudes():
     attitudes = Rotation.random(12, rng=np.random.default_rng(0)).as_matrix().reshape(3, 4, 3, 3)
-    heading = heading_of(attitudes)
+    heading = compute_heading(attitudes)
     assert heading.shape == (3, 4)
-    assert heading[1, 2] == heading_of(attitudes[1, 2])
+    assert heading[1, 2] == compute_heading(attitudes[1, 2])
 
 
 def test_yaw_is_counter_clockwise_from_above():
@@ -78,13 +78,13 @@ def test_yaw_is_counter_clockwise_from_above():
 
 @given(angle=angles)
 def test_wrapping_keeps_the_direction(angle):
-    wrapped = wrap(np.array([angle]))[0]
+    wrapped = wrap_angle(np.array([angle]))[0]
     assert -np.pi <= wrapped <= np.pi
     assert np.cos(wrapped - angle) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_wrapping_at_the_seam():
-    np.testing.assert_allclose(wrap(np.array([np.pi, -np.pi, 3 * np.pi, 0.0])), [-np.pi, -np.pi, -np.pi, 0.0])
+    np.testing.assert_allclose(wrap_angle(np.array([np.pi, -np.pi, 3 * np.pi, 0.0])), [-np.pi, -np.pi, -np.pi, 0.0])
 
 
 def test_quaternions_are_scalar_last_and_turn_the_same():

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fg_nav.stances import Stances, runs
+from fg_nav.stances import Stances, find_runs
 
 masks = st.lists(st.booleans(), min_size=1, max_size=60).map(lambda bits: np.array(bits, dtype=bool))
 
 
 @given(mask=masks)
 def test_runs_are_the_stretches_of_true(mask):
-    start, stop = runs(mask)
+    start, stop = find_runs(mask)
     assert np.all(stop > start)
     assert np.all(start[1:] > stop[:-1])  # else they would be one
     rebuilt = np.zeros_like(mask)
@@ -26,7 +26,7 @@ def test_a_mask_comes_back_from_its_intervals(mask):
     stances = Stances.from_mask(mask, "labels")
     np.testing.assert_array_equal(stances.mask, mask)
     assert (stances.n_samples, stances.detector) == (len(mask), "labels")
-    assert stances.n_footfalls == len(stances) == len(runs(mask)[0])
+    assert stances.n_footfalls == len(stances) == len(find_runs(mask)[0])
 
 
 def test_no_samples_and_no_stances():

@@ -39,7 +39,7 @@ from fg_nav.detection.rest import LEAST_SIGMA_DEG_S, find_still_stretches
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.stances import runs
+from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 UNKNOWNS = 4
@@ -291,7 +291,7 @@ def _longest(quiet: Bools, together: Bools, block: int) -> tuple[int, int]:
     """Samples of the longest run of quiet blocks that are together."""
     if not quiet.any():
         return 0, 0
-    first, last = runs(quiet[1:] & quiet[:-1] & together)
+    first, last = find_runs(quiet[1:] & quiet[:-1] & together)
     if not len(first):
         return 0, block
     longest = int(np.argmax(last - first))

@@ -43,7 +43,7 @@ from fg_nav.calibration.walk_model import (
     prior_precision,
 )
 from fg_nav.errors import CalibrationError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.magnetic.compass import compute_level_R_body
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.text import format_count
@@ -202,7 +202,7 @@ def _least_spread(field: FootfallField) -> float:
 def _describe_headings(walk: Walk) -> str:
     """How far the headings go round, in words."""
     heading = walk.field.gyro_heading
-    share = np.mean(np.abs(wrap(heading - np.angle(np.exp(1j * heading).mean()))) < np.pi / 4)
+    share = np.mean(np.abs(wrap_angle(heading - np.angle(np.exp(1j * heading).mean()))) < np.pi / 4)
     return f"{100 * share:.0f} % of them head within 45 deg of one direction"
 
 

@@ -34,7 +34,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.frames import GRAVITY_M_S2, levelled
+from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 
 
@@ -110,7 +110,7 @@ def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[
     if falls.all():
         return _find_nothing()
     stillest = int(np.argmin(np.where(falls, np.inf, level)))
-    up = levelled(acc[stillest])
+    up = level_attitude(acc[stillest])
     velocity = [
         _integrate_velocity(t, acc, gyr, level < link.still_level, stillest, up, GRAVITY_M_S2)
         for link in (WALKING, ROUGH)
@@ -285,7 +285,7 @@ class FreePass:
         if falls.all():
             return np.zeros_like(acc)
         first = int(np.argmin(np.where(falls, np.inf, level)))
-        up = levelled(acc[first])
+        up = level_attitude(acc[first])
         self._state = _at_rest(up)
         after = _continue_pass(self._state, acc[first:], gyr[first:], h[first:], still[first:], GRAVITY_M_S2)
         back = np.arange(first)[::-1]

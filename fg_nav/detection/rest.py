@@ -24,9 +24,9 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.footfalls import LONGEST_SWING_S
 from fg_nav.errors import EstimationError
-from fg_nav.frames import levelled
+from fg_nav.frames import level_attitude
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances, runs
+from fg_nav.stances import Stances, find_runs
 
 BLOCK_S = 0.25
 """Shorter than body sway (about 0.5 Hz), long enough to average sensor noise."""
@@ -106,7 +106,7 @@ def find_still_stretches(recording: Recording, parameters: RestParameters) -> li
     agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(GYR_STEP_DEG_S)) & (
         np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < ACC_STEP_M_S2
     )
-    first, last = runs(quiet[1:] & quiet[:-1] & agree)
+    first, last = find_runs(quiet[1:] & quiet[:-1] & agree)
     rests = [_measure_rest(recording, a * block, (b + 1) * block) for a, b in zip(first, last, strict=True)]
     return [rest for rest in rests if _is_long_and_slow(recording, rest, parameters)]
 
@@ -201,7 +201,7 @@ def find_start(
             f"the mean specific force in the first stance, at {recording.t[first.start]:.3f} s, is "
             f"{np.linalg.norm(force):.2f} m/s^2, so there is no up: accelerations must include gravity."
         )
-    return Start(first.start, levelled(force, heading), level is not None, rest, rests)
+    return Start(first.start, level_attitude(force, heading), level is not None, rest, rests)
 
 
 def find_first_stance(recording: Recording, stances: Stances) -> slice:

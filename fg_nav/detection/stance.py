@@ -34,7 +34,7 @@ from fg_nav.detection.footfalls import SWING_RATE_RAD_S, find_footfalls
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances, runs
+from fg_nav.stances import Stances, find_runs
 
 ACC_NOISE_M_S2 = 0.02
 """s_a, of a sample of a sensor at rest; data sheets and the recordings at rest have 0.01 to 0.03."""
@@ -160,7 +160,7 @@ def _choose_threshold(recording: Recording, p: StanceParameters) -> float | None
 
 
 def _cut_below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]:
-    start, stop = runs(statistic < threshold)
+    start, stop = find_runs(statistic < threshold)
     return start, stop, np.full(len(start), threshold)
 
 

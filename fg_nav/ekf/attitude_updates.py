@@ -181,5 +181,5 @@ def compute_heading(nav_R_body: Floats) -> float:
 
 @njit(cache=True)
 def wrap_angle(angle: float) -> float:
-    """An angle in rad from -pi to below pi; `fg_nav.frames.wrap` in compiled code."""
+    """An angle in rad from -pi to below pi; `fg_nav.frames.wrap_angle` in compiled code."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

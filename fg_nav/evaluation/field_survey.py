@@ -15,14 +15,14 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.compass import compute_true_heading
 from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, Disturbance, find_threshold, judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import runs
+from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class FieldSurvey:
     @property
     def difference(self) -> Floats:
         """(F,) rad, compass minus gyroscope, wrapped."""
-        return wrap(self.compass_heading - self.field.gyro_heading)
+        return wrap_angle(self.compass_heading - self.field.gyro_heading)
 
     @property
     def offset(self) -> float:
@@ -176,7 +176,7 @@ class Coverage:
 def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -> Coverage:
     """Count what a detector accepts."""
     accepted = verdicts.quasi_static
-    first, after = runs(accepted)
+    first, after = find_runs(accepted)
     return Coverage(
         name,
         len(field),
@@ -190,7 +190,7 @@ def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -
 
 def _median_change(field: FootfallField, counted: Bools) -> float:
     """Median |change| in deg of compass minus gyroscope between neighbors that both count."""
-    change = np.abs(np.degrees(wrap(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
+    change = np.abs(np.degrees(wrap_angle(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
     change = change[np.isfinite(change)]
     return float(np.median(change)) if len(change) else float("nan")
 
@@ -219,7 +219,7 @@ class SampleSurvey:
     @property
     def longest_s(self) -> float:
         """Time of the longest stretch that passes."""
-        first, after = runs(self.verdicts.quasi_static)
+        first, after = find_runs(self.verdicts.quasi_static)
         return float(np.max(self.t[after - 1] - self.t[first], initial=0.0))
 
 

@@ -49,7 +49,7 @@ from scipy.stats import t as student_t
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.magnetic.compass import compute_inclination
 
 LEVEL = 0.9
@@ -274,7 +274,7 @@ def measure_field_change(nav_field: Floats, window: int) -> FieldChange:
     strength = np.linalg.norm(nav_field, axis=1)
     return FieldChange(
         vector_uT=_find_largest(nav_field, window, lambda a, b: np.linalg.norm(a - b, axis=1)),
-        heading=_find_largest(_bearing(nav_field), window, lambda a, b: np.abs(wrap(a - b))),
+        heading=_find_largest(_bearing(nav_field), window, lambda a, b: np.abs(wrap_angle(a - b))),
         inclination=_find_largest(compute_inclination(nav_field), window, lambda a, b: np.abs(a - b)),
         strength_uT=_find_largest(strength, window, lambda a, b: np.abs(a - b)),
     )
@@ -285,7 +285,7 @@ def measure_compass_deviation(nav_field: Floats, earth_field: Floats) -> Floats:
 
     `earth_field` (3,) or (F, 3) is the field without what deviates it.
     """
-    return wrap(_bearing(earth_field) - _bearing(nav_field))
+    return wrap_angle(_bearing(earth_field) - _bearing(nav_field))
 
 
 def measure_course_change(position: Floats, window: int) -> Floats:
@@ -298,7 +298,7 @@ def measure_course_change(position: Floats, window: int) -> Floats:
     if window < 1 or len(position) <= window:
         raise EvaluationError(f"a window of {window} steps cannot be laid over {len(position)} stances: walk farther.")
     course = _bearing(np.diff(position, axis=0))
-    change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap(a - b)))
+    change = _find_largest(course, window - 1, lambda a, b: np.abs(wrap_angle(a - b)))
     return np.concatenate([[np.nan], change])
 
 

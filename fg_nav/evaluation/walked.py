@@ -51,7 +51,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.alignment import Alignment, fit_scale
 from fg_nav.evaluation.comparison import Comparison, compare
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.recording import Truth
 from fg_nav.solution import Solution
 
@@ -152,7 +152,7 @@ def _final_heading(yaw_error: Floats | None) -> float | None:
     """Change of the yaw error (K,) rad, about up, from first to last, as degrees clockwise."""
     if yaw_error is None:
         return None
-    return float(np.rad2deg(wrap(yaw_error[0] - yaw_error[-1])))
+    return float(np.rad2deg(wrap_angle(yaw_error[0] - yaw_error[-1])))
 
 
 def _measure_closure(position: Floats) -> WalkErrors:

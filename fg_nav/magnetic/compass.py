@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 
 
 def compute_level_R_body(body_up: Floats) -> Floats:
@@ -52,7 +52,7 @@ def compute_field_heading(level_field: Floats) -> Floats:
 
 def compute_true_heading(magnetic_heading: Floats, declination: float) -> Floats:
     """Heading (...,) rad clockwise from true north, from that of the compass; `declination` rad, east positive."""
-    return wrap(magnetic_heading + declination)
+    return wrap_angle(magnetic_heading + declination)
 
 
 def compute_inclination(up_field: Floats) -> Floats:

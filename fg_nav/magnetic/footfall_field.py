@@ -25,7 +25,7 @@ from numba import njit
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rest import find_start
 from fg_nav.errors import MagneticError
-from fg_nav.frames import heading_of, wrap
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
 from fg_nav.mechanisation import nudge_tilt, rotate_in_body
 from fg_nav.recording import Recording
@@ -104,12 +104,12 @@ class FootfallField:
     @cached_property
     def gyro_heading(self) -> Floats:
         """(F,) rad of the body's x axis by the gyroscope, clockwise from where the attitude has its north."""
-        return heading_of(self.nav_R_body)
+        return compute_heading(self.nav_R_body)
 
     @cached_property
     def heading_difference(self) -> Floats:
         """(F,) rad, magnetic minus gyro heading, wrapped."""
-        return wrap(self.magnetic_heading - self.gyro_heading)
+        return wrap_angle(self.magnetic_heading - self.gyro_heading)
 
 
 def average_footfall_field(

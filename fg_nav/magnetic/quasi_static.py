@@ -16,7 +16,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import MagneticError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.magnetic.detectors import HEADING_DRIFT, Channel, Detector
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.presets import DEFAULT, DETECTORS
@@ -159,7 +159,7 @@ def _align_heading(
         # predict: the inertial heading drifts
         if k >= first:
             variance += HEADING_DRIFT**2 * (t[k] - t[k - 1])
-        values[k, column] = wrap(difference[k] - alignment)
+        values[k, column] = wrap_angle(difference[k] - alignment)
         if detector.counts_drift:
             sigmas[k, column] = np.sqrt(noise + variance)
         # update where the field passes

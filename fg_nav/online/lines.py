@@ -30,7 +30,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
@@ -67,7 +67,7 @@ def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: Sens
 
 def format_table(table: StanceTable, sensor_time: SensorTime = _same_time) -> Iterator[str]:
     """Yield the lines of the smoothed past."""
-    heading = np.degrees(heading_of(table.nav_R_body))
+    heading = np.degrees(compute_heading(table.nav_R_body))
     for k in range(len(table)):
         yield _format_line(
             "smoothed",

@@ -22,7 +22,7 @@ from gtsam.symbol_shorthand import B, M, V, X
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.backend import Backend
@@ -356,7 +356,7 @@ class OnlineSmoother:
             t=place.t,
             position=position,
             nav_R_body=attitude,
-            heading=float(heading_of(attitude)),
+            heading=float(compute_heading(attitude)),
             velocity=velocity,
             gyro_bias=np.asarray(bias.gyroscope()),
             pose_cov=in_nav(attitude[None], body_cov[None])[0] + about_north,

@@ -41,7 +41,7 @@ from fg_nav.detection.mount import remove_fast
 from fg_nav.errors import EstimationError
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
-from fg_nav.stances import runs
+from fg_nav.stances import find_runs
 
 SWINGING_DEG_S = 60.0
 """A thigh that turns faster than this is on its way; one that stands or sits is not."""
@@ -307,7 +307,7 @@ def _number_bouts(possible: Bools, together: Bools) -> tuple[Bools, Ints]:
 def _find_bouts(possible: Bools, together: Bools) -> list[tuple[int, int]]:
     """First, and after the last, of the openings that may be steps without a pause between."""
     found = []
-    for first, last in zip(*runs(possible), strict=True):
+    for first, last in zip(*find_runs(possible), strict=True):
         cuts = first + 1 + np.flatnonzero(~together[first : last - 1])
         ends = [int(first), *cuts.tolist(), int(last)]
         found += list(pairwise(ends))

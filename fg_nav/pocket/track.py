@@ -14,7 +14,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rest import LEAST_FORCE_M_S2
 from fg_nav.errors import EstimationError
-from fg_nav.frames import levelled, yaw_rotation
+from fg_nav.frames import level_attitude, yaw_rotation
 from fg_nav.magnetic.compass import compute_field_heading, compute_true_heading
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.recording import Recording
@@ -89,7 +89,7 @@ class PocketTrack:
 def level_start(recording: Recording, heading: float = 0.0, heading_sigma: float = GAUGE_SIGMA) -> PocketStart:
     """Start level, with a heading of the body's x axis in rad clockwise from north.
 
-    Where the x axis is vertical its heading has no meaning (`fg_nav.frames.levelled`).
+    Where the x axis is vertical its heading has no meaning (`fg_nav.frames.level_attitude`).
 
     Raises
     ------
@@ -105,7 +105,9 @@ def level_start(recording: Recording, heading: float = 0.0, heading_sigma: float
             "up: accelerations must include gravity."
         )
     moved = float(np.linalg.norm(acc.std(axis=0))) / strength
-    return PocketStart(levelled(force, heading), float(np.hypot(np.radians(TILT_SIGMA_DEG), moved)), heading_sigma)
+    return PocketStart(
+        level_attitude(force, heading), float(np.hypot(np.radians(TILT_SIGMA_DEG), moved)), heading_sigma
+    )
 
 
 def compass_start(recording: Recording, declination: float = 0.0) -> PocketStart:

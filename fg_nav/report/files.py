@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import pandas as pd
 
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import find_detector
 from fg_nav.solution import Solution, StanceTable
@@ -101,7 +101,7 @@ def tabulate_strides(stances: StanceTable) -> pd.DataFrame:
     """Table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north."""
     columns = [
         np.arange(len(stances)), stances.t, *stances.position.T,
-        np.rad2deg(heading_of(stances.nav_R_body)) % 360.0, *np.rad2deg(stances.gyro_bias).T,
+        np.rad2deg(compute_heading(stances.nav_R_body)) % 360.0, *np.rad2deg(stances.gyro_bias).T,
         *stances.position_sigma.T, np.rad2deg(stances.heading_sigma), stances.field, stances.field_reason,
     ]  # fmt: skip
     return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))

@@ -51,7 +51,7 @@ from fg_nav.factors.magnetic_field import (
     integrate_field,
 )
 from fg_nav.factors.residual import ResidualBlock, factor_of, linear_factor_of, one_of
-from fg_nav.frames import levelled
+from fg_nav.frames import level_attitude
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 
@@ -406,4 +406,4 @@ def _coarsest(move: Floats, row: Ints, footfall: Ints) -> Floats:
 
 def _level_R_body(nav_R_body: Floats) -> Floats:
     """Stance's axes from the body's: z is the median up of the footfalls, x the body's x as far as it is level."""
-    return levelled(np.median(nav_R_body[:, 2], axis=0), heading=np.pi / 2)
+    return level_attitude(np.median(nav_R_body[:, 2], axis=0), heading=np.pi / 2)

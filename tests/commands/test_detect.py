@@ -14,7 +14,7 @@ import typer.core
 from fg_nav.cli import app
 from fg_nav.errors import DetectionError
 from fg_nav.evaluation.field_survey import SAMPLEWISE, SURVEYED, USUAL
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.disturbance import judge_samples
@@ -71,7 +71,7 @@ def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) 
         assert one["judged"] == found[f"{name}_statistic"].notna().sum()
         assert name in ran.out
     difference = np.radians(found["compass_heading_deg"] - found["gyro_heading_deg"])
-    np.testing.assert_allclose(np.degrees(wrap(difference)), found["difference_deg"], atol=1e-6)
+    np.testing.assert_allclose(np.degrees(wrap_angle(difference)), found["difference_deg"], atol=1e-6)
     for words in ("longest run", "files: out", "field.png, field_map.png", "note: no calibration"):
         assert words in ran.out
 
@@ -154,7 +154,7 @@ def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav, files:
     assert fg_nav("detect", walk, "--detector", "qsf", *where, "--out", "there").code == 0
     plain, turned, there = (table(name) for name in ("plain", "turned", "there"))
     for column, change, other in (("gyro_heading_deg", 30.0, turned), ("compass_heading_deg", -11.0, there)):
-        by = np.degrees(wrap(np.radians(other[column] - plain[column])))
+        by = np.degrees(wrap_angle(np.radians(other[column] - plain[column])))
         np.testing.assert_allclose(by, change, atol=1.0)
     pd.testing.assert_series_equal(plain["qsf_statistic"], turned["qsf_statistic"])
     pd.testing.assert_series_equal(plain["qsf_statistic"], there["qsf_statistic"])

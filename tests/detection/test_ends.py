@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.rest import find_start
-from fg_nav.frames import GRAVITY_M_S2, heading_of
+from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
@@ -27,7 +27,7 @@ def resting(seconds, seed=0, noise_deg_s=0.1, tilt=0.2):
 
 def test_levelling_finds_up_and_keeps_the_heading():
     start = find_start(*resting(2.0), heading=0.7)
-    assert heading_of(start.nav_R_body) == pytest.approx(0.7)
+    assert compute_heading(start.nav_R_body) == pytest.approx(0.7)
     np.testing.assert_allclose(start.nav_R_body[2], [np.sin(0.2), 0.0, np.cos(0.2)], atol=1e-3)
 
 

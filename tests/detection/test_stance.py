@@ -14,7 +14,7 @@ from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.mount import Mount
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
-from fg_nav.stances import runs
+from fg_nav.stances import find_runs
 from tests.simulated import WALKERS, straight_walk
 
 
@@ -208,6 +208,6 @@ def test_the_shortest_recording():
 
 def test_runs_of_the_mask_are_the_stances():
     stances = detect_stances(straight_walk().recording)
-    start, stop = runs(stances.mask)
+    start, stop = find_runs(stances.mask)
     np.testing.assert_array_equal(start, stances.start)
     np.testing.assert_array_equal(stop, stances.stop)

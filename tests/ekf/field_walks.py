@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fg_nav.frames import heading_of, wrap
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from tests.ekf.motion import Walk
@@ -28,13 +28,13 @@ def walked(walk, turned_deg=None, gyro_bias_deg_s=0.0, from_s=0.0):
         gyr=inertial.gyr + attitude[:, 2] * bias[:, None],
         mag=np.einsum("nji,nj->ni", attitude, field),
     )
-    headings = heading_of(attitude)
+    headings = compute_heading(attitude)
     return recording, stances, average_footfall_field(recording, stances, float(headings[0])), headings
 
 
 def off_deg(solution, headings):
     """Heading errors (N,) in degrees."""
-    return np.degrees(wrap(heading_of(solution.nav_R_body) - headings))
+    return np.degrees(wrap_angle(compute_heading(solution.nav_R_body) - headings))
 
 
 STRAIGHT = Walk(strides=60, turn=0.0, pitch=0.3)

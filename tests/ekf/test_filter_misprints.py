@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.ekf.attitude_updates import COURSE, make_pseudo_measurements, update_at_footfall
 from fg_nav.ekf.covariance import ATTITUDE, GYRO_BIAS, Densities, propagate_covariance
 from fg_nav.ekf.update import inject_error, update_row
-from fg_nav.frames import heading_of, wrap
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.mechanisation import strapdown
 from tests.ekf.errors import error_of, random_state, with_error
 from tests.ekf.printed import (
@@ -118,8 +118,8 @@ def heading_slopes(yaw_deg, step=1e-6):
     for component in range(15):
         error = np.zeros(15)
         error[TO_OURS[component]] = step
-        turned = heading_of(with_error(truth, error).nav_R_body) - heading_of(truth.nav_R_body)
-        slopes[component] = -wrap(turned) / step
+        turned = compute_heading(with_error(truth, error).nav_R_body) - compute_heading(truth.nav_R_body)
+        slopes[component] = -wrap_angle(turned) / step
     return slopes
 
 
@@ -186,7 +186,7 @@ def test_errors_of_euler_angles_turn_about_their_own_axes(yaw_deg):
     truth, step = foot(yaw_deg), 1e-6
     for component in range(3):
         turned = Rotation.from_rotvec(step * np.eye(3)[component]).as_matrix() @ truth
-        errors = wrap(euler_angles(turned) - euler_angles(truth))
+        errors = wrap_angle(euler_angles(turned) - euler_angles(truth))
         np.testing.assert_allclose(axes_of_euler_errors(truth) @ errors, step * np.eye(3)[component], atol=1e-9)
 
 
@@ -199,7 +199,7 @@ def levelled_again_and_again(yaw_deg, printed, rounds=20):
     estimate = with_error(truth, error)
     for _ in range(rounds):
         x, P = np.zeros(15), np.diag(np.repeat([1e-6, 1e-6, np.radians(1.0) ** 2, 1e-12, 1e-12], 3))
-        z = wrap(euler_angles(estimate.nav_R_body) - euler_angles(truth.nav_R_body))
+        z = wrap_angle(euler_angles(estimate.nav_R_body) - euler_angles(truth.nav_R_body))
         z = z if printed else axes_of_euler_errors(truth.nav_R_body) @ z
         for axis in (0, 1):
             row = np.zeros(15)

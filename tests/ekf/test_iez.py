@@ -10,7 +10,7 @@ from fg_nav.ekf import OPENSHOE, IezParameters, run_iez
 from fg_nav.ekf.core import filter_walk
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import align, evaluate, fit_scale
-from fg_nav.frames import heading_of, yaw_rotation
+from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
 from tests.ekf.motion import Walk
@@ -43,7 +43,7 @@ def test_the_initial_heading_turns_the_whole_walk(heading):
     recording = shaken(recording)
     straight, turned = (run_iez(recording, stances, heading=angle) for angle in (0.0, heading))
     turn = yaw_rotation(-heading)  # clockwise from north
-    assert heading_of(turned.nav_R_body[0]) == pytest.approx(heading)
+    assert compute_heading(turned.nav_R_body[0]) == pytest.approx(heading)
     np.testing.assert_allclose(turned.position, straight.position @ turn.T, atol=1e-6)
     np.testing.assert_allclose(turned.nav_R_body, turn @ straight.nav_R_body, atol=1e-6)
     np.testing.assert_allclose(turned.stances.position_cov, turn @ straight.stances.position_cov @ turn.T, atol=1e-6)

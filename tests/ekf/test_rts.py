@@ -16,7 +16,7 @@ from fg_nav.ekf.presets import RTS, find_parameters
 from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE
 from fg_nav.estimators import ESTIMATORS, FILTERS
-from fg_nav.frames import heading_of, wrap
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as PreparedWalk
@@ -60,7 +60,7 @@ def measure_footfalls(recording, rows, walk, rng):
 def both(recording, stances, pseudo=None, parameters=IezParameters(), wrong_heading=0.0, walk=WALK):
     """Track of the filter and of the smoother over it, and the footfalls' samples."""
     rows = stances.stillest(recording.gyr)
-    start = find_start(recording, stances, float(heading_of(walk.attitude(np.zeros(1))[0])) + wrong_heading)
+    start = find_start(recording, stances, float(compute_heading(walk.attitude(np.zeros(1))[0])) + wrong_heading)
     runs = [
         filter_walk(recording, stances.mask, rows, start, replace(parameters, smoothed=s), pseudo, START_SIGMA)
         for s in (False, True)
@@ -226,8 +226,10 @@ def test_a_heading_known_late_turns_the_beginning():
     late = np.where(np.arange(11) >= 6, np.radians(3.0) ** 2, np.nan)
     pseudo = pseudo._replace(compass_variance=late, course_variance=np.full(11, np.nan))
     filtered, smoothed, rows, _ = both(recording, stances, pseudo, wrong_heading=np.radians(8.0), walk=walk)
-    truth = heading_of(walk.attitude(recording.t[rows]))
-    before, after = (np.degrees(np.abs(wrap(heading_of(t.nav_R_body[rows]) - truth))) for t in (filtered, smoothed))
+    truth = compute_heading(walk.attitude(recording.t[rows]))
+    before, after = (
+        np.degrees(np.abs(wrap_angle(compute_heading(t.nav_R_body[rows]) - truth))) for t in (filtered, smoothed)
+    )
     assert before[:6].min() > 6.0
     assert (after < 3 * np.degrees(np.sqrt(smoothed.covariance[:, 8, 8]))).all()
     assert after[:6].max() < 0.6 * before[:6].min()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fg_nav.frames import levelled
+from fg_nav.frames import level_attitude
 from fg_nav.magnetic import FootfallField
 
 DIP = np.deg2rad(64.0)
@@ -19,8 +19,8 @@ def footfalls(nav_field, heading=0.0, drift=0.0, noise_uT=0.0, rate=0.0, rng=Non
     n = len(nav_field)
     mount = np.eye(3) if mount is None else mount
     heading, drift = np.broadcast_to(heading, n), np.broadcast_to(drift, n)
-    true = np.stack([levelled(np.array([0.0, 0.0, 1.0]), h) for h in heading]) @ mount
-    claimed = np.stack([levelled(np.array([0.0, 0.0, 1.0]), h) for h in heading + drift]) @ mount
+    true = np.stack([level_attitude(np.array([0.0, 0.0, 1.0]), h) for h in heading]) @ mount
+    claimed = np.stack([level_attitude(np.array([0.0, 0.0, 1.0]), h) for h in heading + drift]) @ mount
     body = np.einsum("nji,nj->ni", true, nav_field)
     if rng is not None:
         body = body + noise_uT * rng.standard_normal((n, 3))

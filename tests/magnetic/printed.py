@@ -30,7 +30,7 @@ from typing import TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.frames import GRAVITY_M_S2, wrap
+from fg_nav.frames import GRAVITY_M_S2, wrap_angle
 
 Tilt: TypeAlias = tuple[Floats, Floats]
 """Roll and pitch (...,) rad in the sense of the paper."""
@@ -79,12 +79,12 @@ def ma_levelled(field: Floats, tilt: Tilt) -> Floats:
 
 def ma_compass(levelled: Floats, declination: float = 0.0) -> Floats:
     """Heading of Ma (1) with the right sign: the field is (H cos psi, -H sin psi, .)."""
-    return wrap(-np.arctan2(levelled[..., 1], levelled[..., 0]) + declination)
+    return wrap_angle(-np.arctan2(levelled[..., 1], levelled[..., 0]) + declination)
 
 
 def ma_compass_as_printed(levelled: Floats, declination: float = 0.0) -> Floats:
     """Heading of Ma (1); of its two signs of D the upper."""
-    return wrap(np.arctan(levelled[..., 1] / levelled[..., 0]) + declination)
+    return wrap_angle(np.arctan(levelled[..., 1] / levelled[..., 0]) + declination)
 
 
 def ma_inclination(levelled: Floats) -> Floats:
@@ -103,7 +103,7 @@ def aiez_heading(body_field: Floats, acc: Floats, declination: float = 0.0, as_p
     """
     tilt = aiez_tilt_as_printed(acc) if as_printed else aiez_tilt(acc)
     heading = aiez_compass_as_printed if as_printed else aiez_compass
-    return wrap(-heading(aiez_levelled(body_field, tilt), declination))
+    return wrap_angle(-heading(aiez_levelled(body_field, tilt), declination))
 
 
 def aiez_force(tilt: Tilt) -> Floats:
@@ -142,9 +142,9 @@ def aiez_levelled(field: Floats, tilt: Tilt) -> Floats:
 
 def aiez_compass(levelled: Floats, declination: float = 0.0) -> Floats:
     """Yaw of AIEZ (25) about its upward axis, so declination, which is clockwise, is taken off."""
-    return wrap(-np.arctan2(levelled[..., 1], levelled[..., 0]) - declination)
+    return wrap_angle(-np.arctan2(levelled[..., 1], levelled[..., 0]) - declination)
 
 
 def aiez_compass_as_printed(levelled: Floats, declination: float = 0.0) -> Floats:
     """Yaw of AIEZ (25)."""
-    return wrap(np.arctan(levelled[..., 1] / levelled[..., 0]) + declination)
+    return wrap_angle(np.arctan(levelled[..., 1] / levelled[..., 0]) + declination)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, wrap
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude, wrap_angle
 from fg_nav.lab.simulation.fields import make_earth_field
 from fg_nav.magnetic import compass
 from tests.magnetic import printed
@@ -22,8 +22,8 @@ HEADINGS = np.radians(np.arange(-175.0, 180.0, 10.0))
 def tilted(roll_deg=17.0, pitch_deg=14.0, headings=HEADINGS):
     """Attitudes (N, 3, 3) with these headings: turned, then pitched, then rolled."""
     tilt = Rotation.from_euler("YX", [pitch_deg, roll_deg], degrees=True).as_matrix()
-    attitudes = np.array([levelled(np.array([0.0, 0.0, 1.0]), heading) @ tilt for heading in headings])
-    np.testing.assert_allclose(wrap(heading_of(attitudes) - headings), 0.0, atol=1e-12)
+    attitudes = np.array([level_attitude(np.array([0.0, 0.0, 1.0]), heading) @ tilt for heading in headings])
+    np.testing.assert_allclose(wrap_angle(compute_heading(attitudes) - headings), 0.0, atol=1e-12)
     return attitudes
 
 
@@ -33,14 +33,16 @@ def sensed(nav_R_body, nav_field=NORTH):
 
 
 def off_deg(heading, truth=HEADINGS):
-    return np.degrees(np.abs(wrap(heading - truth)))
+    return np.degrees(np.abs(wrap_angle(heading - truth)))
 
 
 def test_ours_gives_heading_and_inclination_in_any_attitude():
     attitudes = Rotation.random(300, random_state=0).as_matrix()
     field, acc = sensed(attitudes)
     level = compass.rotate_to_level(field, acc)
-    np.testing.assert_allclose(wrap(compass.compute_field_heading(level) - heading_of(attitudes)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        wrap_angle(compass.compute_field_heading(level) - compute_heading(attitudes)), 0.0, atol=1e-9
+    )
     np.testing.assert_allclose(compass.compute_inclination(level), INCLINATION, atol=1e-12)
 
 
@@ -70,7 +72,7 @@ def test_declination_leads_from_the_compass_to_true_north():
 def test_both_papers_agree_with_ours_once_their_signs_are_right(theirs):
     attitudes = Rotation.random(300, random_state=2).as_matrix()
     field, acc = sensed(attitudes, EAST_OF_NORTH)
-    np.testing.assert_allclose(wrap(theirs(field, acc, DECLINATION) - heading_of(attitudes)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(theirs(field, acc, DECLINATION) - compute_heading(attitudes)), 0.0, atol=1e-9)
 
 
 def test_both_papers_level_as_we_do():
@@ -101,11 +103,11 @@ def test_a_compass_with_the_printed_sign_counts_the_heading_twice():
     field, acc = sensed(tilted(headings=ahead))
     frd = printed.FRD_FROM_FLU
     down = printed.ma_levelled(field * frd, printed.ma_tilt(acc * frd))
-    np.testing.assert_allclose(wrap(ahead - printed.ma_compass(down)), 0.0, atol=1e-9)
-    np.testing.assert_allclose(wrap(ahead - printed.ma_compass_as_printed(down) - 2 * ahead), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(ahead - printed.ma_compass(down)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(ahead - printed.ma_compass_as_printed(down) - 2 * ahead), 0.0, atol=1e-9)
     up, yaw = printed.aiez_levelled(field, printed.aiez_tilt(acc)), -ahead
-    np.testing.assert_allclose(wrap(yaw - printed.aiez_compass(up)), 0.0, atol=1e-9)
-    np.testing.assert_allclose(wrap(yaw - printed.aiez_compass_as_printed(up) - 2 * yaw), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(yaw - printed.aiez_compass(up)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(yaw - printed.aiez_compass_as_printed(up) - 2 * yaw), 0.0, atol=1e-9)
 
 
 def test_an_arctangent_of_a_quotient_takes_south_for_north():

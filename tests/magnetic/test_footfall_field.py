@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EstimationError, MagneticError
-from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled, wrap
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude, wrap_angle
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.footfall_field import HALF_WINDOW_S, integrate_attitude
 from fg_nav.recording import Recording
@@ -32,7 +32,7 @@ def walk(mount=np.eye(3), rolling=0.0, first_heading=0.4, nav_field=EARTH, turni
     pitch = np.where(stands, 0.0, 0.6 * (1 - np.cos(swing)))
     yaw = np.cumsum(np.where(stands, rolling / RATE_HZ, -turning / (STRIDE - STAND)))
     roll = tipping / RATE_HZ * np.interp(np.arange(n) % STRIDE, [0, STAND, STRIDE], [0, STAND, 0])
-    level = levelled(UP, first_heading)
+    level = level_attitude(UP, first_heading)
     true = (
         Rotation.from_rotvec(yaw[:, None] * UP)
         * Rotation.from_matrix(level)
@@ -49,7 +49,7 @@ def walk(mount=np.eye(3), rolling=0.0, first_heading=0.4, nav_field=EARTH, turni
 
 
 def at_start(nav_R_body):
-    return float(heading_of(nav_R_body[0]))
+    return float(compute_heading(nav_R_body[0]))
 
 
 def test_field_and_headings_are_the_true_ones():
@@ -61,8 +61,8 @@ def test_field_and_headings_are_the_true_ones():
     np.testing.assert_allclose(field.body_field, np.einsum("nji,j->ni", true, EARTH), atol=1e-6)
     np.testing.assert_allclose(field.body_force, np.einsum("nji,j->ni", true, GRAVITY_M_S2 * UP), atol=1e-6)
     np.testing.assert_allclose(field.nav_field, np.tile(EARTH, (STRIDES, 1)), atol=1e-3)
-    np.testing.assert_allclose(wrap(field.magnetic_heading - heading_of(true)), 0.0, atol=1e-4)
-    np.testing.assert_allclose(wrap(field.gyro_heading - heading_of(true)), 0.0, atol=1e-4)
+    np.testing.assert_allclose(wrap_angle(field.magnetic_heading - compute_heading(true)), 0.0, atol=1e-4)
+    np.testing.assert_allclose(wrap_angle(field.gyro_heading - compute_heading(true)), 0.0, atol=1e-4)
     np.testing.assert_allclose(field.heading_difference, 0.0, atol=1e-4)
     np.testing.assert_allclose(field.inclination, DIP, atol=1e-4)
     np.testing.assert_allclose(field.strength, 48.0, atol=1e-6)
@@ -201,14 +201,14 @@ def test_what_comes_before_the_first_stance_is_reached_by_stepping_back():
     recording, true = whole.slice(cut, len(whole)), nav_R_body[cut:]
     row = STRIDE - cut
     stances = Stances.from_mask((np.arange(len(recording)) + cut) % STRIDE < STAND)
-    found = integrate_attitude(recording, stances, float(heading_of(true[row])))
+    found = integrate_attitude(recording, stances, float(compute_heading(true[row])))
     np.testing.assert_allclose(found[: row + 1], true[: row + 1], atol=1e-6)
 
 
 def test_the_stances_hold_the_attitude_upright():
     """1 deg/s about a level axis would tip it by 12 deg; each stance takes off more than half of what is there."""
     recording, nav_R_body, stances = walk(turning=0.0)
-    ahead = nav_R_body[0].T @ levelled(UP, 0.4)[:, 0]
+    ahead = nav_R_body[0].T @ level_attitude(UP, 0.4)[:, 0]
     tipping = replace(recording, gyr=recording.gyr + np.deg2rad(1.0) * ahead)
     found = integrate_attitude(tipping, stances, at_start(nav_R_body))
     tilt = np.degrees(np.arccos(np.clip((found[:, 2] * nav_R_body[:, 2]).sum(axis=1), -1.0, 1.0)))

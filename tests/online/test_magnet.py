@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import M
 
 from fg_nav.detection import detect_stances
 from fg_nav.factors.magnetic_field import PHI
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.online import OnlineNavigator, isam2, smoother
 from fg_nav.online.buffer import rows_of
 from tests.online.walks import TOLD, push, short_walk
@@ -59,7 +59,7 @@ def without_field_there() -> OnlineNavigator:
 
 
 def headings(navigator: OnlineNavigator) -> np.ndarray:
-    return np.degrees(heading_of(navigator.causal().nav_R_body))
+    return np.degrees(compute_heading(navigator.causal().nav_R_body))
 
 
 def test_the_footfall_at_the_magnet_is_disturbed_and_no_other():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.pocket import compass_start, level_start
 from fg_nav.pocket.track import estimate_field_noise_uT
 from tests.pocket.leg import resting, walking
@@ -23,11 +23,11 @@ def test_a_sensor_at_rest_is_levelled_and_the_compass_finds_north(angles):
 def test_declination_is_added_to_the_compass_s_heading():
     leg = resting(5.0)
     there, here = compass_start(leg.recording(), declination=0.1), compass_start(leg.recording())
-    assert heading_of(there.nav_R_body) - heading_of(here.nav_R_body) == pytest.approx(0.1)
+    assert compute_heading(there.nav_R_body) - compute_heading(here.nav_R_body) == pytest.approx(0.1)
 
 
 def test_the_heading_given_is_that_of_the_x_axis():
-    assert heading_of(level_start(resting(5.0).recording(), heading=1.2).nav_R_body) == pytest.approx(1.2)
+    assert compute_heading(level_start(resting(5.0).recording(), heading=1.2).nav_R_body) == pytest.approx(1.2)
 
 
 @pytest.mark.parametrize("sigma_uT", [0.05, 0.5])

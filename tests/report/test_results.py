@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from fg_nav.estimators import ESTIMATORS
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.io import read_truth
 from fg_nav.navigate import run_method
 from fg_nav.recording import TrajectoryTruth
@@ -49,7 +49,7 @@ def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, se
     np.testing.assert_allclose(strides["sigma_heading_deg"].iloc[:2], [0.2, 0.23], rtol=1e-6)
     assert strides["heading_deg"].between(0, 360, inclusive="left").all()
     np.testing.assert_allclose(
-        np.cos(np.deg2rad(strides["heading_deg"])), np.cos(heading_of(stances.nav_R_body)), atol=1e-6
+        np.cos(np.deg2rad(strides["heading_deg"])), np.cos(compute_heading(stances.nav_R_body)), atol=1e-6
     )
     assert set(strides["field_reason"]) == {"not used, as yet"}  # the comma survives
 

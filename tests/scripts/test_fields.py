@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fg_nav.calibration import calibrate_on_walk, circular_sd_deg, correct_field, find_level_iron
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -53,7 +53,7 @@ def test_a_made_up_walk_is_what_it_says_it_is():
     assert np.std(walk.field.body_field - reading) == pytest.approx(calibration.READ_TO_UT, rel=0.2)
     # Against the drifted axes the field turns with the drift.
     level = np.einsum("nij,nj->ni", walk.field.nav_R_body, walk.free)
-    toward = wrap(np.arctan2(level[:, 0], level[:, 1]) - walk.drift)
+    toward = wrap_angle(np.arctan2(level[:, 0], level[:, 1]) - walk.drift)
     assert np.degrees(np.abs(np.median(toward))) < 6
 
 

@@ -12,7 +12,7 @@ import pytest
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import RestParameters, detect_stances
 from fg_nav.errors import EstimationError, MagneticError
-from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.lab.simulation.fields.sources import Dipoles
@@ -80,7 +80,7 @@ def replace_field(p: SmootherParameters = DEFAULT, **changes: object) -> Smoothe
 
 def heading_error_deg(found: Solution, seed: int = 0) -> Floats:
     true = truth_of(demo(seed).recording).nav_R_body[found.stances.sample]
-    return np.degrees(wrap(heading_of(found.stances.nav_R_body) - heading_of(true)))
+    return np.degrees(wrap_angle(compute_heading(found.stances.nav_R_body) - compute_heading(true)))
 
 
 def place_of_footfall(k: int, seed: int = 0) -> Floats:
@@ -129,7 +129,7 @@ def test_its_gyro_bias_is_found() -> None:
 @pytest.mark.parametrize("azimuth_deg", [0.0, 70.0, -135.0, 180.0])
 def test_a_heading_that_nobody_told_is_that_from_magnetic_north(azimuth_deg: float) -> None:
     found = smoothed(in_field(earth(np.radians(azimuth_deg))), None)
-    off = wrap(np.radians(heading_error_deg(found) + azimuth_deg))
+    off = wrap_angle(np.radians(heading_error_deg(found) + azimuth_deg))
     np.testing.assert_allclose(np.degrees(off), 0.0, atol=0.4)
     north = truth_of(plain()).position @ rotation(azimuth_deg).T
     np.testing.assert_allclose(found.position, north - north[0], atol=0.5)
@@ -148,7 +148,7 @@ def test_where_the_heading_is_told_the_field_s_direction_is_found(azimuth_deg: f
     np.testing.assert_allclose(heading_error_deg(found), 0.0, atol=1.0)
     strength, direction = field_in_notes(found)
     assert strength == pytest.approx(STRENGTH, abs=0.5)
-    assert np.degrees(wrap(np.radians(direction - azimuth_deg))) == pytest.approx(0.0, abs=1.0)
+    assert np.degrees(wrap_angle(np.radians(direction - azimuth_deg))) == pytest.approx(0.0, abs=1.0)
 
 
 def field_in_notes(found: Solution) -> tuple[float, float]:
@@ -190,7 +190,7 @@ def test_a_short_walk_without_a_told_heading_is_turned_as_one_piece() -> None:
         recording = in_field(earth(), seed)
         field = roughened(recording, seed)
         told, turned = (smoothed(recording, heading, seed=seed, field=field) for heading in (0.0, None))
-        off = wrap(heading_of(turned.stances.nav_R_body) - heading_of(told.stances.nav_R_body))
+        off = wrap_angle(compute_heading(turned.stances.nav_R_body) - compute_heading(told.stances.nav_R_body))
         assert np.ptp(np.degrees(off)) < 0.3
         back = turned.stances.position @ rotation(np.degrees(off).mean()).T
         assert np.abs(back - told.stances.position)[:, :2].max() < 0.05
@@ -334,7 +334,7 @@ def test_a_foot_that_only_stands_keeps_its_heading() -> None:
     stances = Stances.from_mask(np.arange(n) % 300 < 250)
     assert stances.n_footfalls >= FEWEST_SEEN
     found = smooth(still, stances, heading=None, field=average_footfall_field(still, stances))
-    np.testing.assert_allclose(np.degrees(heading_of(found.nav_R_body)), np.degrees(np.arctan2(16, 12)), atol=0.2)
+    np.testing.assert_allclose(np.degrees(compute_heading(found.nav_R_body)), np.degrees(np.arctan2(16, 12)), atol=0.2)
     assert np.isfinite(found.stances.heading_sigma).all()
 
 
@@ -401,6 +401,6 @@ def test_north_on_a_rough_floor_is_found_within_its_sigma(seed: int) -> None:
     found = smooth(walk, stances, heading=None, field=average_footfall_field(walk, stances)).stances
     truth = truth_of(walk)
     assert truth.nav_R_body is not None
-    off = wrap(heading_of(found.nav_R_body) - heading_of(truth.nav_R_body[found.sample]))
+    off = wrap_angle(compute_heading(found.nav_R_body) - compute_heading(truth.nav_R_body[found.sample]))
     assert np.abs(off).max() < 3.0 * found.heading_sigma.min()
     assert np.degrees(found.heading_sigma.max()) < 8.0

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.frames import levelled, yaw_rotation
+from fg_nav.frames import level_attitude, yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.smoother import field_factors
 from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, FieldPath, integrate_path
@@ -195,7 +195,7 @@ def test_forward_is_the_body_s_x_axis_as_far_as_it_is_level(tilt_deg: float, rol
 
 
 def test_an_x_axis_that_points_up_leaves_axes_all_the_same() -> None:
-    mount = levelled(np.array([1.0, 0.0, 0.0]))
+    mount = level_attitude(np.array([1.0, 0.0, 0.0]))
     trodden = round_a_circle(mount=mount)
     level = along(trodden, trodden.mag(EARTH)).level_R_body
     np.testing.assert_allclose(level @ level.T, np.eye(3), atol=1e-9)

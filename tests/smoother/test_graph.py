@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.frames import GRAVITY_M_S2, heading_of, levelled
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.strides import place_nodes
 from tests.simulated import RIGID
@@ -17,7 +17,7 @@ def started(walk: Walk, tilt_deg: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     truth = walk.recording.truth
     first = truth.nav_R_body[nodes.sample[0]]
     tilt = Rotation.from_euler("y", tilt_deg, degrees=True).as_matrix()
-    start = levelled(tilt @ first[2], heading_of(first))
+    start = level_attitude(tilt @ first[2], compute_heading(first))
     values = initial_values(walk.recording, walk.stances, nodes, start, np.zeros(3), GRAVITY_M_S2)
     position, velocity, attitude, gyro_bias, acc_bias = node_arrays(nodes, values)
     assert not velocity.any()

@@ -11,7 +11,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.consistency import Consistency, compute_stance_nees
-from fg_nav.frames import GRAVITY_M_S2, heading_of, wrap, yaw_rotation
+from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Fix, Recording
 from fg_nav.smoother import SmootherParameters, smooth
@@ -74,7 +74,7 @@ def test_heading_is_that_of_the_body_at_the_first_node() -> None:
     walk = demo()
     first = place_nodes(walk.recording, walk.stances, DEFAULT).sample[0]
     turned = smooth(walk.recording, walk.stances, heading=0.7)
-    assert wrap(heading_of(turned.nav_R_body[first]) - 0.7) == pytest.approx(0.0, abs=1e-3)
+    assert wrap_angle(compute_heading(turned.nav_R_body[first]) - 0.7) == pytest.approx(0.0, abs=1e-3)
     np.testing.assert_allclose(turned.position[first], 0.0, atol=1e-3)
 
 

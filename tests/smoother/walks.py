@@ -15,7 +15,7 @@ from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.factors import guarded_factor
 from fg_nav.factors.residual import ResidualBlock, join_blocks, one_of
 from fg_nav.factors.zero_velocity import StanceVelocity
-from fg_nav.frames import levelled
+from fg_nav.frames import level_attitude
 from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
@@ -120,7 +120,7 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT) -> Problem:
     bias = np.mean([rest.rate for rest in rests], axis=0) if rests else np.zeros(3)
     lever = estimate_lever(recording, stances).lever if p.known_lever is None else np.array(p.known_lever)
     nodes = place_nodes(recording, stances, p)
-    start = levelled(recording.acc[stances.start[0] : stances.stop[0]].mean(axis=0))
+    start = level_attitude(recording.acc[stances.start[0] : stances.stop[0]].mean(axis=0))
     measurements = preintegrate(recording, nodes.sample, gtsam.imuBias.ConstantBias(np.zeros(3), bias), p)
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(StartPrior(start, GAUGE_SIGMA).factor(p))

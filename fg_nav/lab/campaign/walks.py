@@ -34,7 +34,7 @@ from fg_nav.calibration.file import Calibration
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.io import read, read_truth
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.scenario_file import parse_scenario
@@ -99,7 +99,7 @@ class Simulated:
         truth = walk.recording.truth
         assert isinstance(truth, TrajectoryTruth)
         assert truth.nav_R_body is not None
-        heading_deg = float(np.rad2deg(heading_of(truth.nav_R_body[0])))
+        heading_deg = float(np.rad2deg(compute_heading(truth.nav_R_body[0])))
         calibration = simulate_calibration(self._scenario, self.seed) if magnetometer == LOOP else None
         options = Options(use_magnetometer=magnetometer != NONE, heading_deg=heading_deg)
         session = prepare_walk(Walk.of(walk.recording, options, calibration))

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, Simulated
 from fg_nav.lab.store.entries import Arrays, Measurement
@@ -47,7 +47,7 @@ def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
         "t": seen.t,
         "compass": seen.force_heading,
         "gyroscope": seen.gyro_heading,
-        "estimate": heading_of(stances.nav_R_body),
+        "estimate": compute_heading(stances.nav_R_body),
         "used": np.array([word == QUASI_STATIC for word in stances.field]),
         "place": truth.position[seen.sample, :2],
         "strength_t": recording.t[every],

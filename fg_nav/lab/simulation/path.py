@@ -23,7 +23,7 @@ from scipy.interpolate import CubicSpline
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 
 KNOT_RAD = 0.05
 """Between the knots of an arc."""
@@ -151,7 +151,7 @@ class Path:
         gap = float(np.linalg.norm(other.start.position - self.end.position))
         if gap > GAP_M:
             raise SimulationError(f"Joined paths leave a gap of {gap:.3g} m: move the second to the end of the first.")
-        kink = float(wrap(np.array(other.start.heading - self.end.heading)))
+        kink = float(wrap_angle(np.array(other.start.heading - self.end.heading)))
         if abs(kink) > KINK_RAD:
             raise SimulationError(
                 f"Joined paths meet at an angle of {np.degrees(kink):.3g} deg: round the corner or turn on the spot."

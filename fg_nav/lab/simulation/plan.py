@@ -28,7 +28,7 @@ from scipy.signal import lfilter
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import SimulationError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.lab.simulation.motion import Strides, Style
 from fg_nav.lab.simulation.path import GAP_M, KINK_RAD, Path, Pose
 from fg_nav.lab.simulation.person import Gait, Person
@@ -404,7 +404,7 @@ def _feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: 
 
 def _closed(footprint: Floats, heading: Floats) -> tuple[Floats, Floats]:
     """Take the round-off from the end of a closed walk."""
-    turned = float(wrap(np.array(heading[-1] - heading[0])))
+    turned = float(wrap_angle(np.array(heading[-1] - heading[0])))
     if np.linalg.norm(footprint[-1] - footprint[0]) < GAP_M and abs(turned) < KINK_RAD:
         footprint[-1] = footprint[0]
         heading[-1] -= turned
@@ -425,7 +425,7 @@ def _check_joint(start: Pose, pose: Pose, i: int) -> None:
     gap = float(np.linalg.norm(start.position - pose.position))
     if gap > GAP_M:
         raise SimulationError(f"The path of section {i} begins {gap:.3g} m from where the walk is: move it there.")
-    kink = float(wrap(np.array(start.heading - pose.heading)))
+    kink = float(wrap_angle(np.array(start.heading - pose.heading)))
     if abs(kink) > KINK_RAD:
         raise SimulationError(
             f"The path of section {i} sets out {np.degrees(kink):.3g} deg from where the walker faces: "

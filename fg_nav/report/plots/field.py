@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.evaluation.field_survey import SAMPLEWISE, Coverage, FieldSurvey, SampleSurvey
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.magnetic.disturbance import WINDOW_S
 from fg_nav.magnetic.quasi_static import OverThreshold
 from fg_nav.recording import FootprintTruth, TrajectoryTruth
@@ -123,7 +123,7 @@ def _draw_headings(axes: Axes, survey: FieldSurvey) -> None:
 
 
 def _draw_difference(axes: Axes, survey: FieldSurvey) -> None:
-    t, difference = survey.field.t, wrap(survey.difference - survey.offset)
+    t, difference = survey.field.t, wrap_angle(survey.difference - survey.offset)
     known = np.isfinite(difference)
     passed = survey.verdicts[survey.chosen].quasi_static
     axes.plot(t[known & ~passed], np.degrees(difference[known & ~passed]), **_dots(survey, style.TRUTH, "all others"))

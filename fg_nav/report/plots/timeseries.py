@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from fg_nav.arrays import Floats
-from fg_nav.frames import heading_of, wrap
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.plots import style
 from fg_nav.report.plots.maps import AlignedSolution
@@ -96,7 +96,7 @@ def _draw_error(axes: Axes, view: AlignedSolution, colour: str, name: str) -> No
 
 
 def _heading(view: AlignedSolution) -> Floats:
-    return heading_of(view.align_attitude(view.solution.nav_R_body))
+    return compute_heading(view.align_attitude(view.solution.nav_R_body))
 
 
 def _true_heading(view: AlignedSolution) -> Floats:
@@ -107,7 +107,7 @@ def _true_heading(view: AlignedSolution) -> Floats:
     seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
     if not seen.any():
         return np.full(len(t), np.nan)
-    known = np.unwrap(heading_of(truth.nav_R_body[seen]))
+    known = np.unwrap(compute_heading(truth.nav_R_body[seen]))
     return np.interp(t, truth.t[seen], known, left=np.nan, right=np.nan)
 
 
@@ -117,8 +117,8 @@ def _draw_headings(axes: Axes, view: AlignedSolution, heading: Floats, true_head
     at_stances = np.unwrap(heading[stances.sample])
     middle = np.interp(t, stances.t, at_stances)
     steep = np.abs(view.solution.nav_R_body[:, 2, 0]) > _STEEP
-    between = np.where(steep, np.nan, middle + wrap(heading - middle))
-    truth = middle + wrap(true_heading - middle)
+    between = np.where(steep, np.nan, middle + wrap_angle(heading - middle))
+    truth = middle + wrap_angle(true_heading - middle)
     wrapped = bool(np.ptp(at_stances) > _TURNS_UNWRAPPED * 2 * np.pi)
     dots = {"marker": ".", "markersize": 4.5} if len(stances) <= _MAX_DOTS else {}
     line = {"color": style.BLUE, "linewidth": 1.1, "label": f"{view.solution.method}, at the stances"}
@@ -152,10 +152,10 @@ def _draw_heading_error(axes: Axes, view: AlignedSolution, heading_error: Floats
     band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.2, "linewidth": 0, "label": "95 % claimed"}
     axes.fill_between(stances.t, -half_deg, half_deg, **band)
     axes.axhline(0.0, color=style.SOFT_INK, linewidth=0.6)
-    error = wrap(heading_error[stances.sample])
+    error = wrap_angle(heading_error[stances.sample])
     known = np.flatnonzero(np.isfinite(error))
     if len(known):
-        counted_deg = np.rad2deg(wrap(error - error[known[0]]) if gauge else error)
+        counted_deg = np.rad2deg(wrap_angle(error - error[known[0]]) if gauge else error)
         line: dict[str, Any] = {"color": style.BLUE, "markersize": 3, "linewidth": 0.8, "label": "error"}
         axes.plot(stances.t, counted_deg, ".-", **line)
     axes.set_ylim(*np.clip(axes.get_ylim(), -180.0, 180.0))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.frames import GRAVITY_M_S2, heading_of
+from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.lab.simulation import SimulatedWalk, simulate
 from fg_nav.recording import TrajectoryTruth
 
@@ -21,7 +21,7 @@ def test_it_is_a_minute_once_round_a_corridor(demo: SimulatedWalk) -> None:
     assert truth.nav_R_body is not None
     assert 60 < demo.recording.duration_s < 75
     assert 70 < np.linalg.norm(np.diff(truth.position[:, :2], axis=0), axis=1).sum() < 85
-    heading_deg = np.rad2deg(np.unwrap(heading_of(truth.nav_R_body)))
+    heading_deg = np.rad2deg(np.unwrap(compute_heading(truth.nav_R_body)))
     assert heading_deg[-1] - heading_deg[0] == pytest.approx(360.0, abs=0.5)
     assert np.ptp(truth.position[:, 2]) < 0.25
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
-from fg_nav.frames import GRAVITY_M_S2, heading_of
+from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
 from fg_nav.lab.simulation.mount import HEEL, INSTEP, Mount
@@ -192,7 +192,7 @@ def test_foot_stands_on_its_footprints(mixed: Foot) -> None:
     np.testing.assert_allclose(pivot[:, 2], mixed.strides.footprint[:, 2], atol=0.006)
     state = mixed.motion.at(np.array([0.0, mixed.strides.end_s]))
     np.testing.assert_allclose(mixed.pivot(state)[-1], mixed.strides.footprint[-1], atol=1e-9)
-    heading = heading_of(mixed.nav_R_foot(mixed.motion.at(middle)))
+    heading = compute_heading(mixed.nav_R_foot(mixed.motion.at(middle)))
     turned = np.angle(np.exp(1j * (heading - mixed.strides.heading)))
     assert np.rad2deg(np.abs(turned)).max() < 3
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
-from fg_nav.frames import GRAVITY_M_S2, heading_of
+from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import polyline, straight
@@ -171,7 +171,7 @@ def test_the_thigh_stays_above_the_foot_it_belongs_to(varied):
 def test_the_body_faces_where_the_foot_points(varied):
     strides, motion = varied
     t = np.array([2.0, strides.end_s - 1.0])
-    facing = heading_of(motion.at(t).nav_R_body @ motion.thigh_R_body.T)
+    facing = compute_heading(motion.at(t).nav_R_body @ motion.thigh_R_body.T)
     meant = strides.heading[[0, -1]]
     assert np.degrees(np.abs(np.angle(np.exp(1j * (facing - meant))))).max() < 1.0
 

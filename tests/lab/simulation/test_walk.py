@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
-from fg_nav.frames import GRAVITY_M_S2, wrap
+from fg_nav.frames import GRAVITY_M_S2, wrap_angle
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, simulate, walk
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Stand, Walk
@@ -305,5 +305,5 @@ def test_a_closed_course_ends_where_and_as_it_began():
     truth = walk.recording.truth
     np.testing.assert_allclose(walk.strides.footprint[-1], walk.strides.footprint[0], atol=1e-9)
     assert np.linalg.norm(truth.position[-1] - truth.position[0]) < 0.02  # slip of the last stances and sway
-    turned = wrap(walk.strides.heading[-1] - walk.strides.heading[0])
+    turned = wrap_angle(walk.strides.heading[-1] - walk.strides.heading[0])
     assert abs(float(turned)) < 1e-6

@@ -24,7 +24,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.evaluation.roc import make_roc, measure_compass_deviation
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk, simulate
 from fg_nav.lab.simulation.fields import Sum
 from fg_nav.lab.simulation.scenarios import Choices
@@ -62,7 +62,7 @@ def walked_past(strength: int, calibrated: bool, seed: int) -> tuple[SimulatedWa
     truth = walk.recording.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
-    start = float(heading_of(truth.nav_R_body[0]))
+    start = float(compute_heading(truth.nav_R_body[0]))
     return walk, average_footfall_field(walk.recording, detect_stances(walk.recording), start)
 
 

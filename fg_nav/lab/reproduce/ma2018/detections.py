@@ -55,7 +55,7 @@ from fg_nav.evaluation.roc import (
     measure_course_change,
     measure_field_change,
 )
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
@@ -274,4 +274,4 @@ def _lying(seed: int, rest_s: float) -> tuple[Floats, Floats, Floats]:
 
 def _sigmas(heading: Floats, inclination: Floats, strength: Floats) -> Floats:
     """Standard deviations of the changes."""
-    return np.array([np.std(wrap(np.diff(heading))), np.std(np.diff(inclination)), np.std(np.diff(strength))])
+    return np.array([np.std(wrap_angle(np.diff(heading))), np.std(np.diff(inclination)), np.std(np.diff(strength))])

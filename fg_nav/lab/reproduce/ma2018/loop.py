@@ -45,7 +45,7 @@ from fg_nav.calibration.ellipsoid import fit_ellipsoid, upper_triangular
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.frames import wrap
+from fg_nav.frames import wrap_angle
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, ma_table_1, make_iron, preset
@@ -261,8 +261,8 @@ def shape_of(ellipse: Ellipse | None) -> Floats:
 def difference(field: FootfallField, level_field: Floats) -> Floats:
     """Magnetic minus gyro heading (F,) rad of footfalls with a field, less the mean direction."""
     known = np.isfinite(level_field).all(axis=1)
-    turned = wrap(compute_field_heading(level_field) - field.gyro_heading)[known]
-    return wrap(turned - np.angle(np.exp(1j * turned).mean()))
+    turned = wrap_angle(compute_field_heading(level_field) - field.gyro_heading)[known]
+    return wrap_angle(turned - np.angle(np.exp(1j * turned).mean()))
 
 
 def flat_difference(field: FootfallField, ellipse: Ellipse | None) -> Floats:

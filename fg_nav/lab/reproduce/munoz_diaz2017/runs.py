@@ -29,7 +29,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
-from fg_nav.frames import heading_of
+from fg_nav.frames import compute_heading
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, ONLINE, PRINTED, Case, Setting
 from fg_nav.pocket import PRESETS, PocketSmootherParameters, PocketTrack, estimate_pocket, level_start
 from fg_nav.pocket.dead_reckoning import calibrate_step_length, reckon_path
@@ -95,7 +95,7 @@ def runs(recording: Recording, case: Case, setting: Setting) -> dict[str, Run | 
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
-    heading = float(heading_of(truth.nav_R_body[0]))
+    heading = float(compute_heading(truth.nav_R_body[0]))
     found: dict[str, Run | None] = {}
     for name in case.by:
         try:
@@ -109,7 +109,7 @@ def runs(recording: Recording, case: Case, setting: Setting) -> dict[str, Run | 
 
 def run_of(track: PocketTrack, recording: Recording, true_R: Floats, setting: Setting) -> Run:
     """Once a second, and the way by dead reckoning."""
-    yaw = np.degrees(np.unwrap(heading_of(track.nav_R_body)) - np.unwrap(heading_of(true_R)))
+    yaw = np.degrees(np.unwrap(compute_heading(track.nav_R_body)) - np.unwrap(compute_heading(true_R)))
     rows = slice(None, None, 100)
     strength = None if recording.mag is None else np.linalg.norm(recording.mag[rows], axis=1)
     return Run(
