@@ -105,10 +105,8 @@ def compute_chords(opening: Floats) -> Floats:
 def calibrate_step_length(opening: Floats, known_distance_m: float) -> StepLength:
     """Find the constant of a person who made steps of these openings (S,) rad over a known distance, m, along the path.
 
-    Raises
-    ------
-    EstimationError
-        Without a step, with no such distance, or if the constant that comes out is no person's.
+    Raises `EstimationError` without a step, with no such distance, or if the constant that comes out is no
+    person's.
     """
     if not (np.isfinite(known_distance_m) and known_distance_m > 0):
         raise EstimationError(f"a known distance of {known_distance_m:g} m is none: give the metres walked.")

@@ -133,10 +133,8 @@ def estimate_pocket(
     start : PocketStart
         Attitude at the first sample; level with heading 0 if None.
 
-    Raises
-    ------
-    EstimationError
-        If it cannot be levelled, or the filter diverges to infinity; with a state in Euler angles also where these end.
+    Raises `EstimationError` if it cannot be levelled, or the filter diverges to infinity; with a state in Euler angles
+    also where these end.
     """
     inputs = prepare_inputs(recording, parameters)
     state = initialize_state(level_start(recording) if start is None else start, parameters)

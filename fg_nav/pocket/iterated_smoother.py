@@ -67,10 +67,7 @@ def smooth_pocket(
     PocketTrack
         Both NIS are of two degrees of freedom, predicted at a node; a field's, of three, is scaled to that.
 
-    Raises
-    ------
-    EstimationError
-        If it cannot be levelled, or the solution diverges to infinity.
+    Raises `EstimationError` if it cannot be levelled, or the solution diverges to infinity.
     """
     start = level_start(recording) if start is None else start
     node = place_nodes(recording.t)

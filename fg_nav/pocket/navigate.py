@@ -81,11 +81,8 @@ def navigate_pocket(
     known_distance_m : meters walked along the path in this recording, to calibrate the constant by.
     progress : is called with the fraction done.
 
-    Raises
-    ------
-    EstimationError
-        If there is no such method, the heading is no number, both a constant and a distance are given, the sensor was
-        on a foot, or there is no step.
+    Raises `EstimationError` if there is no such method, the heading is no number, both a constant and a distance are
+    given, the sensor was on a foot, or there is no step.
     """
     began = time.perf_counter()
     if step_constant_m is not None and known_distance_m is not None:

@@ -73,10 +73,7 @@ class OnlinePocket:
         ----------
         t, acc, gyr, mag : (n,) s, and (n, 3) in m/s^2, rad/s and uT; NaN, or None, without a field.
 
-        Raises
-        ------
-        EstimationError
-            If a stamp is not after the one before, or it cannot be levelled.
+        Raises `EstimationError` if a stamp is not after the one before, or it cannot be levelled.
         """
         new = np.column_stack([t, acc, gyr, np.full((len(t), 3), np.nan) if mag is None else mag])
         for part in self._split_at_gaps(new):

@@ -144,10 +144,7 @@ PRESETS: Mapping[str, PocketParameters] = MappingProxyType(
 def pocket_parameters(name: str) -> PocketParameters:
     """Return the parameters of a preset.
 
-    Raises
-    ------
-    EstimationError
-        If there is none of that name.
+    Raises `EstimationError` if there is none of that name.
     """
     if name not in PRESETS:
         raise EstimationError(f"there is no preset '{name}' for the pocket: choose from {', '.join(PRESETS)}.")

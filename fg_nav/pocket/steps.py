@@ -116,10 +116,7 @@ class ThighSwing:
 def estimate_swing(recording: Recording, track: PocketTrack) -> ThighSwing:
     """Find the axes of the thigh, and its flexion.
 
-    Raises
-    ------
-    EstimationError
-        If the sensor hardly turns, or about no axis in particular.
+    Raises `EstimationError` if the sensor hardly turns, or about no axis in particular.
     """
     rate = remove_fast(recording.gyr - track.gyro_bias, recording.period_s)
     swinging = np.linalg.norm(rate, axis=1) > np.radians(SWINGING_DEG_S)

@@ -91,10 +91,7 @@ def level_start(recording: Recording, heading: float = 0.0, heading_sigma: float
 
     Where the x axis is vertical its heading has no meaning (`fg_nav.frames.level_attitude`).
 
-    Raises
-    ------
-    EstimationError
-        If the specific force vanishes.
+    Raises `EstimationError` if the specific force vanishes.
     """
     acc = recording.acc[_first_second(recording)]
     force = acc.mean(axis=0)
@@ -113,10 +110,7 @@ def level_start(recording: Recording, heading: float = 0.0, heading_sigma: float
 def compass_start(recording: Recording, declination: float = 0.0) -> PocketStart:
     """Start level, with the heading of the first second's field; `declination` rad, east positive.
 
-    Raises
-    ------
-    EstimationError
-        If the specific force vanishes, or there is no magnetometer in the first second.
+    Raises `EstimationError` if the specific force vanishes, or there is no magnetometer in the first second.
     """
     start = level_start(recording)
     mag = None if recording.mag is None else recording.mag[_first_second(recording)]

@@ -41,10 +41,7 @@ def replace_field(
     rng : source of the noise.
     border_s : how long there is no field after a border between two cells of a street; 0 leaves the jump in.
 
-    Raises
-    ------
-    SimulationError
-        If the recording has no true attitude, or the walk leads through iron.
+    Raises `SimulationError` if the recording has no true attitude, or the walk leads through iron.
     """
     recording = walk.recording
     truth = recording.truth

@@ -35,7 +35,7 @@ from numba import njit
 from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, average_over_period
-from fg_nav.lab.simulation.mount import Mount, shocks
+from fg_nav.lab.simulation.mount import Mount, draw_shocks
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.steps import (
     ASIDE,
@@ -64,7 +64,7 @@ from fg_nav.lab.simulation.steps import (
     compute_lift_rises,
     compute_pitch_rises,
     draw_steps,
-    joined,
+    join_moves,
     rotate_to_level,
 )
 
@@ -105,7 +105,7 @@ class FootMotion:
         """Exact state at rising instants `t` (N,) s."""
         moved = (self.east, self.north, self.up, self.roll, self.pitch, self.yaw)
         coordinates = np.stack([ramps.at(t) for ramps in moved], axis=2)
-        return Kinematics(*_kinematics(coordinates, self.bursts.at(t), self.lever_m, self.foot_R_body))
+        return Kinematics(*_compute_kinematics(coordinates, self.bursts.at(t), self.lever_m, self.foot_R_body))
 
     def sampled(self, t: Floats, period_s: float) -> tuple[Floats, Floats]:
         """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
@@ -125,35 +125,32 @@ def build_foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.ra
     mount : where the sensor sits; drawn here where it still has scatter.
     rng : draws what varies from stride to stride.
 
-    Raises
-    ------
-    SimulationError
-        If strides overlap, last no time, or are not finite.
+    Raises `SimulationError` if strides overlap, last no time, or are not finite.
     """
     drawn = mount.draw(rng)
     steps = draw_steps(strides, person, drawn.unrest, rng)
     leans = drawn.unrest * (1 + rng.standard_normal((2, len(steps))))
-    east, north = _level(steps)
+    east, north = _move_level(steps)
     return FootMotion(
-        east=_ramps(east),
-        north=_ramps(north),
-        up=_ramps(_up(steps)),
-        roll=_ramps(_roll(steps, leans[0], rng)),
-        pitch=_ramps(_pitch(steps, rng)),
-        yaw=_ramps(_yaw(steps, leans[1], rng)),
-        bursts=shocks(steps, drawn, rng),
+        east=_make_ramps(east),
+        north=_make_ramps(north),
+        up=_make_ramps(_move_up(steps)),
+        roll=_make_ramps(_move_roll(steps, leans[0], rng)),
+        pitch=_make_ramps(_move_pitch(steps, rng)),
+        yaw=_make_ramps(_move_yaw(steps, leans[1], rng)),
+        bursts=draw_shocks(steps, drawn, rng),
         lever_m=np.array(drawn.lever_m),
         foot_R_body=drawn.foot_R_body,
         flat=steps.flat,
     )
 
 
-def _ramps(track: Track) -> Ramps:
+def _make_ramps(track: Track) -> Ramps:
     begun, moves = track
-    return Ramps.of(*joined(moves), begun_at=begun)
+    return Ramps.of(*join_moves(moves), begun_at=begun)
 
 
-def _level(steps: Steps) -> tuple[Track, Track]:
+def _move_level(steps: Steps) -> tuple[Track, Track]:
     """East and north. A slip is made up for in the swing before it: the foot ends where its footprint is."""
     heading, footprint = steps.strides.heading[1:], steps.strides.footprint
     step = np.diff(footprint[:, :2], axis=0) - steps.slip
@@ -169,7 +166,7 @@ def _level(steps: Steps) -> tuple[Track, Track]:
     return (float(footprint[0, 0]), east), (float(footprint[0, 1]), north)
 
 
-def _up(steps: Steps) -> Track:
+def _move_up(steps: Steps) -> Track:
     floor = steps.strides.footprint[:, 2]
     heights = (steps.gait(name) * steps.vigour for name in ("clearance_m", "midswing_m", "heel_m"))
     lift, again, set_down, drop = compute_lift_rises(*heights)
@@ -185,7 +182,7 @@ def _up(steps: Steps) -> Track:
     ]
 
 
-def _pitch(steps: Steps, rng: np.random.Generator) -> Track:
+def _move_pitch(steps: Steps, rng: np.random.Generator) -> Track:
     toe_down, toe_up = steps.gait("toe_down_rad") * steps.vigour, steps.gait("toe_up_rad") * steps.vigour
     push, land, fall = compute_pitch_rises(toe_down, toe_up)
     begun = np.concatenate([[0.0], steps.settled + steps.rolled])[: len(steps)]  # by the stance before
@@ -196,23 +193,23 @@ def _pitch(steps: Steps, rng: np.random.Generator) -> Track:
         steps.swing(LAND, land),
         steps.swing(SETTLE, steps.settled),
         steps.stance(ROLL_OVER, steps.rolled),
-        _sway(steps, rng),
+        _draw_sways(steps, rng),
     ]
 
 
-def _roll(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
-    inversion = steps.gait("inversion_rad") * _wobble(steps, rng)
+def _move_roll(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
+    inversion = steps.gait("inversion_rad") * _draw_wobble(steps, rng)
     return 0.0, [
         steps.swing(INVERT_OFF, inversion[0]),
         steps.swing(INVERT_ON, inversion[1]),
         steps.stance(LEAN, steps.gait("pronation_rad") * lean),
-        _sway(steps, rng),
+        _draw_sways(steps, rng),
     ]
 
 
-def _yaw(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
+def _move_yaw(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
     heading = steps.strides.heading
-    wobble = steps.gait("yaw_wobble_rad") * _wobble(steps, rng)
+    wobble = steps.gait("yaw_wobble_rad") * _draw_wobble(steps, rng)
     return np.pi / 2 - float(heading[0]), [
         steps.swing(TOE_OUT, wobble[0]),
         steps.swing(TOE_IN, wobble[1]),
@@ -221,19 +218,19 @@ def _yaw(steps: Steps, lean: Floats, rng: np.random.Generator) -> Track:
     ]
 
 
-def _wobble(steps: Steps, rng: np.random.Generator) -> Floats:
+def _draw_wobble(steps: Steps, rng: np.random.Generator) -> Floats:
     """Size (2, K) of what is drawn for every stride."""
     return steps.vigour * (1 + steps.gait("wobble_scatter") * rng.standard_normal((2, len(steps))))
 
 
-def _sway(steps: Steps, rng: np.random.Generator) -> Moves:
+def _draw_sways(steps: Steps, rng: np.random.Generator) -> Moves:
     """An angle that wanders in every pause, and is back at its end."""
     person = steps.person
     long = [(begin, end) for begin, end in steps.pauses if end - begin > 2 * person.sway_s]
-    return joined([_swayed(person, begin, end, rng) for begin, end in long])
+    return join_moves([_draw_sway(person, begin, end, rng) for begin, end in long])
 
 
-def _swayed(person: Person, begin: float, end: float, rng: np.random.Generator) -> Moves:
+def _draw_sway(person: Person, begin: float, end: float, rng: np.random.Generator) -> Moves:
     count = int((end - begin) / person.sway_s)
     angle = person.sway_rad * np.concatenate([[0.0], rng.standard_normal(count - 1), [0.0]])
     edge = np.linspace(begin, end, count + 1)
@@ -245,7 +242,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 @njit(cache=True)
-def _kinematics(
+def _compute_kinematics(
     moved: Floats, burst: Floats, lever: Floats, foot_R_body: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Position, velocity, attitude, rate and force from coordinates and bursts (3, N, 6), each with two derivatives."""
@@ -256,7 +253,7 @@ def _kinematics(
     up = (0.0, 0.0, GRAVITY_M_S2)
     for n in range(count):
         angles = [_sum(_vector(moved[d, n, 3:]), _vector(burst[d, n, 3:])) for d in range(3)]
-        w, dw = _turned(angles[0], angles[1], angles[2], R)
+        w, dw = _compute_rate(angles[0], angles[1], angles[2], R)
         s, ds = _sum(_vector(lever), _vector(burst[0, n])), _vector(burst[1, n])
         ws = _cross(w, s)
         _put(position[n], _sum(_vector(moved[0, n]), _from(R, s)))
@@ -271,7 +268,7 @@ def _kinematics(
 
 
 @njit(cache=True)
-def _turned(angle: Vector, first: Vector, second: Vector, R: Floats) -> tuple[Vector, Vector]:
+def _compute_rate(angle: Vector, first: Vector, second: Vector, R: Floats) -> tuple[Vector, Vector]:
     """Rate and its derivative in the foot frame from roll, pitch, yaw and their derivatives; writes the attitude R."""
     sr, sp, sy = np.sin(angle[0]), np.sin(angle[1]), np.sin(angle[2])
     cr, cp, cy = np.cos(angle[0]), np.cos(angle[1]), np.cos(angle[2])

@@ -144,26 +144,26 @@ TREMORS = tuple(Blow("tremor", begin, (0.6, 1.0, 0.4), (1.0, 0.6, 0.6)) for begi
 """Four a stance, one after the other."""
 
 
-def shocks(steps: Steps, mount: Mount, rng: np.random.Generator) -> Bursts:
+def draw_shocks(steps: Steps, mount: Mount, rng: np.random.Generator) -> Bursts:
     """Draw the bursts of all strides: of the sensor's place (3, m, foot frame) and of roll, pitch and yaw (3, rad).
 
     The mount is one that has been drawn.
     """
     own = np.random.default_rng(mount.shock_seed)
-    gaits, hard = steps.person.gaits, _hardness(steps)
+    gaits, hard = steps.person.gaits, _compute_hardness(steps)
     unrest = np.full(len(steps), mount.unrest)
     series = [
         *(
-            _series(steps, [getattr(gait, blow.name) for gait in gaits], blow, mount.shock * hard, own, rng)
+            _draw_series(steps, [getattr(gait, blow.name) for gait in gaits], blow, mount.shock * hard, own, rng)
             for blow in BLOWS
         ),
-        _series(steps, [mount.ringing] * len(gaits), RINGING, hard, own, rng),
-        *(_series(steps, [gait.tremor for gait in gaits], blow, unrest, own, rng) for blow in TREMORS),
+        _draw_series(steps, [mount.ringing] * len(gaits), RINGING, hard, own, rng),
+        *(_draw_series(steps, [gait.tremor for gait in gaits], blow, unrest, own, rng) for blow in TREMORS),
     ]
     return Bursts.of(*(np.concatenate(column) for column in zip(*series, strict=True)))
 
 
-def _hardness(steps: Steps) -> Floats:
+def _compute_hardness(steps: Steps) -> Floats:
     pace = steps.gait("stride_s") / steps.strides.duration
     return steps.vigour * np.minimum(pace**2, HARDEST)
 
@@ -172,7 +172,7 @@ _Series = tuple[Floats, Floats, Floats, Floats, Floats]
 """start, width, omega, phase (2 K,) and amplitude (2 K, 6)."""
 
 
-def _series(
+def _draw_series(
     steps: Steps,
     shock: Sequence[Shock],
     blow: Blow,
@@ -189,13 +189,13 @@ def _series(
     phase = 2 * np.pi * (own.random() + vary[1])
     begin = steps.strides.start + (blow.begin + 0.1 * vary[2]) * steps.swing_s
     amplitude = np.zeros((2, len(steps), 6))
-    amplitude[0, :, :3] = (force * strength / omega**2)[:, None] * _directions(blow.force, len(steps), own, rng)
-    amplitude[1, :, 3:] = (rate * strength / omega)[:, None] * _directions(blow.rate, len(steps), own, rng)
+    amplitude[0, :, :3] = (force * strength / omega**2)[:, None] * _draw_directions(blow.force, len(steps), own, rng)
+    amplitude[1, :, 3:] = (rate * strength / omega)[:, None] * _draw_directions(blow.rate, len(steps), own, rng)
     phases = np.concatenate([phase, phase + np.pi / 2])
     return np.tile(begin, 2), np.tile(width, 2), np.tile(omega, 2), phases, amplitude.reshape(-1, 6)
 
 
-def _directions(
+def _draw_directions(
     weight: tuple[float, float, float], count: int, own: np.random.Generator, rng: np.random.Generator
 ) -> Floats:
     """Directions (K, 3) about one of this mount's own, which is of length 1."""

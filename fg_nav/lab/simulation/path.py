@@ -63,10 +63,7 @@ class Path:
     heading : (M,) rad clockwise from north, unwrapped: the direction of the tangent.
     landmarks : marked places.
 
-    Raises
-    ------
-    SimulationError
-        Knots that are not finite, fewer than two, not rising, or a landmark off the path.
+    Raises `SimulationError` for knots that are not finite, fewer than two, not rising, or a landmark off the path.
     """
 
     arc: Floats
@@ -108,7 +105,7 @@ class Path:
         step = np.diff(self.arc)[k]
         u = (s - self.arc[k]) / step
         position = self.position[k] + u[:, None] * (self.position[k + 1] - self.position[k])
-        position[:, :2] += _bulge(
+        position[:, :2] += _compute_bulge(
             u, step, self.position[k + 1] - self.position[k], self.heading[k], self.heading[k + 1]
         )
         return position, self.heading[k] + u * (self.heading[k + 1] - self.heading[k])
@@ -143,10 +140,7 @@ class Path:
     def then(self, other: Path) -> Path:
         """The path and then `other`, which begins where this one ends, in the same direction.
 
-        Raises
-        ------
-        SimulationError
-            A gap of more than 1 mm, or a kink of more than 1 mrad, where they meet.
+        Raises `SimulationError` for a gap of more than 1 mm, or a kink of more than 1 mrad, where they meet.
         """
         gap = float(np.linalg.norm(other.start.position - self.end.position))
         if gap > GAP_M:
@@ -167,10 +161,7 @@ class Path:
     def repeat(self, n: int) -> Path:
         """`n` laps of a path that ends where, and as, it begins; each crosses the landmarks again.
 
-        Raises
-        ------
-        SimulationError
-            Less than one lap, or ends that do not meet.
+        Raises `SimulationError` for less than one lap, or ends that do not meet.
         """
         if n < 1:
             raise SimulationError(f"A path cannot be walked {n} times: ask for one lap or more.")
@@ -182,10 +173,7 @@ class Path:
     def part(self, begin: float, end: float) -> Path:
         """The stretch between two arc lengths in m, with the landmarks on it.
 
-        Raises
-        ------
-        SimulationError
-            A stretch that is not on the path, or has no length.
+        Raises `SimulationError` for a stretch that is not on the path, or has no length.
         """
         if not 0 <= begin < end <= self.length_m * (1 + 1e-12):
             raise SimulationError(f"A path of {self.length_m:g} m has no stretch from {begin:g} m to {end:g} m.")
@@ -197,10 +185,7 @@ class Path:
     def scale_to(self, length_m: float) -> Path:
         """The path drawn larger or smaller about its start, corners and heights too, until it has this length.
 
-        Raises
-        ------
-        SimulationError
-            A length that is not positive.
+        Raises `SimulationError` for a length that is not positive.
         """
         if not (np.isfinite(length_m) and length_m > 0):
             raise SimulationError(f"A path cannot be scaled to {length_m} m: give a positive length.")
@@ -214,10 +199,7 @@ class Path:
     def with_landmarks(self, arcs: Sequence[float] | Floats, names: Sequence[str] | None = None) -> Path:
         """The path with these landmarks only: arc lengths in m, and names (1, 2, ... without).
 
-        Raises
-        ------
-        SimulationError
-            A landmark off the path, or not one name for each.
+        Raises `SimulationError` for a landmark off the path, or not one name for each.
         """
         names = [str(i + 1) for i in range(len(arcs))] if names is None else names
         if len(names) != len(arcs):
@@ -229,25 +211,19 @@ class Path:
 def straight(length_m: float) -> Path:
     """A line from the origin to the north.
 
-    Raises
-    ------
-    SimulationError
-        A length that is not positive.
+    Raises `SimulationError` for a length that is not positive.
     """
-    return _bent(np.array([length_m]), np.array([0.0]))
+    return _bend(np.array([length_m]), np.array([0.0]))
 
 
 def arc(radius_m: float, angle: float) -> Path:
     """An arc from the origin that sets out to the north and turns by `angle` rad, clockwise if positive.
 
-    Raises
-    ------
-    SimulationError
-        A radius that is not positive, or no angle.
+    Raises `SimulationError` for a radius that is not positive, or no angle.
     """
     if not radius_m > 0 or not np.isfinite(radius_m):
         raise SimulationError(f"An arc cannot have a radius of {radius_m} m: give a positive one.")
-    return _bent(np.array([radius_m * abs(angle)]), np.array([angle]))
+    return _bend(np.array([radius_m * abs(angle)]), np.array([angle]))
 
 
 def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
@@ -258,11 +234,8 @@ def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
     points : (K, 2) or (K, 3) m in nav; height is linear along each leg.
     corner_radius_m : radius of the corners.
 
-    Raises
-    ------
-    SimulationError
-        Fewer than two points, repeated ones, one that is not finite, a corner that does not fit between its
-        neighbours, or a leg that goes straight back.
+    Raises `SimulationError` for fewer than two points, repeated ones, one that is not finite, a corner that does not
+    fit between its neighbours, or a leg that goes straight back.
     """
     vertex = _as_points(points)
     _check_distinct(vertex)
@@ -270,12 +243,12 @@ def polyline(points: ArrayLike, corner_radius_m: float) -> Path:
     leg_m = np.linalg.norm(leg, axis=1)
     route = np.unwrap(np.arctan2(leg[:, 0], leg[:, 1]))
     turn = np.diff(route)
-    cut = _corner_cuts(turn, leg_m, corner_radius_m)
+    cut = _cut_corners(turn, leg_m, corner_radius_m)
     straights = leg_m - cut[:-1] - cut[1:]
     corners = corner_radius_m * np.abs(turn)
-    bent = _bent(_interleaved(straights, corners), _interleaved(np.zeros(len(leg_m)), turn))
+    bent = _bend(_interleave(straights, corners), _interleave(np.zeros(len(leg_m)), turn))
     placed = bent.rotate(float(route[0])).translate(vertex[0])
-    return _with_heights(placed, _interleaved(straights, corners), vertex[:, 2])
+    return _lay_heights(placed, _interleave(straights, corners), vertex[:, 2])
 
 
 def closed_curve(points: ArrayLike) -> Path:
@@ -285,15 +258,12 @@ def closed_curve(points: ArrayLike) -> Path:
     ----------
     points : (K, 2) or (K, 3) m in nav, K >= 3; the first is not repeated at the end.
 
-    Raises
-    ------
-    SimulationError
-        Fewer than three points, repeated ones, or one that is not finite.
+    Raises `SimulationError` for fewer than three points, repeated ones, or one that is not finite.
     """
     vertex = _as_points(points)
     if len(vertex) < 3:
         raise SimulationError(f"A closed curve needs three points, this one has {len(vertex)}: add the points to pass.")
-    return _curve(np.vstack([vertex, vertex[:1]]), "periodic")
+    return _fit_curve(np.vstack([vertex, vertex[:1]]), "periodic")
 
 
 def open_curve(points: ArrayLike) -> Path:
@@ -303,15 +273,12 @@ def open_curve(points: ArrayLike) -> Path:
     ----------
     points : (K, 2) or (K, 3) m in nav.
 
-    Raises
-    ------
-    SimulationError
-        Fewer than two points, repeated ones, or one that is not finite.
+    Raises `SimulationError` for fewer than two points, repeated ones, or one that is not finite.
     """
-    return _curve(_as_points(points), "natural")
+    return _fit_curve(_as_points(points), "natural")
 
 
-def _curve(vertex: Floats, ends: Literal["periodic", "natural"]) -> Path:
+def _fit_curve(vertex: Floats, ends: Literal["periodic", "natural"]) -> Path:
     """The cubic spline through points, by the length of their chords."""
     _check_distinct(vertex)
     chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(vertex[:, :2], axis=0), axis=1))])
@@ -322,10 +289,10 @@ def _curve(vertex: Floats, ends: Literal["periodic", "natural"]) -> Path:
     position = spline(knots)
     if ends == "periodic":
         position[-1] = position[0]
-    return Path(_arc_length(spline, knots), position, heading)
+    return Path(_integrate_length(spline, knots), position, heading)
 
 
-def _arc_length(spline: CubicSpline, knots: Floats) -> Floats:
+def _integrate_length(spline: CubicSpline, knots: Floats) -> Floats:
     """Arc length (M,) m at the knots of a curve, by three-point Gauss-Legendre quadrature of its speed."""
     node, weight = np.polynomial.legendre.leggauss(3)
     half = np.diff(knots) / 2
@@ -333,7 +300,7 @@ def _arc_length(spline: CubicSpline, knots: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(half * (weight @ np.array(speed)))])
 
 
-def _bent(length: Floats, turn: Floats) -> Path:
+def _bend(length: Floats, turn: Floats) -> Path:
     """Pieces of constant curvature one after the other, from the origin to the north; (P,) m and rad, one each."""
     if not (np.isfinite(length).all() and np.isfinite(turn).all() and length.sum() > 0 and (length >= 0).all()):
         raise SimulationError(
@@ -349,7 +316,7 @@ def _bent(length: Floats, turn: Floats) -> Path:
     return Path(np.concatenate([[0.0], np.cumsum(ds)]), np.vstack([np.zeros(3), np.cumsum(step, axis=0)]), heading)
 
 
-def _with_heights(path: Path, pieces: Floats, height: Floats) -> Path:
+def _lay_heights(path: Path, pieces: Floats, height: Floats) -> Path:
     """Heights (K,) m of the vertices laid along legs (even pieces) and corners (odd ones)."""
     middle = np.concatenate([[0.0], np.cumsum(pieces)])
     at_vertex = np.concatenate([[0.0], (middle[1:-1:2] + middle[2:-1:2]) / 2, [middle[-1]]])
@@ -358,7 +325,7 @@ def _with_heights(path: Path, pieces: Floats, height: Floats) -> Path:
     return replace(path, position=position)
 
 
-def _corner_cuts(turn: Floats, leg_m: Floats, radius_m: float) -> Floats:
+def _cut_corners(turn: Floats, leg_m: Floats, radius_m: float) -> Floats:
     """What each corner takes from its legs (K,) m, nothing at the ends of the path: r tan(turn / 2)."""
     if not (np.isfinite(radius_m) and radius_m > 0):
         raise SimulationError(f"A corner cannot have a radius of {radius_m} m: give a positive one.")
@@ -378,14 +345,14 @@ def _corner_cuts(turn: Floats, leg_m: Floats, radius_m: float) -> Floats:
     return cut
 
 
-def _interleaved(even: Floats, odd: Floats) -> Floats:
+def _interleave(even: Floats, odd: Floats) -> Floats:
     """even[0], odd[0], even[1], ..., even[-1]; round-off below nothing becomes nothing."""
     both = np.zeros(len(even) + len(odd))
     both[::2], both[1::2] = np.where(np.abs(even) < 1e-9, 0.0, even), odd
     return both
 
 
-def _bulge(u: Floats, step: Floats, chord: Floats, begin: Floats, end: Floats) -> Floats:
+def _compute_bulge(u: Floats, step: Floats, chord: Floats, begin: Floats, end: Floats) -> Floats:
     """What the cubic with tangents at `begin` and `end` (N,) rad adds to its chord (N, 3) m, at the share u; (N, 2)."""
     early, late = (step[:, None] * np.stack([np.sin(h), np.cos(h)], axis=1) - chord[:, :2] for h in (begin, end))
     bulge: Floats = (u * (1 - u))[:, None] * ((1 - u)[:, None] * early - u[:, None] * late)

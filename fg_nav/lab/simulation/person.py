@@ -27,7 +27,7 @@ def to_radians(degrees: float) -> float:
     return float(np.deg2rad(degrees))
 
 
-def _within(owner: object, name: str, low: float, high: float) -> None:
+def _check_range(owner: object, name: str, low: float, high: float) -> None:
     value = getattr(owner, name)
     if not low <= value <= high:
         raise SimulationError(f"{name} of a {type(owner).__name__} is {value:g}: give {low:.3g} to {high:.3g}.")
@@ -198,23 +198,23 @@ class Gait:
         for name in _SCATTERS:
             checks.share(self, name, 0.5)
         for name in _ANGLES:
-            _within(self, name, -STEEPEST_RAD, STEEPEST_RAD)
-        _within(self, "swing_share", *SWING_SHARES)
+            _check_range(self, name, -STEEPEST_RAD, STEEPEST_RAD)
+        _check_range(self, "swing_share", *SWING_SHARES)
         checks.share(self, "rhythm", 0.07)
-        _within(self, "slip_correlation", -0.99, 0.99)
+        _check_range(self, "slip_correlation", -0.99, 0.99)
         if not 0 <= self.climb[0] < self.climb[1] <= 1:
             raise SimulationError(f"climb of a Gait is {self.climb}: give two rising shares from 0 to 1.")
 
     def scaled(self, factors: Mapping[str, float], longer_swing: float = 0.0) -> Gait:
         """Gait with fields times these factors, its swing longer by a share of the stride; no more than can be."""
-        changed: dict[str, Any] = {name: _scaled(getattr(self, name), by) for name, by in factors.items()}
+        changed: dict[str, Any] = {name: _scale(getattr(self, name), by) for name, by in factors.items()}
         for name in changed.keys() & set(_ANGLES):
             changed[name] = float(np.clip(changed[name], -STEEPEST_RAD, STEEPEST_RAD))
         share = float(np.clip(self.swing_share + longer_swing, *SWING_SHARES))
         return replace(self, **changed, swing_share=share)
 
 
-def _scaled(value: float | Shock, factor: float) -> float | Shock:
+def _scale(value: float | Shock, factor: float) -> float | Shock:
     return value.scaled(factor) if isinstance(value, Shock) else value * factor
 
 
@@ -346,7 +346,7 @@ class Person:
 
     def draw(self, rng: np.random.Generator, variety: Variety = Variety()) -> Person:
         """One person drawn around this one, whose factors all of its gaits share."""
-        factors, longer_swing = _factors(variety, rng), variety.swing_share * draw_usual(rng)
+        factors, longer_swing = _draw_factors(variety, rng), variety.swing_share * draw_usual(rng)
         trodden = {name: by for name, by in factors.items() if name != "stride_m"}
         walks = {name: getattr(self, name).scaled(factors, longer_swing) for name in ("walk", "run")}
         others = {name: getattr(self, name).scaled(trodden, longer_swing) for name in _PLANNED}
@@ -357,7 +357,7 @@ _PLANNED = ("stairs_up", "stairs_down", "turn")
 """Gaits whose strides are as long as treads, or on the spot."""
 
 
-def _factors(variety: Variety, rng: np.random.Generator) -> dict[str, float]:
+def _draw_factors(variety: Variety, rng: np.random.Generator) -> dict[str, float]:
     """Log-normal, so that all stay positive; that of the slip is uniform, and may be none."""
     drawn: dict[str, float] = {}
     for name, groups in _SHARED.items():

@@ -192,10 +192,7 @@ def plan(
     Strides
         Of the right foot.
 
-    Raises
-    ------
-    SimulationError
-        No strides at all, sections that do not join, or strides that no person can make.
+    Raises `SimulationError` for no strides at all, sections that do not join, or strides that no person can make.
     """
     return plan_with_landmarks(sections, person, rng, scatter)[0]
 
@@ -206,10 +203,10 @@ def plan_with_landmarks(
     """The same as `plan`, with the crossings of the paths' landmarks in the order in which they are passed."""
     if not any(not isinstance(section, Stand) for section in sections):
         raise SimulationError("The plan has no strides in it: add a Walk, Stairs or a TurnOnSpot.")
-    start = _start(sections)
+    start = _find_start(sections)
     legs = list(_Walker(person, scatter, rng).legs(sections, start))
-    strides = _strides(legs, start, rng, scatter)
-    return strides, _crossings(legs, strides)
+    strides = _make_strides(legs, start, rng, scatter)
+    return strides, _find_crossings(legs, strides)
 
 
 def end_of(section: Section, pose: Pose) -> Pose:
@@ -220,11 +217,11 @@ def end_of(section: Section, pose: Pose) -> Pose:
     if isinstance(section, TurnOnSpot):
         return Pose(pose.position, pose.heading + section.angle)
     if isinstance(section, Stairs):
-        return Pose(_climbed(section, pose, np.array([float(section.treads)]))[0], pose.heading)
+        return Pose(_climb(section, pose, np.array([float(section.treads)]))[0], pose.heading)
     return pose
 
 
-def _start(sections: Sequence[Section]) -> Pose:
+def _find_start(sections: Sequence[Section]) -> Pose:
     """Where the first path begins, before the turns on the spot that come first."""
     turned = 0.0
     for section in sections:
@@ -250,43 +247,43 @@ class _Walker:
         for i, section in enumerate(sections):
             if isinstance(section, Walk):
                 _check_joint(section.path.start, pose, i)
-                yield self._walking(section, pose, (_stands(sections, i - 1), _stands(sections, i + 1)))
+                yield self._draw_walking(section, pose, (_stands(sections, i - 1), _stands(sections, i + 1)))
             elif isinstance(section, Stairs):
-                yield self._climbing(section, pose)
+                yield self._draw_climbing(section, pose)
             elif isinstance(section, TurnOnSpot):
-                yield self._turning(section, pose)
+                yield self._draw_turning(section, pose)
             else:
-                yield _standing(section)
+                yield _make_standing(section)
             pose = end_of(section, pose)
 
-    def _walking(self, section: Walk, pose: Pose, halves: tuple[bool, bool]) -> _Leg:
+    def _draw_walking(self, section: Walk, pose: Pose, halves: tuple[bool, bool]) -> _Leg:
         """Strides along a path; `halves` says whether it begins and ends in standing."""
         path, gait = section.path, self._person.gait(section.style)
-        weight = _half_steps(_stride_count(section, gait, halves), halves)
+        weight = _weigh_strides(_count_strides(section, gait, halves), halves)
         faster = self._pace.draw(len(weight)) / 2
-        weight *= np.exp(faster) * self._varied(gait, len(weight))
-        arc = _along(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]), self._scatter.bend_m)
+        weight *= np.exp(faster) * self._draw_variation(gait, len(weight))
+        arc = _find_arcs(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]), self._scatter.bend_m)
         position, heading = path.at(arc[1:])
-        duration = gait.stride_s / np.sqrt(section.pace) * np.exp(-faster) * self._varied(gait, len(weight))
+        duration = gait.stride_s / np.sqrt(section.pace) * np.exp(-faster) * self._draw_variation(gait, len(weight))
         marks = tuple((mark.name, int(np.argmin(np.abs(arc - mark.arc)))) for mark in path.landmarks)
         return _Leg(position, heading + pose.heading - path.start.heading, duration, section.style, marks)
 
-    def _climbing(self, section: Stairs, pose: Pose) -> _Leg:
+    def _draw_climbing(self, section: Stairs, pose: Pose) -> _Leg:
         """Every second tread; with an odd number of them the first stride takes one."""
         style = Style.STAIRS_UP if section.up else Style.STAIRS_DOWN
         trodden = np.arange(section.treads, 0, -2, dtype=np.float64)[::-1]
         gait = self._person.gait(style)
-        duration = gait.stride_s * self._varied(gait, len(trodden))
-        return _Leg(_climbed(section, pose, trodden), np.full(len(trodden), pose.heading), duration, style)
+        duration = gait.stride_s * self._draw_variation(gait, len(trodden))
+        return _Leg(_climb(section, pose, trodden), np.full(len(trodden), pose.heading), duration, style)
 
-    def _turning(self, section: TurnOnSpot, pose: Pose) -> _Leg:
+    def _draw_turning(self, section: TurnOnSpot, pose: Pose) -> _Leg:
         gait = self._person.gait(Style.TURN)
         count = max(2, int(np.ceil(abs(section.angle) / _TURN_RAD)))
         heading = pose.heading + section.angle * np.arange(1, count + 1) / count
-        duration = gait.stride_s * self._varied(gait, count)
+        duration = gait.stride_s * self._draw_variation(gait, count)
         return _Leg(np.tile(pose.position, (count, 1)), heading, duration, Style.TURN)
 
-    def _varied(self, gait: Gait, count: int) -> Floats:
+    def _draw_variation(self, gait: Gait, count: int) -> Floats:
         """Factors (K,) about 1 with the gait's variation, none beyond three standard deviations."""
         return 1 + gait.variation * np.clip(self._rng.standard_normal(count), -3.0, 3.0)
 
@@ -296,11 +293,11 @@ def _stands(sections: Sequence[Section], i: int) -> bool:
     return not 0 <= i < len(sections) or isinstance(sections[i], Stand | TurnOnSpot)
 
 
-def _standing(section: Stand) -> _Leg:
+def _make_standing(section: Stand) -> _Leg:
     return _Leg(np.zeros((0, 3)), np.zeros(0), np.zeros(0), Style.WALK, wait_s=section.seconds)
 
 
-def _stride_count(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
+def _count_strides(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
     """How many strides a path takes: as asked for, else the number nearest to the gait's."""
     usual_m = gait.stride_m * np.sqrt(section.pace)
     count = section.strides or max(1, round(section.path.length_m / usual_m + sum(halves) / 2))
@@ -308,7 +305,7 @@ def _stride_count(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
         raise SimulationError(
             f"{section.path.length_m:g} m take {float(count):.3g} strides: ask for at most {MOST_STRIDES}."
         )
-    mean_m = section.path.length_m / _half_steps(count, halves).sum()
+    mean_m = section.path.length_m / _weigh_strides(count, halves).sum()
     if mean_m > LONGEST_STRIDE * usual_m:
         raise SimulationError(
             f"{section.path.length_m:g} m in {count} strides makes strides of {mean_m:.3g} m: "
@@ -317,7 +314,7 @@ def _stride_count(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
     return count
 
 
-def _half_steps(count: int, halves: tuple[bool, bool]) -> Floats:
+def _weigh_strides(count: int, halves: tuple[bool, bool]) -> Floats:
     """Weights (K,) of strides: a half for the step out of standing and the one into it."""
     weight = np.ones(count)
     weight[0] = 0.5 if halves[0] else weight[0]
@@ -325,7 +322,7 @@ def _half_steps(count: int, halves: tuple[bool, bool]) -> Floats:
     return weight
 
 
-def _along(path: Path, share: Floats, bend_m: float) -> Floats:
+def _find_arcs(path: Path, share: Floats, bend_m: float) -> Floats:
     """Arc lengths (N,) m at the shares (N,) of the path, strides being shorter in bends."""
     middle = (path.arc[1:] + path.arc[:-1]) / 2
     density = np.diff(path.arc) * (1 + bend_m * np.minimum(np.abs(path.curvature(middle)), 1.0))
@@ -334,7 +331,7 @@ def _along(path: Path, share: Floats, bend_m: float) -> Floats:
     return arc
 
 
-def _climbed(section: Stairs, pose: Pose, treads: Floats) -> Floats:
+def _climb(section: Stairs, pose: Pose, treads: Floats) -> Floats:
     """Place (N, 3) m on the stairs after so many treads (N,)."""
     rise = section.rise_m if section.up else -section.rise_m
     step = [section.tread_m * np.sin(pose.heading), section.tread_m * np.cos(pose.heading), rise]
@@ -359,16 +356,16 @@ class _SlowChange:
         return values
 
 
-def _strides(legs: Sequence[_Leg], start: Pose, rng: np.random.Generator, scatter: Scatter) -> Strides:
+def _make_strides(legs: Sequence[_Leg], start: Pose, rng: np.random.Generator, scatter: Scatter) -> Strides:
     """Legs, one after the other, as strides: their times, and the feet to either side of the center."""
     duration = np.concatenate([leg.duration for leg in legs])
     wait = np.zeros(len(duration) + 1)
-    np.add.at(wait, _first_strides(legs), [leg.wait_s for leg in legs])
+    np.add.at(wait, _index_first_strides(legs), [leg.wait_s for leg in legs])
     end = np.cumsum(wait[:-1] + duration)
     begin = np.concatenate([[0.0], end[:-1]]) + wait[:-1]
     position = np.vstack([start.position, *(leg.position for leg in legs)])
     heading = np.concatenate([[start.heading], *(leg.heading for leg in legs)])
-    footprint, toe = _feet(position, heading, rng, scatter)
+    footprint, toe = _place_feet(position, heading, rng, scatter)
     return Strides(
         start=begin,
         duration=end - begin,
@@ -379,13 +376,13 @@ def _strides(legs: Sequence[_Leg], start: Pose, rng: np.random.Generator, scatte
     )
 
 
-def _first_strides(legs: Sequence[_Leg]) -> Ints:
+def _index_first_strides(legs: Sequence[_Leg]) -> Ints:
     """Index (L,) of each leg's first stride, or of the one that comes after where it has none."""
     count = [len(leg.duration) for leg in legs]
     return np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
 
 
-def _feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: Scatter) -> tuple[Floats, Floats]:
+def _place_feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: Scatter) -> tuple[Floats, Floats]:
     """Footprints (K + 1, 3) m and headings (K + 1,) rad of a right foot, the center being here."""
     count = len(heading)
     inside = np.ones(count)
@@ -399,10 +396,10 @@ def _feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: 
     off = scatter.footprint_m * inside[:, None] * rng.standard_normal((count, 2))
     footprint += off[:, :1] * right + off[:, 1:] * ahead
     toe = heading + scatter.heading_rad * inside * rng.standard_normal(count)
-    return _closed(footprint, toe)
+    return _close_walk(footprint, toe)
 
 
-def _closed(footprint: Floats, heading: Floats) -> tuple[Floats, Floats]:
+def _close_walk(footprint: Floats, heading: Floats) -> tuple[Floats, Floats]:
     """Take the round-off from the end of a closed walk."""
     turned = float(wrap_angle(np.array(heading[-1] - heading[0])))
     if np.linalg.norm(footprint[-1] - footprint[0]) < GAP_M and abs(turned) < KINK_RAD:
@@ -411,10 +408,10 @@ def _closed(footprint: Floats, heading: Floats) -> tuple[Floats, Floats]:
     return footprint, heading
 
 
-def _crossings(legs: Sequence[_Leg], strides: Strides) -> tuple[Crossing, ...]:
+def _find_crossings(legs: Sequence[_Leg], strides: Strides) -> tuple[Crossing, ...]:
     """Landmarks with the strides that come down nearest to them, in the whole plan."""
     found = []
-    for first, leg in zip(_first_strides(legs), legs, strict=True):
+    for first, leg in zip(_index_first_strides(legs), legs, strict=True):
         for name, footprint in leg.marks:
             stride = max(int(first) + footprint - 1, 0)
             found.append(Crossing(name, stride, float(strides.start[stride] + FLAT_SHARE * strides.duration[stride])))

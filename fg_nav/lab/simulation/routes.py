@@ -38,7 +38,7 @@ TIGHTEST_M = 1.5
 
 def office(rng: np.random.Generator) -> list[Section]:
     """Three equal loops to the right through the corridors of a floor: 1018 m in 786 strides."""
-    return _rested(Walk(_office_loop(rng).scale_to(1018 / 3).repeat(3), strides=786), LONG_REST_S)
+    return _add_rests(Walk(_office_loop(rng).scale_to(1018 / 3).repeat(3), strides=786), LONG_REST_S)
 
 
 def office_open(rng: np.random.Generator) -> list[Section]:
@@ -47,40 +47,40 @@ def office_open(rng: np.random.Generator) -> list[Section]:
     legs = np.zeros((23, 2))
     legs[::2, 0], legs[1::2, 1] = along, across
     path = polyline(np.vstack([np.zeros(2), np.cumsum(legs, axis=0)]), CORNER_M)
-    return _rested(Walk(path.scale_to(1018.0), strides=786), LONG_REST_S)
+    return _add_rests(Walk(path.scale_to(1018.0), strides=786), LONG_REST_S)
 
 
 def mall(rng: np.random.Generator) -> list[Section]:
     """Three laps of a winding path past 14 landmarks, 42 in all: 2480 m in 1920 strides."""
-    lap = _winding(closed_curve(_CONCOURSES), 2480 / 3, rng)
-    return _rested(Walk(_marked(lap, 14, rng).repeat(3), strides=1920), LONG_REST_S)
+    lap = _draw_winding(closed_curve(_CONCOURSES), 2480 / 3, rng)
+    return _add_rests(Walk(_mark_landmarks(lap, 14, rng).repeat(3), strides=1920), LONG_REST_S)
 
 
 def mall_open(rng: np.random.Generator) -> list[Section]:
     """As long and winding as `mall`, past 42 landmarks, each once: up and down seven aisles to the far corner."""
     along = np.array([[0.0, 80.0, 160.0, 240.0, 320.0], [325.0, 245.0, 165.0, 85.0, 5.0]])
     middle = open_curve([(x, 56.0 * row) for row in range(7) for x in along[row % 2]])
-    path = _winding(middle, 2480.0, rng)
-    return _rested(Walk(_marked(path, 42, rng), strides=1920), LONG_REST_S)
+    path = _draw_winding(middle, 2480.0, rng)
+    return _add_rests(Walk(_mark_landmarks(path, 42, rng), strides=1920), LONG_REST_S)
 
 
 def teaching_building() -> list[Section]:
     """Three cycles to the left through the corridors of a building with a lobby: 515.5 m in 7 minutes."""
     corners = [(0, 0), (0, 18), (-24, 18), (-24, 24), (-34, 24), (-34, 18), (-50, 18), (-50, -8), (0, -8), (0, 0)]
     cycle = polyline(corners, CORNER_M).scale_to(515.5 / 3)
-    return _rested(Walk(cycle.repeat(3), pace=_pace(515.5, 7 * 60 - 2 * REST_S)), REST_S)
+    return _add_rests(Walk(cycle.repeat(3), pace=_find_pace(515.5, 7 * 60 - 2 * REST_S)), REST_S)
 
 
 def magnet_corridor(rng: np.random.Generator) -> list[Section]:
     """Eight times along a corridor of 30 m, to and fro, past the magnet at `MAGNET_POSITION`."""
-    return _to_and_fro(straight(30.0), 4, rng, REST_S)
+    return _walk_to_and_fro(straight(30.0), 4, rng, REST_S)
 
 
 def calibration_loop() -> list[Section]:
     """Three circles to the right and three to the left in which a stride turns by 25 degrees (Ma: 15 to 35)."""
     radius_m = Person().walk.stride_m / np.deg2rad(25.0)
     circles = arc(radius_m, 2 * np.pi).repeat(3)
-    return _rested(Walk(circles.then(arc(radius_m, -2 * np.pi).repeat(3))), REST_S)
+    return _add_rests(Walk(circles.then(arc(radius_m, -2 * np.pi).repeat(3))), REST_S)
 
 
 def pocket_street(rng: np.random.Generator) -> list[Section]:
@@ -88,7 +88,7 @@ def pocket_street(rng: np.random.Generator) -> list[Section]:
 
     The paper prints legs of 600 m, which its total and its duration contradict. `turned` makes it north-south.
     """
-    return _to_and_fro(straight(500.0).rotate(np.pi / 2), 3, rng, LONG_REST_S, 39 * 60)
+    return _walk_to_and_fro(straight(500.0).rotate(np.pi / 2), 3, rng, LONG_REST_S, 39 * 60)
 
 
 def past_cars(rng: np.random.Generator) -> list[Section]:
@@ -97,8 +97,8 @@ def past_cars(rng: np.random.Generator) -> list[Section]:
     In a street with the template `PAST_CARS` one passes a parked car 16 and 32 minutes after the start and a light
     after 24 and 35, at the usual pace, and keeps away from all others. The sideways steps are ours.
     """
-    paths = [_coming_close(*CLOSE_TO.get(leg, (0.0, 0.0))) for leg in range(6)]
-    return _walked_in(
+    paths = [_bend_aside(*CLOSE_TO.get(leg, (0.0, 0.0))) for leg in range(6)]
+    return _walk_and_turn(
         [path.reverse() if leg % 2 else path for leg, path in enumerate(paths)], rng, LONG_REST_S, 39 * 60
     )
 
@@ -109,17 +109,19 @@ def pocket_long(rng: np.random.Generator, trips: int = 12) -> list[Section]:
     Sections of 360 m "repeated 12 times" may be 12 round trips of 360 m, or 6 of 720 m; the latter fits the 50 deg that
     the paper's yaw is off after the first, by 0.12 deg/s (Table 3): `fg-nav reproduce munoz-diaz2017`.
     """
-    return _to_and_fro(straight(2160.0 / trips).rotate(np.pi / 2), trips, rng, LONG_REST_S, 44 * 60)
+    return _walk_to_and_fro(straight(2160.0 / trips).rotate(np.pi / 2), trips, rng, LONG_REST_S, 44 * 60)
 
 
 def stairs() -> list[Section]:
     """A corridor, two flights up with a landing between, the corridor above, and the same path back down."""
-    corridor = straight(12.0).then(_onwards(straight(12.0), arc(CORNER_M, np.pi / 2), straight(8.0)))
-    landing = straight(0.4).then(_onwards(straight(0.4), arc(0.75, -np.pi), straight(0.4)))
-    above = straight(6.0).then(_onwards(straight(6.0), arc(CORNER_M, np.pi / 2), straight(12.0)))
+    corridor = straight(12.0).then(_join_paths(straight(12.0), arc(CORNER_M, np.pi / 2), straight(8.0)))
+    landing = straight(0.4).then(_join_paths(straight(0.4), arc(0.75, -np.pi), straight(0.4)))
+    above = straight(6.0).then(_join_paths(straight(6.0), arc(CORNER_M, np.pi / 2), straight(12.0)))
     up: list[Section] = [Walk(corridor), Stairs(10), Walk(landing, pace=0.7), Stairs(10), Walk(above)]
     about = TurnOnSpot(np.pi)
-    return _joined([Stand(REST_S), *up, about, *(_back(section) for section in up[::-1]), about, Stand(REST_S)])
+    return _join_sections(
+        [Stand(REST_S), *up, about, *(_reverse_section(section) for section in up[::-1]), about, Stand(REST_S)]
+    )
 
 
 def mixed_gait() -> list[Section]:
@@ -142,7 +144,7 @@ def mixed_gait() -> list[Section]:
 def demo() -> list[Section]:
     """About one minute round an L-shaped corridor of 77 m."""
     corners = [(0, 0), (0, 11), (9, 11), (9, 0), (19, 0), (19, -10), (0, -10), (0, 0)]
-    return _rested(Walk(polyline(corners, 1.2)), REST_S)
+    return _add_rests(Walk(polyline(corners, 1.2)), REST_S)
 
 
 def at_rest() -> list[Section]:
@@ -184,7 +186,7 @@ _OFFICE_NORTH = [4, 5, 5, 3, 3, 0, 0, 2, 2, 5, 5, 1, 1, 4]
 """Which wall each corner of the office stands at."""
 
 
-def _winding(
+def _draw_winding(
     middle: Path, length_m: float, rng: np.random.Generator, every_m: float = 8.0, sway_m: float = 1.7
 ) -> Path:
     """A path of this length that is never straight: round people and displays, left and right of `middle`.
@@ -205,19 +207,19 @@ def _winding(
             return path
 
 
-def _marked(path: Path, count: int, rng: np.random.Generator) -> Path:
+def _mark_landmarks(path: Path, count: int, rng: np.random.Generator) -> Path:
     """A path with landmarks somewhere in each of `count` equal stretches, away from their ends."""
     return path.with_landmarks((np.arange(count) + rng.uniform(0.25, 0.75, count)) * path.length_m / count)
 
 
-def _to_and_fro(
+def _walk_to_and_fro(
     path: Path, trips: int, rng: np.random.Generator, rest_s: float, total_s: float | None = None
 ) -> list[Section]:
     """Round trips along a path, turning about at the ends to the side one likes; in `total_s`, or at the usual pace."""
-    return _walked_in([path, path.reverse()] * trips, rng, rest_s, total_s)
+    return _walk_and_turn([path, path.reverse()] * trips, rng, rest_s, total_s)
 
 
-def _walked_in(
+def _walk_and_turn(
     paths: Sequence[Path], rng: np.random.Generator, rest_s: float, total_s: float | None = None
 ) -> list[Section]:
     """Paths one after the other with a turn about after each, to the side one likes; in `total_s`, or as usual."""
@@ -225,32 +227,32 @@ def _walked_in(
     gait = Person().gait(Style.TURN)
     turning_s = 3 * gait.stride_s * len(about)
     length_m = sum(path.length_m for path in paths)
-    pace = 1.0 if total_s is None else _pace(length_m, total_s - 2 * rest_s - turning_s, len(about))
+    pace = 1.0 if total_s is None else _find_pace(length_m, total_s - 2 * rest_s - turning_s, len(about))
     sections: list[Section] = [Stand(rest_s)]
     for path, turn in zip(paths, about, strict=True):
         sections += [Walk(path, pace=pace), turn]
     return [*sections, Stand(rest_s)]
 
 
-def _coming_close(where_m: float, aside_m: float) -> Path:
+def _bend_aside(where_m: float, aside_m: float) -> Path:
     """The street of 500 m to the east; at `where_m` one has come `aside_m` to the left, in 20 m, and then goes back."""
     along = np.arange(0.0, 500.1, 2.0)
     share = np.clip((along - where_m) / 20.0, -1.0, 1.0)
     return open_curve(np.stack([along, aside_m / 2 * (1 + np.cos(np.pi * share))], axis=1))
 
 
-def _pace(length_m: float, seconds: float, walks: int = 1) -> float:
+def _find_pace(length_m: float, seconds: float, walks: int = 1) -> float:
     """Pace at which one walks so far in so long; each walk from standing to standing takes one stride more."""
     gait = Person().walk
     extra_s = walks * gait.stride_s
     return length_m / (seconds - extra_s) * gait.stride_s / gait.stride_m
 
 
-def _rested(walk: Walk, rest_s: float) -> list[Section]:
+def _add_rests(walk: Walk, rest_s: float) -> list[Section]:
     return [Stand(rest_s), walk, Stand(rest_s)]
 
 
-def _onwards(before: Path, *paths: Path) -> Path:
+def _join_paths(before: Path, *paths: Path) -> Path:
     """Paths one after the other, the first where `before` ends."""
     pose, whole = before.end, None
     for path in paths:
@@ -261,7 +263,7 @@ def _onwards(before: Path, *paths: Path) -> Path:
     return whole
 
 
-def _joined(sections: Sequence[Section]) -> list[Section]:
+def _join_sections(sections: Sequence[Section]) -> list[Section]:
     """Sections with their paths moved to where each begins."""
     pose, placed = Pose(np.zeros(3), 0.0), []
     for section in sections:
@@ -271,7 +273,7 @@ def _joined(sections: Sequence[Section]) -> list[Section]:
     return placed
 
 
-def _back(section: Section) -> Section:
+def _reverse_section(section: Section) -> Section:
     """The section in the opposite direction."""
     if isinstance(section, Walk):
         return replace(section, path=section.path.reverse())

@@ -123,10 +123,7 @@ Table = TypeVar("Table", bound=BaseModel)
 def read_scenario(path: File) -> Scenario:
     """Read a scenario.
 
-    Raises
-    ------
-    SimulationError
-        If the file cannot be read, has unknown parameters, or describes what cannot be.
+    Raises `SimulationError` if the file cannot be read, has unknown parameters, or describes what cannot be.
     """
     try:
         text = path.read_text(encoding="utf-8")

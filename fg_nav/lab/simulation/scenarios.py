@@ -112,19 +112,16 @@ class Choices:
     def apply_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with what was chosen in place of its defaults.
 
-        Raises
-        ------
-        SimulationError
-            For a sensor or a place to wear it that does not exist, a rate or turn that cannot be, or the calibration of
-            a magnetometer that the sensor has not.
+        Raises `SimulationError` for a sensor or a place to wear it that does not exist, a rate or turn that cannot be,
+        or the calibration of a magnetometer that the sensor has not.
         """
         chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn")}
         changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
         _check_worn(changed.worn)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
-        prior = _calibrated(prior) if self.calibrated else prior
+        prior = _remove_iron(prior) if self.calibrated else prior
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
-        return _turned_by(changed, self.turned_deg) if self.turned_deg else changed
+        return _rotate_scenario(changed, self.turned_deg) if self.turned_deg else changed
 
 
 def _check_worn(worn: str) -> None:
@@ -132,7 +129,7 @@ def _check_worn(worn: str) -> None:
         raise SimulationError(f"a sensor cannot be worn at '{worn}': choose one of {', '.join(WORN)}.")
 
 
-def _calibrated(prior: SensorPrior) -> SensorPrior:
+def _remove_iron(prior: SensorPrior) -> SensorPrior:
     if prior.mag is None:
         raise SimulationError(
             f"{prior.name} has no magnetometer to be calibrated: choose another sensor, or leave the calibration out."
@@ -140,15 +137,15 @@ def _calibrated(prior: SensorPrior) -> SensorPrior:
     return prior.with_iron(IronPrior())
 
 
-def _turned_by(scenario: Scenario, degrees: float) -> Scenario:
+def _rotate_scenario(scenario: Scenario, degrees: float) -> Scenario:
     if not np.isfinite(degrees):
         raise SimulationError(f"a course cannot be turned by {degrees} degrees: give a number.")
     angle = float(np.deg2rad(degrees))
-    magnets = tuple(_turned(place, angle) for place in scenario.magnets)
+    magnets = tuple(_rotate_place(place, angle) for place in scenario.magnets)
     return replace(scenario, route=lambda rng: routes.rotate(scenario.route(rng), angle), magnets=magnets)
 
 
-def _fixed(route: Callable[[], Sequence[Section]]) -> Route:
+def _ignore_rng(route: Callable[[], Sequence[Section]]) -> Route:
     """Make a course that draws nothing look like one that does."""
     return lambda _: route()
 
@@ -176,7 +173,7 @@ SCENARIOS: Mapping[str, Scenario] = {
         ),
         Scenario(
             "teaching-building", "three cycles, 515.5 m in 7 minutes (Zhang, AIEZ)",
-            _fixed(routes.teaching_building), "heel", _ZHANG,
+            _ignore_rng(routes.teaching_building), "heel", _ZHANG,
         ),
         Scenario(
             "magnet-corridor", "a corridor to and fro past a magnet on the floor (Zhang, AIEZ)",
@@ -184,7 +181,7 @@ SCENARIOS: Mapping[str, Scenario] = {
         ),
         Scenario(
             "calibration-loop", "circles to the right and to the left, to calibrate a magnetometer (Ma 2018)",
-            _fixed(routes.calibration_loop), "heel", _MA, field="homogeneous",
+            _ignore_rng(routes.calibration_loop), "heel", _MA, field="homogeneous",
         ),
         Scenario(
             "pocket-street", "three round trips in a street, 3 km in 39 minutes, in the pocket (Munoz Diaz 2017)",
@@ -200,19 +197,19 @@ SCENARIOS: Mapping[str, Scenario] = {
         ),
         Scenario(
             "stairs", "two flights up, a corridor, and down again",
-            _fixed(routes.stairs), "instep", "lord-gx5-900",
+            _ignore_rng(routes.stairs), "instep", "lord-gx5-900",
         ),
         Scenario(
             "mixed-gait", "slow, usual and fast walking, running, standing and turning on the spot",
-            _fixed(routes.mixed_gait), "instep", "lord-gx5-900",
+            _ignore_rng(routes.mixed_gait), "instep", "lord-gx5-900",
         ),
         Scenario(
             "demo", "one minute round an L-shaped corridor",
-            _fixed(routes.demo), "instep", "lord-gx5-900",
+            _ignore_rng(routes.demo), "instep", "lord-gx5-900",
         ),
         Scenario(
             "at-rest", "an hour on a table, for an Allan deviation",
-            _fixed(routes.at_rest), "table", "xsens-mtw", field="homogeneous",
+            _ignore_rng(routes.at_rest), "table", "xsens-mtw", field="homogeneous",
         ),
     )
 }  # fmt: skip
@@ -222,10 +219,7 @@ SCENARIOS: Mapping[str, Scenario] = {
 def scenario(name: str) -> Scenario:
     """Return the scenario of this name.
 
-    Raises
-    ------
-    SimulationError
-        For any other name.
+    Raises `SimulationError` for any other name.
     """
     if name not in SCENARIOS:
         raise SimulationError(f"there is no scenario '{name}': choose one of {', '.join(SCENARIOS)}.")
@@ -242,27 +236,24 @@ def draw_surroundings(of: Scenario, earth: Homogeneous, points: Floats, rng: np.
     points : (M, 3) m, places on the floor where feet come down, in order.
     rng : source of all that is random.
 
-    Raises
-    ------
-    SimulationError
-        For a field that does not exist, or a street with iron on the path.
+    Raises `SimulationError` for a field that does not exist, or a street with iron on the path.
     """
     magnets = [magnet(np.array(place), np.array(FLOOR_MAGNET_MOMENT)) for place in of.magnets]
-    return Sum([_background(of.field, earth, points, rng), *magnets])
+    return Sum([_draw_background(of.field, earth, points, rng), *magnets])
 
 
-def _background(name: str, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Field:
+def _draw_background(name: str, earth: Homogeneous, points: Floats, rng: np.random.Generator) -> Field:
     if name not in FIELDS:
         raise SimulationError(f"there is no field '{name}': choose one of {', '.join(FIELDS)}.")
     if name not in STREET_FIELDS:
         return draw_environment(name, earth, points, rng)
-    start, forward, length_m = _street(points[:, :2])
+    start, forward, length_m = _fit_street(points[:, :2])
     heading_deg = float(np.rad2deg(np.arctan2(forward[0], forward[1])))
     template, exponent = STREET_FIELDS[name]
     return street(earth, length_m, start=start, heading_deg=heading_deg, exponent=exponent, template=template)
 
 
-def _street(points: Floats) -> tuple[tuple[float, float], Floats, float]:
+def _fit_street(points: Floats) -> tuple[tuple[float, float], Floats, float]:
     """Where a straight street (M, 2) begins, its direction (2,) and its length in m."""
     farthest = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
     length_m = float(np.linalg.norm(farthest - points[0]))
@@ -271,7 +262,7 @@ def _street(points: Floats) -> tuple[tuple[float, float], Floats, float]:
     return (float(points[0, 0]), float(points[0, 1])), (farthest - points[0]) / length_m, length_m
 
 
-def _turned(place: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
+def _rotate_place(place: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
     """Turn a place clockwise about the origin by `angle` rad."""
     east, north, up = place
     c, s = float(np.cos(angle)), float(np.sin(angle))

@@ -113,7 +113,7 @@ CLEAR_AT, PASSING_AT, HIGH_HEEL_AT = 0.41, 0.66, 0.84
 """When the pivot is highest, lowest in mid-swing, and highest again."""
 
 
-def moved_by(phase: Phase, share: Floats) -> Floats:
+def compute_progress(phase: Phase, share: Floats) -> Floats:
     """What a phase has moved by (N,) at shares of the swing (N,)."""
     begin, end, weight = np.array(phase).T
     u = np.clip((share[:, None] - begin) / (end - begin), 0.0, 1.0)
@@ -121,27 +121,27 @@ def moved_by(phase: Phase, share: Floats) -> Floats:
     return np.asarray(step @ weight)
 
 
-def rises(phases: Sequence[Phase], closing: Phase, at: Sequence[float], values: Floats) -> Floats:
+def solve_rises(phases: Sequence[Phase], closing: Phase, at: Sequence[float], values: Floats) -> Floats:
     """Rises (P + 1, K) of the phases and of a closing one that takes all back, so that the sum passes through `values`.
 
     The sum is `values` (P, K) at the P shares `at`: phases overlap, and a rise alone is not what is reached.
     """
     shares = np.array(at)
-    back = moved_by(closing, shares)
-    matrix = np.stack([moved_by(phase, shares) - back for phase in phases], axis=1)
+    back = compute_progress(closing, shares)
+    matrix = np.stack([compute_progress(phase, shares) - back for phase in phases], axis=1)
     free = np.linalg.solve(matrix, values)
     return np.vstack([free, -free.sum(axis=0)])
 
 
 def compute_pitch_rises(toe_down: Floats, toe_up: Floats) -> Floats:
     """Rises (3, K) of PUSH, LAND and FALL for the pitch (K,) rad after push-off and, upward, at heel strike."""
-    return rises((PUSH, LAND), FALL, (TOE_DOWN_AT, HEEL_STRIKE_AT), np.stack([toe_down, -toe_up]))
+    return solve_rises((PUSH, LAND), FALL, (TOE_DOWN_AT, HEEL_STRIKE_AT), np.stack([toe_down, -toe_up]))
 
 
 def compute_lift_rises(clearance: Floats, midswing: Floats, heel: Floats) -> Floats:
     """Rises (4, K) of LIFT, RAISE, SET_DOWN and DROP for the heights (K,) m at the instants above."""
     heights = np.stack([clearance, midswing, heel])
-    return rises((LIFT, RAISE, SET_DOWN), DROP, (CLEAR_AT, PASSING_AT, HIGH_HEEL_AT), heights)
+    return solve_rises((LIFT, RAISE, SET_DOWN), DROP, (CLEAR_AT, PASSING_AT, HIGH_HEEL_AT), heights)
 
 
 LEAST_EFFORT = 0.4
@@ -168,7 +168,7 @@ class Moves(NamedTuple):
     rise: Floats
 
 
-def joined(moves: Sequence[Moves]) -> Moves:
+def join_moves(moves: Sequence[Moves]) -> Moves:
     """All of them, maybe none."""
     nothing = Moves(np.zeros(0), np.zeros(0), np.zeros(0))
     return Moves(*(np.concatenate(column) for column in zip(nothing, *moves, strict=True)))
@@ -207,7 +207,7 @@ class Steps:
 
     def swing(self, phase: Phase, rise: Floats) -> Moves:
         """Move by `rise` (K,) as the phase says, in shares of the swing."""
-        return joined([self.between(begin, end, weight * rise) for begin, end, weight in phase])
+        return join_moves([self.between(begin, end, weight * rise) for begin, end, weight in phase])
 
     def between(self, begin: float | Floats, end: float | Floats, rise: Floats) -> Moves:
         """Move by `rise` (K,) between two shares of the swing."""
@@ -216,7 +216,7 @@ class Steps:
     def stance(self, phase: Phase, rise: Floats) -> Moves:
         """Move by `rise` (K,) as the phase says, in shares of the stance."""
         flat, stance_s = self.strides.start + self.swing_s, self.strides.duration - self.swing_s
-        return joined([Moves(flat + b * stance_s, (e - b) * stance_s, w * rise) for b, e, w in phase])
+        return join_moves([Moves(flat + b * stance_s, (e - b) * stance_s, w * rise) for b, e, w in phase])
 
     @property
     def flat(self) -> Floats:
@@ -237,10 +237,7 @@ class Steps:
 def draw_steps(strides: Strides, person: Person, unrest: float, rng: np.random.Generator) -> Steps:
     """Draw what varies from stride to stride, with so much of a foot's turning in stance (`Mount.unrest`).
 
-    Raises
-    ------
-    SimulationError
-        If strides overlap, last no time, or are not finite.
+    Raises `SimulationError` if strides overlap, last no time, or are not finite.
     """
     _check(strides)
     nothing = np.zeros(len(strides))
@@ -249,13 +246,13 @@ def draw_steps(strides: Strides, person: Person, unrest: float, rng: np.random.G
     turning = unrest * (1 + steps.gait("rollover_scatter") * white[1])
     return replace(
         steps,
-        vigour=_effort(steps) * (1 + steps.gait("vigour") * white[0]),
+        vigour=_compute_effort(steps) * (1 + steps.gait("vigour") * white[0]),
         stirred=steps.gait("stir_rad") * turning,
         settled=steps.gait("settle_rad") * turning,
         rolled=np.where(_walks_on(strides), steps.gait("rollover_rad") * turning, 0.0),  # or it stands
         pressed=np.maximum(steps.gait("sole_m") + steps.gait("sole_sd_m") * white[2], 0.0),
-        swing_s=_swing_share(steps, white[3]) * strides.duration,
-        slip=_slip(steps, white[4:]),
+        swing_s=_draw_swing_share(steps, white[3]) * strides.duration,
+        slip=_draw_slip(steps, white[4:]),
     )
 
 
@@ -265,11 +262,11 @@ def rotate_to_level(heading: Floats, forward: Floats, left: Floats) -> Floats:
     return np.stack([sine * forward - cosine * left, cosine * forward + sine * left], axis=1)
 
 
-def _swing_share(steps: Steps, white: Floats) -> Floats:
+def _draw_swing_share(steps: Steps, white: Floats) -> Floats:
     return steps.gait("swing_share") * (1 + steps.gait("rhythm") * np.clip(white, -RAREST, RAREST))
 
 
-def _effort(steps: Steps) -> Floats:
+def _compute_effort(steps: Steps) -> Floats:
     usual = steps.gait("stride_m")
     length = np.linalg.norm(np.diff(steps.strides.footprint[:, :2], axis=0), axis=1)
     share: Floats = np.divide(length, usual, out=np.ones_like(usual), where=usual > 0)
@@ -282,9 +279,9 @@ def _walks_on(strides: Strides) -> Bools:
     return np.append(pause < PAUSE_S, False)[: len(strides)]
 
 
-def _slip(steps: Steps, white: Floats) -> Floats:
+def _draw_slip(steps: Steps, white: Floats) -> Floats:
     """(K, 2) m in nav from white numbers (2, K)."""
-    forward, left = _correlated(steps.gait("slip_correlation"), white)
+    forward, left = _correlate(steps.gait("slip_correlation"), white)
     return rotate_to_level(
         steps.strides.heading[1:],
         steps.gait("slip_m") + steps.gait("slip_sd_m") * forward,
@@ -292,7 +289,7 @@ def _slip(steps: Steps, white: Floats) -> Floats:
     )
 
 
-def _correlated(rho: Floats, white: Floats) -> Floats:
+def _correlate(rho: Floats, white: Floats) -> Floats:
     """First-order autoregression (2, K) of unit variance."""
     values = white.copy()
     for k in range(1, len(rho)):

@@ -160,8 +160,8 @@ class ThighMotion:
     def at(self, t: Floats) -> Kinematics:
         """Exact state at the instants `t` (N,) s."""
         angle = self.angles(t)
-        nav_R_thigh = _attitude(angle)
-        rate, rate_change = _thigh_rate(angle, self.angles(t, 1), self.angles(t, 2))
+        nav_R_thigh = _compute_attitude(angle)
+        rate, rate_change = _compute_rate(angle, self.angles(t, 1), self.angles(t, 2))
         arm_velocity = np.cross(rate, self.lever)
         lift = self.hip(t, 2) + np.array([0.0, 0.0, GRAVITY_M_S2])
         force = np.einsum("nji,nj->ni", nav_R_thigh, lift)
@@ -204,10 +204,10 @@ def build_thigh_motion(
     tilt = Rotation.from_rotvec(pocket.tilt_rad * (mounting or rng).standard_normal(3)).as_matrix()
     kick = 1 + 0.3 * rng.standard_normal((2, len(strides), 1))
     tremble = np.array(pocket.ringing.angle_rad) * rng.standard_normal((2, len(strides), 3))
-    ground, heading = _course(strides, t)
-    hip = ground + _hip(cycle, pocket, heading, cycle.rung(kick * np.array(pocket.ringing.hip_m)))
-    angles = _angles(cycle, pocket, heading) + cycle.rung(tremble) + _posture(t, pocket, rng)
-    return ThighMotion(_spline(t, hip), _spline(t, angles), np.array(pocket.lever_m), tilt)
+    ground, heading = _make_course(strides, t)
+    hip = ground + _move_hip(cycle, pocket, heading, cycle.ring(kick * np.array(pocket.ringing.hip_m)))
+    angles = _move_angles(cycle, pocket, heading) + cycle.ring(tremble) + _draw_posture(t, pocket, rng)
+    return ThighMotion(_make_spline(t, hip), _make_spline(t, angles), np.array(pocket.lever_m), tilt)
 
 
 class _Cycle:
@@ -216,15 +216,15 @@ class _Cycle:
     def __init__(self, strides: Strides, pocket: Pocket, t: Floats) -> None:
         end = strides.start + strides.duration
         index = np.arange(len(strides), dtype=np.float64)
-        self.phase = np.interp(t, _paired(strides.start, end), _paired(index, index + 1))
+        self.phase = np.interp(t, _interleave(strides.start, end), _interleave(index, index + 1))
         self._strides, self._ringing = strides, pocket.ringing
         legs = [pocket.legs[Style(style)] for style in strides.style]
-        vigour = _vigour(strides, legs)
-        self.swing = self._eased(t, vigour * [leg.swing_rad for leg in legs])
-        self.flexed = self._eased(t, vigour * [leg.flexed_rad for leg in legs])
-        self.bounce_m = self._eased(t, vigour**1.5 * [leg.bounce_m for leg in legs])
-        self.vigour = self._eased(t, vigour)
-        self.low_share = self._eased(t, np.array([leg.low_share for leg in legs]), standing=False)
+        vigour = _compute_vigour(strides, legs)
+        self.swing = self._ease(t, vigour * [leg.swing_rad for leg in legs])
+        self.flexed = self._ease(t, vigour * [leg.flexed_rad for leg in legs])
+        self.bounce_m = self._ease(t, vigour**1.5 * [leg.bounce_m for leg in legs])
+        self.vigour = self._ease(t, vigour)
+        self.low_share = self._ease(t, np.array([leg.low_share for leg in legs]), standing=False)
         self._contact = np.array([leg.contact_share for leg in legs])
 
     def waves(self, parts: tuple[tuple[int, float, float], ...]) -> Floats:
@@ -232,12 +232,12 @@ class _Cycle:
         total: Floats = np.sum([a * np.cos(2 * np.pi * (n * self.phase - p)) for n, a, p in parts], axis=0)
         return total
 
-    def rung(self, amplitude: Floats) -> Floats:
+    def ring(self, amplitude: Floats) -> Floats:
         """The ringing (M, 3) after the contacts of this foot and of the other, of amplitudes (2, K, 3)."""
-        other = self._ringing.other_foot * self._rung_at(self._contact + 0.5, amplitude[1])
-        return self.vigour[:, None] * (self._rung_at(self._contact, amplitude[0]) + other)
+        other = self._ringing.other_foot * self._ring_at(self._contact + 0.5, amplitude[1])
+        return self.vigour[:, None] * (self._ring_at(self._contact, amplitude[0]) + other)
 
-    def _rung_at(self, share: Floats, amplitude: Floats) -> Floats:
+    def _ring_at(self, share: Floats, amplitude: Floats) -> Floats:
         """The ringing after contacts at these shares (K,) of the strides."""
         contact = np.arange(len(share)) + share
         last = np.searchsorted(contact, self.phase, side="right") - 1
@@ -247,14 +247,16 @@ class _Cycle:
         wave: Floats = rise_and_fall * np.sin(2 * np.pi * ring.frequency_hz * since)
         return wave[:, None] * amplitude[last]
 
-    def _eased(self, t: Floats, value: Floats, standing: bool = True) -> Floats:
+    def _ease(self, t: Floats, value: Floats, standing: bool = True) -> Floats:
         """A value (M,) per stride (K,) that goes smoothly from stride to stride, through nought where one stands."""
         middle = self._strides.start + self._strides.duration / 2
-        begins, ends = _pauses(self._strides) if standing else (np.zeros(0), np.zeros(0))
-        return _monotone(np.concatenate([middle, begins, ends]), np.concatenate([value, np.zeros(2 * len(begins))]), t)
+        begins, ends = _find_pauses(self._strides) if standing else (np.zeros(0), np.zeros(0))
+        return _interpolate(
+            np.concatenate([middle, begins, ends]), np.concatenate([value, np.zeros(2 * len(begins))]), t
+        )
 
 
-def _vigour(strides: Strides, legs: list[Leg]) -> Floats:
+def _compute_vigour(strides: Strides, legs: list[Leg]) -> Floats:
     """Stride lengths over those of the styles (K,), to the power 0.8, within reason."""
     length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)
     usual = np.array([leg.stride_m or 0.0 for leg in legs])
@@ -263,7 +265,7 @@ def _vigour(strides: Strides, legs: list[Leg]) -> Floats:
     return vigour
 
 
-def _pauses(strides: Strides) -> tuple[Floats, Floats]:
+def _find_pauses(strides: Strides) -> tuple[Floats, Floats]:
     """When standing begins and ends (P,) s: before, between and after the strides."""
     begins = np.concatenate([[-_MARGIN_S], strides.start + strides.duration])
     ends = np.concatenate([strides.start, [strides.end_s + _MARGIN_S]])
@@ -271,7 +273,7 @@ def _pauses(strides: Strides) -> tuple[Floats, Floats]:
     return begins[long], ends[long]
 
 
-def _course(strides: Strides, t: Floats) -> tuple[Floats, Floats]:
+def _make_course(strides: Strides, t: Floats) -> tuple[Floats, Floats]:
     """Ground (M, 3) m below the hip and heading (M,) rad at `t` (M,) s: over the foot in each mid-stance and pause."""
     stood = np.concatenate([[strides.start[0] - 0.1], strides.start + _MIDSTANCE * strides.duration])
     ends = np.concatenate([strides.start, [strides.end_s + _MARGIN_S]])
@@ -279,11 +281,11 @@ def _course(strides: Strides, t: Floats) -> tuple[Floats, Floats]:
     which = np.concatenate([np.arange(len(stood)), paused])
     at = np.concatenate([stood, ends[paused]])
     poses = np.column_stack([strides.footprint, strides.heading])[which]
-    route = _monotone(at, poses, t)
+    route = _interpolate(at, poses, t)
     return route[:, :3], route[:, 3]
 
 
-def _hip(cycle: _Cycle, pocket: Pocket, heading: Floats, shock: Floats) -> Floats:
+def _move_hip(cycle: _Cycle, pocket: Pocket, heading: Floats, shock: Floats) -> Floats:
     """The hip (M, 3) m against the ground below it; `shock` (M, 3) m is forward, left and up."""
     surge = pocket.surge_m * cycle.vigour * np.sin(4 * np.pi * (cycle.phase - cycle.low_share))
     sway = -pocket.sway_m * cycle.vigour * np.cos(2 * np.pi * (cycle.phase - _MIDSTANCE))
@@ -294,7 +296,7 @@ def _hip(cycle: _Cycle, pocket: Pocket, heading: Floats, shock: Floats) -> Float
     return np.stack([s * forward - c * left, c * forward + s * left, up], axis=1)
 
 
-def _angles(cycle: _Cycle, pocket: Pocket, heading: Floats) -> Floats:
+def _move_angles(cycle: _Cycle, pocket: Pocket, heading: Floats) -> Floats:
     """Roll, pitch and yaw (M, 3) rad of the thigh."""
     roll = pocket.abduction_rad * cycle.vigour * cycle.waves(_ABDUCTION)
     pitch = -(cycle.flexed + cycle.swing * cycle.waves(_FLEXION))
@@ -302,13 +304,13 @@ def _angles(cycle: _Cycle, pocket: Pocket, heading: Floats) -> Floats:
     return np.stack([roll, pitch, np.pi / 2 - heading + twist], axis=1)
 
 
-def _posture(t: Floats, pocket: Pocket, rng: np.random.Generator) -> Floats:
+def _draw_posture(t: Floats, pocket: Pocket, rng: np.random.Generator) -> Floats:
     """The slow sway (M, 3) rad of the thigh of one who stands, and of one who walks as well."""
     knots = np.arange(t[0], t[-1] + 2 * pocket.posture_s, pocket.posture_s)
-    return _monotone(knots, pocket.posture_rad * rng.standard_normal((len(knots), 3)), t)
+    return _interpolate(knots, pocket.posture_rad * rng.standard_normal((len(knots), 3)), t)
 
 
-def _monotone(at: Floats, value: Floats, t: Floats) -> Floats:
+def _interpolate(at: Floats, value: Floats, t: Floats) -> Floats:
     """The monotone cubic through values (P, ...) at `at` (P,) s in any order, constant beyond its ends."""
     order = np.argsort(at, kind="stable")
     at, value = at[order], value[order]
@@ -320,11 +322,11 @@ def _monotone(at: Floats, value: Floats, t: Floats) -> Floats:
     return smooth
 
 
-def _paired(first: Floats, second: Floats) -> Floats:
+def _interleave(first: Floats, second: Floats) -> Floats:
     return np.stack([first, second], axis=1).ravel()
 
 
-def _spline(t: Floats, control: Floats) -> BSpline:
+def _make_spline(t: Floats, control: Floats) -> BSpline:
     """The uniform quintic B-spline with control points (M, D) at `t` (M,) s."""
     degree = 5
     before = (degree + 1) // 2
@@ -332,7 +334,7 @@ def _spline(t: Floats, control: Floats) -> BSpline:
     return BSpline(knots, control, degree)
 
 
-def _attitude(angle: Floats) -> Floats:
+def _compute_attitude(angle: Floats) -> Floats:
     """Rz(yaw) Ry(pitch) Rx(roll) (N, 3, 3) of roll, pitch, yaw (N, 3)."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(angle).T, np.cos(angle).T
     rows = [
@@ -343,7 +345,7 @@ def _attitude(angle: Floats) -> Floats:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def _thigh_rate(angle: Floats, d_angle: Floats, dd_angle: Floats) -> tuple[Floats, Floats]:
+def _compute_rate(angle: Floats, d_angle: Floats, dd_angle: Floats) -> tuple[Floats, Floats]:
     """Rate (N, 3) in the thigh frame and its derivative, of roll, pitch, yaw (N, 3) and their derivatives."""
     (sr, sp, _), (cr, cp, _) = np.sin(angle).T, np.cos(angle).T
     r, p, y = d_angle.T

@@ -155,23 +155,20 @@ def simulate(
     person : who walks; None for somebody drawn by the seed.
     progress : is called with the fraction done.
 
-    Raises
-    ------
-    SimulationError
-        For names that do not exist and walks, sensors or fields that cannot be.
+    Raises `SimulationError` for names that do not exist and walks, sensors or fields that cannot be.
     """
     chosen = choices.apply_to(scenario(name) if isinstance(name, str) else name)
     streams = Streams(seed, chosen.name)
     person = Person().draw(streams.lasting("person")) if person is None else person
     sensor = chosen.prior.draw(streams.lasting("sensor"))
     earth = find_earth_field(chosen.site)
-    strides, crossings = _strides(chosen, person, streams)
+    strides, crossings = _plan_strides(chosen, person, streams)
     _check_size(strides.end_s, chosen.prior.rate_hz)
-    motion, flat = _motion(chosen, strides, person, streams)
+    motion, flat = _make_motion(chosen, strides, person, streams)
     field = draw_surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
     run = sensor.switch_on(streams.of_this_walk("switched on"))
-    count = _sample_count(strides.end_s, chosen.prior.rate_hz)
-    rows = _Rows.joined(_measured(run, motion, field, count, progress), count)
+    count = _count_samples(strides.end_s, chosen.prior.rate_hz)
+    rows = _Rows.join_blocks(_measure_blocks(run, motion, field, count, progress), count)
     origin = rows.position[0].copy()
     return SimulatedWalk(
         scenario=chosen,
@@ -179,10 +176,10 @@ def simulate(
         seed=seed,
         recording=rows.recording(origin, f"{chosen.name}, seed {seed}"),
         fresh=rows.fresh,
-        biases=_biases(run, strides.end_s),
-        strides=_on_clock(strides, _clock_rate(run)),
+        biases=_sample_biases(run, strides.end_s),
+        strides=_convert_clock(strides, _clock_rate(run)),
         flat=None if flat is None else flat * _clock_rate(run),
-        landmarks=_landmarks(crossings, motion, origin, _clock_rate(run)),
+        landmarks=_locate_landmarks(crossings, motion, origin, _clock_rate(run)),
         field=field,
         earth=earth,
         origin=origin,
@@ -191,7 +188,7 @@ def simulate(
     )
 
 
-def _sample_count(end_s: float, rate_hz: float) -> int:
+def _count_samples(end_s: float, rate_hz: float) -> int:
     return int(end_s * rate_hz)
 
 
@@ -199,18 +196,18 @@ def _check_size(end_s: float, rate_hz: float) -> None:
     size = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
     if not end_s * rate_hz <= MOST_SAMPLES:
         raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MOST_SAMPLES}.")
-    if _sample_count(end_s, rate_hz) < MIN_SAMPLES:
+    if _count_samples(end_s, rate_hz) < MIN_SAMPLES:
         raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
 
-def _strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
+def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
     sections = chosen.route(streams.of_this_walk("course"))
     if chosen.worn == "table":
         return make_no_strides(sections), ()
     return plan_with_landmarks(sections, person, streams.of_this_walk("strides"))
 
 
-def _motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
+def _make_motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
     """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
     if chosen.worn == "table":
         return Lying.draw(streams.of_this_walk("table")), None
@@ -236,13 +233,13 @@ class _Rows:
     nav_R_body: Floats
 
     @classmethod
-    def joined(cls, blocks: Iterable[_Rows], most: int) -> _Rows:
+    def join_blocks(cls, blocks: Iterable[_Rows], most: int) -> _Rows:
         """One block after the other, `most` rows at most: each is put in its place, so that none is held twice."""
         columns: list[Any] = []
         count = 0
         for block in blocks:
             parts = [getattr(block, item.name) for item in fields(cls)]
-            columns = columns or [_room_for(part, most) for part in parts]
+            columns = columns or [_allocate(part, most) for part in parts]
             for column, part in zip(columns, parts, strict=True):
                 if column is not None:
                     column[count : count + len(part)] = part
@@ -258,19 +255,19 @@ class _Rows:
         return Recording(self.t, self.acc, self.gyr, self.mag, truth, provenance)
 
 
-def _room_for(part: Floats | Bools | None, count: int) -> Floats | Bools | None:
+def _allocate(part: Floats | Bools | None, count: int) -> Floats | Bools | None:
     """An array for so many rows like those of `part`; the system gives memory for what is written only."""
     return None if part is None else np.empty((count, *part.shape[1:]), dtype=part.dtype)
 
 
-def _measured(run: SensorRun, motion: Motion, field: Field, count: int, progress: Progress) -> Iterator[_Rows]:
+def _measure_blocks(run: SensorRun, motion: Motion, field: Field, count: int, progress: Progress) -> Iterator[_Rows]:
     """So many samples of what the sensor records of a motion, block after block."""
     period_s = run.sensor.prior.period_s
     for begin in range(0, count, BLOCK):
         t = np.arange(begin, min(begin + BLOCK, count), dtype=np.float64) * period_s
         state = motion.at(t)
         rate, force = motion.sampled(t, period_s)
-        samples = run.measure(t, rate, force, lambda instants: _body_field(motion.at(instants), field))
+        samples = run.measure(t, rate, force, lambda instants: _rotate_field(motion.at(instants), field))
         progress((begin + len(t)) / count)
         yield _Rows(
             samples.t, samples.taken, samples.acc, samples.gyr, samples.mag, samples.fresh,
@@ -278,7 +275,7 @@ def _measured(run: SensorRun, motion: Motion, field: Field, count: int, progress
         )  # fmt: skip
 
 
-def _body_field(state: Kinematics, field: Field) -> Floats:
+def _rotate_field(state: Kinematics, field: Field) -> Floats:
     turned: Floats = np.einsum("nji,nj->ni", state.nav_R_body, field.at(state.position))
     return turned
 
@@ -288,19 +285,21 @@ def _clock_rate(run: SensorRun) -> float:
     return 1.0 + run.sensor.clock.scale_error
 
 
-def _on_clock(strides: Strides, clock_rate: float) -> Strides:
+def _convert_clock(strides: Strides, clock_rate: float) -> Strides:
     """The same strides, by a clock of this rate."""
     start, duration = strides.start * clock_rate, strides.duration * clock_rate
     return replace(strides, start=start, duration=duration, end_s=strides.end_s * clock_rate)
 
 
-def _biases(run: SensorRun, end_s: float) -> BiasTruth:
+def _sample_biases(run: SensorRun, end_s: float) -> BiasTruth:
     t = np.arange(0.0, end_s)
     biases = run.biases_at(t)
     return BiasTruth(t * _clock_rate(run), biases.gyr, biases.acc)
 
 
-def _landmarks(crossings: Sequence[Crossing], motion: Motion, origin: Floats, clock_rate: float) -> tuple[Passing, ...]:
+def _locate_landmarks(
+    crossings: Sequence[Crossing], motion: Motion, origin: Floats, clock_rate: float
+) -> tuple[Passing, ...]:
     if not crossings:
         return ()
     t = np.array([crossing.time_s for crossing in crossings])

@@ -210,10 +210,7 @@ def draw_environment(
     rng : source of all that is random.
     clutter : of the level `indoor`.
 
-    Raises
-    ------
-    SimulationError
-        For any other level, or points that are no path.
+    Raises `SimulationError` for any other level, or points that are no path.
     """
     if level not in LEVELS:
         raise SimulationError(f"there is no field level {level!r}: choose one of {', '.join(LEVELS)}.")

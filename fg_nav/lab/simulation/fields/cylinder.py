@@ -95,10 +95,7 @@ class Cylinders:
     def at(self, position: Floats) -> Floats:
         """Flux density (N, 3) uT at `position` (N, 3) m.
 
-        Raises
-        ------
-        SimulationError
-            Inside a cylinder.
+        Raises `SimulationError` inside a cylinder.
         """
         nearest, gap = self._nearest(position)
         self._check_outside(position, nearest, gap)
@@ -155,10 +152,7 @@ def street(
     exponent : `PHYSICAL` or `AS_PRINTED`.
     template : of a block: along the street, to the left of it and radius of each cylinder, m.
 
-    Raises
-    ------
-    SimulationError
-        For a length that is not above 0.
+    Raises `SimulationError` for a length that is not above 0.
     """
     if not 0 < length_m < np.inf:
         raise SimulationError(f"a street of {length_m} m cannot be: give a length above 0.")

@@ -110,10 +110,7 @@ def make_earth_field(strength_uT: float, dip_deg: float, declination_deg: float 
     dip_deg : below the horizon, -90 to 90; positive on the northern hemisphere.
     declination_deg : clockwise from north.
 
-    Raises
-    ------
-    SimulationError
-        Where there is no such field.
+    Raises `SimulationError` where there is no such field.
     """
     if not 0.0 <= strength_uT < np.inf:
         raise SimulationError(f"a field of {strength_uT} uT cannot be: give a strength of 0 or more.")
@@ -140,10 +137,7 @@ SITES: Mapping[str, Homogeneous] = MappingProxyType(
 def site(name: str) -> Homogeneous:
     """Field of a site by name: `north-pole`, `equator` or `munich`.
 
-    Raises
-    ------
-    SimulationError
-        For any other name.
+    Raises `SimulationError` for any other name.
     """
     if name not in SITES:
         raise SimulationError(f"there is no site {name!r}: choose one of {', '.join(SITES)}, or give {PLACE_FORM}.")
@@ -153,10 +147,7 @@ def site(name: str) -> Homogeneous:
 def find_earth_field(where: str) -> Homogeneous:
     """Field of a site by its name, or of `latitude,longitude,YYYY-MM-DD` by the World Magnetic Model.
 
-    Raises
-    ------
-    SimulationError
-        For what is neither, a place or date without a field, or without the extra `wmm`.
+    Raises `SimulationError` for what is neither, a place or date without a field, or without the extra `wmm`.
     """
     if "," not in where:
         return site(where)

@@ -111,10 +111,7 @@ class FloorPath:
 def resample_path(points: Floats) -> FloorPath:
     """The path through corners `points` (M, 3) m, on the floor, joined by straight lines.
 
-    Raises
-    ------
-    SimulationError
-        Without a point, or with one that is not finite.
+    Raises `SimulationError` without a point, or with one that is not finite.
     """
     corners = np.asarray(points, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners) or not np.isfinite(corners).all():

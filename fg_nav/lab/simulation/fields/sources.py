@@ -75,10 +75,7 @@ class Dipoles:
     def at(self, position: Floats) -> Floats:
         """Flux density (N, 3) uT at `position` (N, 3) m.
 
-        Raises
-        ------
-        SimulationError
-            Within a centimeter of a dipole.
+        Raises `SimulationError` within a centimeter of a dipole.
         """
         sensed = np.ascontiguousarray(position, dtype=np.float64)
         total, hit = _dipoles_at(sensed, _by_axis(self.position), _by_axis(self.moment))
@@ -116,10 +113,7 @@ def compute_spheroid_moment(
     radius_m : the two others.
     mu_r : relative permeability.
 
-    Raises
-    ------
-    SimulationError
-        Where there is no such body.
+    Raises `SimulationError` where there is no such body.
     """
     if not (radius_m > 0 and half_length_m > 0 and mu_r >= 1):
         raise SimulationError(
@@ -210,10 +204,7 @@ class Circuit:
     def at(self, position: Floats) -> Floats:
         """Flux density (N, 3) uT at `position` (N, 3) m.
 
-        Raises
-        ------
-        SimulationError
-            On the conductor.
+        Raises `SimulationError` on the conductor.
         """
         field = self.current_A * _per_ampere(np.ascontiguousarray(position, dtype=np.float64), self.corners)
         if not np.isfinite(field).all():

@@ -29,10 +29,7 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 def not_negative(owner: object, *names: str) -> None:
     """Demand finite numbers of 0 or more.
 
-    Raises
-    ------
-    SimulationError
-        Naming the field.
+    Raises `SimulationError`, naming the field.
     """
     _demand(owner, names, lambda value: math.isfinite(value) and value >= 0, "a finite number of 0 or more")
 
@@ -79,10 +76,7 @@ def vector(owner: object, name: str, shape: tuple[int, ...] = (3,), most: float 
 def rows(name: str, value: Floats, t: Floats) -> None:
     """Demand a finite vector (N, 3) for each of the instants `t` (N,) s.
 
-    Raises
-    ------
-    SimulationError
-        Naming the input, and the first instant that is not finite.
+    Raises `SimulationError`, naming the input, and the first instant that is not finite.
     """
     if value.shape != (len(t), 3):
         raise SimulationError(f"{name} to measure has shape {value.shape}, not ({len(t)}, 3): give each instant a row.")

@@ -48,10 +48,7 @@ class ClockPrior:
     burst : how many samples are lost in a row, on average, before the longest gap cuts it.
     longest_gap_s : longest time without a sample, s; a recording with a gap of more than 0.1 s is refused.
 
-    Raises
-    ------
-    SimulationError
-        If anything is negative, not a number or more than can be, naming the field.
+    Raises `SimulationError` if anything is negative, not a number or more than can be, naming the field.
     """
 
     jitter_s: float = 0.0
@@ -87,10 +84,7 @@ class Clock:
     def switch_on(self, rng: np.random.Generator, rate_hz: float) -> ClockRun:
         """Start a recording at this rate; spawns its streams from `rng`.
 
-        Raises
-        ------
-        SimulationError
-            If samples are to be lost and the rate is so low that one of them is too many.
+        Raises `SimulationError` if samples are to be lost and the rate is so low that one of them is too many.
         """
         return ClockRun(self, rng, rate_hz)
 

@@ -77,10 +77,7 @@ class IronPrior:
     hard_uT, hard_sd_uT : h, expected (3,) and standard deviation about it per axis, uT.
     soft, soft_sd : S, expected (3, 3) and spread s about it.
 
-    Raises
-    ------
-    SimulationError
-        If a spread is negative or anything is not a number or more than can be, naming the field.
+    Raises `SimulationError` if a spread is negative or anything is not a number or more than can be, naming the field.
     """
 
     hard_uT: Triple = ZERO
@@ -157,10 +154,8 @@ class MagnetometerPrior:
     resolution_uT : step of the converter, uT; 0 for none.
     held : rows without a new sample repeat the last one instead of having none.
 
-    Raises
-    ------
-    SimulationError
-        If a standard deviation is negative or anything is not a number or more than can be, naming the field.
+    Raises `SimulationError` if a standard deviation is negative or anything is not a number or more than can be, naming
+    the field.
     """
 
     rate_hz: float = np.inf
@@ -244,10 +239,7 @@ class Compass:
     def measure(self, t: Floats, body_field: BodyField | None) -> tuple[Floats | None, Bools | None]:
         """Readings (N, 3) uT of the next N rows and which (N,) are fresh.
 
-        Raises
-        ------
-        SimulationError
-            If the field is not a finite vector for every instant it is asked for.
+        Raises `SimulationError` if the field is not a finite vector for every instant it is asked for.
         """
         if self._prior is None or body_field is None:
             return None, None

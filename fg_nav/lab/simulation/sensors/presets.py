@@ -56,10 +56,7 @@ _CRYSTAL = ClockPrior(scale_sd=30e-6)
 def preset(name: str) -> SensorPrior:
     """Prior of a sensor by name; the names are in `PRESETS`.
 
-    Raises
-    ------
-    SimulationError
-        If there is no such sensor.
+    Raises `SimulationError` if there is no such sensor.
     """
     if name not in PRESETS:
         raise SimulationError(f"there is no sensor '{name}': take one of {', '.join(PRESETS)}.")

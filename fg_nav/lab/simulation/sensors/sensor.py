@@ -58,11 +58,8 @@ class SensorPrior:
     units : how many are averaged.
     mount_sd_rad : turn of the board against the body, per axis, the same for all units.
 
-    Raises
-    ------
-    SimulationError
-        If the rate is not positive, an error negative or more than can be, or the number of units none, naming the
-        field.
+    Raises `SimulationError` if the rate is not positive, an error negative or more than can be, or the number of units
+    none, naming the field.
     """
 
     name: str
@@ -258,10 +255,8 @@ class SensorRun:
         Samples
             Those that arrive, with their stamps.
 
-        Raises
-        ------
-        SimulationError
-            If shapes disagree, something is not finite, or the block does not follow on the one before.
+        Raises `SimulationError` if shapes disagree, something is not finite, or the block does not follow on the one
+        before.
         """
         self._admit(t, rate, force)
         turn = self.sensor.board_R_body.T

@@ -149,10 +149,8 @@ class TriadPrior:
     limit : end of the range, u.
     resolution : step of the converter, u; 0 for none.
 
-    Raises
-    ------
-    SimulationError
-        If a standard deviation is negative or anything is not a number or more than can be, naming the field.
+    Raises `SimulationError` if a standard deviation is negative or anything is not a number or more than can be, naming
+    the field.
     """
 
     noise_density: float = 0.0
