@@ -12,8 +12,8 @@ A stride reaches from the stillest instant of one footfall to that of the next. 
 strides where nothing else is said. Motion capture knows the true velocity in stance: that of a day of walking, in the
 Vicon trials, is compared too.
 
-The field is compared by `realism_field.py`'s facts, on the same simulated walks in the field `indoor`; the column
-"smooth" shows how kind the level `smooth` is.
+The facts of the field (`realism_field.py`) are of the same simulated walks, in the field `indoor`; the column "smooth"
+shows how kind the level `smooth` is.
 """
 
 from __future__ import annotations

@@ -1,34 +1,17 @@
-"""Whether the simulated field is as unforgiving as a real floor: the same facts of both, side by side.
+"""Facts of the magnetic field that a walking foot meets, of a real walk or a simulated one: for `realism.py`.
 
-    python scripts/realism_field.py [--data DIR] [--seeds N] [--per-walk]
-
-Real: the ten gdin walks, indoors, 35 to 150 m, magnetometer on the foot, attitude and path of the IEZ filter (which
-does not use it). Simulated, at Munich:
-
-================= ===================================================================================================
-same paths        the level `indoor` put under the ten real paths: their strides, foot heights, drift and stances; a
-                  building each
-corridor          `indoor` on a made-up walk: strides of 1.29 m, right-angled corners, 80 strides, sensor at 0.10 m on
-                  the standing foot; N buildings
-smooth            the level `smooth` on such walks
-================= ===================================================================================================
-
-What the real sensor adds:
-
-* its own hard iron turns with the foot: it widens the real spreads and not the steps along a straight. Its horizontal
-  part shows in walks that turn, and the second column has it taken off (ridge fit, prior 5 uT per axis); its vertical
-  part is a constant;
-* it answers late (the GX5 by 20 to 25 ms, in each of the ten walks), which in a swing of 400 deg/s looks like 6 uT of
-  roughness. The delay at which the field in nav is smoothest along the path is found first, printed, and removed.
+Footfalls, attitude and path are those of the IEZ filter, which does not use the magnetometer. A real sensor's hard iron
+turns with the foot: it widens the spreads and not the steps along a straight. It also answers late (the GX5 by 20 to
+25 ms, in each of the ten walks), which in a swing of 400 deg/s looks like 6 uT of roughness. The delay at which the
+field in nav is smoothest along the path is found first, and removed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import harness
 import numpy as np
 import walks
 
@@ -36,11 +19,9 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import RecordingError
-from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
 from fg_nav.io import read
-from fg_nav.lab.simulation.fields import SITES, draw_environment
 from fg_nav.recording import Recording
-from fg_nav.solution import Solution, StanceTable
+from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 
 WALKED_M = 0.5
@@ -63,7 +44,6 @@ NEAR_UT = 2.0
 NOTHING_UT2 = 1e-12
 """A variance below this is rounding."""
 
-EARTH = SITES["munich"]
 
 FACTS: Mapping[str, tuple[str, str]] = {
     "norm_sd_uT": ("|m|, sd (uT)", "{:.1f}"),
@@ -100,27 +80,6 @@ class Sensed:
     def facts(self) -> dict[str, float]:
         """Facts of its field."""
         return field_facts(self.recording, self.stances, self.solution)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure and print."""
-    chosen = harness.parse_arguments(__doc__, arguments, data=None, seeds=20, per_walk=False)
-    real = real_walks(walks.data_folder(chosen.data))
-    seeds = range(chosen.seeds)
-    columns = {
-        "real": [walk.facts() for walk in real],
-        "less hard iron": [without_hard_iron(walk).facts() for walk in real],
-        "same paths": [on_path(walk, k).facts() for k, walk in enumerate(real)],
-        "corridor": [corridor("indoor", seed).facts() for seed in seeds],
-        "smooth": [corridor("smooth", seed).facts() for seed in seeds],
-    }
-    harness.print_heading("The field at the foot: median [least, most] over walks")
-    rows = [[words, *(spread_words(of, key, form) for of in columns.values())] for key, (words, form) in FACTS.items()]
-    harness.print_table(("fact", *columns), rows)
-    if chosen.per_walk:
-        single = [[words, *(form.format(f[key]) for f in columns["real"])] for key, (words, form) in FACTS.items()]
-        harness.print_heading("Each real walk")
-        harness.print_table(("fact", *(walk.name for walk in real)), single)
 
 
 def spread_words(facts: Sequence[Mapping[str, float]], key: str, form: str) -> str:
@@ -266,98 +225,3 @@ def _with_magnetometer(walk: walks.Walk) -> Sensed:
     path = walk.recording.provenance.path
     assert path is not None
     return Sensed(walk.name, read(path), walk.stances, run_iez(walk.recording, walk.stances))
-
-
-def without_hard_iron(walk: Sensed, prior_uT: float = 5.0) -> Sensed:
-    """Take off what turns with the foot: nav_field = B + nav_R_body (h_x, h_y, 0) over the footfalls."""
-    nav_field, _ = _nav_field(walk.recording, walk.solution)
-    stood = _footfalls(walk.recording, walk.stances, walk.solution, nav_field)
-    turning = walk.solution.nav_R_body[stood][:, :, :2]
-    felt = nav_field[stood] - nav_field[stood].mean(axis=0)
-    turning = turning - turning.mean(axis=0)
-    noise = np.mean(felt**2)
-    normal = np.einsum("nij,nik->jk", turning, turning) / noise + np.eye(2) / prior_uT**2
-    h = np.linalg.solve(normal, np.einsum("nij,ni->j", turning, felt) / noise)
-    assert walk.recording.mag is not None
-    return replace(walk, recording=replace(walk.recording, mag=walk.recording.mag - [*h, 0.0]))
-
-
-def on_path(walk: Sensed, seed: int, level: str = "indoor") -> Sensed:
-    """Put a simulated building under a real path, levelled from footfall to footfall."""
-    solution, t = walk.solution, walk.recording.t
-    stood = walk.stances.stillest(walk.recording.gyr)
-    position = solution.position.copy()
-    position[:, 2] += 0.1 - np.interp(t, t[stood], position[stood, 2])
-    floor = position[stood] * [1.0, 1.0, 0.0]
-    field = draw_environment(level, EARTH, floor, np.random.default_rng(seed)).at(position)
-    return replace(walk, recording=replace(walk.recording, mag=_body(field, solution.nav_R_body)))
-
-
-def corridor(level: str, seed: int, strides: int = 80) -> Sensed:
-    """Walk through a made-up corridor with right-angled corners: what the foot truly passes, without any noise."""
-    rng = np.random.default_rng(seed)
-    footprint, heading = _corridor(rng, strides)
-    field = draw_environment(level, EARTH, footprint * [1.0, 1.0, 0.0], rng)
-    t, position, phase = _foot(footprint)
-    nav_R_body = np.repeat([yaw_rotation(np.pi / 2 - angle) for angle in heading], SAMPLES, axis=0)
-    stances = Stances.from_mask(np.tile(phase < STANCE_SHARE, len(footprint)))
-    recording = Recording(
-        t=t,
-        acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (len(t), 1)),
-        gyr=np.zeros((len(t), 3)),
-        mag=_body(field.at(position), nav_R_body),
-    )
-    return Sensed(f"{level} {seed}", recording, stances, _truth(t, position, nav_R_body, stances))
-
-
-SAMPLES = 93
-"""Of a stride of 0.93 s."""
-
-STANCE_SHARE, STRIDE_M, SWING_RISE_M, ROLL_M = 0.4, 1.29, 0.12, 0.003
-
-
-def _corridor(rng: np.random.Generator, strides: int, straight: int = 9) -> tuple[Floats, Floats]:
-    """Footprints (K, 3) m at the sensor's height and headings (K,) rad."""
-    turns = np.where(np.arange(strides) % straight == straight - 1, rng.choice([-1, 1], strides) * np.pi / 2, 0.0)
-    heading = rng.uniform(0, 2 * np.pi) + np.cumsum(turns)
-    step = STRIDE_M * (1 + 0.03 * rng.standard_normal(strides))
-    xy = np.cumsum(step[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1), axis=0)
-    return np.column_stack([xy, np.full(strides, 0.1)]), heading
-
-
-def _foot(footprint: Floats) -> tuple[Floats, Floats, Floats]:
-    """Stamps and positions of the samples, and the phase (SAMPLES,) of a stride: it stands, then swings."""
-    phase = np.arange(SAMPLES) / SAMPLES
-    u = np.clip((phase - STANCE_SHARE) / (1 - STANCE_SHARE), 0, 1)
-    way = np.diff(footprint, axis=0, append=footprint[-1:])
-    gone = u**2 * (3 - 2 * u) + ROLL_M / STRIDE_M * np.minimum(phase / STANCE_SHARE, 1) * (1 - u)
-    position = footprint[:, None] + gone[:, None] * way[:, None]
-    position[:, :, 2] += SWING_RISE_M * np.sin(np.pi * u) ** 2
-    return 0.01 * np.arange(len(footprint) * SAMPLES), position.reshape(-1, 3), phase
-
-
-def _body(nav_field: Floats, nav_R_body: Floats) -> Floats:
-    return np.asarray(np.einsum("nji,nj->ni", nav_R_body, nav_field))
-
-
-def _truth(t: Floats, position: Floats, nav_R_body: Floats, stances: Stances) -> Solution:
-    """Return the truth as if an estimator had found it."""
-    row = stances.start
-    none = np.zeros((len(row), 3))
-    table = StanceTable(
-        sample=row,
-        t=t[row],
-        position=position[row],
-        nav_R_body=nav_R_body[row],
-        gyro_bias=none,
-        position_cov=np.zeros((len(row), 3, 3)),
-        heading_sigma=none[:, 0],
-        gyro_bias_sigma=none,
-        field=("none",) * len(row),
-        field_reason=("",) * len(row),
-    )
-    return Solution("truth", t, position, np.gradient(position, t, axis=0), nav_R_body, table, runtime_s=0.0)
-
-
-if __name__ == "__main__":
-    harness.run(main)

@@ -1,8 +1,6 @@
 """Tune the filters on simulated walks: the preset `tuned` of `fg_nav.ekf.presets`.
 
     python scripts/tune_filters.py --cache DIR [--seeds N] [--methods NAME ...] [--jobs N]
-    python scripts/tune_filters.py --cache DIR --core          what all share: sensor and foot
-    python scripts/tune_filters.py --cache DIR --start         sigma of a start that the compass gives
     python scripts/tune_filters.py --cache DIR --held-out      `tuned` and `physical` on seeds not tuned on
 
 One preset a method for all scenarios and fields, for a user does not know the field. Calibrated magnetometer, true
@@ -87,17 +85,10 @@ GRIDS: Mapping[str, Grid] = {
 """Beside the physical preset's values. `allowance` and `window` are the detector's (`scale_detector` in
 `fg_nav.ekf.presets`), the others are named as in the parameters."""
 
-CORE_GRID: Grid = {
-    "zero_velocity_density": (3e-4, 1e-3, 3e-3),
-    "roll_sigma_m": (0.025, 0.05, 0.1),
-    "gyr_relative_density": (2.5e-4, 5e-4, 1e-3, 2e-3),
-    "gyro_bias_walk_deg_s": (3e-5, 1e-4, 1e-3),
-}
 STARTS: Sequence[Point] = ({}, {"allowance": 8.0, "compass_sigma_deg": 20.0})
 """Where the search begins, beside the physical values: there, and with a gate that passes nearly all and a compass that
 is trusted less, for the two make valleys of their own."""
 
-START_GRID: Grid = {"start_sigma_deg": (2.5, 5.0, 10.0, 20.0, 40.0, 80.0)}
 
 HELD_OUT_COLUMNS = ("method", "preset", "rmse (m)", "end (m)", "over the IEZ's", "least", "greatest")
 
@@ -121,22 +112,21 @@ class Walked:
 
 @dataclass(frozen=True)
 class Trial:
-    """A method with some of its parameters otherwise; `known_heading`: it is given the heading at the start."""
+    """A method with some of its parameters otherwise; all are given the heading at the start."""
 
     method: str
     point: tuple[tuple[str, float], ...] = ()
     preset: str = PHYSICAL
-    known_heading: bool = True
 
     @classmethod
-    def at(cls, method: str, point: Point, known_heading: bool = True) -> Trial:
+    def at(cls, method: str, point: Point) -> Trial:
         """Of the physical preset."""
-        return cls(method, tuple(sorted(point.items())), known_heading=known_heading)
+        return cls(method, tuple(sorted(point.items())))
 
     @property
     def key(self) -> str:
         """Under which its result is kept."""
-        return json.dumps([self.method, self.preset, self.known_heading, self.point])
+        return json.dumps([self.method, self.preset, self.point])
 
 
 @dataclass(frozen=True)
@@ -166,8 +156,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         methods=tuple(GRIDS),
         rounds=option(4, "at most so many rounds of the search", metavar="N"),
         jobs=2,
-        core=option(False, "sensor and foot as well"),
-        start=option(False, "sigma of a start that the compass gives as well"),
         held_out=option(False, "measure `tuned` on seeds 31 to 36 instead"),
     )
     first = HELD_OUT if chosen.held_out else FIRST_SEED
@@ -182,17 +170,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def tune(bench: Bench, chosen: argparse.Namespace) -> None:
     """Search, and print how flat it is about the best."""
-    best: dict[str, Point] = {}
     for method in chosen.methods:
         grid = with_physical(method, GRIDS[method])
-        point = best[method] = tuned(bench, method, grid, chosen.rounds)
-        print_star(bench, {method: point}, grid, method)
-        if chosen.start:
-            print_star(bench, {method: point}, START_GRID, f"{method}, heading from the compass", known_heading=False)
-    if chosen.core:
-        print_star(bench, {BASELINE: {}}, CORE_GRID, f"core of {BASELINE}")
-        if best:
-            print_star(bench, best, CORE_GRID, f"core of {', '.join(best)}")
+        print_star(bench, method, search_starts(bench, method, grid, chosen.rounds), grid)
 
 
 # --- the walks -------------------------------------------------------------------------------------------------------
@@ -254,23 +234,23 @@ def average_samples(recording: Recording, rate_hz: float) -> Recording:
 
 def errors_m(trial: Trial, walk: Walked, field: str) -> tuple[float, float]:
     """Rmse over the footfalls and error at the last; over the ground, the first footfall laid on the truth."""
-    apart = solved(trial, walk, field).stances.position[:, :2] - walk.truth
+    apart = run_trial(trial, walk, field).stances.position[:, :2] - walk.truth
     error = np.linalg.norm(apart - apart[0], axis=1)
     return float(np.sqrt(np.mean(error**2))), float(error[-1])
 
 
-def solved(trial: Trial, walk: Walked, field: str) -> Solution:
+def run_trial(trial: Trial, walk: Walked, field: str) -> Solution:
     """Run the filter."""
-    parameters = moved(find_parameters(trial.method, trial.preset), dict(trial.point))
-    seen, heading = (walk.recording, walk.stances), walk.heading if trial.known_heading else None
+    parameters = set_point(find_parameters(trial.method, trial.preset), dict(trial.point))
+    seen = walk.recording, walk.stances
     if isinstance(parameters, IezParameters):
         return run_iez(*seen, parameters, walk.heading)
     if isinstance(parameters, AiezParameters):
-        return run_aiez(*seen, walk.fields[field], parameters, heading)
-    return run_gated_compass(*seen, walk.fields[field], parameters, heading)
+        return run_aiez(*seen, walk.fields[field], parameters, walk.heading)
+    return run_gated_compass(*seen, walk.fields[field], parameters, walk.heading)
 
 
-def moved(parameters: Parameters, point: Point) -> Parameters:
+def set_point(parameters: Parameters, point: Point) -> Parameters:
     """Return the parameters with those of the point in their place."""
     inertial: dict[str, Any] = {name: value for name, value in point.items() if name in INERTIAL}
     if isinstance(parameters, IezParameters):
@@ -344,20 +324,20 @@ def on_walk(
 # --- the search ------------------------------------------------------------------------------------------------------
 
 
-def tuned(bench: Bench, method: str, grid: Grid, rounds: int) -> Point:
+def search_starts(bench: Bench, method: str, grid: Grid, rounds: int) -> Point:
     """Search from each start, and return the better end."""
     begin = physical(method, grid)
-    ends = [descended(bench, method, grid, {**begin, **start}, rounds) for start in STARTS]
+    ends = [descend(bench, method, grid, {**begin, **start}, rounds) for start in STARTS]
     losses = bench.losses([Trial.at(method, end) for end in ends])
     return ends[int(np.argmin(losses))]
 
 
-def descended(bench: Bench, method: str, grid: Grid, point: Point, rounds: int) -> Point:
+def descend(bench: Bench, method: str, grid: Grid, point: Point, rounds: int) -> Point:
     """Search along one parameter after the other until a round changes nothing."""
     for _ in range(rounds):
         before = point
         for name in grid:
-            loss = along(bench, {method: point}, name, grid[name])
+            loss = try_values(bench, method, point, name, grid[name])
             point = {**point, name: min(loss, key=lambda value: loss[value])}
         if point == before:
             break
@@ -379,41 +359,33 @@ def value_of(parameters: Parameters, name: str) -> float:
     """One of a grid's parameters."""
     if isinstance(parameters, IezParameters):
         return float(getattr(parameters, name))
-    if name in INERTIAL:
-        return value_of(parameters.inertial, name)
     if name == "window":
         return parameters.detector.window
     value: float = 1.0 if name == "allowance" else getattr(parameters, name)
     return value
 
 
-def along(
-    bench: Bench, points: Mapping[str, Point], name: str, values: Sequence[float], known_heading: bool = True
-) -> dict[float, float]:
-    """Loss at each value of one parameter, the mean over the methods."""
-    trials = [
-        Trial.at(method, {**point, name: value}, known_heading) for value in values for method, point in points.items()
-    ]
-    losses = np.reshape(bench.losses(trials), (len(values), len(points)))
-    return dict(zip(values, losses.mean(axis=1).tolist(), strict=True))
+def try_values(bench: Bench, method: str, point: Point, name: str, values: Sequence[float]) -> dict[float, float]:
+    """Loss at each value of one parameter, the others as in the point."""
+    return dict(zip(values, bench.losses([Trial.at(method, {**point, name: value}) for value in values]), strict=True))
 
 
 # --- tables ----------------------------------------------------------------------------------------------------------
 
 
-def print_star(bench: Bench, points: Mapping[str, Point], grid: Grid, words: str, known_heading: bool = True) -> None:
+def print_star(bench: Bench, method: str, point: Point, grid: Grid) -> None:
     """Print the ratio to the IEZ's error at each value of each parameter; the best is marked, and where it lies."""
-    harness.print_heading(f"{words}: error over the IEZ's (geometric mean of {len(bench.cases)} walks)")
+    harness.print_heading(f"{method}: error over the IEZ's (geometric mean of {len(bench.cases)} walks)")
     rows = []
     for name, values in grid.items():
-        loss = along(bench, points, name, values, known_heading)
+        loss = try_values(bench, method, point, name, values)
         at = min(loss, key=lambda value: loss[value])
         shown = [f"{value:g}: {np.exp(loss[value]):.3f}{'*' if value == at else ''}" for value in values]
-        rows.append([name, where(list(loss.values())), "  ".join(shown)])
+        rows.append([name, name_shape(list(loss.values())), "  ".join(shown)])
     harness.print_table(("parameter", "best", "value: ratio"), rows)
 
 
-def where(losses: Sequence[float]) -> str:
+def name_shape(losses: Sequence[float]) -> str:
     """Whether the least of the losses along a grid lies on a plateau (a neighbour within 2 %), or at an edge."""
     best = int(np.argmin(losses))
     near = [losses[k] - losses[best] < FLAT for k in (best - 1, best + 1) if 0 <= k < len(losses)]

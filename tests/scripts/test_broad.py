@@ -58,7 +58,7 @@ def test_the_field_s_noise_is_that_of_its_means(tapped):
     mag = 40.0 + RNG.standard_normal((rest + 2000, 3))
     mag = (mag + np.roll(mag, 1, axis=0) + np.roll(mag, 2, axis=0)) / 3  # a filter: at low frequencies as it was
     mag[3000:3150] += tapped
-    mag[1::2] = np.nan  # half of them are held: there are half as many, and so each one tells more
+    mag[1::2] = np.nan  # half of them are held: there are half as many, and so each one weighs more
     trial = SimpleNamespace(resting=np.arange(rest + 2000) < rest, recording=SimpleNamespace(mag=mag), rate=rate)
     assert broad.field_sigma_uT(trial) == pytest.approx(np.sqrt(0.5), rel=0.15)
 

@@ -187,7 +187,7 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
     loop, perfect = (json.loads((tmp_path / f"demo_smooth_{m}_iez_101.json").read_text()) for m in ("loop", "perfect"))
     assert loop["errors"] == perfect["errors"]
     assert 60.0 < loop["errors"]["origin"]["distance_m"] < 90.0
-    assert loop["errors"]["origin"]["max_m"] < 1.0  # in the sixties of metres: told the true heading at the start
+    assert loop["errors"]["origin"]["max_m"] < 1.0  # in the sixties of metres: given the true heading at the start
     monkeypatch.setattr(script, "draw_case", lambda *_: None)
     # Other code is joined, unless that is not wanted.
     monkeypatch.setattr(script, "code_sum", lambda: "other code")
@@ -198,7 +198,7 @@ def test_it_runs_joins_and_skips(tmp_path, capsys, monkeypatch):
         script.main([*demo, "--methods", "iez", "--renew"])
     assert "other code" not in capsys.readouterr().out
     assert len(asked) == 2  # what the new code made holds
-    # Other parameters make it anew.
+    # Other parameters make it again.
     monkeypatch.setattr(execute, "parameters_of", lambda method: {"other": method})
     script.main([*demo, "--methods", "iez"])
     assert len(asked) == 3

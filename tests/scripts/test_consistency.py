@@ -36,9 +36,9 @@ def bounds(number):
     return chi2.ppf([(1 - SURE) / 2, (1 + SURE) / 2], number) / number
 
 
-def scores(motion, parameters, told=None, seed=7):
-    """Scores of walks drawn from the beliefs; `told` are those of the filter, where they are others."""
-    return [consistency.scores_of(motion, parameters, np.random.default_rng([seed, k]), told) for k in range(WALKS)]
+def scores(motion, parameters, assumed=None, seed=7):
+    """Scores of walks drawn from these parameters; `assumed` are those of the filter, where they are others."""
+    return [consistency.scores_of(motion, parameters, np.random.default_rng([seed, k]), assumed) for k in range(WALKS)]
 
 
 @pytest.mark.parametrize("method", ["iez", "ma2018", "aiez", "matched"])
@@ -60,7 +60,7 @@ def test_a_smoother_that_claims_too_little_noise_is_found_out(motion, claim):
     assert np.mean([score.nees["smoother, middle"] for score in found]) / consistency.PARTS > 1.3
 
 
-def test_the_drawn_foot_stands_as_the_filter_believes(motion):
+def test_the_drawn_foot_stands_as_the_filter_assumes(motion):
     """In stance the true velocity is rate x lever and noise of the filter's density; its samples lead there."""
     core = replace(MATCHED, unsteady_s=0.0, rolling_lever_m=(0.0, 0.0, 0.08))
     walk = consistency.drawn(motion, core, core, np.random.default_rng(3))

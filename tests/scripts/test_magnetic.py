@@ -42,9 +42,9 @@ def test_each_switch_is_turned_once_from_the_default_and_once_from_nothing():
 
 
 def test_no_two_variants_are_the_same_but_for_their_name():
-    told = [ablation.describe(variant) for variant in ablation.VARIANTS.values()]
-    assert told[0] == "as it comes"
-    twins = {words for words in told if told.count(words) > 1}
+    described = [ablation.describe(variant) for variant in ablation.VARIANTS.values()]
+    assert described[0] == "as it comes"
+    twins = {words for words in described if described.count(words) > 1}
     assert all(words.count(" ") <= 3 for words in twins)  # with two switches, without the one is only the other
     files = {Key("office", "smooth", "1", "loop", name).file for name in ablation.VARIANTS}
     assert len(files) == len(ablation.VARIANTS)

@@ -19,7 +19,7 @@ def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
     assert "of 3 figures are as asked" in capsys.readouterr().out
 
 
-def test_the_fuzz_tells_what_fails(capsys, monkeypatch):
+def test_the_fuzz_names_what_fails(capsys, monkeypatch):
     def broken(*_: object) -> None:
         raise ValueError("broken on purpose")
 
@@ -55,7 +55,7 @@ def test_a_gap_is_the_largest_distance_at_the_same_samples() -> None:
     gap, found = online_accuracy.gap_between(
         table([0, 100, 203, 500], [0.0, 1.1, 9.0, 3.0]), table([0, 100, 200, 300], [0.0, 1.0, 2.0, 3.0])
     )
-    assert gap == pytest.approx(0.1)  # the third is the same footfall at another sample, the fourth was not told
+    assert gap == pytest.approx(0.1)  # the third is the same footfall at another sample, the fourth was not reported
     assert found == pytest.approx(0.75)
 
 

@@ -46,7 +46,7 @@ def test_the_fit_finds_earth_and_iron():
     assert abs(fit.correlation(7)) < 0.4 < fit.correlation(40)  # the next round
 
 
-def test_shuffled_strides_tell_what_telescopes_from_what_sums_up():
+def test_shuffled_strides_separate_what_telescopes_from_what_sums_up():
     rng = np.random.default_rng(1)
     for sums_up, low, high in ((False, 0.0, 0.01), (True, 0.05, 1.0)):
         p = []
@@ -59,9 +59,9 @@ def test_shuffled_strides_tell_what_telescopes_from_what_sums_up():
 def test_places_passed_twice_have_one_potential():
     first, again = square(rounds=2).passed_twice()
     assert set(again - first) == {40, 80}
-    pairs, anywhere, there, left, _, told, told_there, *_ = field_potential.of_places(square(rounds=3))
+    pairs, anywhere, there, left, _, tied, tied_there, *_ = field_potential.of_places(square(rounds=3))
     assert (pairs, anywhere) == (len(square(rounds=3).passed_twice()[0]), pytest.approx(np.sqrt(2) * left))
-    assert max(there, told_there) < 1.0 < 4.0 < told < 1.1 * left
+    assert max(there, tied_there) < 1.0 < 4.0 < tied < 1.1 * left
     assert field_potential.of_places(square(rounds=3, sums_up=True))[6] > 3.0
 
 
@@ -90,7 +90,7 @@ def test_it_prints_a_simulated_scenario(capsys, monkeypatch):
 def test_it_measures_a_real_walk(capsys):
     field_potential.main(["--seeds", "0", "--data", str(DATA), "--walks", "gdin 24"])
     lines = capsys.readouterr().out.splitlines()
-    told = next(line for line in lines[lines.index("Places passed twice (uT m)") :] if line.startswith("gdin 24"))
-    pairs, anywhere, there = (float(x) for x in told.split()[2:5])
+    row = next(line for line in lines[lines.index("Places passed twice (uT m)") :] if line.startswith("gdin 24"))
+    pairs, anywhere, there = (float(x) for x in row.split()[2:5])
     assert pairs > 20
     assert there < 0.3 * anywhere

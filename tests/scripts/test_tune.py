@@ -50,9 +50,9 @@ def walk(folder):
 
 def test_the_search_finds_the_bottom_of_an_oblique_valley_and_says_how_flat_it_is(capsys):
     grid, bowl = tune.with_physical("ma2018", tune.COMPASS_GRID), Bowl()
-    best = tune.tuned(bowl, "ma2018", grid, rounds=9)
+    best = tune.search_starts(bowl, "ma2018", grid, rounds=9)
     assert best == {"compass_sigma_deg": 30.0, "allowance": 2.0, "window": 2}
-    tune.print_star(bowl, {"ma2018": best}, grid, "ma2018")
+    tune.print_star(bowl, "ma2018", best, grid)
     marked = [cell for cell in capsys.readouterr().out.split() if cell.endswith("*")]
     assert marked == ["1.000*"] * 3
 
@@ -68,7 +68,7 @@ def test_the_search_finds_the_bottom_of_an_oblique_valley_and_says_how_flat_it_i
     ],
 )
 def test_where_the_best_lies(losses, words):
-    assert tune.where(losses) == words
+    assert tune.name_shape(losses) == words
 
 
 def test_the_search_begins_at_the_physical_preset_and_can_all_but_turn_the_compass_off():
@@ -76,7 +76,7 @@ def test_the_search_begins_at_the_physical_preset_and_can_all_but_turn_the_compa
         start = tune.physical(method, grid)
         assert all(start[name] in values for name, values in tune.with_physical(method, grid).items())
         assert max(grid["compass_sigma_deg"]) >= 90.0
-        assert tune.moved(find_parameters(method, PHYSICAL), start) == find_parameters(method, PHYSICAL)
+        assert tune.set_point(find_parameters(method, PHYSICAL), start) == find_parameters(method, PHYSICAL)
 
 
 def test_an_allowance_lets_pass_what_is_that_many_times_larger():
