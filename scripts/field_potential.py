@@ -171,9 +171,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print_real(walks.data_folder(chosen.data), chosen.walks)
 
 
-def way_of(session: Walk, trajectory: Trajectory) -> Way:
-    """Sum the field of a session along a trajectory."""
-    recording, field = session.recording, session.require_field()
+def way_of(walk: Walk, trajectory: Trajectory) -> Way:
+    """Sum the field of a walk along a trajectory."""
+    recording, field = walk.recording, walk.require_field()
     assert recording.mag is not None
     seen = np.isfinite(field.body_field[:, 0])
     stance_field = np.einsum("kab,kb->ka", trajectory.nav_R_body[field.sample], field.body_field)[seen]
@@ -225,9 +225,9 @@ def print_simulated(chosen: argparse.Namespace) -> None:
 
 def of_seed(name: str, level: str, magnetometer: str, along: str, seed: int) -> tuple[float, ...]:
     """Figures of one simulated walk, in the order of the table."""
-    session, truth, earth = simulated(name, level, magnetometer, seed)
-    true = way_of(session, truth)
-    way = true if along == TRUE else placed(way_of(session, _inertial(session, truth, along)), truth)
+    walk, truth, earth = simulated(name, level, magnetometer, seed)
+    true = way_of(walk, truth)
+    way = true if along == TRUE else placed(way_of(walk, _inertial(walk, truth, along)), truth)
     fit = fitted(way)
     direction = np.degrees(wrap_angle(np.radians(towards(fit.earth) - towards(earth))))
     spread = np.degrees(np.std([wrap_angle(np.radians(towards(f) - towards(earth))) for f in true.stance_field]))
@@ -237,8 +237,8 @@ def of_seed(name: str, level: str, magnetometer: str, along: str, seed: int) -> 
     return share, float(direction), *found
 
 
-def _inertial(session: Walk, truth: Trajectory, along: str) -> Trajectory:
-    own = inertial(session)
+def _inertial(walk: Walk, truth: Trajectory, along: str) -> Trajectory:
+    own = inertial(walk)
     if along == OWN:
         return own
     off = turn_about_up(own.nav_R_body @ np.swapaxes(truth.nav_R_body, 1, 2))
@@ -265,11 +265,11 @@ def as_good(orders: Floats, fit: Fit) -> float:
 def simulated(name: str, level: str, magnetometer: str, seed: int) -> tuple[Walk, Trajectory, Floats]:
     """A simulated walk, its true trajectory, and the Earth's field (3,) uT."""
     source = Simulated(name, level, seed)
-    session = source.session(magnetometer)
-    truth = session.truth
+    walk = source.prepare(magnetometer)
+    truth = walk.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
-    return session, Trajectory(truth.nav_R_body, truth.position), find_earth_field(scenario(name).site).vector
+    return walk, Trajectory(truth.nav_R_body, truth.position), find_earth_field(scenario(name).site).vector
 
 
 def print_real(data: Path, names: Sequence[str] | None = None) -> None:
@@ -307,14 +307,14 @@ def real(data: Path, names: Sequence[str] | None) -> Iterator[tuple[str, Way]]:
 def real_way(name: str, data: Path | None) -> Way:
     """Of one real walk, along the trajectory of the smoother without magnetometer."""
     group, member = name.split()
-    session = Recorded(walks.real_path(group, member, walks.data_folder(data))).session(RAW)
-    return way_of(session, inertial(session))
+    walk = Recorded(walks.real_path(group, member, walks.data_folder(data))).prepare(RAW)
+    return way_of(walk, inertial(walk))
 
 
-def inertial(session: Walk) -> Trajectory:
+def inertial(walk: Walk) -> Trajectory:
     """What the smoother makes of a walk without its magnetometer."""
-    heading = np.radians(session.options.heading_deg or 0.0)
-    solution = smooth(replace(session.recording, mag=None), session.stances, heading=float(heading))
+    heading = np.radians(walk.options.heading_deg or 0.0)
+    solution = smooth(replace(walk.recording, mag=None), walk.stances, heading=float(heading))
     return Trajectory(solution.nav_R_body, solution.position)
 
 

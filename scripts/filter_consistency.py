@@ -119,15 +119,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def motion_of(scenario: str) -> Motion:
     """True motion of a simulated walk, from its first stance on."""
     recording = simulate(scenario, 1, Choices(calibrated=True, field="smooth")).recording
-    session = prepare_walk(Walk.of(recording, Options()))
-    truth, stances = recording.truth, session.stances
+    walk = prepare_walk(Walk.of(recording, Options()))
+    truth, stances = recording.truth, walk.stances
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     cut = int(stances.start[0])
     stands = stances.mask[cut:].copy()
     stands[0] = False  # the velocity there is drawn from the prior, and is not measured
-    step = max(1, round(1.0 / (RATE_HZ * session.recording.period_s)))
-    rows = (stances.stillest(session.recording.gyr) - cut) // step
+    step = max(1, round(1.0 / (RATE_HZ * walk.recording.period_s)))
+    rows = (stances.stillest(walk.recording.gyr) - cut) // step
     return Motion(
         t=truth.t[cut::step] - truth.t[cut],
         nav_R_body=truth.nav_R_body[cut::step],

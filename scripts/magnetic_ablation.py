@@ -181,27 +181,27 @@ def make_walk(folder: Path, code: str, keys: Sequence[Key]) -> None:
     """Simulate one walk and keep what each variant makes of it."""
     first = keys[0]
     source = Simulated(first.group, first.field, int(first.walk))
-    session = source.session(first.magnetometer)
+    walk = source.prepare(first.magnetometer)
     for key in keys:
         blank = Result(key, settings_of(key), code)
         try:
-            solution = smooth_variant(session, VARIANTS[key.method])
+            solution = smooth_variant(walk, VARIANTS[key.method])
             outcome = Outcome(solution, evaluate(solution), None, field_used=True)
-            result = evaluate_outcome(blank, source, session, outcome)
+            result = evaluate_outcome(blank, source, walk, outcome)
         except FgNavError as error:
             result = replace(blank, failed=str(error))
         write_result(folder, result)
 
 
-def smooth_variant(session: Walk, variant: Variant) -> Solution:
-    """Run the smoother on what the session knows."""
-    degrees = session.options.heading_deg
+def smooth_variant(walk: Walk, variant: Variant) -> Solution:
+    """Run the smoother on what the walk shows."""
+    degrees = walk.options.heading_deg
     return smooth(
-        session.recording,
-        session.stances,
+        walk.recording,
+        walk.stances,
         variant.parameters,
         heading=None if degrees is None else float(np.deg2rad(degrees)),
-        field=session.field if variant.field else None,
+        field=walk.field if variant.field else None,
     )
 
 

@@ -104,26 +104,26 @@ def source_of(group: str, level: str, name: str, data: Path | None) -> Source:
 def estimate_online(walk: tuple[str, str, str, Path | None]) -> Walked:
     """Push one walk through, and run filter and batch on it."""
     group, level, name, data = walk
-    session = source_of(group, level, name, data).session(LOOP)
-    navigator = push_blocks(session)
+    prepared = source_of(group, level, name, data).prepare(LOOP)
+    navigator = push_blocks(prepared)
     batch = replace(navigator.finish(), method="smoother")
-    hindsight = solve_by("smoother", replace(session, truth=None)).solution
+    hindsight = solve_by("smoother", replace(prepared, truth=None)).solution
     past = navigator.smoothed()
     gap, share = gap_between(past, batch.stances)
     after, _ = gap_between(batch.stances, hindsight.stances)
-    truth = session.truth if level else None
+    truth = prepared.truth if level else None
     errors = [np.nan] * 4
     if truth is not None:
-        filtered = solve_by("ma2018", replace(session, truth=None)).solution
+        filtered = solve_by("ma2018", replace(prepared, truth=None)).solution
         assert batch.moment is not None
         tables = (batch.moment, filtered.stances, past, batch.stances)
         errors = [rms_error(batch, table, truth) for table in tables]
     return Walked(*errors, gap, after, share)
 
 
-def push_blocks(session: Walk) -> OnlineNavigator:
+def push_blocks(walk: Walk) -> OnlineNavigator:
     """Push a recording through in blocks."""
-    recording, degrees = session.recording, session.options.heading_deg
+    recording, degrees = walk.recording, walk.options.heading_deg
     navigator = OnlineNavigator(OnlineOptions(heading_rad=None if degrees is None else float(np.radians(degrees))))
     block = max(1, round(BLOCK_S / recording.period_s))
     for start in range(0, len(recording), block):

@@ -50,15 +50,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def draw_walk(axes: Axes, recording: Recording, methods: Sequence[str]) -> Mapping[str, float]:
     """Draw the paths of the methods over the truth; returns the rmse of each, m."""
-    session, errors = prepare_walk(Walk.of(recording)), {}
-    truth = session.truth
+    walk, errors = prepare_walk(Walk.of(recording)), {}
+    truth = walk.truth
     if isinstance(truth, TrajectoryTruth):
         path = truth.position[:: len(truth.position) // MOST_POINTS + 1]
         axes.plot(*path[:, :2].T, **style.TRUTH_LINE, label="truth")
     elif isinstance(truth, FootprintTruth):
         axes.plot(*truth.xy.T, "s", color=style.TRUTH, markersize=4.5, label="surveyed footprints")
     for method in methods:
-        outcome = run_method(session, method)
+        outcome = run_method(walk, method)
         assert outcome.comparison is not None
         position = outcome.comparison.alignment.apply(outcome.solution.position)
         path = position[:: len(position) // MOST_POINTS + 1]

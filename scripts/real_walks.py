@@ -371,19 +371,19 @@ def measure_pairs(data: Path, names: Mapping[str, Sequence[str]] = REAL_WALKS) -
 def measure_pair(group: str, walk: str, data: Path) -> Pair:
     """Measure one walk without the field and with it."""
     source = Recorded(walks.real_path(group, walk, data))
-    sessions = {iron: source.session(iron) for iron in KNOWN_IRON}
-    with_field = {iron: measure_merit(session, "smoother") for iron, session in sessions.items()}
-    known = sessions[WALK].calibration is not None
-    return Pair(group, walk, measure_merit(sessions[RAW], "inertial"), with_field, known)
+    prepared = {iron: source.prepare(iron) for iron in KNOWN_IRON}
+    with_field = {iron: measure_merit(one, "smoother") for iron, one in prepared.items()}
+    known = prepared[WALK].calibration is not None
+    return Pair(group, walk, measure_merit(prepared[RAW], "inertial"), with_field, known)
 
 
-def measure_merit(session: PreparedWalk, method: str) -> float:
+def measure_merit(walk: PreparedWalk, method: str) -> float:
     """Footprint rmse in m where there is a truth, else closure in percent; infinite where the method fails."""
     try:
-        metrics = run_method(session, method).metrics
+        metrics = run_method(walk, method).metrics
     except (EstimationError, EvaluationError):
         return float("inf")
-    value = metrics.closure_percent if session.truth is None else metrics.rmse_2d_m
+    value = metrics.closure_percent if walk.truth is None else metrics.rmse_2d_m
     return float("inf") if value is None else value
 
 

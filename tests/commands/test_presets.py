@@ -22,14 +22,14 @@ FILTERS = ("iez", *GATED, "aiez")
 
 
 @pytest.fixture(scope="module")
-def session() -> Walk:
+def prepared() -> Walk:
     return prepare_walk(Walk.of(simulate("demo", 5).recording))
 
 
 @pytest.fixture(scope="module")
-def walk(session: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walk(prepared: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recordings") / "walk.csv"
-    write_canonical(session.recording, path)
+    write_canonical(prepared.recording, path)
     return path
 
 
@@ -41,10 +41,10 @@ def used(folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("method", FILTERS)
-def test_each_filter_runs_in_each_preset(session: Walk, method: str) -> None:
+def test_each_filter_runs_in_each_preset(prepared: Walk, method: str) -> None:
     ends = set()
     for preset in PRESETS:
-        outcome = run_method(replace(session, options=replace(session.options, preset=preset)), method)
+        outcome = run_method(replace(prepared, options=replace(prepared.options, preset=preset)), method)
         said = preset == AS_PRINTED and method in NOT_RUN
         assert (NOT_RUN.get(method) in outcome.solution.notes) == said
         ends.add(tuple(outcome.solution.position[-1]))

@@ -5,5 +5,5 @@ from tests.report import walks
 
 
 @pytest.fixture(scope="session")
-def session() -> Walk:
+def walk() -> Walk:
     return walks.walk()

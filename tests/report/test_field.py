@@ -39,8 +39,8 @@ def verdicts_of(statistic: list[float], name: str = "ma2018") -> FieldVerdicts:
 
 
 def solution_of(n: int) -> Solution:
-    session = walks.walk()
-    solution = walks.outcome(session).solution
+    walk = walks.walk()
+    solution = walks.outcome(walk).solution
     rows = np.linspace(0, len(solution.t) - 1, 110 * n).astype(int)
     return replace(solution, position=solution.position[rows])
 
@@ -82,8 +82,8 @@ def test_declination_turns_the_compass_and_nothing_else() -> None:
 
 
 def test_files_tell_verdicts_and_parameters(tmp_path: Path) -> None:
-    session, survey = walks.walk(), survey_of(30)
-    write_survey(tmp_path, session, survey)
+    walk, survey = walks.walk(), survey_of(30)
+    write_survey(tmp_path, walk, survey)
     table = pd.read_csv(tmp_path / "field.csv", keep_default_na=False)
     assert list(table["index"]) == list(range(30))
     assert list(table["ma2018_verdict"]) == list(survey.verdicts["ma2018"].words)
@@ -96,7 +96,7 @@ def test_files_tell_verdicts_and_parameters(tmp_path: Path) -> None:
     shares = [one["quasi_static"] / 30 for one in said["detectors"].values()]
     assert shares == [one["share"] for one in said["detectors"].values()]
     assert said["detectors"]["ma2018"]["parameters"]["channels"]
-    assert json.loads(json.dumps(describe_survey(session, survey)["drawn_in_colour"])) == "ma2018"
+    assert json.loads(json.dumps(describe_survey(walk, survey)["drawn_in_colour"])) == "ma2018"
 
 
 def test_detectors_are_put_in_their_order() -> None:
@@ -140,14 +140,14 @@ def test_a_lane_is_empty_where_nobody_steps() -> None:
     assert empty == pytest.approx((101.0 - 2 * 3.0) / 140.0, abs=0.005)
 
 
-def test_a_note_tells_where_nobody_steps(session: Walk) -> None:
-    assert not [note for note in collect_survey_notes(session) if "no footfall" in note]
+def test_a_note_tells_where_nobody_steps(walk: Walk) -> None:
+    assert not [note for note in collect_survey_notes(walk) if "no footfall" in note]
     first, last = 10, 25
-    kept = np.r_[0:first, last : len(session.stances)]
-    stances = Stances.from_mask(np.isin(np.arange(session.stances.n_samples), standing(session.stances, kept)))
-    t = session.recording.t
-    gap_s = t[session.stances.start[last]] - t[session.stances.stop[first - 1] - 1]
-    (note,) = [note for note in collect_survey_notes(replace(session, stances=stances)) if "no footfall" in note]
+    kept = np.r_[0:first, last : len(walk.stances)]
+    stances = Stances.from_mask(np.isin(np.arange(walk.stances.n_samples), standing(walk.stances, kept)))
+    t = walk.recording.t
+    gap_s = t[walk.stances.start[last]] - t[walk.stances.stop[first - 1] - 1]
+    (note,) = [note for note in collect_survey_notes(replace(walk, stances=stances)) if "no footfall" in note]
     assert f"for {gap_s:.0f} s" in note
 
 
@@ -163,7 +163,7 @@ def test_a_lane_mixes_the_verdicts_of_a_long_walk() -> None:
     assert np.abs(lane(survey)[0] - half).max() < 0.2
 
 
-def test_map_counts_what_it_colours(session: Walk) -> None:
+def test_map_counts_what_it_colours(walk: Walk) -> None:
     survey = survey_of(40)
     figure = plot_field_map(survey, AlignedSolution(survey.solution))
     for axes, one in zip(figure.axes, survey.coverage, strict=True):
@@ -181,9 +181,9 @@ def test_maps_of_a_long_corridor_stand_beside_each_other(stretched: float, rows:
     assert figure.axes[0].get_gridspec().nrows == rows  # type: ignore[union-attr]
 
 
-def test_map_claims_no_north_where_the_truth_has_none(session: Walk) -> None:
+def test_map_claims_no_north_where_the_truth_has_none(walk: Walk) -> None:
     survey = survey_of(40)
-    for changed, word in ((session, "north"), (walks.with_footprints(session), "y")):
+    for changed, word in ((walk, "north"), (walks.with_footprints(walk), "y")):
         outcome = walks.outcome(changed)
         view = AlignedSolution(outcome.solution, changed.truth, outcome.comparison)
         label = plot_field_map(survey, view)._supylabel  # type: ignore[attr-defined]

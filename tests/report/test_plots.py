@@ -25,9 +25,9 @@ from fg_nav.walk import Options, Outcome, Walk
 from tests.report import walks
 
 
-def view(session: Walk, drift_deg: float = 2.0) -> AlignedSolution:
-    outcome = walks.outcome(session, drift_deg=drift_deg)
-    return AlignedSolution(outcome.solution, session.truth, outcome.comparison)
+def view(walk: Walk, drift_deg: float = 2.0) -> AlignedSolution:
+    outcome = walks.outcome(walk, drift_deg=drift_deg)
+    return AlignedSolution(outcome.solution, walk.truth, outcome.comparison)
 
 
 def is_a_picture(path: Path) -> bool:
@@ -36,12 +36,12 @@ def is_a_picture(path: Path) -> bool:
     return pixels.shape[0] > 400 and pixels.shape[1] > 1000 and inked > 0.005
 
 
-def test_run_and_comparison_draw_their_pictures(tmp_path: Path, session: Walk) -> None:
-    outcomes = {name: walks.outcome(session, name, drift) for name, drift in (("a", 1.0), ("b", 4.0))}
+def test_run_and_comparison_draw_their_pictures(tmp_path: Path, walk: Walk) -> None:
+    outcomes = {name: walks.outcome(walk, name, drift) for name, drift in (("a", 1.0), ("b", 4.0))}
     for name in outcomes:
         (tmp_path / name).mkdir()
-    draw_comparison(tmp_path, session, outcomes)
-    draw_stances(tmp_path, session)
+    draw_comparison(tmp_path, walk, outcomes)
+    draw_stances(tmp_path, walk)
     drawn = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
     per_method = {f"{m}/{p}.png" for m in "ab" for p in ("trajectory", "heading", "gyro_bias")}
     assert drawn == per_method | {"trajectories.png", "errors.png", "stance_statistic.png"}
@@ -49,31 +49,31 @@ def test_run_and_comparison_draw_their_pictures(tmp_path: Path, session: Walk) -
 
 
 @pytest.mark.parametrize("change", [walks.without_truth, walks.with_footprints], ids=lambda f: f.__name__)
-def test_walks_with_less_truth_are_drawn_too(tmp_path: Path, session: Walk, change: object) -> None:
-    changed = change(session)  # type: ignore[operator]
+def test_walks_with_less_truth_are_drawn_too(tmp_path: Path, walk: Walk, change: object) -> None:
+    changed = change(walk)  # type: ignore[operator]
     draw_result(tmp_path, changed, walks.outcome(changed))
     assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
 
 
-def test_stances_without_statistic_are_not_drawn(tmp_path: Path, session: Walk) -> None:
-    draw_stances(tmp_path, replace(session, stances=replace(session.stances, statistic=None)))
+def test_stances_without_statistic_are_not_drawn(tmp_path: Path, walk: Walk) -> None:
+    draw_stances(tmp_path, replace(walk, stances=replace(walk.stances, statistic=None)))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_path_is_drawn_where_the_truth_is(session: Walk) -> None:
-    axes = plot_trajectory(view(session, drift_deg=0.0)).axes[0]
+def test_path_is_drawn_where_the_truth_is(walk: Walk) -> None:
+    axes = plot_trajectory(view(walk, drift_deg=0.0)).axes[0]
     lines = {line.get_label(): line.get_xydata() for line in axes.lines}
     np.testing.assert_allclose(lines["smoother"], lines["truth"], atol=1e-9)
     assert axes.get_aspect() == 1.0
 
 
-def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Walk) -> None:
-    solution = walks.outcome(session).solution
+def test_ellipses_hold_95_percent_and_turn_with_the_path(walk: Walk) -> None:
+    solution = walks.outcome(walk).solution
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    assert isinstance(session.truth, TrajectoryTruth)
-    truth = replace(session.truth, position=session.truth.position @ turn.T, nav_R_body=None)
+    assert isinstance(walk.truth, TrajectoryTruth)
+    truth = replace(walk.truth, position=walk.truth.position @ turn.T, nav_R_body=None)
     straight = plot_trajectory(AlignedSolution(solution))
-    turned = plot_trajectory(view(replace(session, truth=truth), drift_deg=0.0))
+    turned = plot_trajectory(view(replace(walk, truth=truth), drift_deg=0.0))
     ellipses = [next(c for c in f.axes[0].collections if isinstance(c, EllipseCollection)) for f in (straight, turned)]
     angle = [np.asarray(e.get_angles()) for e in ellipses]
     np.testing.assert_allclose((angle[1] - angle[0] + 90) % 180, 0.0, atol=1e-6)
@@ -86,10 +86,10 @@ def test_ellipses_hold_95_percent_and_turn_with_the_path(session: Walk) -> None:
     assert np.mean((along / long) ** 2 + (across / short) ** 2 < 1) == pytest.approx(0.95, abs=0.003)
 
 
-def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, session: Walk) -> None:
-    statistic = session.stances.statistic
-    one = Stances(np.array([0]), np.array([500]), np.array([0]), len(session.recording), statistic=statistic)
-    alone = replace(walks.without_truth(session), stances=one)
+def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, walk: Walk) -> None:
+    statistic = walk.stances.statistic
+    one = Stances(np.array([0]), np.array([500]), np.array([0]), len(walk.recording), statistic=statistic)
+    alone = replace(walks.without_truth(walk), stances=one)
     solution = walks.drifting(alone.recording, one)
     solution = replace(solution, stances=replace(solution.stances, position_cov=np.full((1, 3, 3), np.nan)))
     draw_result(tmp_path, alone, Outcome(solution, evaluate(solution), None))
@@ -97,15 +97,15 @@ def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, session: Wal
     assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
 
 
-def test_small_ellipses_are_enlarged_and_say_so(session: Walk) -> None:
-    outcome = walks.outcome(session)
+def test_small_ellipses_are_enlarged_and_say_so(walk: Walk) -> None:
+    outcome = walks.outcome(walk)
     stances = replace(outcome.solution.stances, position_cov=outcome.solution.stances.position_cov * 1e-4)
     axes = plot_trajectory(AlignedSolution(replace(outcome.solution, stances=stances))).axes[0]
     assert any("times as large" in str(label) for label in axes.get_legend_handles_labels()[1])
 
 
-def test_heading_error_is_counted_from_the_start(session: Walk) -> None:
-    drawn = view(session, drift_deg=3.0)
+def test_heading_error_is_counted_from_the_start(walk: Walk) -> None:
+    drawn = view(walk, drift_deg=3.0)
     figure = plot_heading(drawn)
     t = drawn.solution.stances.t
     error = next(line for line in figure.axes[1].lines if line.get_label() == "error").get_ydata()
@@ -114,8 +114,8 @@ def test_heading_error_is_counted_from_the_start(session: Walk) -> None:
     assert np.asarray(error)[-1] == pytest.approx(expected_deg, abs=1e-6)
 
 
-def test_the_heading_error_of_a_compass_is_counted_as_it_stands(session: Walk) -> None:
-    drawn = view(session, drift_deg=3.0)
+def test_the_heading_error_of_a_compass_is_counted_as_it_stands(walk: Walk) -> None:
+    drawn = view(walk, drift_deg=3.0)
     stances = replace(drawn.solution.stances, heading_sigma=np.full(len(drawn.solution.stances), 0.2))
     unsure = replace(drawn, solution=replace(drawn.solution, stances=stances))
     given, found = (plot_heading(one).axes[1].lines[-1].get_ydata() for one in (drawn, unsure))
@@ -134,8 +134,8 @@ def test_a_legend_keeps_within_the_picture(letters: int, columns: int) -> None:
     assert legend._ncols == columns
 
 
-def test_two_hours_are_drawn_quickly(tmp_path: Path, session: Walk) -> None:
-    long, outcome = lengthened(session, 115)
+def test_two_hours_are_drawn_quickly(tmp_path: Path, walk: Walk) -> None:
+    long, outcome = lengthened(walk, 115)
     assert len(outcome.solution.t) > 1_400_000
     start = time.perf_counter()
     draw_result(tmp_path, long, outcome)
@@ -145,11 +145,11 @@ def test_two_hours_are_drawn_quickly(tmp_path: Path, session: Walk) -> None:
     assert len(list(tmp_path.glob("*.png"))) == 4
 
 
-def lengthened(session: Walk, times: int) -> tuple[Walk, Outcome]:
+def lengthened(walk: Walk, times: int) -> tuple[Walk, Outcome]:
     """Return the closed walk, walked again and again."""
-    short, found = walks.outcome(session).solution, session.stances
+    short, found = walks.outcome(walk).solution, walk.stances
     n = len(short.t)
-    t = np.arange(times * n) * session.recording.period_s
+    t = np.arange(times * n) * walk.recording.period_s
     lap = n * np.repeat(np.arange(times), len(found))
     told = (f.name for f in fields(StanceTable) if getattr(short.stances, f.name) is not None)
     table = {name: tiled(getattr(short.stances, name), times) for name in told}

@@ -37,12 +37,12 @@ def loaded(path: Path) -> dict[str, object]:
     return content
 
 
-def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, session: Walk) -> None:
-    outcome = walks.outcome(session)
-    write_result(tmp_path, session, outcome)
+def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, walk: Walk) -> None:
+    outcome = walks.outcome(walk)
+    write_result(tmp_path, walk, outcome)
     assert (tmp_path / "strides.csv").read_text().splitlines()[0] == STRIDE_COLUMNS
     strides, stances = pd.read_csv(tmp_path / "strides.csv"), outcome.solution.stances
-    assert len(strides) == len(session.stances)
+    assert len(strides) == len(walk.stances)
     np.testing.assert_allclose(strides[["x_m", "y_m", "z_m"]], stances.position, atol=1e-6)
     np.testing.assert_allclose(strides["gyro_bias_y_deg_s"], -0.05, rtol=1e-6)
     np.testing.assert_allclose(strides["sigma_y_m"] ** 2, stances.position_cov[:, 1, 1], rtol=1e-6)
@@ -54,40 +54,40 @@ def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, se
     assert set(strides["field_reason"]) == {"not used, as yet"}  # the comma survives
 
 
-def test_trajectory_reads_back_as_the_solution(tmp_path: Path, session: Walk) -> None:
-    outcome = walks.outcome(session)
-    write_result(tmp_path, session, outcome)
+def test_trajectory_reads_back_as_the_solution(tmp_path: Path, walk: Walk) -> None:
+    outcome = walks.outcome(walk)
+    write_result(tmp_path, walk, outcome)
     back = read_truth(tmp_path / "trajectory.tum")
     assert isinstance(back, TrajectoryTruth)
     assert back.nav_R_body is not None
-    np.testing.assert_allclose(back.t, session.recording.t, atol=1e-9)
+    np.testing.assert_allclose(back.t, walk.recording.t, atol=1e-9)
     np.testing.assert_allclose(back.position, outcome.solution.position, atol=1e-8)
     np.testing.assert_allclose(back.nav_R_body, outcome.solution.nav_R_body, atol=1e-7)
 
 
-def test_summary_has_the_keys_and_the_figures(tmp_path: Path, session: Walk) -> None:
-    outcome = walks.outcome(session)
-    write_result(tmp_path, session, outcome)
+def test_summary_has_the_keys_and_the_figures(tmp_path: Path, walk: Walk) -> None:
+    outcome = walks.outcome(walk)
+    write_result(tmp_path, walk, outcome)
     summary = loaded(tmp_path / "summary.json")
     assert summary.keys() >= SUMMARY_KEYS | TRUTH_KEYS
-    assert summary["strides"] == len(session.stances) - 1
-    assert summary["realtime_factor"] == pytest.approx(session.recording.duration_s / 0.25)
+    assert summary["strides"] == len(walk.stances) - 1
+    assert summary["realtime_factor"] == pytest.approx(walk.recording.duration_s / 0.25)
     assert summary["rmse_2d_m"] == outcome.metrics.rmse_2d_m
     assert summary["alignment"] == "yaw"
     assert summary["magnetometer"] == "not used"
     assert "made for a test" in str(summary["notes"])
 
 
-def test_summary_without_truth_claims_no_error(tmp_path: Path, session: Walk) -> None:
-    bare = walks.without_truth(session)
+def test_summary_without_truth_claims_no_error(tmp_path: Path, walk: Walk) -> None:
+    bare = walks.without_truth(walk)
     write_result(tmp_path, bare, walks.outcome(bare))
     summary = loaded(tmp_path / "summary.json")
     assert summary.keys() >= SUMMARY_KEYS
     assert not TRUTH_KEYS & summary.keys()
 
 
-def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, session: Walk) -> None:
-    surveyed = walks.with_footprints(session)
+def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, walk: Walk) -> None:
+    surveyed = walks.with_footprints(walk)
     write_result(tmp_path, surveyed, walks.outcome(surveyed))
     summary = loaded(tmp_path / "summary.json")
     assert summary["rmse_3d_m"] is None
@@ -96,32 +96,32 @@ def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, session
 
 
 def test_magnetometer_is_used_when_the_method_says_so(
-    tmp_path: Path, session: Walk, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, walk: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = walks.outcome(session).solution
+    own = walks.outcome(walk).solution
     for word, words in (("quasi-static", "used"), ("none", "not used")):
         table = replace(own.stances, field=(word,) * len(own.stances))
         monkeypatch.setitem(ESTIMATORS, "mine", lambda *_, table=table: replace(own, stances=table))
-        write_result(tmp_path, session, run_method(session, "mine"))
+        write_result(tmp_path, walk, run_method(walk, "mine"))
         assert loaded(tmp_path / "summary.json")["magnetometer"] == words
 
 
-def test_config_names_input_version_and_parameters(tmp_path: Path, session: Walk) -> None:
-    write_result(tmp_path, session, walks.outcome(session))
+def test_config_names_input_version_and_parameters(tmp_path: Path, walk: Walk) -> None:
+    write_result(tmp_path, walk, walks.outcome(walk))
     config = loaded(tmp_path / "config.json")
     assert config["format"] == "simulated"
     assert config["recording"] is None
     assert config["truth"] == "in the recording"
     assert config["fg_nav_version"]
     assert config["parameters"] == {"noise": {"acc_m_s2": 0.3}, "unknown": None}
-    count = len(session.stances)
+    count = len(walk.stances)
     detector = {"name": "TRUE SPEED", "threshold": walks.STILL_M_S, "stances": count, "footfalls": count}
     assert config["detector"] == detector
 
 
-def test_comparison_has_a_row_and_a_folder_for_each_method(tmp_path: Path, session: Walk) -> None:
-    outcomes = {"a": walks.outcome(session, "a", 1.0), "b": walks.outcome(session, "b", 4.0)}
-    write_results(tmp_path, session, outcomes)
+def test_comparison_has_a_row_and_a_folder_for_each_method(tmp_path: Path, walk: Walk) -> None:
+    outcomes = {"a": walks.outcome(walk, "a", 1.0), "b": walks.outcome(walk, "b", 4.0)}
+    write_results(tmp_path, walk, outcomes)
     table = pd.read_csv(tmp_path / "comparison.csv")
     assert list(table["method"]) == ["a", "b"]
     assert table["rmse_2d_m"][1] > 2 * table["rmse_2d_m"][0]

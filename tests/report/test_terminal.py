@@ -18,22 +18,22 @@ class Screen(io.StringIO):
         return True
 
 
-def printed(session: Walk, capsys: pytest.CaptureFixture[str]) -> str:
-    outcomes = [walks.outcome(session, "smoother", 1.0), walks.outcome(session, "iez", 3.0)]
-    terminal.console().print(terminal.result_table([summarize(session, outcome) for outcome in outcomes]))
+def printed(walk: Walk, capsys: pytest.CaptureFixture[str]) -> str:
+    outcomes = [walks.outcome(walk, "smoother", 1.0), walks.outcome(walk, "iez", 3.0)]
+    terminal.console().print(terminal.result_table([summarize(walk, outcome) for outcome in outcomes]))
     return capsys.readouterr().out
 
 
-def test_table_has_a_column_for_each_method(session: Walk, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = printed(session, capsys).splitlines()
+def test_table_has_a_column_for_each_method(walk: Walk, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = printed(walk, capsys).splitlines()
     assert lines[0].split() == ["smoother", "iez"]
     row = next(line for line in lines if line.startswith("rmse 2-D (m)")).split()
     smoother, iez = float(row[-2]), float(row[-1])
     assert 0 < smoother < iez
 
 
-def test_table_leaves_out_what_no_method_knows(session: Walk, capsys: pytest.CaptureFixture[str]) -> None:
-    out = printed(walks.without_truth(session), capsys)
+def test_table_leaves_out_what_no_method_knows(walk: Walk, capsys: pytest.CaptureFixture[str]) -> None:
+    out = printed(walks.without_truth(walk), capsys)
     assert "rmse" not in out
     assert "start to end (m)" in out
 

@@ -63,22 +63,22 @@ def walk(seed: int = 1) -> Walk:
     return Walk(simulated.recording, true_stances(simulated), simulated.recording.truth, Options())
 
 
-def outcome(session: Walk, method: str = "smoother", drift_deg: float = 2.0) -> Outcome:
-    solution = drifting(session.recording, session.stances, method, drift_deg)
-    if session.truth is None:
+def outcome(walk: Walk, method: str = "smoother", drift_deg: float = 2.0) -> Outcome:
+    solution = drifting(walk.recording, walk.stances, method, drift_deg)
+    if walk.truth is None:
         return Outcome(solution, evaluate(solution), None)
-    return Outcome(solution, evaluate(solution, session.truth), compare(solution, session.truth))
+    return Outcome(solution, evaluate(solution, walk.truth), compare(solution, walk.truth))
 
 
-def with_footprints(session: Walk) -> Walk:
+def with_footprints(walk: Walk) -> Walk:
     """Return the same walk, of which only every third footprint is known, in a frame of its own."""
-    truth = session.recording.truth
+    truth = walk.recording.truth
     assert isinstance(truth, TrajectoryTruth)
-    sample = (session.stances.start + session.stances.stop) // 2
+    sample = (walk.stances.start + walk.stances.stop) // 2
     stride = np.arange(0, len(sample), 3)
     xy = truth.position[sample[stride], :2] @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + [5.0, 2.0]
-    return replace(session, truth=FootprintTruth(stride, xy, len(sample) - 1))
+    return replace(walk, truth=FootprintTruth(stride, xy, len(sample) - 1))
 
 
-def without_truth(session: Walk) -> Walk:
-    return replace(session, truth=None)
+def without_truth(walk: Walk) -> Walk:
+    return replace(walk, truth=None)

@@ -220,8 +220,8 @@ def test_a_loop_with_the_same_shoe_takes_the_iron_off():
     sensor = walk.drawn["sensor"]
     hard, soft = np.array(sensor["hard_iron_uT"]), np.array(sensor["soft_iron"])
     calibration = simulate_calibration("demo", 101).magnetometer
-    session = Simulated("demo", "smooth", 101).session("loop")
-    body_up = session.field.nav_R_body[:, 2].mean(axis=0)
+    prepared = Simulated("demo", "smooth", 101).prepare("loop")
+    body_up = prepared.field.nav_R_body[:, 2].mean(axis=0)
     body_up /= np.linalg.norm(body_up)
     level = np.eye(3) - np.outer(body_up, body_up)
     added = hard + (soft - np.eye(3)) @ (-43.14 * body_up)
@@ -246,15 +246,15 @@ def test_real_walks_have_the_best_yaw_or_their_closure(tmp_path, capsys, monkeyp
 def test_errors_at_landmarks_are_those_of_the_path_there():
     """Landmarks where footfalls truly are: their errors are those of the footfalls, in both alignments."""
     whole = Simulated("demo", "smooth", 101)
-    session = whole.session("perfect")
-    outcome = solve_by("iez", replace(session, truth=None))
+    walk = whole.prepare("perfect")
+    outcome = solve_by("iez", replace(walk, truth=None))
     stood = outcome.solution.stances.sample[5:40:7]
 
     class Marked(Simulated):
         landmark = tuple("ABCAB")
-        passed = session.truth.t[stood], session.truth.position[stood]
+        passed = walk.truth.t[stood], walk.truth.position[stood]
 
-    found = evaluate_outcome(Result(KEY, SETTINGS, "code"), Marked("demo", "smooth", 101), session, outcome)
+    found = evaluate_outcome(Result(KEY, SETTINGS, "code"), Marked("demo", "smooth", 101), walk, outcome)
     assert found.landmark == tuple("ABCAB")
     for mode in (AS_STARTED, BEST_YAW):
         np.testing.assert_allclose(found.landmark_m[mode], script.track_of(found, mode).error_m[5:40:7], atol=0.02)
@@ -270,8 +270,8 @@ def test_a_mixture_has_the_steps_of_both_and_a_field_between_them():
 
 
 def test_a_preset_goes_with_the_method():
-    session = replace(Simulated("demo", "smooth", 101).session("raw"), truth=None)
-    tuned, printed = (solve_by(name, session).solution for name in ("iez", "iez:as-printed"))
+    walk = replace(Simulated("demo", "smooth", 101).prepare("raw"), truth=None)
+    tuned, printed = (solve_by(name, walk).solution for name in ("iez", "iez:as-printed"))
     assert tuned.parameters != printed.parameters
     assert execute.parameters_of("iez") != execute.parameters_of("iez:as-printed")
     with pytest.raises(EstimationError, match="no preset 'magic'"):

@@ -134,23 +134,23 @@ def _possible(magnetometers: Sequence[str], best: str) -> list[str]:
 def execute_task(task: Task, code: str, bugs: bool = False) -> Iterator[Result]:
     """Make all results of a walk; with `bugs` an unexpected error too is a result that failed."""
     for magnetometer, methods in task.missing.items():
-        session: Walk | str
+        walk: Walk | str
         try:
-            session = task.source.session(magnetometer)
+            walk = task.source.prepare(magnetometer)
         except Exception as error:
-            session = _reason(error, bugs)
+            walk = _reason(error, bugs)
         for method, settings in methods.items():
             blank = Result(Key(task.group, task.field, task.walk, magnetometer, method), settings, code)
-            yield _execute(blank, task.source, session, bugs)
+            yield _execute(blank, task.source, walk, bugs)
 
 
-def _execute(blank: Result, source: Source, session: Walk | str, bugs: bool) -> Result:
-    if isinstance(session, str):
-        return replace(blank, failed=session)
+def _execute(blank: Result, source: Source, walk: Walk | str, bugs: bool) -> Result:
+    if isinstance(walk, str):
+        return replace(blank, failed=walk)
     try:
         # Without the truth: positions are compared below, at the footfalls, and here it only costs time.
-        outcome = solve_by(blank.key.method, replace(session, truth=None))
-        return evaluate_outcome(blank, source, session, outcome)
+        outcome = solve_by(blank.key.method, replace(walk, truth=None))
+        return evaluate_outcome(blank, source, walk, outcome)
     except Exception as error:
         return replace(blank, failed=_reason(error, bugs))
 
@@ -213,16 +213,16 @@ def describe_error(error: object) -> str:
     return f"{type(error).__name__}: {first}" if first else type(error).__name__
 
 
-def evaluate_outcome(blank: Result, source: Source, session: Walk, outcome: Outcome) -> Result:
+def evaluate_outcome(blank: Result, source: Source, walk: Walk, outcome: Outcome) -> Result:
     """Compute all figures of one method on one walk, in each alignment."""
-    solution, truth = outcome.solution, session.truth
+    solution, truth = outcome.solution, walk.truth
     done = replace(
         blank,
         used=encode_flags([outcome.field_used and word == QUASI_STATIC for word in solution.stances.field]),
         samples=len(solution.t),
         runtime_s=solution.runtime_s,
         parameters=solution.parameters,
-        notes=(*session.notes, *solution.notes),
+        notes=(*walk.notes, *solution.notes),
     )
     place = solution.stances.position
     if truth is None:

@@ -83,8 +83,8 @@ def _change(word: str) -> tuple[str, Scalar]:
         return name, text
 
 
-def solve_by(word: str, session: Walk) -> Outcome:
+def solve_by(word: str, walk: Walk) -> Outcome:
     """Run a method by its word; raises as `fg_nav.navigate.run_method`."""
     method = method_of(word)
-    options = replace(session.options, preset=method.preset, changes=method.changes)
-    return run_method(replace(session, options=options), method.name)
+    options = replace(walk.options, preset=method.preset, changes=method.changes)
+    return run_method(replace(walk, options=options), method.name)

@@ -93,7 +93,7 @@ class Simulated:
     seed: int
     own: UserScenario | None = None
 
-    def session(self, magnetometer: str) -> Walk:
+    def prepare(self, magnetometer: str) -> Walk:
         """Input of all methods; raises `CalibrationError` if the loop does not calibrate."""
         walk = self._perfect if magnetometer == PERFECT else self._with_iron
         truth = walk.recording.truth
@@ -102,8 +102,8 @@ class Simulated:
         heading_deg = float(np.rad2deg(compute_heading(truth.nav_R_body[0])))
         calibration = simulate_calibration(self._scenario, self.seed) if magnetometer == LOOP else None
         options = Options(use_magnetometer=magnetometer != NONE, heading_deg=heading_deg)
-        session = prepare_walk(Walk.of(walk.recording, options, calibration))
-        return calibrate_on_itself(session) if magnetometer == WALK else session
+        prepared = prepare_walk(Walk.of(walk.recording, options, calibration))
+        return calibrate_on_itself(prepared) if magnetometer == WALK else prepared
 
     @property
     def landmark(self) -> tuple[str, ...]:
@@ -155,15 +155,15 @@ def simulate_calibration(name: str | Scenario, seed: int) -> Calibration:
     return Calibration(magnetometer=magnetometer)
 
 
-def calibrate_on_itself(session: Walk) -> Walk:
-    """Calibrate a session by its own walk; unchanged if that is not enough, or there is no field."""
-    if session.field is None:
-        return session
+def calibrate_on_itself(walk: Walk) -> Walk:
+    """Calibrate a walk by itself; unchanged if that is not enough, or there is no field."""
+    if walk.field is None:
+        return walk
     try:
-        calibration = Calibration(magnetometer=calibrate_on_walk(session.field))
+        calibration = Calibration(magnetometer=calibrate_on_walk(walk.field))
     except CalibrationError:
-        return session
-    return prepare_walk(Walk.of(replace(session.recording, truth=session.truth), session.options, calibration))
+        return walk
+    return prepare_walk(Walk.of(replace(walk.recording, truth=walk.truth), walk.options, calibration))
 
 
 @dataclass(frozen=True)
@@ -187,11 +187,11 @@ class Recorded:
     landmark: tuple[str, ...] = ()
     passed: tuple[Floats, Floats] = field(default_factory=lambda: (np.zeros(0), np.zeros((0, 3))))
 
-    def session(self, magnetometer: str) -> Walk:
+    def prepare(self, magnetometer: str) -> Walk:
         """Input of all methods: the heading at the start is not known."""
         calibration = self.reading.calibration if magnetometer == LOOP else None
-        session = prepare_walk(Walk.of(self._recording, Options(use_magnetometer=magnetometer != NONE), calibration))
-        return calibrate_on_itself(session) if magnetometer == WALK else session
+        walk = prepare_walk(Walk.of(self._recording, Options(use_magnetometer=magnetometer != NONE), calibration))
+        return calibrate_on_itself(walk) if magnetometer == WALK else walk
 
     @cached_property
     def _recording(self) -> Recording:

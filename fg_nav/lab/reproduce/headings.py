@@ -36,9 +36,9 @@ def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
         `t` (F,) s, `compass`, `gyroscope`, `estimate` (F,) rad clockwise from north, `used` (F,) where the filter
         used the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
     """
-    session = Simulated(scenario, field, seed).session(LOOP)
-    seen, stances = session.require_field(), solve_by(method, session).solution.stances
-    recording, truth = session.recording, session.truth
+    walk = Simulated(scenario, field, seed).prepare(LOOP)
+    seen, stances = walk.require_field(), solve_by(method, walk).solution.stances
+    recording, truth = walk.recording, walk.truth
     assert recording.mag is not None
     assert isinstance(truth, TrajectoryTruth)
     known = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))

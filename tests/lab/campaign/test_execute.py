@@ -60,14 +60,14 @@ def test_each_seed_of_a_plan_is_a_walk_of_its_own():
     """Not the same one again: neither its recording nor what a method makes of it."""
     keys = [Key("demo", "smooth", seed, RAW, "iez") for seed in ("101", "102", "103")]
     tasks = tasks_of(keys, {key: {} for key in keys})
-    recordings = [one.source.session(RAW).recording for one in tasks]
+    recordings = [one.source.prepare(RAW).recording for one in tasks]
     assert len({recording.gyr.tobytes() for recording in recordings}) == 3
     for one, recording in zip(tasks, recordings, strict=True):
         np.testing.assert_array_equal(recording.gyr, simulate("demo", int(one.walk)).recording.gyr)
     results = [run_task(one).results[0] for one in tasks]
     assert len({one.errors["origin"].end_m for one in results}) == 3
     assert len({str(one.truth) for one in results}) == 3
-    loops = [Simulated("demo", "smooth", seed).session(LOOP).field.level_field for seed in (101, 102)]
+    loops = [Simulated("demo", "smooth", seed).prepare(LOOP).field.level_field for seed in (101, 102)]
     assert not np.array_equal(loops[0][:5], loops[1][:5])
 
 
@@ -93,10 +93,10 @@ def test_a_file_that_cannot_be_read_is_told_in_the_same_words_here_and_there(tmp
 def test_a_method_that_fails_or_has_a_bug_does_not_take_the_others_with_it(monkeypatch, counted, error):
     was = execute.solve_by
 
-    def solve_by(method, session):
+    def solve_by(method, walk):
         if method == "iez":
             raise error
-        return was(method, session)
+        return was(method, walk)
 
     monkeypatch.setattr(execute, "solve_by", solve_by)
     bug = isinstance(error, ZeroDivisionError)

@@ -13,8 +13,8 @@ from fg_nav.lab.store.results import Key
 
 
 @pytest.fixture(scope="module")
-def session():
-    return replace(Simulated("demo", "smooth", 101).session("raw"), truth=None)
+def walk():
+    return replace(Simulated("demo", "smooth", 101).prepare("raw"), truth=None)
 
 
 @pytest.mark.parametrize("word", ["iez", "iez:physical", "smoother,magnetic.gate=ma2018,magnetic.rounds=3,gravity=9.8"])
@@ -28,14 +28,12 @@ def test_every_method_tells_what_it_begins_with():
         find_parameters("magic")
 
 
-def test_parameters_reach_filter_and_smoother(session):
-    plain, other = (
-        solve_by(word, session).solution for word in ("ma2018", "ma2018,inertial.zero_velocity_density=0.5")
-    )
+def test_parameters_reach_filter_and_smoother(walk):
+    plain, other = (solve_by(word, walk).solution for word in ("ma2018", "ma2018,inertial.zero_velocity_density=0.5"))
     assert plain.parameters["inertial"]["zero_velocity_density"] != 0.5
     assert other.parameters["inertial"]["zero_velocity_density"] == 0.5
     assert abs(other.stances.position - plain.stances.position).max() > 1e-3
-    smoothed = solve_by("inertial,roll_sigma_m=0.5", session).solution
+    smoothed = solve_by("inertial,roll_sigma_m=0.5", walk).solution
     assert (smoothed.method, smoothed.parameters["roll_sigma_m"]) == ("inertial", 0.5)
 
 

@@ -70,8 +70,8 @@ def test_a_scenario_that_changed_makes_other_results(folder, was, becomes):
 
 def test_without_a_magnetometer_there_is_no_field():
     walk = Simulated("demo", "smooth", 101)
-    assert walk.session(RAW).field is not None
-    assert walk.session(NONE).field is None
+    assert walk.prepare(RAW).field is not None
+    assert walk.prepare(NONE).field is None
 
 
 def test_recordings_are_read_as_told_and_a_calibration_is_their_loop(folder):

@@ -245,7 +245,7 @@ def noise(seed: int, rest_s: float) -> Arrays:
     walk = Simulated(WALK, "homogeneous", seed)
     for name, magnetometer in ((WALKED, LOOP), (IRON_ON, RAW)):
         try:
-            recording = walk.session(magnetometer).recording
+            recording = walk.prepare(magnetometer).recording
         except CalibrationError:
             found[name] = np.full(3, np.inf)
             continue
