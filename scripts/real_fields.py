@@ -13,21 +13,18 @@ Worth of an accepted stance, pooled over the walks:
 accepted        stances that a detector passes, all walks together
 rms: all        of the difference about the middle of its walk, of all stances with a field
 accepted        the same of the accepted
-p               share of random choices whose rms is no larger: as many stances of each walk
-p shifted       the same of the pattern of verdicts shifted along its walk: runs of neighbours stay together
 shuffled        how many are accepted, and their rms, where the footfalls of each walk come in random order. Chance
                 neighbours that agree are nearer to the middle than one alone (four of them twice as near): a detector
                 that only sees chance does as well here
 change          of the difference since the stance before, rms, of all and of the accepted
 =============== ====================================================================================================
 
-AIEZ tests the difference itself: what it accepts is near to the middle because that is what it asks for, and neither
-its rms nor its p say anything about the field.
+AIEZ tests the difference itself: what it accepts is near to the middle because that is what it asks for:
+its rms says nothing about the field.
 
 Calibration (`fg_nav.calibration.walk`), circular sd of the difference: as it is; calibrated on the walk itself; as is
 about a line in time (the inertial heading drifts), and so about a line with each eighth of the walk calibrated on the
-others ("other parts"); calibrated on the other walks of the same sensor, their hard irons averaged by their covariances
-("other walks": not all are mounted alike). Level iron: what it adds to the field over the ground, uT forward and left,
+others ("other parts"). Level iron: what it adds to the field over the ground, uT forward and left,
 its standard deviation per axis, and by how many degrees (rms) it alone would spread the compass. A walk on which it
 refuses is calibrated all the same here, and said to be refused. "Found" asks for a gain on the other parts: the
 median of those found flatters, and that of all walks does not.
@@ -68,9 +65,6 @@ OPENSHOE = ("openshoe 1", "openshoe 7", "openshoe 13")
 ANYWAY = WalkCalibrationParameters(must_gain=False, largest_sigma_uT=float("inf"))
 """Calibrates on any walk."""
 
-SHUFFLE_SHARE = 40
-"""Shuffling costs a run of the detector: so many times fewer than random choices."""
-
 
 @dataclass(frozen=True)
 class FieldWalk:
@@ -79,11 +73,6 @@ class FieldWalk:
     name: str
     field: FootfallField
     verdicts: Mapping[str, FieldVerdicts]
-
-    @property
-    def sensor(self) -> str:
-        """Which sensor it was."""
-        return self.name.split()[0]
 
     @cached_property
     def difference(self) -> Floats:
@@ -99,22 +88,22 @@ class FieldWalk:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    draws = harness.option(2000, "random choices to compare with", metavar="N")
+    draws = harness.option(50, "random orders to compare with", metavar="N")
     chosen = harness.parse_arguments(__doc__, arguments, data=None, draws=draws, walks=None)
-    found = real_fields(walks.data_folder(chosen.data), chosen.walks)
+    found = read_fields(walks.data_folder(chosen.data), chosen.walks)
     print_coverage(found)
     print_worth(found, chosen.draws)
     print_calibrations(found)
 
 
-def real_fields(data: Path, names: Sequence[str] | None = None) -> list[FieldWalk]:
+def read_fields(data: Path, names: Sequence[str] | None = None) -> list[FieldWalk]:
     """Load the walks, all or those named."""
     numbers = [n for n in walks.GDIN_WALKS if names is None or f"gdin {n}" in names]
     some = [name for name in OPENSHOE if names is None or name in names]
-    return [_judged(walk) for walk in (*walks.read_gdin(data, numbers), *walks.read_loops(data, some))]
+    return [_judge(walk) for walk in (*walks.read_gdin(data, numbers), *walks.read_loops(data, some))]
 
 
-def _judged(walk: walks.Walk) -> FieldWalk:
+def _judge(walk: walks.Walk) -> FieldWalk:
     path = walk.recording.provenance.path
     assert path is not None
     recording = read(path)
@@ -142,35 +131,34 @@ def _shares(verdicts: Sequence[FieldVerdicts]) -> str:
 def print_worth(found: Sequence[FieldWalk], draws: int) -> None:
     """What an accepted stance is worth against the inertial heading."""
     harness.print_heading("Worth of an accepted stance, deg")
-    some = ("accepted", "rms: all", "accepted", "p", "p shifted")
-    header = ("detector", *some, "shuffled: accepted", "rms", "change: all", "accepted")
-    harness.print_table(header, [worth(found, name, draws) for name in DETECTORS])
+    header = ("detector", "accepted", "rms: all", "accepted", "shuffled: accepted", "rms", "change: all", "accepted")
+    harness.print_table(header, [measure_worth(found, name, draws) for name in DETECTORS])
 
 
-def worth(found: Sequence[FieldWalk], name: str, draws: int) -> list[str]:
+def measure_worth(found: Sequence[FieldWalk], name: str, draws: int) -> list[str]:
     """Figures of one detector, pooled over the walks."""
     rng = np.random.default_rng(0)
     passed = [walk.verdicts[name].quasi_static for walk in found]
     difference, change = [w.difference for w in found], [w.change for w in found]
     every = [np.isfinite(d) for d in difference]
-    chance = chances(difference, passed, draws, rng) if np.concatenate(passed).any() else (np.nan, np.nan)
-    count, rms = shuffled(found, name, max(1, draws // SHUFFLE_SHARE), rng)
+    count, rms = shuffle_footfalls(found, name, draws, rng)
     return [
         name,
         f"{sum(p.sum() for p in passed)}",
-        *(_told(_rms_deg(difference, of), 1) for of in (every, passed)),
-        *(_told(share, 3) for share in chance),
+        *(_degrees(_rms_deg(difference, of)) for of in (every, passed)),
         f"{count:.1f}",
-        _told(rms, 1),
-        *(_told(_rms_deg(change, of), 1) for of in (every, passed)),
+        _degrees(rms),
+        *(_degrees(_rms_deg(change, of)) for of in (every, passed)),
     ]
 
 
-def _told(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+def _degrees(value: float) -> str:
+    return f"{value:.1f}" if np.isfinite(value) else "-"
 
 
-def shuffled(found: Sequence[FieldWalk], name: str, times: int, rng: np.random.Generator) -> tuple[float, float]:
+def shuffle_footfalls(
+    found: Sequence[FieldWalk], name: str, times: int, rng: np.random.Generator
+) -> tuple[float, float]:
     """Accepted stances and their rms, deg, where the footfalls of each walk come in random order; means over times."""
     passed, difference = [], []
     for walk in (walk for _ in range(times) for walk in found):
@@ -180,20 +168,6 @@ def shuffled(found: Sequence[FieldWalk], name: str, times: int, rng: np.random.G
         passed.append(judge_field(replace(walk.field, **mixed), name).quasi_static)
         difference.append(walk.difference[order])
     return sum(p.sum() for p in passed) / times, _rms_deg(difference, passed)
-
-
-def chances(
-    difference: Sequence[Floats], passed: Sequence[Bools], draws: int, rng: np.random.Generator
-) -> tuple[float, float]:
-    """Share of random choices, and of shifted ones, whose rms is no larger than that of those passed."""
-    known = [np.isfinite(d) for d in difference]
-    values = [d[k] for d, k in zip(difference, known, strict=True)]
-    marks = [p[k] for p, k in zip(passed, known, strict=True)]
-    actual = _rms_deg(values, marks)
-    chosen = [[rng.permutation(m) for m in marks] for _ in range(draws)]
-    shifted = [[np.roll(m, int(rng.integers(len(m)))) for m in marks] for _ in range(draws)]
-    some, along = (np.mean([_rms_deg(values, of) <= actual + 1e-9 for of in way]) for way in (chosen, shifted))
-    return float(some), float(along)
 
 
 def _rms_deg(values: Sequence[Floats], chosen: Sequence[Bools]) -> float:
@@ -214,7 +188,7 @@ class Calibrated:
     parts: Spread
 
 
-def calibrated(walk: FieldWalk) -> Calibrated:
+def calibrate(walk: FieldWalk) -> Calibrated:
     """Calibrate on the walk, refused or not."""
     refused = ""
     try:
@@ -230,22 +204,20 @@ def calibrated(walk: FieldWalk) -> Calibrated:
 
 def print_calibrations(found: Sequence[FieldWalk]) -> None:
     """Spread of compass minus inertial heading, before and after."""
-    every = {walk.name: calibrated(walk) for walk in found}
+    every = {walk.name: calibrate(walk) for walk in found}
     harness.print_heading(
         "Circular sd of compass minus inertial heading, deg, before and after a calibration from walks"
     )
     rows, figures = [], []
     for walk in found:
         c = every[walk.name]
-        others = [every[w.name].calibration for w in found if w.sensor == walk.sensor and w.name != walk.name]
-        elsewhere = circular_sd_deg(_by_others(walk.field, others).heading_difference)
-        figures.append((c.before, c.itself, c.parts.before_deg, c.parts.after_deg, elsewhere))
+        figures.append((c.before, c.itself, c.parts.before_deg, c.parts.after_deg))
         rows.append([walk.name, *(f"{x:.1f}" for x in figures[-1]), *_level_iron(walk, c)])
     taken = [not every[walk.name].refused for walk in found]
     rows.append(_middle("median", figures, [True] * len(found)))
     if any(taken):
         rows.append(_middle("median of those found", figures, taken))
-    spreads = ("as it is", "on itself", "less a line", "other parts", "other walks")
+    spreads = ("as it is", "on itself", "less a line", "other parts")
     harness.print_table(("walk", *spreads, "level iron", "sigma", "iron alone", "verdict"), rows)
     for name, c in every.items():
         if c.refused:
@@ -264,16 +236,6 @@ def _level_iron(walk: FieldWalk, c: Calibrated) -> tuple[str, str, str, str]:
     alone = np.degrees(np.linalg.norm(offset) / strength / np.sqrt(2))
     verdict = "refused" if c.refused else "found"
     return f"{offset[0]:+.1f} {offset[1]:+.1f}", f"{sigma:.1f}", f"{alone:.0f}", verdict
-
-
-def _by_others(field: FootfallField, others: Sequence[MagnetometerCalibration]) -> FootfallField:
-    """Correct by the hard irons of other walks, averaged by their covariances; as it is if there are none."""
-    if not others:
-        return field
-    weights = [np.linalg.inv(c.covariance[:3, :3]) for c in others]
-    pulled = sum(w @ c.hard_iron_uT for w, c in zip(weights, others, strict=True))
-    hard = np.linalg.solve(np.sum(weights, axis=0), pulled)
-    return replace(field, body_field=field.body_field - hard)
 
 
 if __name__ == "__main__":
