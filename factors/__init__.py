@@ -2,9 +2,10 @@
 
 Vocabulary
 ----------
-Pose keys hold `nav_T_body` (gtsam.Pose3), velocity keys hold nav_v (3-vector, m/s), field keys hold a magnetic field
-(3-vector, uT). Tangent-space order of a pose is rotation first, then translation, both in the body frame (gtsam's
-convention). A residual is what the variables say minus what was measured. SI units, and uT.
+Pose keys hold `nav_T_body` (gtsam.Pose3), velocity keys hold nav_v (3-vector, m/s), field keys hold the state of the
+magnetic field at a footfall (8-vector, `magnetic_field`). Tangent-space order of a pose is rotation first, then
+translation, both in the body frame (gtsam's convention). A residual is what the variables predict minus what was
+measured. SI units, and uT.
 
 Where gtsam has a factor in C++, that one is built; where it has not, there is the residual with its Jacobians as a
 frozen dataclass of what was measured, for one instant or many (`residual`): `factor_of` makes a factor of one,

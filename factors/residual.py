@@ -1,12 +1,14 @@
 """One residual, two ways into a graph: one factor of gtsam, or many residuals linearized together in numpy.
 
-A residual is a frozen dataclass of what was measured, for one instant or, with a leading axis of length K in all its
-arrays, for K of them. `evaluate` is the only place where its formula and its derivatives stand:
+A residual is a frozen dataclass of what was measured: at one instant, or at K instants, and then all its arrays have
+a leading axis of length K. It has r rows and joins variables x_i, each of d_i dimensions. `evaluate` is the only place
+where its formula and its derivatives stand:
 
-    e (..., r)  in units of its sigma,     H_i = de/dx_i (..., r, d_i)  in gtsam's tangent space of the variable x_i.
+    e (..., r)  divided by its sigma,     H_i = de/dx_i (..., r, d_i)  in gtsam's tangent space of x_i.
 
-iSAM2 takes one `factor_of` each, of unit noise. A batch solver takes a `ResidualBlock`: there are thousands of a kind
-in a walk, and a call from C++ into Python for each costs more than all of them together in numpy.
+iSAM2 takes one `factor_of` for each instant; its noise model is the unit one, as e is divided by its sigma already. A
+batch solver takes a `ResidualBlock`: a walk has thousands of residuals of a kind, a callback from C++ into Python takes
+about 30 us, and numpy evaluates a whole block at once.
 
 This is the one place that touches gtsam.CustomFactor. A custom factor whose error has the wrong shape, or that leaves a
 Jacobian unassigned, kills the interpreter; NaN, a wrong column count or float32 pass silently and spoil the solution.
@@ -77,9 +79,9 @@ def _check(name: str, what: str, array: object, shape: tuple[int, ...]) -> None:
 
 
 POSE = 6
-"""Tangent-space dimension by which a pose is known: its variable is the matrix (..., 4, 4) of nav_T_body.
+"""A variable of this tangent-space dimension is a pose, passed as its matrix (..., 4, 4) of nav_T_body.
 
-All other variables are vectors (..., d).
+All others are vectors (..., d), so a gtsam.imuBias.ConstantBias cannot be one.
 """
 
 

@@ -5,22 +5,23 @@ the point about which the foot rolls (body frame, from that point to the sensor)
 
     nav_v = R u + settling - s S up,     u = w x l,     R = nav_R_body,
 
-w the angular rate, bias taken off. All soles of a walk are the same: where they give way by more than was expected,
-they do so in every stance. So that excess is a variable S (m), of which a sole sinks by s = `sinks_per_m` (1/s, one
-over the time in which it settles). With D = diag(1/sigma) on nav's axes the residual is, in the body's axes,
+w the angular rate, bias taken off. What a sole is compressed beyond the expected settling is common to all stances of a
+walk, so it is one slowly varying variable S (m); the sensor sinks at s S (m/s), s = `sinks_per_m` = 1 / settling time.
+With D = diag(1/sigma) on nav's axes the residual is, in the body's axes,
 
     e = R^T D (nav_v - R u - settling + s S up),
-    de/dpose = [R^T D R [u]x + [e]x, 0],     de/dv = R^T D,     de/dS = s R^T D up.
+    de/dpose = [R^T D R [u]x + [e]x, 0],     de/dv = R^T D,     de/dS = s R^T D up,
 
-Turned into the body's axes its square stays as it is. In navigation axes a residual turns with the heading, and
-Gauss-Newton, which has no second derivative to set against that, takes it for a measurement of the heading: each stance
-would add one over a radian squared.
+the columns of the pose being rotation, then translation, both in the body frame. Rotating the residual leaves its norm
+unchanged. In navigation axes it would rotate with the heading; Gauss-Newton drops the second derivative that cancels
+this, and gains spurious information on the heading, 1 rad^-2 per stance.
 
-With l = 0 and no settling this is the plain zero-velocity update (ZUPT).
+With l = 0 and no settling this is the plain zero-velocity update (ZUPT). Used by `fg_nav.smoother.strides`: in batch by
+`velocity_block`, online by `stride_graph`.
 
-Zero rate (ZARU). Over a rest the mean rate w of the gyroscope is its bias, and gtsam's own prior does: scale factors
-do nothing to a sensor that does not turn. A rest that is part of a stance is none (Skog et al. 2010, on zero angular
-rate): a foot that leans by half a degree in half a second shows its bias to 1 deg/s.
+Zero rate (ZARU). Over a rest the mean rate of the gyroscope is its bias, since scale factors do not act on a sensor
+that does not turn; gtsam's prior on a bias is that factor. A still part of a stride's stance is not a rest (Skog et al.
+2010, on zero angular rate): a foot that leans by half a degree in half a second shows its bias to 1 deg/s.
 """
 
 from collections.abc import Sequence

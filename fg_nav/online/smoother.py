@@ -1,13 +1,14 @@
 """The online smoother: footfalls in, the estimate of each out.
 
-    samples and footfall -> nodes, inertial measurements, factors (`strides`): the batch's own functions
+    samples and footfall -> nodes, inertial measurements, factors (`online.strides`, which wraps `smoother.strides`)
     field on the stride  -> its factors (`field`)
     factors              -> the graph of the whole walk (`isam2`), or of its last minutes (`fixed_lag`)
     solution             -> where the foot is now, and the estimates of all footfalls so far
 
-At a few early footfalls (`resolve.RESOLVE_AT`) the walk so far is solved again in batch, with lever, swing noise and
-roughness of the field estimated on it; from the last of these on they are held. So the minimum is near the batch's, not
-on it: `OnlineNavigator.finish` solves the whole walk in batch.
+At a few early footfalls (`resolve.RESOLVE_AT`) the walk so far is solved again in batch, with lever, swing noise, gyro
+bias and roughness of the field estimated on it. After the last re-solve lever, swing noise and the gyro bias to
+linearize at stay fixed, so the optimum differs slightly from the batch's: `OnlineNavigator.finish` solves the whole
+walk in batch. The roughness of the field is measured again every `field.ROUGH_EVERY` footfalls.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class OnlineOptions:
 
 
 class OnlineSmoother:
-    """A walk in progress. The same calls give the same answers to the last bit: to resume, repeat them.
+    """A walk in progress. The same calls give the same answers to the bit: a walk is resumed by replaying its calls.
 
     Parameters
     ----------
@@ -107,8 +108,8 @@ class OnlineSmoother:
         Raises
         ------
         EstimationError
-            With samples or footfalls out of order or not finite, or if the first footfall has no up. Never for what
-            the walk is like.
+            With samples or footfalls out of order or not finite, or if the first footfall has no up. Valid input
+            never raises, however the person moved.
         """
         self._walk.add(footfall, until)
         # At some early footfalls the walk so far is solved again in batch; else the newest stride extends the graph.
@@ -236,10 +237,10 @@ class OnlineSmoother:
             if self._walk.n_steps >= self._schedule[-1] or not self._solve_again():
                 self._recover()
         else:
-            self._rests = rests  # what an update that failed has counted is not in the graph
+            self._rests = rests  # the old ledger is kept if the update failed: its rests are not in the graph
 
     def _extend(self) -> RestLedger:
-        """Add the newest stride to the graph: its motion, then its field; the rests that are in the graph then."""
+        """Add the newest stride to the graph, first its motion, then its field; return the ledger with its rests."""
         assert self._batch is not None
         known, p = self._batch.known, self._batch.parameters
         before = self._places[-1]
@@ -253,7 +254,7 @@ class OnlineSmoother:
         values = initialize_stride(window, graph, linearized, bias, p)
         self._places.append(window.place)
         self._backend.add(graph, values, self._places, more=self._batch.field is not None)
-        # The field along the stride is seen from there.
+        # The field is compared along the path of the stride in that solution.
         self._verdicts.append(self._add_field(window))
         return ledger
 

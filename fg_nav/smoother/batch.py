@@ -1,10 +1,12 @@
 """The smoother: a whole walk at once.
 
-problem       rests, lever, swing noise; nodes, factors and initial values (`problem`)
-solve         Gauss-Newton (`solver`)
-fixes         known positions, laid on that first solution (`constraints`)
-constraints   straight stretches and floors, found on it, where they are asked for
-field         the magnetic field, in rounds (`field`)
+problem       rests, lever, swing noise; nodes, factors and initial values (`problem.walk_problem`, which calls
+              `graph.build_problem`)
+solve         Gauss-Newton: the first solution (`solver`)
+fixes         known positions, added to the first solution (`constraints`)
+constraints   straight stretches and floors, found on the first solution, where they are asked for
+solve again   where there are fixes or constraints
+field         the magnetic field, in rounds, each of which solves again (`field`)
 solution      marginals -> sigmas (`solver`); nodes -> dense trajectory (`dense`)
 """
 
@@ -82,12 +84,13 @@ def _smooth(
     fixes: Sequence[Fix],
 ) -> Solution:
     began = perf_counter()
-    # The walk as its inertial sensor and its stances show it; near its minimum is enough to look at the field along it.
+    # The walk by its inertial sensor and its stances. A loosely converged solution suffices where the field is used,
+    # because the field step solves again.
     problem = walk_problem(recording, stances, heading, parameters, progress)
     obstacle = find_obstacle(field, parameters.magnetic)
     near_enough = CONVERGENCE if obstacle else FIRST_CONVERGENCE
     solved = solve(problem, near_enough)
-    # Fixes and constraints between footfalls are laid on that first solution.
+    # Fixes and constraints between footfalls need the first solution to be placed.
     inertial = problem
     if fixes:
         problem = add_fixes(problem, solved.values, fixes)

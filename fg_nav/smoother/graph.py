@@ -1,5 +1,7 @@
 """From nodes and strides to the problem that is solved: factors, initial values, and the prior on the start.
 
+`problem.walk_problem` calls `build_problem` for a whole walk, the evidence of the swing noise for pieces of it.
+
 The initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set
 to zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt
 is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better.

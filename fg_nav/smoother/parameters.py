@@ -40,7 +40,7 @@ class FieldParameters:
 
 @dataclass(frozen=True)
 class WalkParameters:
-    """Ties between footfalls (`walk_ties`), and what is needed to use fixes (`walk_fixes`)."""
+    """Constraints between footfalls (`constraints`)."""
 
     straight: bool = False
     """People mostly walk straight on. Off: a corridor that bends by less than a degree over ten strides is taken to
@@ -76,7 +76,7 @@ class SmootherParameters:
     """By how much the sole gives way under the load of a stance, m, with as large a sigma: a shoe is soft."""
     settling_sigma_m: float = 0.0015
     """By how much all stances of a walk may do so more, or less, m: on motion-captured walks shoe, gait and mounting
-    together are worth 3 to 5 mm of height a stride, one sigma; 1.5 mm in `settling_time_s` make 5."""
+    together are worth 3 to 5 mm of height a stride, one sigma; 1.5 mm in `SETTLING_TIME_S` make 5."""
     known_lever: tuple[float, float, float] | None = None
     """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
 

@@ -1,7 +1,13 @@
-"""The recipe from a walk to the problem that is solved, the same for the batch, online and the noise evidence.
+"""What a recording shows of sensor and mounting, and with it the problem that is solved.
 
-start -> rests; rests -> gyro bias and its sigma; stances -> lever of the rolling foot; evidence -> noise of a swing;
-all of it -> nodes, factors and initial values (`graph`).
+    find_start           -> start in the first stance, rests
+    rests                -> gyro bias and its sigma
+    estimate_lever       -> lever of the rolling foot
+    choose_swing_noise   -> noise of a swing, by the evidence below
+    graph.build_problem  -> nodes, factors and initial values
+
+`walk_problem` is all five steps: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
+walk adds `strides.stride_graph`. The evidence calls the last step alone, on pieces of the walk.
 
 `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
 for scale, misalignment, coning between samples, a mount that gives, a range that is too small; it differs tenfold from
@@ -204,7 +210,8 @@ def walk_problem(
     heading : float or None
         Of the body's x axis at the start, rad clockwise from north; None where it is not known: then zero.
     in_progress : bool
-        Whether the walk goes on after the recording: then what is a rest only because the recording ends is none.
+        Whether the walk goes on after the recording: then a rest that is accepted only because it touches the
+        recording's end is dropped.
     """
     start = find_start(recording, stances, heading or 0.0, p.rest)
     rests = _whole_rests(start.rests, recording, p) if in_progress else start.rests

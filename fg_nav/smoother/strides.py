@@ -51,7 +51,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.stances import Stances
 
 LONG_STANCE_S = 0.5
-"""Beyond this length of a stance, nodes stand `rest_spacing_s` apart."""
+"""Beyond this length of a stance, nodes stand `REST_SPACING_S` apart."""
 
 REST_SPACING_S = 0.5
 
@@ -137,19 +137,19 @@ VELOCITY_SIGMA = 0.004
 """Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011)."""
 
 SETTLING_WALK_M = 2e-5
-"""Random walk of that, m/sqrt(s): 1 mm in an hour; a sole gets warm, a lace loose, a carpet begins."""
+"""Random walk of the excess S, m/sqrt(s): 1 mm in an hour; a sole gets warm, a lace loose, a carpet begins."""
 
 SETTLING_TIME_S = 0.3
-"""Shortest time in which it does."""
+"""Shortest time in which a sole settles."""
 
 GYRO_BIAS_WALK_DEG_S = 6e-4
-"""Its random walk, deg/s/sqrt(s): 0.04 deg/s in an hour."""
+"""Random walk of the gyro bias, deg/s/sqrt(s): 0.04 deg/s in an hour."""
 
 ACC_BIAS_SIGMA = 0.02
 """Accelerometer bias, m/s^2 (2 mg)."""
 
 ACC_BIAS_WALK = 1e-4
-"""Its random walk, m/s^2/sqrt(s)."""
+"""Random walk of the accelerometer bias, m/s^2/sqrt(s)."""
 
 UNREST_REACH_S = 0.01
 """On either side of a node, over which rate and specific force are averaged; not beyond the stance."""
