@@ -35,8 +35,7 @@ from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.coning import prepare_samples
 from fg_nav.samples.gaps import Gaps, fill_gaps
-from fg_nav.samples.peaks import Peaks, rebuild_peaks
-from fg_nav.samples.saturation import find_clipping_levels
+from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.timing import remove_jitter
 from fg_nav.text import format_count
 

@@ -1,10 +1,10 @@
 """The extra standard deviation of single samples, on top of the noise of all.
 
 A sample at the end of the sensor's range is part of a peak that was rebuilt, with the sigma of that
-(`fg_nav.samples.peaks`), and the peak may hide a share of the range besides. A sample before a gap stands for motion
-that was not observed, with the sigma of `fg_nav.samples.gaps` times the share of the period that the gap fills. Both
-are in the units of the sample, constant over the sample's own period h, and axis by axis: a foot clips its pitch rate,
-and its heading need not suffer.
+(`fg_nav.samples.saturation`), and the peak may hide a share of the range besides. A sample before a gap stands for
+motion that was not observed, with the sigma of `fg_nav.samples.gaps` times the share of the period that the gap fills.
+Both are in the units of the sample, constant over the sample's own period h, and axis by axis: a foot clips its pitch
+rate, and its heading need not suffer.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ class Options:
     use_magnetometer : whether the methods see the magnetometer at all.
     heading_deg : heading of the body's x axis at the start, degrees clockwise from north; None where it is not known:
         then zero, or what the compass shows.
-    alignment : how a solution is aligned with the truth (`fg_nav.evaluation.alignment`).
+    alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
     field_detector : which detector of a quasi-static field the verdicts come from (`fg_nav.magnetic.quasi_static`).
     calibration_path : file with a calibration to apply; None to take the recording as it is.

@@ -33,8 +33,7 @@ from walks import Walk
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rolling_lever import estimate_lever
-from fg_nav.evaluation.alignment import align
-from fg_nav.evaluation.comparison import interpolate_truth
+from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN

@@ -31,7 +31,7 @@ gaps
 peaks
     The axis that turns fastest is clipped at a share of its median peak, and so is the one with the largest force. What
     is hidden is the angle of each peak, deg, or its change of velocity, m/s. What is left when they are rebuilt
-    (`fg_nav.samples.peaks`) over its sigma is 1 where the sigma is true.
+    (`fg_nav.samples.saturation`) over its sigma is 1 where the sigma is true.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk,
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.samples.coning import compensate_coning
 from fg_nav.samples.gaps import fill_gaps
-from fg_nav.samples.peaks import rebuild_peaks
+from fg_nav.samples.saturation import rebuild_peaks
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -40,8 +40,7 @@ from fg_nav.ekf.matched import MatchedParameters, match_compass, run_matched
 from fg_nav.ekf.parameters import OPENSHOE, IezParameters
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.detectors import Detector
-from fg_nav.magnetic.presets import MA_SIGMA_HEADING
+from fg_nav.magnetic.detectors import MA_SIGMA_HEADING, Detector
 from fg_nav.magnetic.quasi_static import DETECTORS
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution

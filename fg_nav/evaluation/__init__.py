@@ -3,8 +3,7 @@
 Whether claimed sigmas are true is in `consistency`, the ROC of detectors in `roc`: a walk needs neither.
 """
 
-from fg_nav.evaluation.alignment import MODES, align, fit_scale
-from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.evaluation.comparison import MODES, Comparison, align, compare, fit_scale
 from fg_nav.evaluation.metrics import Metrics, evaluate
 
 __all__ = ["MODES", "Comparison", "Metrics", "align", "compare", "evaluate", "fit_scale"]

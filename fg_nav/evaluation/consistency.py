@@ -49,8 +49,7 @@ from scipy.stats import chi2
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import align
-from fg_nav.evaluation.comparison import Comparison, interpolate_truth
+from fg_nav.evaluation.comparison import Comparison, align, interpolate_truth
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.solution import StanceTable

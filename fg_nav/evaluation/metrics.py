@@ -24,8 +24,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import fit_scale
-from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.evaluation.comparison import Comparison, compare, fit_scale
 from fg_nav.recording import FootprintTruth, Truth
 from fg_nav.solution import Solution
 
@@ -63,7 +62,7 @@ def evaluate(
     """Measure a solution, against a truth where there is one.
 
     Without a truth only distance, closure and the stride count are known. `alignment` is "yaw", "none", "origin" or
-    "se3" (`fg_nav.evaluation.alignment`); a `comparison` of the two that was made already is used in its place.
+    "se3" (`fg_nav.evaluation.comparison`); a `comparison` of the two that was made already is used in its place.
 
     Raises `EvaluationError` where solution and truth cannot be compared, or there is no stance.
     """

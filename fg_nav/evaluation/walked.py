@@ -19,7 +19,7 @@ scale_percent          %       by how much the path is too large: the best simil
                                this is the error of scale; a closed loop hides it from the end error
 ====================== ======= ======================================================================================
 
-R is the alignment (`fg_nav.evaluation.alignment`), and two are of use. Ma and Zhang do not say which one is theirs.
+R is the alignment (`fg_nav.evaluation.comparison`), and two are of use. Ma and Zhang do not say which one is theirs.
 
 ====== ==============================================================================================================
 origin as started. The filter was given its position and heading at the start, as in use, and keeps its errors. Only
@@ -49,8 +49,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import Alignment, fit_scale
-from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.evaluation.comparison import Alignment, Comparison, compare, fit_scale
 from fg_nav.frames import wrap_angle
 from fg_nav.recording import Truth
 from fg_nav.solution import Solution

@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, load_mat, mat_array
-from fg_nav.io.tables import drop_held
+from fg_nav.io.content import Content, drop_held, load_mat, mat_array
 from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError
-from fg_nav.io.content import Content
-from fg_nav.io.tables import find_column, read_table
+from fg_nav.io.content import Content, find_column, read_table
 from fg_nav.recording import Provenance, RawRecording, Recording
 
 TIME = ("time_s",)

@@ -26,8 +26,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, split_fields
-from fg_nav.io.tables import drop_held, find_column, read_table, scale_values
+from fg_nav.io.content import Content, drop_held, find_column, read_table, scale_values, split_fields
 from fg_nav.io.truth import read_footprint_mat
 from fg_nav.recording import FootprintTruth, Provenance, RawRecording
 

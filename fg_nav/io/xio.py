@@ -15,8 +15,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content
-from fg_nav.io.tables import drop_held, read_table, scale_values
+from fg_nav.io.content import Content, drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _DEGREE = np.pi / 180.0

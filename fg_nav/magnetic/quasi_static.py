@@ -17,9 +17,8 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.detectors import HEADING_DRIFT, Channel, Detector
+from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, HEADING_DRIFT, Channel, Detector
 from fg_nav.magnetic.footfall_field import FootfallField
-from fg_nav.magnetic.presets import DEFAULT, DETECTORS
 from fg_nav.text import format_count
 
 __all__ = ["DEFAULT", "DETECTORS", "Detector", "FieldVerdicts", "find_detector", "judge_field"]

@@ -31,7 +31,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.canonical import ACC, GYR, MAG, TIME
-from fg_nav.io.tables import find_column
+from fg_nav.io.content import find_column
 from fg_nav.online.buffer import COLUMNS
 
 PIECE = 1 << 16

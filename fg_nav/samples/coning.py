@@ -15,8 +15,8 @@ gait; it falls with the square of the rate. What is left is of fourth order
 (`scripts/sample_errors.py integration`). Source: Savage (1998), "Strapdown inertial navigation integration algorithm
 design", parts 1 and 2, for samples that are integrals over their period.
 
-Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.samples.peaks`), and a sample before a gap, held until
-the next stamp, is made the mean over all of that time (`fg_nav.samples.gaps`).
+Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.samples.saturation`), and a sample before a gap, held
+until the next stamp, is made the mean over all of that time (`fg_nav.samples.gaps`).
 """
 
 from __future__ import annotations

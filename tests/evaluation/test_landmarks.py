@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import align
+from fg_nav.evaluation.comparison import align
 from fg_nav.evaluation.walked import error_reduction_percent, measure_landmarks
 from fg_nav.frames import yaw_rotation
 from tests.evaluation.walks import solution, winding_path

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.alignment import Alignment
-from fg_nav.evaluation.comparison import Comparison
+from fg_nav.evaluation.comparison import Alignment, Comparison
 from fg_nav.evaluation.consistency import PARTS, estimate_freedom_of_mean, nees_band, share_in_band, whiten_errors
 from tests.evaluation.walks import solution
 

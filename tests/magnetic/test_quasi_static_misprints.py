@@ -9,8 +9,16 @@ from scipy.stats import chi2, kstest, norm
 
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import DETECTORS, judge_field
-from fg_nav.magnetic.detectors import ALIGNMENT_FOOTFALLS, FALSE_ALARM_RATE, OFFSET, Channel, Detector
-from fg_nav.magnetic.presets import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH
+from fg_nav.magnetic.detectors import (
+    ALIGNMENT_FOOTFALLS,
+    FALSE_ALARM_RATE,
+    MA_SIGMA_HEADING,
+    MA_SIGMA_INCLINATION,
+    MA_SIGMA_STRENGTH,
+    OFFSET,
+    Channel,
+    Detector,
+)
 from tests.magnetic.fields import footfalls, still, turned
 
 N = 3

@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import X
 from fg_nav.detection import RestParameters, detect_stances, find_rests
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation.alignment import align
+from fg_nav.evaluation.comparison import align
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother

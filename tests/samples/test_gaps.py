@@ -10,7 +10,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.samples.gaps import LONGEST_S, REACH, WALKING, Gaps, fill_gaps
-from fg_nav.samples.peaks import rebuild_peaks
+from fg_nav.samples.saturation import rebuild_peaks
 
 RATE_HZ = 100.0
 STRIDE = 120

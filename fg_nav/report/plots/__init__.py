@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fg_nav.report.plots.maps import AlignedSolution, plot_trajectories, plot_trajectory
-from fg_nav.report.plots.stances import plot_stance_statistic
 from fg_nav.report.plots.style import save
-from fg_nav.report.plots.timeseries import plot_errors, plot_gyro_bias, plot_heading
+from fg_nav.report.plots.timeseries import plot_errors, plot_gyro_bias, plot_heading, plot_stance_statistic
 
 if TYPE_CHECKING:
     from fg_nav.evaluation.field_survey import FieldSurvey

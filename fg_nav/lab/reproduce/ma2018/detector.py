@@ -27,7 +27,7 @@ from fg_nav.lab.reproduce.results import (
     spread_of,
 )
 from fg_nav.lab.store.entries import Arrays
-from fg_nav.magnetic.presets import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH
+from fg_nav.magnetic.detectors import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH
 
 PRINTED, PHYSICAL = "as printed", "physical"
 
