@@ -25,17 +25,20 @@ Recording
     What the sensor recorded (`fg_nav.recording`).
 Stances
     When the foot stands: found once, shared by all estimators (`fg_nav.stances`).
-FootfallField, FieldVerdicts
-    The field at each footfall, and which of them to use: found once, shared too (`fg_nav.magnetic`).
+FootfallField
+    The field at each footfall: found once, shared too (`fg_nav.magnetic`).
+FieldVerdicts
+    Where a detector finds the field undisturbed. Those of a walk are for the report; an estimator that uses the field
+    judges it itself (`fg_nav.magnetic.quasi_static`).
 Walk
-    These four together, and what the user chose: the input of every estimator (`fg_nav.walk`).
+    All of these, and what the user chose: the input of every estimator (`fg_nav.walk`).
 Solution
     What every estimator returns: the dense trajectory and one row a stance (`fg_nav.solution`).
 Outcome
     A solution and its errors (`fg_nav.walk`).
 
 The data's way is one page, `fg_nav.navigate`: `fg_nav.io` -> `Recording` -> `fg_nav.calibration` ->
-`fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FieldVerdicts` -> `fg_nav.smoother` (of `fg_nav.factors`),
+`fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FootfallField` -> `fg_nav.smoother` (of `fg_nav.factors`),
 `fg_nav.ekf` or `fg_nav.online` -> `Solution` -> `fg_nav.evaluation` -> `Outcome` -> `fg_nav.report`.
 """
 

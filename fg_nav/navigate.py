@@ -1,8 +1,11 @@
 """The main job on one page: a file of samples becomes a trajectory with uncertainties, and a folder of results.
 
-    file -> Walk: recording, truth -> corrected, stances, field -> Solution -> Outcome -> files
+    read_walk     file -> Walk: recording, truth, fixes, calibration
+    prepare_walk  Walk -> Walk: recording corrected, stances, field at the footfalls
+    run_method    Walk -> Outcome: solution, errors
+    write_run     Outcome -> files
 
-The nouns and the steps are in `fg_nav.walk`, the methods in `fg_nav.estimators`. Errors are `FgNavError`.
+The data types and the steps are in `fg_nav.walk`, the methods in `fg_nav.estimators`. Errors are `FgNavError`.
 """
 
 from __future__ import annotations
@@ -37,14 +40,14 @@ def navigate(
 
 
 def prepare_walk(walk: Walk) -> Walk:
-    """Correct a recording, find its stances and judge its field: once, for all methods."""
+    """Correct a recording, find its stances, measure its field and judge it for the report: once, for all methods."""
     # magnetometer and accelerometer by their calibration
     walk = correct_walk(walk)
     if walk.options.mount == "pocket":
         return walk  # a thigh never stands
     # when does the foot stand?
     walk = find_stances(walk)
-    # what is the magnetic field at the footfalls, and which of them is it undisturbed at?
+    # the magnetic field at the footfalls, and for the report where it is undisturbed
     return measure_field(walk)
 
 

@@ -1,10 +1,10 @@
-"""One recording, and what is found in it once for all methods: its stances, its field, the verdicts on the field.
+"""One recording, and what is found in it once for all methods: stances, field, and verdicts on it for the report.
 
-The functions here are the steps of `fg_nav.navigate`; each takes a `Walk` and returns one that knows more. Every method
-sees the same walk and the same heading at the start, so outcomes differ by the estimator alone.
+The functions here are the steps of `fg_nav.navigate`; each takes a `Walk` and returns one with more fields filled.
+Every method is given the same walk and the same heading at the start, so outcomes differ by the estimator alone.
 
-Of a calibration the magnetometer and the accelerometer are corrected. Its gyroscope's bias is left on the samples:
-a bias is that of one switch-on, and every estimator finds that of the recording itself.
+A calibration corrects the magnetometer and the accelerometer. Its gyroscope bias is not applied, because a gyroscope's
+bias changes with each switch-on; every estimator estimates that of the recording.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ class Options:
     ----------
     use_magnetometer : whether the methods see the magnetometer at all.
     heading_deg : heading of the body's x axis at the start, degrees clockwise from north; None where it is not known:
-        then zero, or what the compass shows.
+        then zero, or from the field in methods that use it.
     alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
-    field_detector : which detector of a quasi-static field the verdicts come from (`fg_nav.magnetic.quasi_static`).
+    field_detector : detector of a quasi-static field whose verdicts are reported (`fg_nav.magnetic.presets`).
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     preset : of the filters (`fg_nav.ekf.presets`).
     fixes_path : file with fixes of the position for the smoother; None without.
     mount : where the sensor is worn, checked against the recording; None for a foot, unchecked.
     step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
         (`fg_nav.pocket.dead_reckoning`).
-    changes : of the method's parameters, on a foot.
+    changes : parameters to override, by dotted name; ignored for a pocket.
     """
 
     use_magnetometer: bool = True
@@ -91,10 +91,10 @@ class Walk:
     truth, options : of this recording.
     detection : how the stances were found; None where they were given.
     field : at the footfalls; None where it is not known.
-    verdicts : on the field; None where it could not be judged.
-    unjudged : why not; empty where it was judged, or before `measure_field`.
+    verdicts : on the field, for the report; None where it could not be judged.
+    unjudged : why the field was not judged; empty where it was, or before `measure_field`.
     calibration : that was given; None without.
-    applied : what was corrected by it, in words.
+    applied : what the calibration corrected, in words.
     fixes : positions known from elsewhere; used by the smoother only.
     """
 
@@ -141,7 +141,7 @@ class Outcome:
     ----------
     solution : with the verdicts on the field in its table of stances.
     metrics, comparison : of the solution; `comparison` is None without a usable truth.
-    field_used : whether the method used the field: then its own table had verdicts.
+    field_used : whether the method used the field, known from the verdicts in its own stance table.
     moment : errors of an online method's estimates at the moment of each footfall; None from others, and without a
         usable truth.
     """

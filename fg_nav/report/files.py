@@ -98,7 +98,10 @@ def write_strides(folder: Path, solution: Solution) -> None:
 
 
 def tabulate_strides(stances: StanceTable) -> pd.DataFrame:
-    """Table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north."""
+    """Table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north.
+
+    The sigmas are the estimator's: of the smoother by marginal covariances (`fg_nav.smoother.solver.stance_table`).
+    """
     columns = [
         np.arange(len(stances)), stances.t, *stances.position.T,
         np.rad2deg(compute_heading(stances.nav_R_body)) % 360.0, *np.rad2deg(stances.gyro_bias).T,
