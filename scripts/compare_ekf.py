@@ -40,6 +40,7 @@ import harness
 import numpy as np
 import walks
 from harness import FIRST_SEED, format_number, option, spread
+from method_plots import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from walks import REAL_WALKS
 
 from fg_nav.arrays import Floats
@@ -54,7 +55,6 @@ from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import USED, Key, Result, read_result
-from fg_nav.report.plots.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from fg_nav.report.terminal import console
 from fg_nav.text import format_count
 

@@ -15,7 +15,6 @@ from fg_nav.lab.campaign.walks import Simulated, simulate_calibration, simulate_
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store import code
 from fg_nav.lab.store.results import Key, Result, read_result, write_result
-from fg_nav.report.plots.methods import Track, plot_detection_maps, plot_error_over_distance, plot_paths
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 
@@ -304,12 +303,12 @@ def test_errors_over_those_of_others_are_printed_walk_by_walk(capsys):
 
 def straight(method, sideways_m, used):
     truth = np.column_stack([np.zeros(11), np.arange(11.0)])
-    return Track(method, truth + np.linspace(0, 1, 11)[:, None] * [sideways_m, 0.0], np.asarray(used), truth)
+    return script.Track(method, truth + np.linspace(0, 1, 11)[:, None] * [sideways_m, 0.0], np.asarray(used), truth)
 
 
 def test_errors_are_drawn_over_the_distance_truly_walked():
     tracks = {"a": [straight("a", e, np.ones(11, dtype=bool)) for e in (1.0, 2.0, 3.0)]}
-    [axes] = plot_error_over_distance(tracks, "title").axes
+    [axes] = script.plot_error_over_distance(tracks, "title").axes
     [line] = axes.lines
     np.testing.assert_allclose(line.get_xdata()[[0, -1]], [0.0, 10.0])
     np.testing.assert_allclose(line.get_ydata(), 0.2 * np.asarray(line.get_xdata()))
@@ -317,14 +316,14 @@ def test_errors_are_drawn_over_the_distance_truly_walked():
 
 def test_methods_with_the_same_colour_have_other_dashes():
     walks = {name: [straight(name, 1.0, np.ones(11, dtype=bool))] for name in "abcdefghi"}
-    [axes] = plot_error_over_distance(walks, "title").axes
+    [axes] = script.plot_error_over_distance(walks, "title").axes
     looks = {(line.get_color(), line.get_linestyle()) for line in axes.lines}
     assert len(looks) == len(walks)
 
 
 def test_the_detection_map_shows_which_footfalls_were_used_where_they_truly_were():
     used = np.arange(11) % 2 == 0
-    figure = plot_detection_maps([straight("a", 5.0, used), straight("b", 5.0, ~used)], "title")
+    figure = script.plot_detection_maps([straight("a", 5.0, used), straight("b", 5.0, ~used)], "title")
     first, second = figure.axes
     assert (first.get_title("left"), second.get_title("left")) == ("a: 55 % used", "b: 45 % used")
     yes = next(line for line in first.lines if line.get_label() == "used")
@@ -333,5 +332,5 @@ def test_the_detection_map_shows_which_footfalls_were_used_where_they_truly_were
 
 def test_paths_have_a_panel_a_method():
     tracks = [straight(name, 1.0, np.ones(11, dtype=bool)) for name in "abcd"]
-    figure = plot_paths(tracks, "title")
+    figure = script.plot_paths(tracks, "title")
     assert [axes.get_title("left") for axes in figure.axes] == ["a", "b", "c", "d", "", ""]
