@@ -47,7 +47,7 @@ class Options:
         then zero, or from the field in methods that use it.
     alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
-    field_detector : detector of a quasi-static field whose verdicts are reported (`fg_nav.magnetic.presets`).
+    field_detector : detector of a quasi-static field whose verdicts are reported (`fg_nav.magnetic.detectors`).
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     preset : of the filters (`fg_nav.ekf.presets`).
     fixes_path : file with fixes of the position for the smoother; None without.

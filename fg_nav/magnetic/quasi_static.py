@@ -1,7 +1,6 @@
 """Quasi-static footfalls: a detector applied to a walk, and its verdicts.
 
-The detectors by name, and the place to add one, are in `fg_nav.magnetic.presets`; their model is in
-`fg_nav.magnetic.detectors`.
+The detectors, their model and the place to add one are in `fg_nav.magnetic.detectors`.
 
 A window holds the last footfalls that have a field, but none that spans more strides than twice its length, for that
 would compare places far apart. The first footfalls, before which there are too few, are not judged.

@@ -11,7 +11,7 @@ below (n + 2 j) / n times the bound. A larger one is a corner;
 * recurring: a range ends at the same level every time. One long flat top counts on its own, and so does
 one of many peaks that pile up just below the extreme, where those of a natural motion thin out.
 
-Every sample at or above the lowest of the levels so found counts as saturated.
+Every sample at or above the lowest of the levels so found counts as clipped.
 
 The peaks are rebuilt from their flanks: those of a run of n cut samples, T = n h long, show how steeply the peak was
 entered and left. The parabola that stands on the run with these slopes, s the mean of the two, is s T / 4 high. A
@@ -62,7 +62,7 @@ _PILE = 5
 
 
 def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
-    """Find the samples at the end of an axis's range.
+    """Find the clipped samples: those at the end of an axis's range.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
 
     Returns
     -------
-    (N, 3) True where an axis is saturated, at either end of its range.
+    (N, 3) True where an axis is clipped, at either end of its range.
     """
     upper, lower = find_clipping_levels(samples) if levels is None else levels
     return np.asarray((samples >= upper) | (-samples >= lower))
