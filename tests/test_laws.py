@@ -129,6 +129,20 @@ def test_nothing_heavy_is_loaded_unasked(statement, light):
     assert not loaded_by(statement) & light
 
 
+def test_a_walk_on_a_foot_needs_neither_pocket_nor_laboratory(tmp_path):
+    from fg_nav.io import write_canonical
+    from fg_nav.lab.simulation import simulate
+
+    file = tmp_path / "walk.csv"
+    write_canonical(simulate("demo", 1).recording.slice(0, 2000), file)
+    loaded = loaded_by(
+        "from contextlib import nullcontext; from pathlib import Path; from fg_nav.navigate import Options, navigate; "
+        f"navigate(Path({str(file)!r}), 'smoother', Options(mount='foot'), nullcontext(Path({str(tmp_path)!r})))"
+    )
+    assert "fg_nav.smoother.batch" in loaded
+    assert not [name for name in loaded if name.startswith(("fg_nav.pocket", "fg_nav.lab", "fg_nav.calibration"))]
+
+
 def test_public_names_are_offered_and_there():
     import fg_nav
 
