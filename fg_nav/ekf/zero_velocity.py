@@ -1,4 +1,4 @@
-"""Velocity of the sensor on a standing foot: the velocity rows of Ma (34), (36) and AIEZ (29), (30), with a lever.
+"""Velocity of the sensor on a standing foot: the velocity rows of Ma (34), Ma (36) and AIEZ (29), (30), with a lever.
 
 The sole is still, the sensor is not: the foot rolls from heel to toe, and the sensor rides at some height
 above the point about which it rolls. With the lever l from that point to the sensor and the angular rate w,
