@@ -82,13 +82,6 @@ class Sensed:
         return field_facts(self.recording, self.stances, self.solution)
 
 
-def spread_words(facts: Sequence[Mapping[str, float]], key: str, form: str) -> str:
-    """Median, least and most of a fact over walks."""
-    values = [fact[key] for fact in facts]
-    middle, least, most = (form.format(f(values)) for f in (np.median, np.min, np.max))
-    return f"{middle} [{least}, {most}]"
-
-
 def field_facts(recording: Recording, stances: Stances, solution: Solution) -> dict[str, float]:
     """Facts about the field that a walk felt, in nav as the solution's attitude has it.
 
@@ -210,12 +203,12 @@ def _steadiness(stances: Stances, nav_field: Floats, fewest: int = 5) -> float:
     return float(np.median([np.sqrt(field.var(axis=0).mean()) for field in finite if len(field) >= fewest]))
 
 
-def real_walks(data: Path, numbers: Sequence[int] = walks.GDIN_WALKS) -> list[Sensed]:
+def read_walks(data: Path, numbers: Sequence[int] = walks.GDIN_WALKS) -> list[Sensed]:
     """Load the gdin walks with their magnetometer."""
     return [_with_magnetometer(walk) for walk in walks.read_gdin(data, numbers)]
 
 
-def sensed(recording: Recording) -> Sensed:
+def sense_walk(recording: Recording) -> Sensed:
     """Find stances and attitude of a recording as of a real walk."""
     stances = detect_stances(recording)
     return Sensed(recording.provenance.format, recording, stances, run_iez(recording, stances))

@@ -149,7 +149,7 @@ def test_without_a_magnetometer_or_strides_it_says_so(indoor):
 
 @needs_data
 def test_indoor_lies_in_the_range_of_the_real_walks():
-    real = [walk.facts() for walk in realism.real_walks(DATA, (15, 18, 22, 31, 33, 36))]  # the extremes are among them
+    real = [walk.facts() for walk in realism.read_walks(DATA, (15, 18, 22, 31, 33, 36))]  # the extremes are among them
     made = [corridor("indoor", seed).facts() for seed in range(5)]
     for key in set(realism.FACTS) - {"delay_ms", "steadiness_uT"}:  # both are of the sensor, not of the field
         values = [facts[key] for facts in real]

@@ -10,6 +10,7 @@ from tests.scripts import load_script
 
 realism = load_script("realism")
 realism_field = load_script("realism_field")
+realism_foot = load_script("realism_foot")
 walks = load_script("walks")
 
 SEEDS = (11, 12, 13, 14)  # not those on which the gait was chosen
@@ -20,17 +21,19 @@ Tables = Mapping[str, tuple[Mapping[str, object], Mapping[str, Facts]]]
 @pytest.fixture(scope="module")
 def tables() -> Tables:
     """Of each table its facts, and its columns: real first."""
-    real = [realism.foot(walk.name, walk.recording) for walk in walks.read_gdin(DATA)]
-    recorded = {name: [realism.simulated(person(s), s) for s in SEEDS] for name, person in realism.PEOPLE.items()}
-    ours = {name: [realism.foot(name, one) for one in of] for name, of in recorded.items()}
-    inertial = {name: [realism.inertial_facts(walk) for walk in of] for name, of in ({"real": real} | ours).items()}
-    captured = {"real": realism.motion_captured(DATA)} | ours
-    true = {name: [realism.true_facts(walk) for walk in of] for name, of in captured.items()}
-    field = {"real": [walk.facts() for walk in realism_field.real_walks(DATA)]}
-    field |= {name: [realism_field.sensed(walk).facts() for walk in of] for name, of in recorded.items()}
+    real = [realism_foot.measure_foot(walk.name, walk.recording) for walk in walks.read_gdin(DATA)]
+    recorded = {name: [realism.simulate_walk(person(s), s) for s in SEEDS] for name, person in realism.PEOPLE.items()}
+    ours = {name: [realism_foot.measure_foot(name, one) for one in of] for name, of in recorded.items()}
+    inertial = {
+        name: [realism_foot.measure_inertial(walk) for walk in of] for name, of in ({"real": real} | ours).items()
+    }
+    captured = {"real": realism_foot.read_captured(DATA)} | ours
+    true = {name: [realism_foot.measure_true(walk) for walk in of] for name, of in captured.items()}
+    field = {"real": [walk.facts() for walk in realism_field.read_walks(DATA)]}
+    field |= {name: [realism_field.sense_walk(walk).facts() for walk in of] for name, of in recorded.items()}
     return {
-        "inertial": (realism.FACTS, inertial),
-        "true": (realism.TRUE_FACTS, true),
+        "inertial": (realism_foot.FACTS, inertial),
+        "true": (realism_foot.TRUE_FACTS, true),
         "field": (realism_field.FACTS, field),
     }
 
@@ -41,9 +44,9 @@ def tables() -> Tables:
 def test_walks_lie_within_the_real_ones(tables: Tables, table: str, column: str) -> None:
     facts, columns = tables[table]
     real, ours = columns["real"], columns[column]
-    outside = {key for key in facts if realism.verdict(real, ours, key) == "outside"}
+    outside = {key for key in facts if realism.judge_fact(real, ours, key) == "outside"}
     assert outside <= set(realism.REASONS[column])
-    share = np.mean([realism.within(real, ours, key) / len(ours) for key in facts if key not in outside])
+    share = np.mean([realism.count_within(real, ours, key) / len(ours) for key in facts if key not in outside])
     assert share > 0.7
 
 
@@ -64,6 +67,6 @@ def test_every_fact_tells_a_foot_from_a_table(tables: Tables) -> None:
 
 
 def test_reasons_are_of_facts_and_columns_there_are() -> None:
-    known = set(realism.FACTS) | set(realism.TRUE_FACTS) | set(realism_field.FACTS)
+    known = set(realism_foot.FACTS) | set(realism_foot.TRUE_FACTS) | set(realism_field.FACTS)
     assert set(realism.PEOPLE) < set(realism.REASONS)
     assert all(set(reasons) <= known for reasons in realism.REASONS.values())

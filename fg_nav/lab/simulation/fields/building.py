@@ -16,7 +16,7 @@ smooth        large iron some meters off: the field changes by 1 to 2 uT from on
               quiet field
 indoor        a reinforced floor, with pillars, lockers, door frames, steel in the floor, stray currents and a few
               large objects: rough at the foot, milder at the pocket. Fitted to the statistics of ten real indoor
-              walks (`scripts/realism.py`)
+              walks (`scripts/realism.py foot`)
 ============= =====================================================================================================
 
 Where the path climbs, pieces of steel under the treads replace the floor's potential.
