@@ -60,11 +60,7 @@ def inverse_error_axes(nav_R_body: Floats) -> Floats:
     square = x * x + y * y
     cosine = np.sqrt(square)
     return np.array(
-        [
-            [x / square, y / square, 0.0],
-            [-y / cosine, x / cosine, 0.0],
-            [sine * x / square, sine * y / square, 1.0],
-        ]
+        [[x / square, y / square, 0.0], [-y / cosine, x / cosine, 0.0], [sine * x / square, sine * y / square, 1.0]]
     )
 
 

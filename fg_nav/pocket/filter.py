@@ -118,9 +118,7 @@ class Output(NamedTuple):
 
 
 def estimate_pocket(
-    recording: Recording,
-    parameters: PocketParameters = PocketParameters(),
-    start: PocketStart | None = None,
+    recording: Recording, parameters: PocketParameters = PocketParameters(), start: PocketStart | None = None
 ) -> PocketTrack:
     """Estimate orientation and gyro bias of a sensor in a trouser pocket.
 

@@ -139,13 +139,3 @@ PRESETS: Mapping[str, PocketParameters] = MappingProxyType(
     }
 )
 """Of the filter by name, the default first."""
-
-
-def pocket_parameters(name: str) -> PocketParameters:
-    """Return the parameters of a preset.
-
-    Raises `EstimationError` if there is none of that name.
-    """
-    if name not in PRESETS:
-        raise EstimationError(f"there is no preset '{name}' for the pocket: choose from {', '.join(PRESETS)}.")
-    return PRESETS[name]

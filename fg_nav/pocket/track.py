@@ -69,11 +69,6 @@ class PocketTrack:
     field_nis: Floats
 
     @property
-    def gravity_used(self) -> Bools:
-        """(N,) True where the absolute gravity update was used (AGU)."""
-        return np.asarray(np.isfinite(self.gravity_nis))
-
-    @property
     def field_used(self) -> Bools:
         """(N,) True where the differential magnetic field update was used (DMFU)."""
         return np.asarray(np.isfinite(self.field_nis))

@@ -218,33 +218,33 @@ def _scale(value: float | Shock, factor: float) -> float | Shock:
     return value.scaled(factor) if isinstance(value, Shock) else value * factor
 
 
+_ANY_SIGN = ("circumduction_m", "slip_m")
+"""The foot may go round to the inside, and slip back."""
+
 STEEPEST_RAD = np.pi / 2
 SWING_SHARES = 0.3, 0.8
 """Of an angle, and of a stride: what a gait may have."""
 
 
-_LENGTHS = (
-    "stride_m",
-    "clearance_m",
-    "midswing_m",
-    "heel_m",
-    "sole_m",
-    "sole_sd_m",
-    "slip_sd_m",
-    "slip_sideways_m",
-)
 _SCATTERS = ("variation", "vigour", "rollover_scatter", "wobble_scatter")
-_ANGLES = (
-    "toe_down_rad",
-    "toe_up_rad",
-    "inversion_rad",
-    "yaw_wobble_rad",
-    "settle_rad",
-    "rollover_rad",
-    "stir_rad",
-    "pronation_rad",
-    "twist_rad",
-)
+_ANGLES = tuple(item.name for item in fields(Gait) if item.name.endswith("_rad"))
+_LENGTHS = tuple(item.name for item in fields(Gait) if item.name.endswith("_m") and item.name not in _ANY_SIGN)
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How regular a walker is.
+
+    Attributes
+    ----------
+    footprint_m, heading_rad : white scatter of the footprints about their place and of the feet's direction.
+    wander_m, pace : slow wandering of the center off its path, and relative changes of pace: standard deviations.
+    """
+
+    footprint_m: float = 0.015
+    heading_rad: float = float(np.deg2rad(1.5))
+    wander_m: float = 0.05
+    pace: float = 0.03
 
 
 @dataclass(frozen=True)

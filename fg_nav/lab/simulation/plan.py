@@ -31,7 +31,7 @@ from fg_nav.errors import SimulationError
 from fg_nav.frames import wrap_angle
 from fg_nav.lab.simulation.motion import Strides, Style
 from fg_nav.lab.simulation.path import GAP_M, KINK_RAD, Path, Pose
-from fg_nav.lab.simulation.person import Gait, Person
+from fg_nav.lab.simulation.person import Gait, Person, Scatter
 
 LONGEST_STRIDE = 2.0
 FASTEST_PACE = 3.0
@@ -42,6 +42,15 @@ MOST_STRIDES = 200_000
 
 FLAT_SHARE = 0.85
 """By this share of a stride the foot is down and flat in every manner of going."""
+
+STEP_WIDTH_M = 0.18
+"""Between the lines on which left and right foot tread (adults: 0.10-0.20)."""
+
+SLOW_STRIDES = 20.0
+"""Correlation length of wandering and of changes of pace."""
+
+BEND_M = 0.25
+"""c above: a curve of 1 m radius is walked in strides shorter by a fifth."""
 
 _TURN_RAD = 1.2
 """By how much a foot turns in one stride on the spot: a right angle takes two, about-turn three."""
@@ -59,14 +68,9 @@ class Stand:
 
 @dataclass(frozen=True)
 class Walk:
-    """Going along a path.
+    """Walking or running along a `path` of the body's center, in so many `strides` or, None, as the gait has it.
 
-    Attributes
-    ----------
-    path : of the body's center.
-    style : `Style.WALK` or `Style.RUN`.
-    strides : how many; None for the number that the gait makes of the path.
-    pace : speed over the gait's usual one; half of it, as a power, goes into the strides' length.
+    `pace` : speed over the gait's usual one; half of it, as a power, goes into the strides' length.
     """
 
     path: Path
@@ -82,7 +86,7 @@ class Walk:
         _check_positive("walk at a pace of", self.pace, "times the usual one")
         if self.pace > FASTEST_PACE:
             raise SimulationError(
-                f"Nobody walks {self.pace:g} times as fast as usual: give a pace of at most {FASTEST_PACE:g}."
+                f"No one walks {self.pace:g} times as fast as usual: give a pace of at most {FASTEST_PACE:g}."
             )
         if self.strides is not None and self.strides < 1:
             raise SimulationError(f"A path cannot be walked in {self.strides} strides: ask for one or more.")
@@ -90,13 +94,9 @@ class Walk:
 
 @dataclass(frozen=True)
 class Stairs:
-    """A flight of stairs straight ahead; one foot takes every second tread.
+    """A flight of so many stairs straight ahead, up or down, the landing included; one foot takes every second tread.
 
-    Attributes
-    ----------
-    treads : how many steps of the stairs, the landing included.
-    rise_m, tread_m : height and depth of one, m (DIN 18065: 0.14-0.20 and 0.23-0.37).
-    up : or down.
+    `rise_m`, `tread_m` : height and depth of one, m (DIN 18065: 0.14-0.20 and 0.23-0.37).
     """
 
     treads: int
@@ -119,35 +119,10 @@ class TurnOnSpot:
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.angle) or self.angle == 0:
-            raise SimulationError(
-                f"Nobody can turn on the spot by {self.angle} rad: give an angle, positive to the right."
-            )
+            raise SimulationError(f"Turning by {self.angle} rad is no turn: give an angle, positive to the right.")
 
 
 Section: TypeAlias = Stand | Walk | Stairs | TurnOnSpot
-
-
-@dataclass(frozen=True)
-class Scatter:
-    """How regular a walker is.
-
-    Attributes
-    ----------
-    step_width_m : between the lines on which left and right foot tread, m (adults: 0.10-0.20).
-    footprint_m, heading_rad : white scatter of the footprints about their place and of the feet's direction.
-    wander_m, wander_strides : slow wandering of the center off its path: standard deviation and correlation length.
-    pace, pace_strides : slow relative changes of pace: standard deviation and correlation length in strides.
-    bend_m : c above, m; a curve of 1 m radius is walked in strides shorter by a fifth.
-    """
-
-    step_width_m: float = 0.18
-    footprint_m: float = 0.015
-    heading_rad: float = float(np.deg2rad(1.5))
-    wander_m: float = 0.05
-    wander_strides: float = 20.0
-    pace: float = 0.03
-    pace_strides: float = 20.0
-    bend_m: float = 0.25
 
 
 @dataclass(frozen=True)
@@ -178,7 +153,14 @@ class _Leg:
 def plan(
     sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
 ) -> Strides:
-    """Draw the strides of a plan.
+    """Draw the strides of a plan: as `plan_with_landmarks`, without these."""
+    return plan_with_landmarks(sections, person, rng, scatter)[0]
+
+
+def plan_with_landmarks(
+    sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
+) -> tuple[Strides, tuple[Crossing, ...]]:
+    """Draw the strides of a right foot, and the crossings of the paths' landmarks in order.
 
     Parameters
     ----------
@@ -187,24 +169,12 @@ def plan(
     rng : source of the variability.
     scatter : how regular the walker is.
 
-    Returns
-    -------
-    Strides
-        Of the right foot.
-
     Raises `SimulationError` for no strides at all, sections that do not join, or strides that no person can make.
     """
-    return plan_with_landmarks(sections, person, rng, scatter)[0]
-
-
-def plan_with_landmarks(
-    sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
-) -> tuple[Strides, tuple[Crossing, ...]]:
-    """The same as `plan`, with the crossings of the paths' landmarks in the order in which they are passed."""
     if not any(not isinstance(section, Stand) for section in sections):
         raise SimulationError("The plan has no strides in it: add a Walk, Stairs or a TurnOnSpot.")
     start = _find_start(sections)
-    legs = list(_Walker(person, scatter, rng).legs(sections, start))
+    legs = list(_Walker(person, scatter, rng).make_legs(sections, start))
     strides = _make_strides(legs, start, rng, scatter)
     return strides, _find_crossings(legs, strides)
 
@@ -238,10 +208,10 @@ class _Walker:
     """A person on a walk, with all that varies from stride to stride."""
 
     def __init__(self, person: Person, scatter: Scatter, rng: np.random.Generator) -> None:
-        self._person, self._scatter, self._rng = person, scatter, rng
-        self._pace = _SlowChange(scatter.pace, scatter.pace_strides, rng)
+        self._person, self._rng = person, rng
+        self._pace = _SlowChange(scatter.pace, rng)
 
-    def legs(self, sections: Sequence[Section], start: Pose) -> Iterator[_Leg]:
+    def make_legs(self, sections: Sequence[Section], start: Pose) -> Iterator[_Leg]:
         """The legs of the sections, in order."""
         pose = start
         for i, section in enumerate(sections):
@@ -253,7 +223,7 @@ class _Walker:
             elif isinstance(section, TurnOnSpot):
                 yield self._draw_turning(section, pose)
             else:
-                yield _make_standing(section)
+                yield _Leg(np.zeros((0, 3)), np.zeros(0), np.zeros(0), Style.WALK, wait_s=section.seconds)
             pose = end_of(section, pose)
 
     def _draw_walking(self, section: Walk, pose: Pose, halves: tuple[bool, bool]) -> _Leg:
@@ -262,7 +232,7 @@ class _Walker:
         weight = _weigh_strides(_count_strides(section, gait, halves), halves)
         faster = self._pace.draw(len(weight)) / 2
         weight *= np.exp(faster) * self._draw_variation(gait, len(weight))
-        arc = _find_arcs(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]), self._scatter.bend_m)
+        arc = _find_arcs(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]))
         position, heading = path.at(arc[1:])
         duration = gait.stride_s / np.sqrt(section.pace) * np.exp(-faster) * self._draw_variation(gait, len(weight))
         marks = tuple((mark.name, int(np.argmin(np.abs(arc - mark.arc)))) for mark in path.landmarks)
@@ -293,10 +263,6 @@ def _stands(sections: Sequence[Section], i: int) -> bool:
     return not 0 <= i < len(sections) or isinstance(sections[i], Stand | TurnOnSpot)
 
 
-def _make_standing(section: Stand) -> _Leg:
-    return _Leg(np.zeros((0, 3)), np.zeros(0), np.zeros(0), Style.WALK, wait_s=section.seconds)
-
-
 def _count_strides(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
     """How many strides a path takes: as asked for, else the number nearest to the gait's."""
     usual_m = gait.stride_m * np.sqrt(section.pace)
@@ -322,10 +288,10 @@ def _weigh_strides(count: int, halves: tuple[bool, bool]) -> Floats:
     return weight
 
 
-def _find_arcs(path: Path, share: Floats, bend_m: float) -> Floats:
+def _find_arcs(path: Path, share: Floats) -> Floats:
     """Arc lengths (N,) m at the shares (N,) of the path, strides being shorter in bends."""
     middle = (path.arc[1:] + path.arc[:-1]) / 2
-    density = np.diff(path.arc) * (1 + bend_m * np.minimum(np.abs(path.curvature(middle)), 1.0))
+    density = np.diff(path.arc) * (1 + BEND_M * np.minimum(np.abs(path.curvature(middle)), 1.0))
     total = np.concatenate([[0.0], np.cumsum(density)])
     arc: Floats = np.interp(share * total[-1], total, path.arc)
     return arc
@@ -340,11 +306,11 @@ def _climb(section: Stairs, pose: Pose, treads: Floats) -> Floats:
 
 
 class _SlowChange:
-    """A stationary AR(1) process, drawn piece by piece: sd `sd`, correlation length `length` in steps."""
+    """A stationary AR(1) process, drawn piece by piece: its standard deviation is `sd`."""
 
-    def __init__(self, sd: float, length: float, rng: np.random.Generator) -> None:
+    def __init__(self, sd: float, rng: np.random.Generator) -> None:
         self._rng, self._sd = rng, sd
-        self._keep = float(np.exp(-1 / length))
+        self._keep = float(np.exp(-1 / SLOW_STRIDES))
         self._last = sd * float(rng.standard_normal())
 
     def draw(self, count: int) -> Floats:
@@ -388,24 +354,20 @@ def _place_feet(position: Floats, heading: Floats, rng: np.random.Generator, sca
     inside = np.ones(count)
     inside[[0, -1]] = 0.0
     ends = np.minimum(np.arange(count), np.arange(count)[::-1])
-    fade = np.minimum(ends / scatter.wander_strides, 1.0)
-    wander = fade * _SlowChange(scatter.wander_m, scatter.wander_strides, rng).draw(count)
+    fade = np.minimum(ends / SLOW_STRIDES, 1.0)
+    wander = fade * _SlowChange(scatter.wander_m, rng).draw(count)
     right = np.stack([np.cos(heading), -np.sin(heading), np.zeros(count)], axis=1)
-    footprint = position + (scatter.step_width_m / 2 + wander)[:, None] * right
+    footprint = position + (STEP_WIDTH_M / 2 + wander)[:, None] * right
     ahead = np.stack([np.sin(heading), np.cos(heading), np.zeros(count)], axis=1)
     off = scatter.footprint_m * inside[:, None] * rng.standard_normal((count, 2))
     footprint += off[:, :1] * right + off[:, 1:] * ahead
     toe = heading + scatter.heading_rad * inside * rng.standard_normal(count)
-    return _close_walk(footprint, toe)
-
-
-def _close_walk(footprint: Floats, heading: Floats) -> tuple[Floats, Floats]:
-    """Take the round-off from the end of a closed walk."""
-    turned = float(wrap_angle(np.array(heading[-1] - heading[0])))
+    # take the round-off from the end of a closed walk
+    turned = float(wrap_angle(np.array(toe[-1] - toe[0])))
     if np.linalg.norm(footprint[-1] - footprint[0]) < GAP_M and abs(turned) < KINK_RAD:
         footprint[-1] = footprint[0]
-        heading[-1] -= turned
-    return footprint, heading
+        toe[-1] -= turned
+    return footprint, toe
 
 
 def _find_crossings(legs: Sequence[_Leg], strides: Strides) -> tuple[Crossing, ...]:
@@ -432,4 +394,4 @@ def _check_joint(start: Pose, pose: Pose, i: int) -> None:
 
 def _check_positive(what: str, value: float, unit: str) -> None:
     if not (np.isfinite(value) and value > 0):
-        raise SimulationError(f"Nobody can {what} {value} {unit}: give a positive number.")
+        raise SimulationError(f"No one can {what} {value} {unit}: give a positive number.")

@@ -14,7 +14,6 @@ from fg_nav.lab.simulation.fields import (
     FloorParameters,
     Kind,
     Sum,
-    TreadParameters,
     curl,
     divergence,
     draw_environment,
@@ -25,7 +24,7 @@ from fg_nav.lab.simulation.fields import (
     place_objects,
     resample_path,
 )
-from fg_nav.lab.simulation.fields.floor import SENSOR_HEIGHTS_M
+from fg_nav.lab.simulation.fields.floor import SENSOR_HEIGHTS_M, TREADS_ROOM_M, TREADS_UT
 
 EARTH = SITES["munich"]
 CORRIDOR = np.array([[0.0, 0, 0], [40, 0, 0], [40, 25, 0], [0, 25, 0], [0, 0, 0]])
@@ -144,20 +143,19 @@ def test_a_floor_that_cannot_be_is_refused(wrong):
 
 def test_stairs_are_as_rough_as_asked_all_the_way_up():
     way = resample_path(WINDING)
-    treads = draw_treads(way, rng(), TreadParameters(strength_uT=6.0))
+    treads = draw_treads(way, rng())
     felt = treads.at(way.points + up(0.1))
-    assert rms(felt) == pytest.approx(6.0, rel=1e-6)
+    assert rms(felt) == pytest.approx(TREADS_UT, rel=1e-6)
     halves = np.array_split(felt, 2)
-    assert all(0.6 < rms(half) / 6.0 < 1.4 for half in halves)
+    assert all(0.6 < rms(half) / TREADS_UT < 1.4 for half in halves)
     assert rms(treads.at(way.points + up(0.75))) < 0.7 * rms(felt)
     assert is_magnetic(treads, swept(WINDING)[::5])
 
 
 def test_no_steel_of_the_stairs_is_in_the_way():
-    p = TreadParameters()
     treads = draw_treads(resample_path(WINDING), rng())
     distance = np.linalg.norm(swept(WINDING)[:, None] - treads.position, axis=2)
-    assert distance.min() >= p.room_m
+    assert distance.min() >= TREADS_ROOM_M
 
 
 def test_what_is_walked_again_counts_once():

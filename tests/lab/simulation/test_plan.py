@@ -6,8 +6,8 @@ import pytest
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Pose, arc, closed_curve, polyline, straight
-from fg_nav.lab.simulation.person import Person
-from fg_nav.lab.simulation.plan import Scatter, Stairs, Stand, TurnOnSpot, Walk, end_of, plan, plan_with_landmarks
+from fg_nav.lab.simulation.person import Person, Scatter
+from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan, plan_with_landmarks
 
 LONG = straight(1000.0)
 STEADY = Scatter(footprint_m=0.0, heading_rad=0.0, wander_m=0.0, pace=0.0)

@@ -25,11 +25,15 @@ from fg_nav.lab.simulation.sensors import (
 )
 from fg_nav.recording import Recording
 
+EIGHT = preset("mpu-9250x8")
+assert EIGHT.mag is not None
+
 UNFORGIVING = replace(
-    preset("mpu-9250x8"),
+    EIGHT,
+    mag=replace(EIGHT.mag, held=True),
     mount_sd_rad=0.02,
     clock=ClockPrior(jitter_s=1e-3, scale_sd=1e-4, dropped_share=0.05, burst=2.0),
-).with_held_field()
+)
 
 
 def waves(t: Floats) -> Floats:

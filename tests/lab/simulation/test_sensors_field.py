@@ -69,7 +69,7 @@ def test_a_faster_magnetometer_has_a_sample_in_every_row() -> None:
 def test_held_samples_repeat_the_last_fresh_one() -> None:
     prior = with_mag(MagnetometerPrior(rate_hz=100.0, noise_sd_uT=0.5))
     empty = recorded(prior, spinning, 4000)
-    held = recorded(prior.with_held_field(), spinning, 4000, block=37)
+    held = recorded(with_mag(MagnetometerPrior(rate_hz=100.0, noise_sd_uT=0.5, held=True)), spinning, 4000, block=37)
     assert held.mag is not None
     assert empty.mag is not None
     assert held.fresh is not None

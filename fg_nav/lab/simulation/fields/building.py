@@ -37,7 +37,6 @@ from fg_nav.lab.simulation.fields.floor import (
     SPOTS_M,
     FloorParameters,
     FloorPath,
-    TreadParameters,
     draw_floor,
     draw_treads,
     resample_path,
@@ -185,13 +184,11 @@ class Clutter:
     Attributes
     ----------
     floor : roughness of level floors.
-    treads : roughness where the path climbs.
     kinds : objects.
     cables : stray currents, or None.
     """
 
     floor: FloorParameters = field(default_factory=FloorParameters)
-    treads: TreadParameters = field(default_factory=TreadParameters)
     kinds: tuple[Kind, ...] = INDOOR_KINDS
     cables: Cables | None = field(default_factory=Cables)
 
@@ -219,9 +216,7 @@ def draw_environment(
     path = resample_path(points)
     if level == "smooth":
         return Sum((earth, place_objects(SMOOTH_KINDS, path, earth.vector, rng)))
-    ground: Field = (
-        draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng, clutter.treads)
-    )
+    ground: Field = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
     objects = place_objects(clutter.kinds, path, earth.vector, rng)
     circuits = place_cables(clutter.cables, path, rng) if clutter.cables else []
     return Sum((earth, ground, objects, *circuits))

@@ -18,9 +18,9 @@ What makes a reinforced floor so rough is not its mesh of 15 cm, whose field is 
 its own magnetization; wavelengths and strength are those of real walks (`scripts/realism.py foot`).
 
 Stairs. The floor climbs with the walker, so the same steel is cut into pieces: dipoles of equal size in random
-directions, spread in a strip about the path and `depth_m` below it, so that each tread has its own steel under it.
+directions, spread in a strip about and below the path, so that each tread has its own steel under it.
 Outside of the pieces the field has neither divergence nor curl. A layer at a distance H varies over about H, as waves
-of 2 pi H / 1.5 do. The moments are scaled so that the rms along the path is exactly `strength_uT`; a piece then has 5
+of 2 pi H / 1.5 do. The moments are scaled so that the rms along the path is exactly `TREADS_UT`; a piece then has 5
 to 10 A m^2, some meters of reinforcing bar.
 """
 
@@ -226,44 +226,34 @@ def _waves_at(above: Floats, wave: Floats, amplitude: Floats, phase: Floats) -> 
     return field
 
 
-@dataclass(frozen=True)
-class TreadParameters:
-    """How rough stairs are.
+TREADS_UT, TREADS_HEIGHT_M = 5.5, 0.1
+"""Stairs: rms per axis, that of a floor, at the height over the path of a sensor on a standing foot."""
 
-    Attributes
-    ----------
-    strength_uT : rms per axis at `reference_m` above the path; that of a floor.
-    reference_m : height of a sensor on a standing foot.
-    depth_m : of the pieces under the path.
-    half_width_m : of the strip.
-    per_m : pieces a meter of path; so many that several act at once.
-    room_m : to where a sensor may be, at least (winding stairs hang over the path below).
-    """
+TREADS_DEPTH_M, TREADS_HALF_WIDTH_M = (0.35, 0.9), 1.6
+"""Of the pieces under the path, and of their strip."""
 
-    strength_uT: float = 5.5
-    reference_m: float = 0.1
-    depth_m: tuple[float, float] = (0.35, 0.9)
-    half_width_m: float = 1.6
-    per_m: float = 12.0
-    room_m: float = 0.35
+TREADS_PER_M = 12.0
+"""Pieces a meter of path: so many that several act at once."""
+
+TREADS_ROOM_M = 0.35
+"""From a piece to where a sensor may be, at least (winding stairs hang over the path below)."""
 
 
-def draw_treads(path: FloorPath, rng: np.random.Generator, parameters: TreadParameters = TreadParameters()) -> Dipoles:
+def draw_treads(path: FloorPath, rng: np.random.Generator) -> Dipoles:
     """Bury the pieces under the path."""
-    p = parameters
-    count = max(1, round(p.per_m * SPOTS_M))
-    position = _under(np.repeat(path.spots, count, axis=0), np.repeat(path.spot_directions, count, axis=0), p, rng)
-    position = position[path.room(position) >= p.room_m]
+    count = max(1, round(TREADS_PER_M * SPOTS_M))
+    position = _bury_under(np.repeat(path.spots, count, axis=0), np.repeat(path.spot_directions, count, axis=0), rng)
+    position = position[path.room(position) >= TREADS_ROOM_M]
     moment = rng.standard_normal(position.shape)
     unit = Dipoles(position, moment / np.linalg.norm(moment, axis=1, keepdims=True))
-    felt = unit.at(path.points + np.array([0.0, 0.0, p.reference_m]))
-    size = p.strength_uT / np.sqrt(np.mean(felt**2))
+    felt = unit.at(path.points + np.array([0.0, 0.0, TREADS_HEIGHT_M]))
+    size = TREADS_UT / np.sqrt(np.mean(felt**2))
     return Dipoles(unit.position, size * unit.moment)
 
 
-def _under(spot: Floats, direction: Floats, p: TreadParameters, rng: np.random.Generator) -> Floats:
+def _bury_under(spot: Floats, direction: Floats, rng: np.random.Generator) -> Floats:
     """Places (K, 3) m under the path: along it as it climbs, and level to its sides."""
     along = SPOTS_M * rng.uniform(-0.5, 0.5, (len(spot), 1))
-    aside = p.half_width_m * rng.uniform(-1, 1, (len(spot), 1))
-    depth = rng.uniform(*p.depth_m, (len(spot), 1))
+    aside = TREADS_HALF_WIDTH_M * rng.uniform(-1, 1, (len(spot), 1))
+    depth = rng.uniform(*TREADS_DEPTH_M, (len(spot), 1))
     return spot + along * direction + aside * np.cross(direction, UP) - depth * UP

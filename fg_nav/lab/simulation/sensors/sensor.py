@@ -91,10 +91,6 @@ class SensorPrior:
         """Make the same sensor with another rate: its noise density stays, its noise per sample does not."""
         return replace(self, rate_hz=rate_hz)
 
-    def with_held_field(self, held: bool = True) -> SensorPrior:
-        """Make the same sensor with a logger that repeats the field where there is no new sample."""
-        return self if self.mag is None else replace(self, mag=replace(self.mag, held=held))
-
     def with_iron(self, iron: IronPrior) -> SensorPrior:
         """Make the same sensor with exactly this iron: its chips add no offset or scale error of their own."""
         if self.mag is None:
