@@ -7,23 +7,19 @@ NAME may have a preset behind it, `ma2018:as-printed`; without one it is `tuned`
 and `indoor`, and `between`, 0.65 of the first and 0.35 of the second: a compass that waits for a quiet field often
 finds it in the first and hardly ever in the second.
 
-Every result is a file in DIR: a run makes what is missing or has other parameters, and prints and draws all
-that was asked for. What other code made is joined, with a remark; `--renew` makes that again. Walks and methods are
-those of a campaign, and of `fg-nav reproduce`: all methods on a walk share recording, stances and field, and are given
-the true heading at the start; Munich has no declination, so that a compass and the truth have the same north. Seeds
-begin at 101: filters are tuned below 100. What was known of the iron on the shoe is in `fg_nav.lab.campaign.walks`:
-`loop` is as Ma did it, and the default. Real walks have no loop, and are `walk` unless they are to be `raw`.
+Every result is a file in DIR: a run makes what is missing or has other parameters. What other code made is joined, with
+a remark; `--renew` makes that again. All methods on a walk share recording, stances and field, and are given the true
+heading at the start. Filters are tuned on seeds below 100. What was known of the iron on the shoe is in
+`fg_nav.lab.campaign.walks`: `loop` is as Ma did it; real walks have none, and are `walk` or `raw`.
 
 Figures are medians over the walks (5 % to 95 %), of their size where they have a sign; a reduction is that of one walk,
 and keeps its sign. A method that fails on a walk is infinitely wrong there. `as started` and `yaw` are two ways to
-align a path with the truth, see `fg_nav.evaluation.walked`; the papers' figures stand below ours, and the papers do not
-say which of the two is theirs. Real walks have no true heading at the start and are aligned by the best yaw (gdin,
-surveyed footprints), or have no truth but that they end where they began (openshoe).
+align a path with the truth, see `fg_nav.evaluation.walked`; the papers, whose figures stand below ours, do not say
+which is theirs. Real walks are aligned by the best yaw (gdin), or end where they began (openshoe).
 
 Are the claims true? `fg_nav.evaluation.consistency` has the errors over their claim, their parts and the bands.
 `end`: share of the walks whose NEES at the last footfall lies within the two-sided 95 % band; `mean`: the same of the
-mean over four footfalls; `above`: share above the band at the last footfall, those too sure. `error / sigma`: rms over
-walks and footfalls. Of 20 honest walks 19 are expected inside, and 16 or more in 99.7 % of all cases.
+mean over four footfalls; `above`: share above the band. `error / sigma`: rms over walks and footfalls.
 """
 
 from __future__ import annotations
@@ -67,8 +63,7 @@ REFERENCE, OTHER_REFERENCE = {MALL: "iqsf"}, "iez"
 """Method whose errors the others reduce: on the mall as in the paper, elsewhere the other."""
 
 OPPONENTS = ("ma2018", "matched", "matched-rts", "inertial")
-"""Methods whose errors stand under the others', walk by walk: the paper's, one of the same models, the same with the
-backward pass, and the same graph without the field. What separates them is where a gain comes from."""
+"""Methods under the others' errors, walk by walk: what separates them is where a gain comes from."""
 
 PRINTED: Mapping[tuple[str, str], tuple[str, Mapping[str, str]]] = {
     (OFFICE, "iez"): ("Ma 2018, pure ZUPT", {"end": "2", "heading": "14"}),
@@ -91,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parse(arguments)
     results = make_results(chosen)
     for name, case in group_cases(results).items():
-        print_case(name, case, chosen.reference)
+        print_case(name, case)
         draw_case(chosen.out, name, case)
     print_speed(results)
     print_remarks(results)
@@ -111,7 +106,6 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         first=FIRST_SEED,
         real=option([], "real walks", nargs="*", choices=tuple(REAL_WALKS)),
         data=None,
-        reference=option(None, "method that the reduction refers to", metavar="NAME"),
         jobs=2,
         renew=option(False, "make again what other code made"),
     )
@@ -157,9 +151,8 @@ def group_cases(results: Sequence[Result]) -> dict[str, Case]:
     """Results of each case by method, in the order in which they come."""
     cases: dict[str, dict[str, list[Result]]] = {}
     for result in results:
-        key = result.key
-        name = ", ".join((key.group, key.field, f"magnetometer {key.magnetometer}"))
-        cases.setdefault(name, {}).setdefault(key.method, []).append(result)
+        name = ", ".join((result.key.group, result.key.field, f"magnetometer {result.key.magnetometer}"))
+        cases.setdefault(name, {}).setdefault(result.key.method, []).append(result)
     return dict(cases)
 
 
@@ -167,9 +160,6 @@ def group_cases(results: Sequence[Result]) -> dict[str, Case]:
 
 Value: TypeAlias = Callable[[Result], float | None]
 """A figure of a result; None where it has none."""
-
-OfTwo: TypeAlias = Callable[[float, float], float]
-"""A figure of two methods on the same walk."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +173,7 @@ class Column:
     value: Value
     paper: str = ""
     failed: float | None = math.inf
-    of_two: OfTwo | None = None
+    of_two: Callable[[float, float], float] | None = None
     against: str = ""
 
 
@@ -252,11 +242,10 @@ def ratio_columns(case: Case) -> list[Column]:
 # --- tables ----------------------------------------------------------------------------------------------------------
 
 
-def print_case(name: str, case: Case, reference: str | None = None) -> None:
+def print_case(name: str, case: Case) -> None:
     """Print the tables of a case; one that would be empty is left out, and so is a column."""
     first = next(iter(case.values()))
-    group = first[0].key.group
-    against = reference or REFERENCE.get(group, OTHER_REFERENCE)
+    against = REFERENCE.get(group := first[0].key.group, OTHER_REFERENCE)
     count = max(len(results) for results in case.values())
     harness.print_heading(f"{name}: {format_count(count, 'walk')}, median (5 % to 95 %)")
     if first[0].key.magnetometer == WALK:
@@ -365,8 +354,8 @@ def _percents(shares: Sequence[float]) -> str:
 def whitened_errors(results: Sequence[Result]) -> dict[str, Floats]:
     """Errors over their claim (S, M, n) by part, of the walks that have one."""
     known = [result.whitened for result in results if result.whitened]
-    parts = [part for part in PARTS if known and all(part in one for one in known)]
-    return {part: np.array([one[part] for one in known], dtype=np.float64) for part in parts}
+    shared = [part for part in PARTS if known and all(part in one for one in known)]
+    return {part: np.array([one[part] for one in known], dtype=np.float64) for part in shared}
 
 
 def shares_inside(results: Sequence[Result], part: str) -> tuple[float, float, float]:
@@ -386,10 +375,7 @@ def draw_case(folder: Path, name: str, case: Case) -> None:
     known = {mode for results in case.values() for result in results for mode in result.estimate}
     words_of = {AS_STARTED: "as started", BEST_YAW: "best yaw", CLOSURE: "own frames"}
     mode = next((mode for mode in words_of if mode in known), CLOSURE)
-    every = {
-        method: [track_of(result, mode) for result in results if mode in result.estimate]
-        for method, results in case.items()
-    }
+    every = {method: [track_of(one, mode) for one in some if mode in one.estimate] for method, some in case.items()}
     tracks = {method: some for method, some in every.items() if some}
     if not tracks:
         return

@@ -26,8 +26,8 @@ shifted     the strides' deviations from the mean field, in the navigation frame
 strange     the same with the field in the body frame: |E| found from fields that belong to other headings
 =========== ========================================================================================================
 
-Places passed twice: footfalls within 0.5 m of each other, more than 5 strides apart. `anywhere` is by how much phi
-differs from one footfall of the walk to another, rms, `there` between these. `tied` is what is left over, `there` and
+Places passed twice: footfalls within 0.5 m of each other, more than 5 strides apart. By how much phi differs, rms:
+`anywhere` from one footfall to another, `there` between these. `tied` is what is left over, `there` and
 `iron` where the fit assumes that phi is the same there to 1 uT m: without curl this costs little. `shifted` as above,
 and tied.
 """
@@ -70,8 +70,7 @@ AGAIN_M, AGAIN_STRIDES, AGAIN_UT_M = 0.5, 5, 1.0
 FEWEST_PLACES = 3
 """One pair alone is always made to agree, by the iron along the way."""
 
-SHUFFLES, SHIFTS = 500, 9
-PIECE, PIECE_SHUFFLES = 60, 50
+SHUFFLES, SHIFTS, PIECE, PIECE_SHUFFLES = 500, 9, 60, 50
 
 
 @dataclass(frozen=True)
@@ -233,8 +232,8 @@ def of_seed(name: str, level: str, magnetometer: str, along: str, seed: int) -> 
     spread = np.degrees(np.std([wrap_angle(np.radians(towards(f) - towards(earth))) for f in true.stance_field]))
     share = fit.strength / float(np.hypot(*earth[:2]))
     correlations = [fit.correlation(lag) for lag in LAGS]
-    found = fit.iron_along(way), fit.rms, fit.rms_m, *correlations, float(spread), of_pieces(way)
-    return share, float(direction), *found
+    left = fit.iron_along(way), fit.rms, fit.rms_m, *correlations
+    return share, float(direction), *left, float(spread), of_pieces(way)
 
 
 def _inertial(walk: Walk, truth: Trajectory, along: str) -> Trajectory:

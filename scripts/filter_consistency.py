@@ -1,4 +1,4 @@
-"""Whether the filters and their smoothers are as sure as they may be, on walks drawn from their own beliefs.
+"""Whether the filters and their smoothers are as sure as they may be, on walks drawn from their own models.
 
     python scripts/filter_consistency.py [--seeds N] [--methods NAME ...] [--preset NAME] [--scenario NAME]
 
@@ -17,8 +17,8 @@ of their number (Bar-Shalom et al. 2001, 5.4). A footfall's NEES is taken once a
 Not drawn, and so left out here: an uncertainty that depends on the sample's own force (`unsteady_s`), and a course
 (HDR), which is compared with what the filter itself estimated before, shares its error, and has no NIS that could be
 asked for. What is left of the first kind, noises in proportion to the sample, takes up to about one percent off the
-NIS of the velocity at the rate chosen here: a white velocity in stance asks for forces, and a large one is then
-doubted more.
+NIS of the velocity at the rate chosen here: a white velocity in stance asks for forces, and a large one then has a
+larger uncertainty.
 
 25 Hz was chosen after 200 and 50 Hz had been tried, because the forces so asked for grow with the rate. The NIS of the
 velocity of IEZ and `matched`, one sigma of the mean 0.002, was 0.976 and 0.973 at 200 Hz, outside the band; 0.994 at
@@ -78,7 +78,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A walk drawn from a filter's beliefs; the truth at its footfalls, and what the filter is given of them."""
+    """A walk drawn from a filter's model; the truth at its footfalls, and what the filter is given of them."""
 
     recording: Recording
     start: Start
@@ -211,7 +211,7 @@ def _tilt(track: Track) -> Floats:
 
 
 def drawn(motion: Motion, core: IezParameters, parameters: Parameters, rng: np.random.Generator) -> Drawn:
-    """Draw a walk about a motion from the beliefs of a filter."""
+    """Draw a walk about a motion from the model of a filter."""
     h = np.append(np.diff(motion.t), np.median(np.diff(motion.t)))
     noise, _ = make_noise_models(core)
     rate = rates_of(motion.nav_R_body, h)

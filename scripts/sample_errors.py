@@ -9,11 +9,10 @@ A sample is the mean of rate and specific force over its period; simulated ones 
 
 integration
     Strapdown integration that is exact for constant rate and force (`fg_nav.mechanisation`) starts from the true state
-    at the beginning of each stride and is compared with the true state at its end. "plain" takes the samples as they
-    are. What is left is the motion within a sample: with w, f and their rates of change, a sample of period h misses
+    at the beginning of each stride and is compared with the true one at its end. "plain" takes the samples as they are:
+    what is left is the motion within a sample. With w, f and their rates of change, a sample of period h misses
     the angle h^3/12 w x w' (coning) and the velocity h^3/12 (w x f' - w' x f) (sculling), second order in the period.
-    It is physics of a foot and no error of the simulator: the same integral over the real gdin walks, at 400 Hz, is 0.2
-    to 0.8 mm/s a stride. "corrected" has the two terms added, as every estimator has them (`fg_nav.samples.coning`):
+    "corrected" has the two terms added, as every estimator has them (`fg_nav.samples.coning`):
     what is left is of fourth order, and shows that samples and truth agree.
 
 preintegration

@@ -13,21 +13,17 @@ heading at the start, position and heading of the start laid on the truth. On ev
 so exp(loss) is a geometric mean of ratios in which every scenario and field weighs alike; an estimate that does nothing
 with the field has 1, and a single walk that goes wrong costs more than a median would show.
 
-The search goes along one parameter after the other over a fixed grid, from each of two starts, until a round changes
-nothing. It ends with every value of every parameter tried beside the best, and that is the table printed: how flat it
-is, and whether the best lies at an edge. The largest sigma of the compass all but turns it off, so that no method can
-be tuned to be worse than the IEZ.
+The search varies one parameter after the other over a fixed grid, from each of two starts, until a round changes
+nothing. Then every value of every parameter is tried beside the best: the table shows how flat it is, and whether the
+best lies at an edge. The largest sigma of the compass all but turns it off, so no method can be tuned to be worse than
+the IEZ. Tuned at 100 Hz, samples averaged; held-out walks keep their rate.
 
-Tuned at 100 Hz, samples averaged, for that is a quarter of the work; held-out walks keep their rate. The errors of
-single walks differ between the two as much as between seeds.
-
-Walks (seeds 1 to 12) and results are kept in the cache and taken up again by the next run. Empty it after a change
-of a filter. Seeds 31 to 36 are held out of the tuning; those from 101 on are left to the reports.
+Walks (seeds 1 to 12) and results are kept in the cache: empty it after a change of a filter. Seeds 31 to 36 are held
+out of the tuning; those from 101 on are left to the reports.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import pickle
@@ -141,9 +137,6 @@ class Case:
 Errors: TypeAlias = Mapping[Case, tuple[float, float]]
 """Case -> rmse at the footfalls and error at the last, m, over the ground."""
 
-Star: TypeAlias = Mapping[str, Mapping[float, float]]
-"""Parameter -> value -> loss, the other parameters being at their best."""
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Tune, print, and keep what was computed."""
@@ -164,15 +157,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         bench = Bench(chosen.cache, pool, tuple(chosen.scenarios), range(first, first + chosen.seeds), rate)
         if chosen.held_out:
             print_held_out(bench, chosen.methods)
-        else:
-            tune(bench, chosen)
-
-
-def tune(bench: Bench, chosen: argparse.Namespace) -> None:
-    """Search, and print how flat it is about the best."""
-    for method in chosen.methods:
-        grid = with_physical(method, GRIDS[method])
-        print_star(bench, method, search_starts(bench, method, grid, chosen.rounds), grid)
+            return
+        for method in chosen.methods:
+            grid = with_physical(method, GRIDS[method])
+            print_star(bench, method, search_starts(bench, method, grid, chosen.rounds), grid)
 
 
 # --- the walks -------------------------------------------------------------------------------------------------------
@@ -411,15 +399,8 @@ def _row(trial: Trial, errors: Errors, iez: Errors, cases: Sequence[Case]) -> li
     rmse, end = np.median([errors[case] for case in cases], axis=0)
     ratio = np.exp([log_ratio(errors[case], iez[case]) for case in cases])
     middle = float(np.exp(np.mean(np.log(ratio))))
-    return [
-        trial.method,
-        trial.preset,
-        f"{rmse:.2f}",
-        f"{end:.2f}",
-        f"{middle:.3f}",
-        f"{ratio.min():.3f}",
-        f"{ratio.max():.3f}",
-    ]
+    ratios = (f"{value:.3f}" for value in (middle, ratio.min(), ratio.max()))
+    return [trial.method, trial.preset, f"{rmse:.2f}", f"{end:.2f}", *ratios]
 
 
 if __name__ == "__main__":

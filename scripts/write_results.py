@@ -24,10 +24,10 @@ from typing import Any
 
 import harness
 import numpy as np
+from real_magnetometer import MERITS
 from real_walks import (
     FOOTPRINTS,
     LOOPS,
-    MERITS,
     NEES,
     PYSHOE,
     RMSE,
