@@ -10,8 +10,8 @@ heading at the start, position and heading of the start laid on the truth. On ev
     loss of a walk = ln(e / e of the IEZ in its physical preset on that walk)
     loss = mean over scenarios and fields of the mean over the seeds
 
-so exp(loss) is a geometric mean of ratios in which every scenario and field weighs alike; an estimate that does nothing
-with the field has 1, and a single walk that goes wrong costs more than a median would show.
+so exp(loss) is a geometric mean of ratios in which every scenario and field weighs alike; an estimate without the field
+has 1.
 
 The search varies one parameter after the other over a fixed grid, from each of two starts, until a round changes
 nothing. Then every value of every parameter is tried beside the best: the table shows how flat it is, and whether the
@@ -78,12 +78,10 @@ GRIDS: Mapping[str, Grid] = {
         "allowance": (0.5, *ALLOWANCES),
     },
 }
-"""Beside the physical preset's values. `allowance` and `window` are the detector's (`scale_detector` in
-`fg_nav.ekf.presets`), the others are named as in the parameters."""
+"""Beside the physical preset's values. `allowance` and `window` are those of `scale_detector`."""
 
 STARTS: Sequence[Point] = ({}, {"allowance": 8.0, "compass_sigma_deg": 20.0})
-"""Where the search begins, beside the physical values: there, and with a gate that passes nearly all and a compass that
-is trusted less, for the two make valleys of their own."""
+"""Where the search begins: at the physical values, and with a gate that passes nearly all and a weaker compass."""
 
 
 HELD_OUT_COLUMNS = ("method", "preset", "rmse (m)", "end (m)", "over the IEZ's", "least", "greatest")
