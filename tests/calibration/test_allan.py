@@ -98,9 +98,9 @@ def test_the_covariance_of_the_variances_is_that_over_many_records():
     ]
     seen = np.cov(np.array([curve.deviation**2 for curve in found]).T)
     squares = np.array([1.0, 0.0, 0.01])
-    told = np.einsum("k,l,klij->ij", squares, squares, compute_covariance_products(count, factors))
-    scale = np.sqrt(np.outer(np.diag(told), np.diag(told)))
-    np.testing.assert_allclose(seen / scale, told / scale, atol=0.12)
+    expected = np.einsum("k,l,klij->ij", squares, squares, compute_covariance_products(count, factors))
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(seen / scale, expected / scale, atol=0.12)
 
 
 @pytest.mark.parametrize(("N", "B", "K"), [(0.01, 0.0, 0.0), (0.01, 0.02, 0.0), (0.01, 0.0, 0.02), (0.01, 0.03, 0.02)])

@@ -193,13 +193,13 @@ def test_the_covariance_in_the_body_is_that_of_the_ellipse_turned():
     covariance = found.in_body(up).covariance
     vertical = np.append(up / np.linalg.norm(up), np.zeros(6))
     assert vertical @ covariance @ vertical == pytest.approx(UNKNOWN_UT**2)  # of which nothing is known
-    told = covariance - UNKNOWN_UT**2 * np.outer(vertical, vertical)
-    assert told == pytest.approx(J @ found.covariance @ J.T, rel=1e-4, abs=1e-10)
+    seen = covariance - UNKNOWN_UT**2 * np.outer(vertical, vertical)
+    assert seen == pytest.approx(J @ found.covariance @ J.T, rel=1e-4, abs=1e-10)
     assert found.in_body(up).parameters[3:] == pytest.approx(found.in_body(up).correction[UPPER])
 
 
 def test_a_steady_error_of_levelling_is_in_the_covariance_of_a_walk():
-    """A tilt of 3 mrad turns 43 uT of vertical field into 0.13 uT of offset, and no footfall tells."""
+    """A tilt of 3 mrad turns 43 uT of vertical field into 0.13 uT of offset, and no footfall shows it."""
     ellipse, _ = calibrate_on_loop(footfalls(np.eye(3)))
     assert ellipse.sigma[:2] == pytest.approx(0.003 * 43.0, rel=1e-3)
     tilted = compute_level_R_body(np.array([0.003, 0.0, 1.0]))

@@ -16,7 +16,7 @@ MA_B = np.array([14.336, 7.975, -5.641])
 
 
 def directions(rng, count=400, within=None):
-    """Unit vectors; within an angle (rad) of the z axis if told."""
+    """Unit vectors; within an angle (rad) of the z axis if given."""
     many = rng.standard_normal((count if within is None else 40 * count, 3))
     many /= np.linalg.norm(many, axis=1, keepdims=True)
     return many[:count] if within is None else many[many[:, 2] > np.cos(within)][:count]

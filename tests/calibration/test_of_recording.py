@@ -1,4 +1,4 @@
-"""All calibrations of one recording: hands that turn a sensor over, and what a wild reading does to what is told."""
+"""All calibrations of one recording: hands that turn a sensor over, and what a wild reading does to the results."""
 
 from dataclasses import replace
 

@@ -91,7 +91,7 @@ def test_errors_over_the_ground_are_as_large_as_they_are_said_to_be(again, hard_
 
 
 def test_a_walk_over_the_same_places_again_says_little_more(hard_alone):
-    """Twice round tells as much as once of the building, and about as much of the iron."""
+    """Twice round shows as much as once of the building, and about as much of the iron."""
     heading = round_walk(240, 8)
     new, same = (
         calibrate_on_walk(walked(heading, np.random.default_rng(3), again=again), hard_alone) for again in (0, 60)

@@ -115,7 +115,7 @@ def test_compass_and_course_take_off_an_error_across_south(heading_deg, error_de
         assert np.abs(error_of(estimate, truth)[8]) < np.radians(0.01)
 
 
-def test_nothing_is_taken_in_where_nothing_is_believed():
+def test_nothing_is_used_where_nothing_is_accepted():
     rng = np.random.default_rng(2)
     state, P = upright(rng), random_covariance(rng)
     x, after, innovation, traces = update_at(state, measure_at(state), P)
@@ -244,7 +244,7 @@ def test_attitude_errors_and_innovations_are_as_large_as_claimed():
     assert low < 2 * squares[:, TILT].mean() < high
 
 
-def test_a_course_known_from_elsewhere_is_taken_in_as_well_as_claimed():
+def test_a_course_known_from_elsewhere_is_used_with_its_sigma():
     """The update itself; a filter holds its heading against its own earlier ones, which HDR takes for known."""
     rng, sigma, scores, squares = np.random.default_rng(9), np.radians(2.0), [], []
     pseudo = make_pseudo_measurements(2)._replace(

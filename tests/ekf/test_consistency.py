@@ -103,6 +103,6 @@ def test_a_filter_that_claims_half_the_noise_is_found_out(part):
     assert nees[:, 5].mean() > bounds(15, RUNS)[1] * 1.1
 
 
-def test_a_filter_that_doubts_the_stance_too_much_is_found_out():
+def test_too_large_a_sigma_of_the_stance_is_detected():
     _, nis, corrections = monte_carlo(claimed_variance=4 * STANCE_VARIANCE)
     assert nis.mean() < bounds(3, RUNS * corrections)[0] * 0.9

@@ -105,7 +105,7 @@ def test_covariance_stays_positive_over_a_long_run():
     assert np.linalg.eigvalsh(P * np.outer(scale, scale)).min() > -1e-9
 
 
-def test_a_doubted_axis_spreads_in_the_body_frame_only():
+def test_an_uncertain_axis_spreads_in_the_body_frame_only():
     rng = np.random.default_rng(8)
     state = random_state(rng)
     state.gyro_bias[:] = 0.0

@@ -47,7 +47,7 @@ NOTHING_PASSES = replace(
 )
 
 
-def test_without_a_heading_and_a_footfall_to_believe_it_is_the_iez_turned_and_says_how_sure_it_is():
+def test_without_a_heading_and_an_accepted_footfall_it_is_the_iez_turned_with_its_sigma():
     """On a foot that rolls and a force that is off, whose stances would reduce the variance of an unknown heading."""
     walk = replace(STRAIGHT, strides=20, turn=0.1, roll=0.3, height=0.1)
     recording, stances, _, _ = walked(walk)
@@ -67,7 +67,7 @@ def test_without_a_heading_and_a_footfall_to_believe_it_is_the_iez_turned_and_sa
 
 @pytest.mark.parametrize("name", ["qsf-stance", "aiez"])
 @pytest.mark.parametrize("back", ["", RTS])
-def test_the_compass_that_told_the_start_is_not_taken_in_a_second_time(name, back):
+def test_the_compass_that_gave_the_start_is_not_used_a_second_time(name, back):
     """Of one footfall with a field the heading stays as unsure as a start is; of two it is surer."""
     recording, stances, _, _ = walked(replace(STRAIGHT, strides=4))
     sigmas = []
@@ -85,7 +85,7 @@ def test_the_compass_that_told_the_start_is_not_taken_in_a_second_time(name, bac
     assert sigmas[1] == pytest.approx(1 / np.hypot(1 / start, 1 / parameters.compass_sigma_deg), abs=0.3)
 
 
-def test_a_compass_believed_late_turns_the_walk_about_its_start():
+def test_a_compass_accepted_late_turns_the_walk_about_its_start():
     """The first footfalls' field is 15 deg off and moves too much to be used."""
     wild = lambda t: np.where(t < 2.3, 15.0, 15.0 + 40.0 * (np.floor(t - 0.3) % 2))  # noqa: E731
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.where(t < 20.3, wild(t), 0.0))
@@ -107,7 +107,7 @@ def test_declination_turns_what_the_compass_says():
         assert abs(off_deg(solution, headings)[-1]) < 0.3
 
 
-def test_a_field_that_turns_is_left_out_and_one_that_stays_turned_is_believed():
+def test_a_field_that_turns_is_left_out_and_one_that_stays_turned_is_accepted():
     """What tests on changes cannot see: Ma's filter follows a lasting deviation, as the paper's would."""
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.where(t > 20.0, 25.0, 0.0))
     solution = solved("ma2018", recording, stances, field, float(headings[0]))

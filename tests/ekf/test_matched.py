@@ -22,7 +22,7 @@ from tests.ekf.motion import Walk
 THERE = SmootherParameters()
 
 
-def test_it_believes_what_the_graph_believes():
+def test_it_assumes_what_the_graph_assumes():
     same = (
         "acc_density",
         "gyr_relative_density",
@@ -82,7 +82,7 @@ def test_the_lever_gives_the_velocity_that_the_foot_has():
     assert nis(-1) > 10.0
 
 
-def test_a_foot_that_is_pushed_is_doubted_more():
+def test_a_foot_that_is_pushed_has_a_larger_sigma():
     state = NavState(np.zeros(3), np.array([0.02, 0.0, 0.0]), np.eye(3), np.zeros(3), np.zeros(3))
     _, noise = make_noise_models(replace(MATCHED, rolling_lever_m=(0.0, 0.0, 0.0)))
 

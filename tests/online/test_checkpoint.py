@@ -13,12 +13,12 @@ from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
 from fg_nav.online.smoother import OnlineOptions
-from tests.online.walks import TOLD, push, short_walk, worst_difference
+from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 
 @pytest.fixture(scope="module")
 def whole():
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk()))
     navigator.close()
     return navigator
@@ -27,13 +27,13 @@ def whole():
 def test_a_resumed_walk_ends_with_the_same_answer(whole, tmp_path):
     rows = rows_of(short_walk())
     rng = np.random.default_rng(5)
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     at = [0, *np.sort(rng.integers(1, len(rows), 4)), len(rows)]
     for start, stop in pairwise(at):
         push(navigator, rows[start:stop], range(30, stop - start, 30))
         save(navigator, tmp_path / "walk.npz")
         push(navigator, rows[stop : stop + 100])  # walked after the save, and lost
-        navigator = load(tmp_path / "walk.npz", TOLD)
+        navigator = load(tmp_path / "walk.npz", NORTH)
     navigator.close()
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
     assert worst_difference(navigator.smoothed(), whole.smoothed()) < 1e-9
@@ -42,7 +42,7 @@ def test_a_resumed_walk_ends_with_the_same_answer(whole, tmp_path):
 
 def test_what_the_checkpoint_knows_is_not_taken_twice(whole, tmp_path):
     rows = rows_of(short_walk())
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows[:700])
     save(navigator, tmp_path / "walk.npz")
     told = []
@@ -188,7 +188,7 @@ def test_blocks_do_not_matter_to_whether_a_clock_restarted(block):
 
 def test_a_stream_that_ended_behind_its_last_stamps_can_be_closed_and_asked(tmp_path):
     rows = rows_of(short_walk())
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows[:700])
     push(navigator, rows[600:605])
     save(navigator, tmp_path / "walk.npz")
@@ -211,7 +211,7 @@ def test_samples_that_are_missing_are_counted_once_though_they_come_again():
 
 def test_a_walk_with_another_detection_is_taken_up_with_the_same(tmp_path):
     other = CausalParameters(settle_s=0.35)
-    navigator = OnlineNavigator(TOLD, detection=other)
+    navigator = OnlineNavigator(NORTH, detection=other)
     push(navigator, rows_of(short_walk())[:900])
     save(navigator, tmp_path / "walk.npz")
     again = load(tmp_path / "walk.npz", detection=other)
@@ -222,7 +222,7 @@ def test_a_walk_with_another_detection_is_taken_up_with_the_same(tmp_path):
 
 def test_sigmas_grow_where_a_sensor_was_switched_off(tmp_path):
     rows = rows_of(short_walk()).copy()
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows[:700])
     save(navigator, tmp_path / "walk.npz")
     told = []
@@ -245,7 +245,7 @@ def test_sigmas_grow_where_a_sensor_was_switched_off(tmp_path):
 def test_after_minutes_without_a_sample_the_walk_is_carried_on(step_s):
     rows = rows_of(short_walk()).copy()
     rows[700:, 0] += step_s
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows, range(33, len(rows), 33))
     navigator.close()
     assert navigator.judge.counts["unseen"] == 1
@@ -254,11 +254,11 @@ def test_after_minutes_without_a_sample_the_walk_is_carried_on(step_s):
 
 
 def test_a_walk_that_had_ended_can_still_be_asked(whole, tmp_path):
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk()))
     assert navigator.close()
     save(navigator, tmp_path / "walk.npz")
-    again = load(tmp_path / "walk.npz", TOLD)
+    again = load(tmp_path / "walk.npz", NORTH)
     assert worst_difference(again.causal(), whole.causal()) < 1e-9
     assert len(again.finish().stances) == len(navigator.finish().stances)
     with pytest.raises(EstimationError, match="has ended"):
@@ -266,7 +266,7 @@ def test_a_walk_that_had_ended_can_still_be_asked(whole, tmp_path):
 
 
 def test_a_save_that_fails_leaves_the_old_checkpoint(tmp_path, monkeypatch):
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk())[:300])
     path = tmp_path / "walk.npz"
     save(navigator, path)
@@ -289,7 +289,7 @@ def test_what_is_no_checkpoint_is_refused(tmp_path):
         path.write_bytes(content)
         with pytest.raises(FormatError, match="no checkpoint"):
             load(path)
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk())[:300])
     save(navigator, path)
     whole = path.read_bytes()
@@ -306,7 +306,7 @@ def test_what_is_no_checkpoint_is_refused(tmp_path):
 
 
 def test_a_checkpoint_is_arrays_with_a_version(tmp_path):
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk())[:900])
     save(navigator, tmp_path / "walk.npz")
     with np.load(tmp_path / "walk.npz", allow_pickle=False) as content:

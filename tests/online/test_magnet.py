@@ -12,7 +12,7 @@ from fg_nav.factors.magnetic_field import PHI
 from fg_nav.frames import compute_heading
 from fg_nav.online import OnlineNavigator, isam2, smoother
 from fg_nav.online.buffer import rows_of
-from tests.online.walks import TOLD, push, short_walk
+from tests.online.walks import NORTH, push, short_walk
 
 STRIDES = 16
 SOLVED_AGAIN = (1, 2, 3, 4)
@@ -37,7 +37,7 @@ def walked(field_there: np.ndarray | float, lag_s: float | None = None) -> Onlin
     stances, rows = detect_stances(recording), rows_of(recording)
     of = stances.footfall == AT
     rows[stances.start[of][0] - NEAR : stances.stop[of][-1] + NEAR, 7:] += field_there
-    navigator = OnlineNavigator(replace(TOLD, lag_s=lag_s))
+    navigator = OnlineNavigator(replace(NORTH, lag_s=lag_s))
     push(navigator, rows)
     navigator.close()
     return navigator

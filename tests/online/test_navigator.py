@@ -16,18 +16,18 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, RESTART, SampleJudge
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
-from tests.online.walks import TOLD, push, short_walk, worst_difference
+from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 
 @pytest.fixture(scope="module")
 def whole():
     """The walk in one block: its navigator, and the estimates."""
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     found = push(navigator, rows_of(short_walk()))
     return navigator, found + navigator.close()
 
 
-def test_each_footfall_is_told_once_and_in_order(whole):
+def test_each_footfall_is_returned_once_and_in_order(whole):
     navigator, found = whole
     assert [e.number for e in found] == list(range(len(found)))
     assert (np.diff([e.t for e in found]) > 0).all()
@@ -53,7 +53,7 @@ def test_blocks_do_not_matter(whole, seed):
     rows = rows_of(short_walk())
     rng = np.random.default_rng(seed)
     cuts = range(1, len(rows)) if seed is None else np.sort(rng.integers(0, len(rows), rng.integers(1, 300)))
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows, cuts)
     navigator.close()
     assert worst_difference(navigator.causal(), whole[0].causal()) < 1e-9
@@ -79,7 +79,7 @@ def test_between_footfalls_the_pose_is_carried_on():
     rows = rows_of(recording)
     stances = detect_stances(recording)
     batch = smooth(recording, stances, heading=0.0)
-    navigator, begin = OnlineNavigator(TOLD), 0
+    navigator, begin = OnlineNavigator(NORTH), 0
     assert navigator.pose() is None
     for k in range(5, 10):
         stop = int(stances.stop[k] + stances.start[k + 1]) // 2
@@ -115,10 +115,10 @@ def spoiled(rows, kind):
 
 
 @pytest.mark.parametrize("kind", ["missing", "repeated", "backward", "ahead", "gap", "restart"])
-def test_odd_samples_are_left_out_counted_and_told_once(whole, kind):
+def test_odd_samples_are_left_out_counted_and_reported_once(whole, kind):
     rows = spoiled(rows_of(short_walk()), kind)
     told = []
-    navigator = OnlineNavigator(TOLD, told.append)
+    navigator = OnlineNavigator(NORTH, told.append)
     found = push(navigator, rows, range(7, len(rows), 7)) + navigator.close()
     assert navigator.judge.counts[kind] >= 1
     kinds = [kind for kind, number in navigator.judge.counts.items() if number]
@@ -137,7 +137,7 @@ def test_blocks_do_not_matter_to_the_judge(kind):
     rows = spoiled(rows_of(short_walk()), kind)
     stores = []
     for cuts in ([], range(1, len(rows)), range(13, len(rows), 13)):
-        navigator = OnlineNavigator(TOLD)
+        navigator = OnlineNavigator(NORTH)
         for start, stop in zip([0, *cuts], [*cuts, len(rows)], strict=True):
             block = rows[start:stop]
             navigator.buffer.append(navigator.judge.admit(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:]))
@@ -192,7 +192,7 @@ def test_stamps_go_on_after_a_restart_of_the_clock(block):
 
 def test_estimates_after_a_restart_of_the_clock_have_the_stamps_of_their_samples():
     rows, sent, kept = restarted()
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, sent, range(40, len(sent), 40))
     navigator.close()
     sample, t = navigator.causal().sample, navigator.causal().t
@@ -209,7 +209,7 @@ def test_a_longer_gap_leaves_no_smaller_sigmas():
     for step_s in (2.0, 9.0, 29.0, 31.0):
         rows = rows_of(short_walk()).copy()
         rows[700:, 0] += step_s
-        navigator = OnlineNavigator(TOLD)
+        navigator = OnlineNavigator(NORTH)
         push(navigator, rows[:1000])
         table = navigator.causal()
         sigma.append(table.position_sigma[table.sample >= 700][0].max())
@@ -221,7 +221,7 @@ def test_a_longer_gap_leaves_no_smaller_sigmas():
 def test_a_last_sample_far_ahead_is_counted(alone_s):
     rows = rows_of(short_walk())[:300].copy()
     rows[-1, 0] += alone_s
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows)
     assert navigator.judge.counts["ahead"] == 0
     navigator.close()
@@ -244,7 +244,7 @@ def test_a_recording_keeps_its_samples_and_its_stamps(first, step_s):
 
 def test_where_input_is_lost_the_sigmas_grow(whole):
     rows = rows_of(short_walk())
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, spoiled(rows, "gap"))
     navigator.close()
     with_gap, without = (np.linalg.norm(n.causal().position_sigma[-1]) for n in (navigator, whole[0]))
@@ -256,30 +256,30 @@ def test_a_wrong_unit_is_refused_as_in_a_file(column, factor, word):
     rows = rows_of(short_walk())
     rows[:, column] *= factor
     with pytest.raises(RecordingError, match=word):
-        push(OnlineNavigator(TOLD), rows, range(50, len(rows), 50))
+        push(OnlineNavigator(NORTH), rows, range(50, len(rows), 50))
 
 
 def test_the_magnetometer_can_be_left_out(whole):
     rows = rows_of(short_walk())
-    navigator = OnlineNavigator(replace(TOLD, use_field=False))
+    navigator = OnlineNavigator(replace(NORTH, use_field=False))
     push(navigator, rows)
     assert set(navigator.finish().stances.field) == {"none"}
 
 
 def test_there_is_no_end_without_a_walk():
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     with pytest.raises(FgNavError):
         navigator.finish()
     t = np.arange(500) / 100.0
     rng = np.random.default_rng(0)
-    shaken = OnlineNavigator(TOLD)
+    shaken = OnlineNavigator(NORTH)
     assert shaken.push(t, rng.normal(0, 30, (500, 3)), rng.normal(0, 10, (500, 3))) == []
     with pytest.raises(DetectionError):
         shaken.finish()
     with pytest.raises(EstimationError):
         shaken.push(t, t[:, None], t[:, None])
     with pytest.raises(DetectionError):
-        OnlineNavigator(replace(TOLD, lag_s=60.0)).finish()
+        OnlineNavigator(replace(NORTH, lag_s=60.0)).finish()
 
 
 def test_a_walk_that_cannot_be_solved_still_ends(whole, monkeypatch):
@@ -311,6 +311,6 @@ def test_a_sensor_that_hangs_is_no_wrong_unit():
     rows = rows_of(short_walk())
     rows[300:600, 1:4] = 78.0  # at the end of its range
     rows[:800, 7:10] *= 7.0  # a magnet
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows, range(50, len(rows), 50))
     assert len(navigator.footfalls) > 5

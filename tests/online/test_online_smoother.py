@@ -23,7 +23,7 @@ from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters
-from tests.online.walks import TOLD, push, short_walk
+from tests.online.walks import NORTH, push, short_walk
 from tests.simulated import corridor
 from tests.smoother.walks import Walk, demo, part
 
@@ -166,7 +166,7 @@ def test_samples_are_forgotten_after_the_last_warm_up(monkeypatch):
 
 
 def test_a_long_walk_is_cut_and_nothing_else_changes(monkeypatch):
-    """When the graph is full its older half leaves: as told then in the past, and as a prior for what follows."""
+    """When the graph is full its older half leaves: as given then in the past, and as a prior for what follows."""
     monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 12)
     monkeypatch.setattr("fg_nav.online.smoother.RESOLVE_AT", (1, 2, 3, 4, 8))
     cut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
@@ -212,7 +212,7 @@ def test_an_indeterminate_graph_is_repaired():
     assert np.isfinite(online.latest.position).all()
 
 
-def test_a_long_standing_told_in_pieces_is_one_rest():
+def test_a_long_standing_given_in_pieces_is_one_rest():
     walk = demo()
     last = walk.stances.n_footfalls - 1
     online = fed(walk, footfalls=last)
@@ -292,7 +292,7 @@ def test_the_end_of_the_samples_makes_no_rest():
 def test_nor_does_the_end_of_a_window(monkeypatch):
     monkeypatch.setattr(online_smoother, "RESOLVE_AT", (1, 2, 3, 4))
     recording = cut_into_its_last_standing()
-    navigator = OnlineNavigator(replace(TOLD, use_field=False))
+    navigator = OnlineNavigator(replace(NORTH, use_field=False))
     push(navigator, rows_of(recording))
     navigator.close()
     assert navigator.footfalls[-1].stop[-1] > len(recording) - 5

@@ -13,7 +13,7 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.smoother import OnlineSmoother
-from tests.online.walks import TOLD, push, short_walk
+from tests.online.walks import NORTH, push, short_walk
 
 LAGS = [None, 6.0]
 BEGINS = 7
@@ -40,7 +40,7 @@ def walked(
     heading_rad: float | None = 0.0,
     standing_s: float = 0.0,
 ) -> OnlineNavigator:
-    navigator = OnlineNavigator(replace(TOLD, lag_s=lag, heading_rad=heading_rad), remark)
+    navigator = OnlineNavigator(replace(NORTH, lag_s=lag, heading_rad=heading_rad), remark)
     rows = stand_on(rows_of(short_walk()), standing_s)
     push(navigator, rows, range(40, len(rows), 40))
     navigator.close()
@@ -97,7 +97,7 @@ class Failing:
 
 
 def goes_on(navigator: OnlineNavigator, expected, least_growth: float) -> None:
-    """All footfalls told, finite; sigmas grow where it failed, and the strides behind that are those of the walk."""
+    """All footfalls given, finite; sigmas grow where it failed, and the strides behind that are those of the walk."""
     table = navigator.causal()
     assert len(table) == len(expected)
     for column in (table.position, table.position_cov, table.heading_sigma, table.gyro_bias_sigma, table.nav_R_body):
@@ -215,7 +215,7 @@ def test_no_covariance_is_found_or_it_is_no_number(monkeypatch, undisturbed, lag
             assert second.failed == 1
 
 
-def test_the_smoothed_past_is_told_though_it_cannot_be_solved(monkeypatch, undisturbed):
+def test_the_smoothed_past_is_returned_though_it_cannot_be_solved(monkeypatch, undisturbed):
     navigator = walked(None)
     expected = navigator.smoothed()
 

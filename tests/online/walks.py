@@ -17,7 +17,7 @@ from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from tests.simulated import PERSON, straight_walk
 
-TOLD = OnlineOptions(heading_rad=0.0)
+NORTH = OnlineOptions(heading_rad=0.0)
 
 
 @cache

@@ -35,7 +35,7 @@ def test_errors_of_angles_turn_about_their_axes(angles):
 
 
 @pytest.mark.parametrize("angles", ANGLES)
-def test_gravity_tells_roll_and_pitch(angles):
+def test_gravity_gives_roll_and_pitch(angles):
     force = 9.8 * rotation_of_angles(np.array(angles))[2]
     assert np.allclose(angles_of_up(force), angles[:2], atol=1e-12)
 

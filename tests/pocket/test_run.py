@@ -108,7 +108,7 @@ def test_what_speaks_against_a_recording_is_said():
     assert any("clipped" in note for note in clipped)
 
 
-def test_a_field_that_is_hardly_used_is_told(fg_nav, files, walk):
+def test_a_field_that_is_hardly_used_is_reported(fg_nav, files, walk):
     """The paper's filter lets no field pass whose strength changes with the attitude: iron on the sensor."""
     r = walk.recording.slice(0, len(walk.recording) // 2)
     write_canonical(replace(r, mag=r.mag + np.array([60.0, -80.0, 70.0])), files / "iron.csv")

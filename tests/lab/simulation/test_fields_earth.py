@@ -54,7 +54,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(make, words):
         make()
 
 
-def test_a_place_is_where_the_model_has_it_and_what_it_refuses_is_told_as_a_site():
+def test_a_place_is_where_the_model_has_it_and_what_it_refuses_is_named_as_a_site():
     pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
     written = "48.165, 11.277, 2015-04-15"
     np.testing.assert_array_equal(find_earth_field(written).vector, compute_field(Place.parse(written)).vector)

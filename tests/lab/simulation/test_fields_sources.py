@@ -117,7 +117,7 @@ def test_the_upward_part_and_what_is_far_are_untouched():
     np.testing.assert_allclose(one_cylinder(SKEW, mu_r=1.0).at(beside()), SKEW.at(beside()), atol=1e-12)
 
 
-def test_nobody_walks_through_iron():
+def test_a_path_through_iron_is_refused():
     with pytest.raises(SimulationError, match=r"inside the cylinder of radius 0.3 m at \(0.00, 0.00\) m"):
         one_cylinder().at(np.array([[5.0, 0, 0], [0.1, 0.2, 0]]))
 

@@ -32,7 +32,7 @@ def test_each_seed_lies_on_a_table_of_its_own():
     assert np.abs(one - other).max() > 1e-3
 
 
-def test_nobody_walks_with_a_table():
+def test_a_table_that_walks_is_refused():
     with pytest.raises(SimulationError, match="on a table goes nowhere"):
         simulate("demo", 1, Choices(worn="table"))
 

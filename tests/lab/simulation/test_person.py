@@ -1,4 +1,4 @@
-"""A person and a mount say what they are, and refuse what nobody is."""
+"""A person and a mount say what they are, and refuse what no one is."""
 
 from dataclasses import fields, replace
 
@@ -104,7 +104,7 @@ def column(people: list[Person], name: str, gait: str = "walk") -> np.ndarray:
 
 
 def test_persons_can_be_and_scatter_about_the_default() -> None:
-    """Nobody who is drawn is refused, though running leaves least room; medians stay, scatter is what is promised."""
+    """No one who is drawn is refused, though running leaves least room; medians stay, scatter is what is promised."""
     people, usual, sd = drawn(500), Person(), Variety()
     for name, promised in {
         "toe_down_rad": sd.toe_down,
@@ -139,7 +139,7 @@ def test_who_walks_with_steep_toes_also_runs_so() -> None:
 
 
 def test_plans_fix_what_they_fix() -> None:
-    """Treads are as deep for everybody, and nobody walks on the spot."""
+    """Treads are as deep for all, and no one walks on the spot."""
     for gait in ("stairs_up", "stairs_down", "turn"):
         assert set(column(drawn(20), "stride_m", gait)) == {getattr(Person(), gait).stride_m}
     assert len(set(column(drawn(20), "stride_m"))) == 20

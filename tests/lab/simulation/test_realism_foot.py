@@ -60,7 +60,7 @@ def test_persons_differ_as_real_ones_do(tables: Tables) -> None:
 
 
 @needs_data
-def test_every_fact_tells_a_foot_from_a_table(tables: Tables) -> None:
+def test_every_fact_distinguishes_a_foot_from_a_table(tables: Tables) -> None:
     facts, columns = tables["inertial"]
     assert all(set(of) == set(facts) for of in columns["real"])
     assert all(of[key] > 0 for of in columns["real"] for key in facts)

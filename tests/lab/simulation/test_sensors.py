@@ -85,7 +85,7 @@ def test_what_arrives_makes_a_recording() -> None:
     assert np.diff(samples.t).max() < 0.1
 
 
-def test_an_ideal_sensor_tells_the_truth() -> None:
+def test_an_ideal_sensor_measures_the_truth() -> None:
     t, rate, force = motion(500, 200.0)
     samples = switch_on(preset("ideal")).measure(t, rate, force, changing_field)
     assert samples.mag is not None
@@ -121,7 +121,7 @@ def test_switching_an_error_off_leaves_the_others_as_they_were() -> None:
     assert np.array_equal(with_it.mag, without_it.mag, equal_nan=True)
 
 
-def test_readings_are_truth_distorted_by_what_is_told() -> None:
+def test_readings_are_truth_distorted_by_the_errors_in_the_json() -> None:
     """With all noise off, what `Sensor` and `biases_at` tell explains the readings to rounding."""
     prior = replace(UNFORGIVING, clock=ClockPrior())
     gyr, acc = (replace(p, noise_density=0.0, resolution=0.0, limit=np.inf) for p in (prior.gyr, prior.acc))
@@ -202,7 +202,7 @@ def test_parameters_of_presets_are_plain(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_measures_and_is_told_in_json(name: str) -> None:
+def test_every_preset_measures_and_is_written_as_json(name: str) -> None:
     prior = preset(name)
     assert prior.name == name
     run = switch_on(prior)

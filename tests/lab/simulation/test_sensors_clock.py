@@ -37,7 +37,7 @@ def test_small_jitter_is_what_was_asked_for_and_right_on_average() -> None:
     assert delay.min() > -3.001e-4
 
 
-def test_when_a_sample_was_taken_is_told_without_delay() -> None:
+def test_when_a_sample_was_taken_is_given_without_delay() -> None:
     t = np.arange(10_000) / 200.0
     run = started(ClockPrior(jitter_s=5e-3, scale_sd=1e-3, dropped_share=0.1))
     stamps, taken, row = run.stamp(t)

@@ -229,7 +229,7 @@ def test_the_sensor_is_tilted_once_for_all():
     np.testing.assert_allclose(np.mean(tilts, axis=0), 0.0, atol=0.1)
 
 
-def test_another_walk_keeps_the_tilt_and_rings_anew():
+def test_another_walk_keeps_the_tilt_and_draws_its_own_ringing():
     strides = plan([Stand(1.0), Walk(straight(9.0)), Stand(1.0)], Person(), np.random.default_rng(0))
     one, other = (
         build_thigh_motion(strides, Pocket(), np.random.default_rng(of_this_walk), np.random.default_rng(9))

@@ -122,7 +122,7 @@ def test_another_seed_is_another_sensor_mounted_otherwise(real):
     assert np.linalg.norm(up_of_the_standing(other) - up_of_the_standing(real)) > 0.02
 
 
-def test_a_pocket_keeps_its_tilt_and_rings_anew():
+def test_a_pocket_keeps_its_tilt_and_draws_its_own_ringing():
     walks = [simulate(replace(SHORT, name=name), 3, replace(IDEAL, worn="pocket")) for name in ("one", "other")]
     one, other = (up_of_the_standing(walk) for walk in walks)
     np.testing.assert_allclose(one, other, atol=0.01)  # but for the sway of who stands
