@@ -3,7 +3,7 @@
     python scripts/field_potential.py [--seeds N] [--scenarios NAME ...] [--trajectory true|own|upright] [--no-real]
 
 The integral u of the body field over the displacements of the body frame is E . p + h . s less the potential phi
-(`factors.field_potential`). E (east, north), h and a constant are fitted to u at the footfalls by least squares; h has
+(`factors.magnetic_field`). E (east, north), h and a constant are fitted to u at the footfalls by least squares; h has
 a prior of 15 uT. What is left over is phi, rms in uT m; over |E| it is how well the field shows the coordinate along
 magnetic north at any footfall, however far one has walked.
 
