@@ -38,10 +38,15 @@ from real_walks import (
 from walks import GDIN
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.file import read_reproduction
-from fg_nav.lab.reproduce.messages import (
+from fg_nav.lab.reproduce.results import (
+    HIGH_PERCENT,
+    LOW_PERCENT,
     MEANINGS,
+    TOLERANCE,
     VERDICTS,
+    Experiment,
+    Reproduction,
+    Row,
     count_verdicts,
     describe_counts,
     format_name,
@@ -49,8 +54,8 @@ from fg_nav.lab.reproduce.messages import (
     format_printed,
     format_seeds,
     format_spread,
+    read_reproduction,
 )
-from fg_nav.lab.reproduce.results import HIGH_PERCENT, LOW_PERCENT, TOLERANCE, Experiment, Reproduction, Row
 from fg_nav.lab.store.files import write_text
 from fg_nav.report.terminal import console
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.messages import format_name, format_note
+from fg_nav.lab.reproduce.results import format_name, format_note
 from tests.lab.reproduce.made import reproduction
 from tests.scripts import load_script
 

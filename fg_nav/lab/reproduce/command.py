@@ -19,10 +19,19 @@ from pathlib import Path
 from rich.text import Text
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.file import write_reproduction
-from fg_nav.lab.reproduce.messages import describe_counts, format_name, format_note, format_printed, format_spread
 from fg_nav.lab.reproduce.page import write_page
-from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, Experiment, Reproduction
+from fg_nav.lab.reproduce.results import (
+    MISSED,
+    MISSED_EXPLAINED,
+    Experiment,
+    Reproduction,
+    describe_counts,
+    format_name,
+    format_note,
+    format_printed,
+    format_spread,
+    write_reproduction,
+)
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
 from fg_nav.report.folder import unwritable
 from fg_nav.report.terminal import console, progress, ruled_table

@@ -14,18 +14,10 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.messages import (
-    MEANINGS,
-    count_verdicts,
-    format_name,
-    format_note,
-    format_printed,
-    format_seeds,
-    format_spread,
-)
 from fg_nav.lab.reproduce.results import (
     AS_ASKED,
     BETTER,
+    MEANINGS,
     MISSED,
     MISSED_EXPLAINED,
     PUT_IN,
@@ -34,6 +26,12 @@ from fg_nav.lab.reproduce.results import (
     TOLERANCE,
     Picture,
     Reproduction,
+    count_verdicts,
+    format_name,
+    format_note,
+    format_printed,
+    format_seeds,
+    format_spread,
 )
 from fg_nav.text import to_json
 

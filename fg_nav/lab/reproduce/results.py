@@ -1,4 +1,4 @@
-"""What an experiment of a paper came to: the paper's figures beside ours, each with a verdict, and the pictures.
+"""What an experiment of a paper came to: rows of figures with a verdict, their text, reasons, pictures, and the file.
 
 A row has the paper's figure p, as printed and as a number where it is one, and what each of our columns (methods)
 made of it over the seeds. The verdict is of one column, the paper's own method, by its median m:
@@ -11,25 +11,30 @@ made of it over the seeds. The verdict is of one column, the paper's own method,
     short          it does not
     ""             the paper has no figure for it, or ours has none
 
-So a verdict is computed, and only the reason is written by hand.
+A verdict is computed; only the reason is written by hand, for the field and the side that it was checked on. A reason
+for a filter worse than printed does not explain one that is better, nor one floor another.
 
-Reasons why a figure of ours is off the printed one, each for the field and the side that it was looked at on.
-
-A reason that was found for a filter that is worse than printed does not explain one that is better, and what holds on
-one floor need not on another: there it is left out, and the figure stays unexplained.
+The file `results.json` has nothing of time or machine, so the same walks give the same bytes. JSON has no infinity:
+what never came or failed is the text "inf", and what is not known is null.
 """
 
 from __future__ import annotations
 
+import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.store.entries import Number
+from fg_nav.errors import OutputError
+from fg_nav.lab.store.entries import Number, encode_number
+from fg_nav.text import to_json
 
 REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED = "reproduced", "better", "missed (explained)", "missed"
 PUT_IN, AS_ASKED, SHORT = "put in", "as asked", "short"
@@ -200,3 +205,125 @@ def reason_for(reasons: Sequence[Reason], field: str, off: float) -> str:
     """
     held = (one.text for one in reasons if one.field in ("", field) and 0.0 < off * one.side < math.inf)
     return one_line(next(held, ""))
+
+
+VERDICTS = (REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED)
+"""Of a printed figure, from good to bad."""
+
+ASIDE = (PUT_IN, AS_ASKED, SHORT)
+"""What is no comparison with the paper."""
+
+MEANINGS = {
+    REPRODUCED: "as printed within the row's tolerance, or within the printed bound",
+    BETTER: "off the printed figure on the good side",
+    MISSED_EXPLAINED: "off it on the bad side, and a reason is given",
+    MISSED: "off it on the bad side, and there is none",
+    PUT_IN: "a setting of ours was chosen by the printed figure, so it is no result",
+    AS_ASKED: "within what was asked of ours",
+    SHORT: "not within it",
+}
+
+_TIMES = ("s", "min", "h")
+
+
+def format_name(row: Row) -> str:
+    """What a row is of, with its unit."""
+    return f"{row.quantity} ({row.unit})" if row.unit else row.quantity
+
+
+def format_printed(row: Row) -> str:
+    """The paper's figure, with the row's own tolerance where it has one."""
+    own = row.paper is not None and row.verdict and not row.bound and row.tolerance != TOLERANCE
+    return f"{row.printed} (within {100 * row.tolerance:.0f} %)" if own else row.printed or "-"
+
+
+def format_note(row: Row) -> str:
+    """What is said beside the verdict."""
+    return " ".join(text for text in (row.why if row.verdict == MISSED_EXPLAINED else "", row.note) if text)
+
+
+def format_spread(row: Row, column: str, walks: int) -> str:
+    """Median (5 to 95 %) of a column, with the number of values where it is not that of the walks."""
+    one = row.ours.get(column)
+    if one is None or one.n == 0:
+        return "-"
+    middle = _value(row, one.median)
+    if one.n == 1 or one.low == one.high:
+        return middle if one.n in (1, walks) else f"{middle} (n {one.n})"
+    count = "" if one.n == walks else f", n {one.n}"
+    return f"{middle} ({_value(row, one.low)} to {_value(row, one.high)}{count})"
+
+
+def _value(row: Row, value: float) -> str:
+    """A number by the row's pattern; infinite is a moment that never came, a ratio to one, or a method that failed."""
+    if math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "infinite" if not row.unit else "never" if row.unit in _TIMES else "failed"
+    return row.pattern.format(value)
+
+
+def count_verdicts(found: Reproduction) -> dict[str, int]:
+    """How many printed figures have each verdict, in the order of `VERDICTS`."""
+    number = _number(found)
+    return {verdict: number[verdict] for verdict in VERDICTS}
+
+
+def _number(found: Reproduction) -> Counter[str]:
+    return Counter(row.verdict for experiment in found.experiments for row in experiment.rows)
+
+
+def describe_counts(found: Reproduction) -> str:
+    """The counts as a sentence."""
+    number = count_verdicts(found)
+    parts = [f"{count} {verdict}" for verdict, count in number.items() if count]
+    aside = [f"{_number(found)[verdict]} {verdict}" for verdict in ASIDE if _number(found)[verdict]]
+    beside = f" Beside these, {', '.join(aside)}." if aside else ""
+    return f"{sum(number.values())} figures compared: {', '.join(parts) or 'none compared'}.{beside}"
+
+
+def format_seeds(found: Reproduction) -> str:
+    """The seeds, as a range where they are one."""
+    seeds = list(found.seeds)
+    if len(seeds) > 2 and seeds == list(range(seeds[0], seeds[-1] + 1)):
+        return f"{seeds[0]} to {seeds[-1]}"
+    return ", ".join(str(seed) for seed in seeds)
+
+
+FORM = 2
+"""Of the file."""
+
+
+def write_reproduction(found: Reproduction) -> str:
+    """Return the text of the file, with each row's verdict for readers without this library."""
+    content = {"form": FORM, **to_json(found)}
+    for experiment, written in zip(found.experiments, content["experiments"], strict=True):
+        written["rows"] = [_row(row) for row in experiment.rows]
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _row(row: Row) -> dict[str, Any]:
+    return {**to_json(row), "ours": {name: _spread(one) for name, one in row.ours.items()}, "verdict": row.verdict}
+
+
+def _spread(one: Spread) -> dict[str, Any]:
+    numbers = {name: encode_number(getattr(one, name)) for name in ("median", "low", "high")}
+    return {**numbers, "n": one.n}
+
+
+def read_reproduction(path: Path) -> Reproduction:
+    """Read a file.
+
+    Raises
+    ------
+    OutputError
+        If it is none.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content.pop("form") != FORM:
+            raise ValueError("another form")
+        return TypeAdapter(Reproduction).validate_python(content)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, ValidationError):
+        words = "is no result of `fg-nav reproduce`, or one of another version: make it again."
+        raise OutputError(f"{path} {words}") from None

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fg_nav.lab.reproduce import aiez2017
+from fg_nav.lab.reproduce.aiez2017 import keys
 from fg_nav.lab.reproduce.aiez2017.magnet import NEAR, magnet_part
-from fg_nav.lab.reproduce.aiez2017.walks import keys
 from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, REPRODUCED
 from fg_nav.text import to_json
 from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
@@ -67,7 +67,7 @@ def test_beside_ten_magnets_the_classical_detector_believes_and_the_proposed_doe
 
 
 def test_the_footfalls_that_are_turned_are_those_beside_the_magnet(found, folder):
-    walk = magnet_part(10, SEEDS[0]).of(folder)
+    walk = magnet_part(10, SEEDS[0]).load(folder)
     far_m = np.linalg.norm(walk["place"] - walk["magnet"][:2], axis=1)
     near = walk["turned_deg"] > NEAR[0]
     assert (far_m[near] < 1.5).all()

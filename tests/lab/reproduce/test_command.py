@@ -13,9 +13,15 @@ from typer.testing import CliRunner
 from fg_nav import cli
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce import command
-from fg_nav.lab.reproduce.file import read_reproduction, write_reproduction
-from fg_nav.lab.reproduce.messages import describe_counts, format_seeds, format_spread
-from fg_nav.lab.reproduce.results import Spread, spread_of
+from fg_nav.lab.reproduce.results import (
+    Spread,
+    describe_counts,
+    format_seeds,
+    format_spread,
+    read_reproduction,
+    spread_of,
+    write_reproduction,
+)
 from fg_nav.lab.store.entries import Number, encode_number
 from tests.command_line import in_a_process, names
 from tests.lab.reproduce.made import drawn, reproduction, row

@@ -5,11 +5,10 @@ import pytest
 
 from fg_nav.evaluation.roc import make_roc
 from fg_nav.lab.reproduce import ma2018
-from fg_nav.lab.reproduce.headings import headings_of
 from fg_nav.lab.reproduce.ma2018 import detections
 from fg_nav.lab.reproduce.ma2018 import walks as walked
-from fg_nav.lab.reproduce.ma2018.detections import noise
-from fg_nav.lab.reproduce.ma2018.detector import _bend, _slope
+from fg_nav.lab.reproduce.ma2018.detections import headings_of, noise
+from fg_nav.lab.reproduce.ma2018.magnetometer import _bend, _slope
 from fg_nav.lab.reproduce.ma2018.walks import LAID
 from fg_nav.lab.reproduce.results import ABOVE, MISSED, MISSED_EXPLAINED, PUT_IN, REPRODUCED, Reason, reason_for
 from fg_nav.magnetic import DETECTORS
@@ -62,7 +61,7 @@ def measured():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(detections, "_judged_arrays", statistics)
         patch.setattr(detections, "noise", sigmas)
-        patch.setattr("fg_nav.lab.reproduce.headings.headings_of", headings)
+        patch.setattr(detections, "headings_of", headings)
         patch.setattr(ma2018, "LOOPS", 1)
         yield patch
 

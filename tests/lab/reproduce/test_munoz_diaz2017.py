@@ -10,16 +10,14 @@ import pytest
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.reproduce import munoz_diaz2017 as paper
-from fg_nav.lab.reproduce.file import write_reproduction
+from fg_nav.lab.reproduce.munoz_diaz2017 import Wanted, name_of
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import runs as measures
-from fg_nav.lab.reproduce.munoz_diaz2017 import seed as of_seed
-from fg_nav.lab.reproduce.munoz_diaz2017.paper import PUBLISHED
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import ESTIMATORS, Run, run_of
-from fg_nav.lab.reproduce.munoz_diaz2017.seed import Wanted, name_of
 from fg_nav.lab.reproduce.munoz_diaz2017.text import TITLES
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, Setting, cases, setting_of
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, PUBLISHED, Setting, cases, setting_of
+from fg_nav.lab.reproduce.results import write_reproduction
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.pocket import PocketTrack
@@ -212,7 +210,7 @@ def test_a_short_run_has_every_row_that_is_judged_and_draws_every_figure(kept):
 
 def test_a_kept_seed_is_taken_up_and_gives_the_same_bytes(kept, monkeypatch):
     folder, found, _ = kept
-    monkeypatch.setattr(of_seed, "walked", lambda *_: pytest.fail("the seed was made anew"))
+    monkeypatch.setattr(paper, "walk_seed", lambda *_: pytest.fail("the seed was made again"))
     again = paper.reproduce(folder, [7], 1, lambda _: None, True, SHORT_M)
     assert write_reproduction(again) == write_reproduction(found)
 
@@ -221,16 +219,16 @@ def test_a_kept_seed_holds_no_longer_when_anything_it_was_made_with_differs(kept
     folder, _, _ = kept
     wanted = Wanted(True, True, SHORT_M)
     content = json.loads((folder / "cells" / "7.json").read_text())
-    assert of_seed.read_values(7, wanted, folder) is not None
-    assert of_seed.read_values(7, replace(wanted, quick=False), folder) is None
-    assert of_seed.read_values(8, wanted, folder) is None
+    assert paper.read_values(7, wanted, folder) is not None
+    assert paper.read_values(7, replace(wanted, quick=False), folder) is None
+    assert paper.read_values(8, wanted, folder) is None
     (tmp_path / "cells").mkdir()
     place = tmp_path / "cells" / "7.json"
     place.write_text(json.dumps(content))
-    assert of_seed.read_values(7, wanted, tmp_path) is None, "its pictures are not there"
+    assert paper.read_values(7, wanted, tmp_path) is None, "its pictures are not there"
     place.write_text(json.dumps({**content, "pictures": []}))
-    assert of_seed.read_values(7, wanted, tmp_path) is not None
+    assert paper.read_values(7, wanted, tmp_path) is not None
     place.write_text(json.dumps({**content, "pictures": []})[:-20])
-    assert of_seed.read_values(7, wanted, tmp_path) is None
-    monkeypatch.setattr(of_seed, "_code", lambda: "other")
-    assert of_seed.read_values(7, wanted, folder) is None
+    assert paper.read_values(7, wanted, tmp_path) is None
+    monkeypatch.setattr(paper, "_code", lambda: "other")
+    assert paper.read_values(7, wanted, folder) is None

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from fg_nav.lab.reproduce.command import PAPERS
-from fg_nav.lab.reproduce.file import read_reproduction
 from fg_nav.lab.reproduce.ma2018.walks import LAID
-from fg_nav.lab.reproduce.results import TOLERANCE
+from fg_nav.lab.reproduce.results import TOLERANCE, read_reproduction
 
 RESULTS = Path(__file__).parents[3] / "docs" / "results"
 

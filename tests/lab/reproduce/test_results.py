@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from fg_nav.lab.reproduce.messages import format_note, format_printed, format_spread
-from fg_nav.lab.reproduce.results import Row, Spread, spread_of
+from fg_nav.lab.reproduce.results import Row, Spread, format_note, format_printed, format_spread, spread_of
 
 
 def row(median, paper=1.0, **more):

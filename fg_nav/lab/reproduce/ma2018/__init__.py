@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fg_nav.lab.reproduce.drawing import Pictures
-from fg_nav.lab.reproduce.headings import headings_part
 from fg_nav.lab.reproduce.ma2018 import figures
 from fg_nav.lab.reproduce.ma2018 import walks as walked
-from fg_nav.lab.reproduce.ma2018.calibration import calibration_experiment
-from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, cases_of, noise_part, roc_part
-from fg_nav.lab.reproduce.ma2018.detector import DETECTOR_OF, noise_experiment, roc_experiment
-from fg_nav.lab.reproduce.ma2018.loop import loop_part, loops_of
+from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, cases_of, headings_part, noise_part, roc_part
+from fg_nav.lab.reproduce.ma2018.loop import load_loops, loop_part
+from fg_nav.lab.reproduce.ma2018.magnetometer import (
+    DETECTOR_OF,
+    calibration_experiment,
+    noise_experiment,
+    roc_experiment,
+)
 from fg_nav.lab.reproduce.results import Experiment, Reproduction, one_line
 from fg_nav.lab.reproduce.walks import (
     Walks,
@@ -118,7 +121,7 @@ def reproduce(
 
 def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
     pictures = Pictures(folder, PAPER)
-    loops = loops_of(folder, plan.seeds[:LOOPS])
+    loops = load_loops(folder, plan.seeds[:LOOPS])
     cases = cases_of(folder, walked.MALL, plan.seeds[:ROCS])
     headings = {field: part.load(folder) for field, part in plan.headings.items()}
     noises = [part.load(folder) for part in plan.noises]

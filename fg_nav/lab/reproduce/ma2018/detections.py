@@ -1,4 +1,6 @@
-"""How well the quasi-static field detectors tell still fields on simulated walks: Ma 2018, Figures 8, 13, 14 (M-E2).
+"""What is measured on simulated walks besides the filters: detections, noise, headings (Ma 2018; M-E2, M-E3).
+
+How well the quasi-static field detectors find still fields: Figures 8, 13, 14.
 
 Truth is the simulator's field at the footfalls. A stance is truly quasi-static where the largest difference between the
 field vectors of any two of the four stances of its window (three strides, Ma's N) is below a limit; beside it stand the
@@ -19,7 +21,7 @@ levels have the same steps and the same noise, and the magnetometer's reading is
 The magnetometer is calibrated: hard and soft iron are removed as drawn. Bands are of 90 % over walks
 (`fg_nav.evaluation.roc`). Seeds begin at 101: the fraction and the limits were chosen on seeds below 100.
 
-AIEZ's statistic depends on its own threshold, for what it trusts corrects the heading it is compared with: its curve
+AIEZ's statistic depends on its own threshold, for what passes corrects the heading it is compared with: its curve
 is what other thresholds would make of the statistic it had.
 
 Two hours of noise, for the sigmas of Ma's detector (2018, section 5.2; M-E2).
@@ -33,6 +35,9 @@ walked     from footfall to footfall, in a field without steel; magnetometer cal
 iron on    the same with the magnetometer as it is in the shoe, its iron turning with the foot
 at rest    from sample to sample of the magnetometer, the shoe on a table
 ========== =========================================================================================================
+
+Headings at the footfalls of one walk by compass, gyroscope and filter, for the pictures: as in the paper the compass is
+levelled by the accelerometer of the standing foot, and the gyroscope's heading begins at the true one.
 """
 
 from __future__ import annotations
@@ -55,7 +60,8 @@ from fg_nav.evaluation.roc import (
     measure_course_change,
     measure_field_change,
 )
-from fg_nav.frames import wrap_angle
+from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
@@ -63,6 +69,7 @@ from fg_nav.lab.store.entries import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
 from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
 from fg_nav.magnetic.footfall_field import integrate_attitude
+from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances
 
@@ -275,3 +282,41 @@ def _lying(seed: int, rest_s: float) -> tuple[Floats, Floats, Floats]:
 def _sigmas(heading: Floats, inclination: Floats, strength: Floats) -> Floats:
     """Standard deviations of the changes."""
     return np.array([np.std(wrap_angle(np.diff(heading))), np.std(np.diff(inclination)), np.std(np.diff(strength))])
+
+
+STRENGTH_HZ = 5.0
+"""At which the strength of the field is stored."""
+
+
+def headings_part(name: str, scenario: str, field: str, seed: int, method: str) -> Measurement:
+    """What `headings_of` finds; `name` begins that of the file."""
+    words = method.replace(":", "-")
+    return Measurement(f"{name}_{scenario}_{field}_{words}_{seed}", partial(headings_of, scenario, field, seed, method))
+
+
+def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
+    """Follow one filter over a walk whose magnetometer is calibrated on the loop.
+
+    Returns
+    -------
+    dict
+        `t` (F,) s, `compass`, `gyroscope`, `estimate` (F,) rad clockwise from north, `used` (F,) where the filter
+        used the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
+    """
+    walk = Simulated(scenario, field, seed).prepare(LOOP)
+    seen, stances = walk.require_field(), solve_by(method, walk).solution.stances
+    recording, truth = walk.recording, walk.truth
+    assert recording.mag is not None
+    assert isinstance(truth, TrajectoryTruth)
+    known = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
+    every = known[:: max(round(len(known) / (np.ptp(recording.t) * STRENGTH_HZ)), 1)]
+    return {
+        "t": seen.t,
+        "compass": seen.force_heading,
+        "gyroscope": seen.gyro_heading,
+        "estimate": compute_heading(stances.nav_R_body),
+        "used": np.array([word == QUASI_STATIC for word in stances.field]),
+        "place": truth.position[seen.sample, :2],
+        "strength_t": recording.t[every],
+        "strength": np.linalg.norm(recording.mag[every], axis=1),
+    }

@@ -24,8 +24,8 @@ from fg_nav.lab.reproduce.drawing import (
     used_of,
 )
 from fg_nav.lab.reproduce.ma2018.detections import LIMIT_UT, MA, MA_THRESHOLD, OURS, Case
-from fg_nav.lab.reproduce.ma2018.detector import FIELD
 from fg_nav.lab.reproduce.ma2018.loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Loop
+from fg_nav.lab.reproduce.ma2018.magnetometer import FIELD
 from fg_nav.lab.reproduce.ma2018.walks import (
     IQSF,
     MALL,

@@ -19,7 +19,7 @@ import numpy as np
 
 from fg_nav.evaluation.walked import BEST_YAW
 from fg_nav.lab.reproduce.ma2018.detections import CURVED_DEG, STRAIGHT_DEG, Case
-from fg_nav.lab.reproduce.ma2018.detector import curve_rows
+from fg_nav.lab.reproduce.ma2018.magnetometer import curve_rows
 from fg_nav.lab.reproduce.results import ABOVE, BELOW, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
 from fg_nav.lab.reproduce.walks import (
     Figure,
@@ -81,7 +81,7 @@ def columns_of(filter_name: str) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Printed:
-    """A figure of the paper, and how it is told.
+    """A figure of the paper, and its words.
 
     Attributes
     ----------
@@ -110,21 +110,11 @@ class Printed:
             for column, method in columns_of(self.filter_name).items()
             if (results := walks.of(scenario, field, method))
         }
-        where = "" if self.filter_name == ZUPT else f", {field}"
+        quantity = f"{self.quantity}, {NAMES[self.filter_name]}{'' if self.filter_name == ZUPT else f', {field}'}"
         off = 0.0 if self.paper is None or PRINTED not in ours else ours[PRINTED].median - self.paper
-        return Row(
-            f"{self.quantity}, {NAMES[self.filter_name]}{where}",
-            self.unit,
-            self.words,
-            ours,
-            self.paper,
-            PRINTED,
-            bound=self.bound,
-            good=-1 if self.filter_name == PROPOSED else 0,
-            why=reason_for(self.why, field, off),
-            pattern=self.pattern,
-            whose=self.whose,
-        )
+        why, good = reason_for(self.why, field, off), -1 if self.filter_name == PROPOSED else 0
+        row = Row(quantity, self.unit, self.words, ours, self.paper, PRINTED, self.bound, good, why=why)
+        return replace(row, pattern=self.pattern, whose=self.whose)
 
 
 _INDOOR, _SMOOTH = "indoor", "smooth"
@@ -169,45 +159,20 @@ spread)."""
 
 OFFICE_ROWS = (
     Printed("final position error", "m", end_m, ZUPT, "2", 2.0, why=(Reason(_LOOPS, BELOW),)),
-    Printed(
-        "final heading error",
-        "deg",
-        heading_deg,
-        ZUPT,
-        "14",
-        14.0,
-        pattern="{:.1f}",
-        why=(Reason(_CALIBRATED, BELOW),),
-        whose="input",
-    ),
+    Printed("final heading error", "deg", heading_deg, ZUPT, "14", 14.0, pattern="{:.1f}", whose="input",
+            why=(Reason(_CALIBRATED, BELOW),)),
     Printed("mean position error", "m", mean_m, ZUPT),
-    Printed(
-        "final position error",
-        "m",
-        end_m,
-        IQSF,
-        "<= 0.5",
-        0.5,
-        1,
-        why=(Reason(_CLOSED, ABOVE, _INDOOR), Reason(_ALIKE, ABOVE, _SMOOTH)),
-    ),
-    Printed(
-        "final position error",
-        "m",
-        end_m,
-        PROPOSED,
-        "<= 0.5",
-        0.5,
-        1,
-        why=(Reason(_FEW, ABOVE, _INDOOR), Reason(_ALIKE, ABOVE, _SMOOTH)),
-    ),
+    Printed("final position error", "m", end_m, IQSF, "<= 0.5", 0.5, 1,
+            why=(Reason(_CLOSED, ABOVE, _INDOOR), Reason(_ALIKE, ABOVE, _SMOOTH))),
+    Printed("final position error", "m", end_m, PROPOSED, "<= 0.5", 0.5, 1,
+            why=(Reason(_FEW, ABOVE, _INDOOR), Reason(_ALIKE, ABOVE, _SMOOTH))),
     Printed("the same over the way (TTD)", "%", end_percent, PROPOSED),
     Printed("final heading error", "deg", heading_deg, IQSF, pattern="{:.1f}"),
     Printed("final heading error", "deg", heading_deg, PROPOSED, pattern="{:.1f}"),
     Printed("mean position error", "m", mean_m, PROPOSED),
     Printed("footfalls with a believed field", "%", used_percent, IQSF, pattern="{:.0f}"),
     Printed("footfalls with a believed field", "%", used_percent, PROPOSED, pattern="{:.0f}"),
-)
+)  # fmt: skip
 
 _OF_IQSF = (Reason(_CLOSED, ABOVE, _INDOOR), Reason(_HELD, BELOW, _SMOOTH))
 _OF_PROPOSED = (Reason(_FEW, ABOVE, _INDOOR), Reason(_TURNED, ABOVE, _SMOOTH))
@@ -219,7 +184,7 @@ _LAID_MAX, _LAID_MEAN = partial(walk_error, name="max_m", mode=BEST_YAW), partia
 
 
 def _both_ways(judged: Printed, laid: Figure) -> tuple[Printed, Printed]:
-    """Judge a figure as started, and tell what the best turn and shift make of it."""
+    """A figure judged as started, and beside it by the best turn and shift, not judged."""
     beside = replace(judged, quantity=judged.quantity + LAID, figure=laid, paper=None, why=())
     return judged, beside
 
@@ -327,18 +292,9 @@ def _reductions(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
             for column in columns_of(PROPOSED)
         }
         off = ours[PRINTED].median - _REDUCTION
-        yield Row(
-            f"reduction of iQSF's mean, proposed, {field}",
-            "%",
-            "85",
-            ours,
-            _REDUCTION,
-            PRINTED,
-            good=1,
-            tolerance=0.15,
-            why=reason_for((Reason(_BOTH, BELOW, _SMOOTH), Reason(_APART, BELOW, _INDOOR)), field, off),
-            pattern="{:.0f}",
-        )
+        why = reason_for((Reason(_BOTH, BELOW, _SMOOTH), Reason(_APART, BELOW, _INDOOR)), field, off)
+        quantity = f"reduction of iQSF's mean, proposed, {field}"
+        yield Row(quantity, "%", "85", ours, _REDUCTION, PRINTED, 0, 1, 0.15, why, "{:.0f}")
 
 
 _REDUCTION = 85.0

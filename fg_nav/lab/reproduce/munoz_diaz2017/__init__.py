@@ -1,24 +1,275 @@
-"""The results of Munoz Diaz et al. (2017) beside ours: what gravity and the field tell of gyro biases in a pocket.
+"""The experiments of Munoz Diaz et al. (2017): what gravity and the field show of gyro biases in a pocket.
 
-walks    two a seed stand for the paper's two recorded ones                          (`walks`)
-runs     the paper's filter, as printed and right, and the graph, in batch and online           (`runs`)
-figures  what is read off them, row by row                                (`runs`, `rows`, `seed`)
+walks    two a seed stand for the paper's two recorded ones                             (`walks`)
+runs     the paper's filter, as printed and corrected, and the graph, batch and online  (`runs`)
+figures  what is read off them, row by row                                              (`runs`, `rows`)
+
+Each seed leaves one small file, so that an ended run goes on. It holds as long as its settings are the same
+(parameters, cases, readings, and the sources that make figures), and as long as its pictures are there, if it has any.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration.allan import AllanCurve
 from fg_nav.lab.processes import run_tasks
+from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017.figures import FIGURES, file_of
-from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN, Planned, Reading
-from fg_nav.lab.reproduce.munoz_diaz2017.seed import DRAWN, Values, Wanted, load_values, name_of, parameters
+from fg_nav.lab.reproduce.munoz_diaz2017.rows import (
+    AT_A_SECOND,
+    AXES,
+    EXPECTED,
+    FIRST_BIAS,
+    FOG,
+    LOWEST,
+    LOWEST_AT,
+    OURS,
+    PLAN,
+    SECOND_END,
+    SECOND_START,
+    WHITE,
+    Planned,
+    Reading,
+    across_at,
+    errors_of,
+    minutes_over,
+)
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import GRAPHS, PRESET_NAMES, Run, ratio, run_estimators
 from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
+    BATCH,
+    FIELDS_UT,
+    FILTER,
+    FIRST,
+    ONLINE,
+    SECOND_NOISES_UT,
+    AllanPair,
+    Setting,
+    allan_pair,
+    cases,
+    first_recording,
+    first_walk,
+    fog_errors,
+    noise_of,
+    second_recording,
+    second_walk,
+    sensor_errors,
+    setting_of,
+)
 from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
+from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
+from fg_nav.lab.store.code import code_sum, sum_sources
+from fg_nav.lab.store.entries import Entry, Number, encode_number
+from fg_nav.lab.store.files import make_folder
+from fg_nav.pocket import PRESETS
+from fg_nav.text import to_json
+
+Values = dict[str, dict[str, Number]]
+"""By row (`name_of`) and column; NaN where the walk has nothing to read it off, infinite where a method ended."""
+
+Found = dict[str, dict[str, Run | None]]
+"""By case and estimator; None where it ended."""
+
+DRAWN = (FILTER, ONLINE)
+"""Estimators whose runs are drawn."""
+
+FOG_HOURS, ALLAN_HOURS = 1.0, 14.0
+"""As in the paper."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """How a seed is made.
+
+    Attributes
+    ----------
+    quick : without the other noises of the second walk's magnetometer.
+    drawn : whether its runs are drawn.
+    leg_m : legs of so many metres, m, for tests; None for the paper's.
+    """
+
+    quick: bool = False
+    drawn: bool = False
+    leg_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Content of a seed's file."""
+
+    pictures: list[str]
+    values: Values
+
+
+def name_of(experiment: str, reading: Reading) -> str:
+    """Key of a row's values."""
+    return f"{experiment}: {reading.row.quantity}"
+
+
+def load_values(seed: int, wanted: Wanted, folder: Path) -> Values:
+    """Return the figures of a seed; they are made and stored, and its pictures drawn, if they are missing."""
+    stored = read_values(seed, wanted, folder)
+    if stored is not None:
+        return stored
+    all_of = walk_seed(seed, wanted)
+    values = values_of(all_of)
+    drawn = _draw(folder, seed, all_of) if wanted.drawn else []
+    plain_values = {row: {column: encode_number(one) for column, one in of.items()} for row, of in values.items()}
+    make_folder(folder / RESULTS_FOLDER)
+    _entry(seed, wanted, folder).write({"pictures": drawn, "values": plain_values})
+    return values
+
+
+def read_values(seed: int, wanted: Wanted, folder: Path) -> Values | None:
+    """Return the stored figures of a seed; None if there are none that hold, or its pictures are missing."""
+    content = _entry(seed, wanted, folder).read()
+    try:
+        stored = None if content is None else TypeAdapter(Stored).validate_python(content)
+    except ValidationError:
+        return None
+    return stored.values if stored and all((folder / name).is_file() for name in stored.pictures) else None
+
+
+def _entry(seed: int, wanted: Wanted, folder: Path) -> Entry:
+    return Entry(folder / RESULTS_FOLDER / f"{seed}.json", settings_of(seed, wanted))
+
+
+def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
+    """What a seed is made with, as JSON has it."""
+    made_with = {
+        "seed": seed,
+        "wanted": asdict(wanted),
+        "cases": cases(wanted.quick),
+        "rows": [name_of(planned.name, reading) for planned in PLAN for reading in planned.readings],
+        "parameters": describe_parameters(),
+        "code": _code(),
+    }
+    return dict(to_json(made_with))
+
+
+def describe_parameters() -> dict[str, Any]:
+    """Effective parameters of the estimators; the noise of the magnetometer and the detector are those of the case."""
+    filters = {name: PRESETS[preset] for name, preset in PRESET_NAMES.items()}
+    graphs = {f"{BATCH} and {ONLINE}, {walk} walk": GRAPHS[walk == "first"] for walk in ("first", "second")}
+    return dict(to_json({**filters, **graphs}))
+
+
+@cache
+def _code() -> str:
+    """Sum over the sources that make a figure; the texts make none."""
+    own = sorted(path for path in Path(__file__).parent.glob("*.py") if path.stem != "text")
+    return f"{code_sum()} {sum_sources(own)}"
+
+
+@dataclass(frozen=True)
+class Walked:
+    """All of a seed: what is true of its walks, by case, what was made of them, and the gyroscopes at rest."""
+
+    settings: Mapping[str, Setting]
+    found: Found
+    own: Mapping[str, float]
+    across: Mapping[str, float]
+    pair: AllanPair
+
+
+def walk_seed(seed: int, wanted: Wanted) -> Walked:
+    """Walk and estimate."""
+    first = first_walk(seed, wanted.leg_m)
+    second = second_walk(seed, SECOND_NOISES_UT[0], wanted.leg_m)
+    settings: dict[str, Setting] = {}
+    found: Found = {}
+    for case in cases(wanted.quick):
+        if case not in FIRST and case.mag_sigma_uT != noise_of(second):
+            second = second_walk(seed, case.mag_sigma_uT, wanted.leg_m)
+        walk, recorded = (first, first_recording) if case in FIRST else (second, second_recording)
+        settings[case.name] = setting_of(walk)
+        found[case.name] = run_estimators(recorded(walk, case.name, seed), case, settings[case.name])
+    whole = wanted.leg_m is None
+    pair = allan_pair(seed, ALLAN_HOURS if whole else 0.2)
+    errors = sensor_errors(first, second)
+    fog = fog_errors(seed, FOG_HOURS if whole else 0.02)
+    across = dict(zip(FIELDS_UT, errors["across"], strict=True))
+    return Walked(settings, found, {**_of_fog(fog), **_of_allan(pair), **_of_tables(errors)}, across, pair)
+
+
+def _of_fog(fog: Mapping[str, float]) -> dict[str, float]:
+    return {FOG[how]: angle for how, angle in fog.items()}
+
+
+def _of_allan(pair: AllanPair) -> dict[str, float]:
+    """What Figure 5 is read for: white noise, the lowest point, and where that lies, as decimal logarithms."""
+    fog, mems = (np.median([_allan_points(curve) for curve in curves], axis=0) for curves in (pair.fog, pair.mems))
+    white, lowest, at = np.log10(mems / fog)
+    return {AT_A_SECOND: float(white), LOWEST: float(lowest), LOWEST_AT: -float(at)}
+
+
+def _allan_points(curve: AllanCurve) -> tuple[float, float, float]:
+    k = np.argmin(curve.deviation)
+    return np.interp(1.0, curve.tau_s, curve.deviation), curve.deviation[k], curve.tau_s[k]
+
+
+def _of_tables(errors: Mapping[str, Floats]) -> dict[str, float]:
+    keys = {WHITE: "noise", FIRST_BIAS: "bias", SECOND_START: "start", SECOND_END: "end"}
+    return {
+        errors_of(words, axis): float(value)
+        for words, key in keys.items()
+        for axis, value in zip(AXES, errors[key], strict=True)
+    }
+
+
+def values_of(all_of: Walked) -> Values:
+    """Read every row off a seed."""
+    values: Values = {}
+    for planned in PLAN:
+        for reading in planned.readings:
+            name = name_of(planned.name, reading)
+            if reading.row.judged == EXPECTED:
+                continue
+            if reading.measure is None:
+                values[name] = {OURS: all_of.own[reading.row.quantity]}
+            elif reading.case in all_of.found:
+                values[name] = _read(reading, all_of)
+    for site in FIELDS_UT:
+        values[f"D-E2: {across_at(site)}"] = {EXPECTED: all_of.across[site]}
+    for site in ("north-pole", "munich"):
+        expected = (all_of.across["equator"] / all_of.across[site]) ** 2
+        values[f"D-E2: {minutes_over(site)}"][EXPECTED] = float(expected)
+    return values
+
+
+def _read(reading: Reading, all_of: Walked) -> dict[str, float]:
+    ours = {who: value for who, value in _of_case(reading, reading.case, all_of).items() if who not in reading.without}
+    if not reading.over_case:
+        return ours
+    beside = _of_case(reading, reading.over_case, all_of)
+    return {name: ratio(value, beside[name]) for name, value in ours.items() if name in beside}
+
+
+def _of_case(reading: Reading, case: str, all_of: Walked) -> dict[str, float]:
+    assert reading.measure is not None
+    setting = all_of.settings[case]
+    return {
+        name: math.inf if run is None else reading.measure(run, setting) for name, run in all_of.found[case].items()
+    }
+
+
+def _draw(folder: Path, seed: int, all_of: Walked) -> list[str]:
+    """Draw a seed, and return the names of the files."""
+    names = pictures.draw_walk(folder, seed, all_of.settings["cars"], all_of.pair)
+    for estimator in DRAWN:
+        of = {case: by[estimator] for case, by in all_of.found.items() if estimator in by}
+        names += pictures.draw_all(folder, estimator, seed, all_of.settings, of)
+    return names
 
 
 def reproduce(
@@ -47,7 +298,7 @@ def reproduce(
         progress(len(found) / len(seeds))
     in_order = [found[seed] for seed in seeds]
     experiments = tuple(experiment(planned, in_order, seeds[0]) for planned in PLAN)
-    return Reproduction("munoz-diaz2017", CITATION, tuple(seeds), experiments, DIFFERS, parameters())
+    return Reproduction("munoz-diaz2017", CITATION, tuple(seeds), experiments, DIFFERS, describe_parameters())
 
 
 def _made(wanted: Mapping[int, Wanted], folder: Path, workers: int) -> Iterator[tuple[int, Values]]:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fg_nav.lab.reproduce.munoz_diaz2017.paper import PUBLISHED
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import (
     Measure,
     X,
@@ -47,7 +46,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017.text import (
     TABLE_1,
     TRIP,
 )
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, BATCH, FILTER, ONLINE, SECOND_NOISES_UT
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, BATCH, FILTER, ONLINE, PUBLISHED, SECOND_NOISES_UT
 from fg_nav.lab.reproduce.results import TOLERANCE, Row
 
 OURS, EXPECTED = "ours", "by the field"

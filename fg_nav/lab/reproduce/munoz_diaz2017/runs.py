@@ -90,7 +90,7 @@ ESTIMATORS: Mapping[str, Estimate] = MappingProxyType(
 )
 
 
-def runs(recording: Recording, case: Case, setting: Setting) -> dict[str, Run | None]:
+def run_estimators(recording: Recording, case: Case, setting: Setting) -> dict[str, Run | None]:
     """What each estimator of a case makes of a recording; None where it ended."""
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT, PUBLISHED
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, PUBLISHED
 
 CITATION = (
     "Munoz Diaz, E.; de Ponte Müller, F.; García Domínguez, J. J. (2017). Use of the Magnetic Field for Improving "

@@ -7,18 +7,19 @@ second walk `pocket-long` in 6 round trips: 4.3 km in 44 min with an MTw, whose 
             other; its iron is drawn, and calibrated by an ellipsoid from 400 readings, turned about all ways
 =========== ========================================================================================================
 
-The sensor's z axis lies along the thigh, as there. Not printed there and so ours: where cars and lamps stand, and the
-iron.
-
-Gyroscopes of Munoz Diaz et al. (2017) as simulated: at rest (Section 2.2, Figure 5), on the walks (Tables 2, 3).
+Before them what the paper prints (MD Tables 1 to 3), after them its gyroscopes at rest (Section 2.2, Figure 5). Fields
+are in East-North-Up. Sensor axes: z along the thigh, up when standing; x and y are level then. Not printed and so ours:
+where cars and lamps stand, and the iron.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,7 +28,6 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.calibration.allan import AllanCurve, compute_allan_curve
 from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.reproduce.munoz_diaz2017.paper import FIELDS_UT, PUBLISHED
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
 from fg_nav.lab.simulation.emulation import replace_field
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
@@ -37,6 +37,46 @@ from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PRESETS, estimate_pocket, level_start
 from fg_nav.pocket.parameters import compute_earth_rate
 from fg_nav.recording import Recording, TrajectoryTruth
+
+_DIP = np.radians(64.0)
+
+FIELDS_UT: Mapping[str, tuple[float, float, float]] = MappingProxyType(
+    {
+        "north-pole": (0.0, 0.0, -65.0),
+        "equator": (0.0, 25.0, 0.0),
+        "munich": (0.0, 48.0 * float(np.cos(_DIP)), -48.0 * float(np.sin(_DIP))),
+    }
+)
+"""Homogeneous fields in nav, uT (MD Table 1)."""
+
+
+class Published(NamedTuple):
+    """The figures of the paper; what is not here is not printed."""
+
+    gyr_noise_deg_s: float = 0.1
+    """White error of a rate sample, deg/s (MD Table 2); at which sampling rate is not said."""
+    gyro_bias_deg_s: tuple[float, float, float] = (-0.1, 0.1, -0.1)
+    """Added to the error-free rates, deg/s (MD Table 2)."""
+    mag_noise_uT: float = 0.015
+    """White error of a magnetometer sample, uT (MD Table 2)."""
+    mtw_bias_start_deg_s: tuple[float, float, float] = (-0.12, 0.06, -0.12)
+    """Of the MTw before the second walk, deg/s (MD Table 3)."""
+    mtw_bias_end_deg_s: tuple[float, float, float] = (-0.13, 0.05, -0.22)
+    """The same after it, deg/s (MD Table 3)."""
+    minutes_north_pole: float = 29.0
+    """When the z bias is there, by the field, min (3.1.2, Figure 9)."""
+    minutes_equator: float = 10.0
+    """The same."""
+    minutes_munich: float = 15.0
+    """The same."""
+    minutes_perturbed: float = 32.0
+    """The same in the perturbed field with the detector: "approached" (3.1.3, Figure 10c)."""
+    minutes_walked: float = 39.0
+    """Length of the first walk (3.1)."""
+
+
+PUBLISHED = Published()
+"""The paper."""
 
 PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"
 """Who estimates: `runs`."""
