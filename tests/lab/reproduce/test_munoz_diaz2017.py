@@ -50,7 +50,7 @@ def true_track(recording, turning=0.0):
 
 @pytest.fixture(scope="module")
 def short():
-    course = partial(routes._to_and_fro, straight(40.0), 1, rest_s=5.0)
+    course = partial(routes._walk_to_and_fro, straight(40.0), 1, rest_s=5.0)
     return simulate(replace(SCENARIOS["pocket-long"], route=course), 3, Choices(sensor="ideal", aligned=True))
 
 
