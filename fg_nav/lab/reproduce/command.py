@@ -82,9 +82,9 @@ def reproduce(
     """
     number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
     claim(out, paper, force)
-    with progress(f"{paper}, {number} seeds") as tell:
+    with progress(f"{paper}, {number} seeds") as show_done:
         try:
-            made = _paper(paper)(out, range(first, first + number), workers or cores(), tell, quick)
+            made = _paper(paper)(out, range(first, first + number), workers or cores(), show_done, quick)
         except BrokenProcessPool:
             raise OutputError(_ENDED) from None
     command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"

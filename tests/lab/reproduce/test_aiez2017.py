@@ -57,12 +57,12 @@ def test_verdicts_of_table_1(found):
     assert rows["Z-E2: TTD error, AIEZ, smooth"].ours["as printed"].median == pytest.approx(0.2)
 
 
-def test_beside_ten_magnets_the_classical_detector_believes_and_the_proposed_does_not(found):
+def test_beside_ten_magnets_the_classical_detector_accepts_and_the_proposed_does_not(found):
     rows = rows_of(found)
-    assert rows["Z-E1: near believed, classical QMD, ten magnets"].verdict == REPRODUCED
-    proposed = rows["Z-E1: near believed, proposed, ten magnets"].ours
+    assert rows["Z-E1: near accepted, classical QMD, ten magnets"].verdict == REPRODUCED
+    proposed = rows["Z-E1: near accepted, proposed, ten magnets"].ours
     assert proposed["physical"].median < 0.2 < proposed["as printed"].median
-    area = rows["Z-E1: near told from far (area under the ROC), ten magnets"].ours
+    area = rows["Z-E1: near distinguished from far (area under the ROC), ten magnets"].ours
     assert area["classical"].median < 0.8 < area["physical"].median
 
 
@@ -75,9 +75,9 @@ def test_the_footfalls_that_are_turned_are_those_beside_the_magnet(found, folder
     assert np.abs(walk["place"][:, 0]).max() < 3.0
 
 
-def test_parameters_are_told_of_walks_and_detectors_too(found):
-    told = json.dumps(to_json(found.parameters))
-    assert "0x" not in told  # the place of something in memory: it would be another in each run
+def test_parameters_are_those_of_walks_and_detectors_too(found):
+    listed = json.dumps(to_json(found.parameters))
+    assert "0x" not in listed  # the place of something in memory: it would be another in each run
     assert found.parameters["scenario magnet-corridor"]["magnets"]
     assert not found.parameters["scenario teaching-building"]["magnets"]
     assert {"field smooth", "field indoor", "detector qsf-stance"} <= set(found.parameters)

@@ -144,7 +144,7 @@ def test_only_pictures_of_an_older_result_are_taken_away(papers, tmp_path, monke
     assert (out / ".fg-nav-reproduce").read_text() == "ma2018\n"
 
 
-def test_a_worker_that_was_ended_is_told_in_one_sentence(monkeypatch, tmp_path):
+def test_a_worker_that_was_ended_is_shown_in_one_sentence(monkeypatch, tmp_path):
     def experiments(*_):
         raise BrokenProcessPool
 
@@ -177,7 +177,7 @@ def test_the_command_line_knows_each_paper():
     assert all(paper in ran.err for paper in command.PAPERS)
 
 
-def test_figures_are_told_with_what_never_came_and_how_many_there_are():
+def test_figures_are_shown_with_what_never_came_and_how_many_there_are():
     one = row("minutes", "min", "3", 3.0, 3.0)
     several = {
         "a": spread_of([1.0, math.inf, math.inf]),
@@ -194,7 +194,7 @@ def test_figures_are_told_with_what_never_came_and_how_many_there_are():
     assert format_spread(replace(asked, unit=""), "a", 3) == "infinite (1.00 to infinite)"
 
 
-def test_seeds_and_counts_are_told(tmp_path):
+def test_seeds_and_counts_are_shown(tmp_path):
     found = reproduction(tmp_path)
     assert format_seeds(found) == "101 to 103"
     assert format_seeds(replace(found, seeds=(101, 104))) == "101, 104"

@@ -147,7 +147,7 @@ def test_table_1_is_found_again_and_the_printed_quadrant_is_explained(found):
 
 def test_the_same_rows_come_out_of_what_was_kept(found, folder, measured, undrawn):
     def must_not(*_, **__):
-        raise AssertionError("made anew")
+        raise AssertionError("made again")
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fg_nav.lab.reproduce.walks.store_task", must_not)
@@ -157,7 +157,7 @@ def test_the_same_rows_come_out_of_what_was_kept(found, folder, measured, undraw
     assert repr(again) == repr(found)
 
 
-def test_a_miss_that_nobody_can_explain_is_told(measured, undrawn, tmp_path):
+def test_a_miss_that_without_a_reason_is_listed(measured, undrawn, tmp_path):
     """A bound is held or not, and a filter that fails is as wrong as can be."""
     keys = walked.keys((*ma2018.QUICK_FIELDS, "smooth"), SEEDS)
     failing = [key for key in keys if key.method == "ma2018:as-printed"]
@@ -177,12 +177,12 @@ def test_a_miss_that_nobody_can_explain_is_told(measured, undrawn, tmp_path):
 def test_quick_leaves_a_field_out_and_says_so(measured, undrawn, tmp_path):
     seeds = (*SEEDS, 103)
     store_walks(tmp_path, walked.keys(ma2018.QUICK_FIELDS, seeds), error_m)
-    told = []
-    found = ma2018.reproduce(tmp_path, seeds, workers=1, progress=told.append, quick=True)
+    shown = []
+    found = ma2018.reproduce(tmp_path, seeds, workers=1, progress=shown.append, quick=True)
     assert found.seeds == seeds
     assert figures_of(found) == PRINTED_FIGURES
     assert any("Left out are all rows of the field smooth" in text for text in found.differs)
-    assert told[-1] == 1.0
+    assert shown[-1] == 1.0
     assert found.parameters["ma2018:as-printed"] == {"sigma": 1.0}
     assert found.parameters["scenario mall"]["sensor"]["name"] == "mpu-9250x8"
     assert found.parameters["detector ma2018-printed"].fixed_threshold == 170.0
@@ -214,7 +214,7 @@ def test_the_slope_of_the_roc_is_that_between_two_tenths_of_p_d():
     assert _bend(roc).median == pytest.approx(1.7 / 1.5, abs=0.02)
 
 
-def test_sigmas_are_told_in_the_units_of_their_rows(found):
+def test_sigmas_are_shown_in_the_units_of_their_rows(found):
     row = rows_of(found)["M-E2a: sigma of strength"]
     assert (row.unit, row.paper, row.verdict) == ("mG", pytest.approx(5.35), MISSED_EXPLAINED)
     assert row.ours["walked"].median == pytest.approx(10 * 0.2)

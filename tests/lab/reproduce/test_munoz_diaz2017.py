@@ -112,7 +112,7 @@ def test_with_the_true_attitude_the_way_is_nearly_the_true_one(short):
     assert set(setting.legs) == {0, 1}
 
 
-def test_a_yaw_that_goes_off_is_told_and_turns_the_way(short):
+def test_a_yaw_that_goes_off_is_shown_and_turns_the_way(short):
     setting, truth = setting_of(short), short.recording.truth.nav_R_body
     rate = np.radians(180.0) / setting.ends[setting.legs < 1][-1]
     run = run_of(true_track(short.recording, rate), short.recording, truth, setting)
@@ -183,17 +183,17 @@ def test_what_no_walk_has_is_left_out():
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    """A seed with legs of some metres, drawn, and what was told of it."""
+    """A seed with legs of some metres, drawn, and what was shown of it."""
     folder = tmp_path_factory.mktemp("kept")
-    told = []
+    shown = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "DPI", 40)  # half of the time goes into the pictures
-        return folder, paper.reproduce(folder, [7], 1, told.append, True, SHORT_M), told
+        return folder, paper.reproduce(folder, [7], 1, shown.append, True, SHORT_M), shown
 
 
 def test_a_short_run_has_every_row_that_is_judged_and_draws_every_figure(kept):
-    folder, found, told = kept
-    assert told == [1.0]
+    folder, found, shown = kept
+    assert shown == [1.0]
     pictures = [picture.file for experiment in found.experiments for picture in experiment.pictures]
     assert {path.name for path in folder.glob("*.png")} == set(pictures)
     numbers = {int(name.split("-")[1]) for name in pictures}

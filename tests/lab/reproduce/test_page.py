@@ -101,10 +101,10 @@ def test_verdicts_are_counted_at_the_top(read):
     assert read.said("strong") == ["1", "1", "1", "2"]
 
 
-def test_what_differs_and_what_it_was_made_with_are_told(read, found):
-    told = " ".join(text for _, text in read.texts)
+def test_what_differs_and_what_it_was_made_with_are_shown(read, found):
+    shown = " ".join(text for _, text in read.texts)
     for words in (*found.differs, found.citation, found.command, "101, 102, 103", "fg-nav 0.1.0", '"sigma": 0.5'):
-        assert words in told
+        assert words in shown
 
 
 def test_nothing_comes_from_elsewhere(text, read):
@@ -124,7 +124,7 @@ def test_what_is_wide_has_a_box_of_its_own(read):
     assert all(box["tabindex"] == "0" and box["role"] == "region" and box["aria-labelledby"] for box in boxes)
 
 
-def test_a_picture_that_is_not_there_is_told_in_one_sentence(found, tmp_path):
+def test_a_picture_that_is_not_there_is_shown_in_one_sentence(found, tmp_path):
     with pytest.raises(OutputError, match=r"one\.png is not there, or is no PNG"):
         write_page(found, tmp_path)
 

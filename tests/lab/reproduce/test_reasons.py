@@ -31,12 +31,12 @@ def of(paper):
 
 
 def within(paper):
-    """Fixture that tells whether a value is within the spread of one paper's figure."""
+    """Fixture that checks whether a value is within the spread of one paper's figure."""
 
-    def told(spreads, value, *where):
+    def hold(spreads, value, *where):
         return spreads[paper, *where].low <= value <= spreads[paper, *where].high
 
-    return pytest.fixture(lambda spreads: partial(told, spreads))
+    return pytest.fixture(lambda spreads: partial(hold, spreads))
 
 
 ma, zhang, munoz = of("ma2018"), of("aiez2017"), of("munoz-diaz2017")
@@ -50,10 +50,10 @@ ERROR = {"M-E3": "mean position error", "M-E4": "mean error at 42 landmarks"}
 
 @WALKED
 def test_on_indoor_170_passes_few_footfalls_iqsf_none_and_tuned_most(ma, experiment):
-    believed = "footfalls with a believed field, {}, indoor"
-    assert 0.0 < ma(experiment, believed.format("proposed"), "as printed") < 5.0
-    assert ma(experiment, believed.format("iQSF"), "as printed") == 0.0
-    assert all(ma(experiment, believed.format(name), "tuned") > 50.0 for name in ("proposed", "iQSF"))
+    accepted = "footfalls with an accepted field, {}, indoor"
+    assert 0.0 < ma(experiment, accepted.format("proposed"), "as printed") < 5.0
+    assert ma(experiment, accepted.format("iQSF"), "as printed") == 0.0
+    assert all(ma(experiment, accepted.format(name), "tuned") > 50.0 for name in ("proposed", "iQSF"))
 
 
 def test_the_compass_that_passes_on_indoor_is_off_by_more_than_the_printed_sigma(ma):
@@ -62,10 +62,10 @@ def test_the_compass_that_passes_on_indoor_is_off_by_more_than_the_printed_sigma
 
 @WALKED
 def test_on_smooth_170_passes_nearly_all_physical_fewer_and_iqsf_more_than_half(ma, experiment):
-    believed = "footfalls with a believed field, {}, smooth"
-    assert ma(experiment, believed.format("proposed"), "as printed") > 99.0
-    assert ma(experiment, believed.format("proposed"), "physical") < 50.0
-    assert ma(experiment, believed.format("iQSF"), "as printed") > 50.0
+    accepted = "footfalls with an accepted field, {}, smooth"
+    assert ma(experiment, accepted.format("proposed"), "as printed") > 99.0
+    assert ma(experiment, accepted.format("proposed"), "physical") < 50.0
+    assert ma(experiment, accepted.format("iQSF"), "as printed") > 50.0
 
 
 @WALKED
@@ -160,19 +160,19 @@ def test_the_sigma_of_strength_is_above_ours_too_and_of_the_order_of_that_with_t
 
 
 def test_zhangs_test_lets_pass_what_the_magnet_turns_by_less_and_with_physics_rejects_nearly_all(zhang):
-    near = "near believed, proposed, ten magnets"
+    near = "near accepted, proposed, ten magnets"
     assert zhang("Z-E1", near, "as printed") > 0.2
     assert zhang("Z-E1", near, "physical") < 0.1
 
 
-def test_zhangs_classical_detector_believes_what_lies_far_from_the_magnet_as_what_lies_near(zhang):
+def test_zhangs_classical_detector_accepts_what_lies_far_from_the_magnet_as_what_lies_near(zhang):
     for magnets in ("one magnet", "ten magnets"):
-        for zone in ("near believed, classical QMD", "far believed"):
+        for zone in ("near accepted, classical QMD", "far accepted"):
             assert zhang("Z-E1", f"{zone}, {magnets}", "classical") > 0.95
 
 
 def test_on_smooth_zhangs_test_lets_every_footfall_pass(zhang):
-    assert zhang("Z-E2", "footfalls with a believed field, AIEZ, smooth", "as printed") > 99.0
+    assert zhang("Z-E2", "footfalls with an accepted field, AIEZ, smooth", "as printed") > 99.0
 
 
 def test_few_footfalls_are_near_one_magnet(zhang):
@@ -191,14 +191,14 @@ def test_the_printed_drift_is_about_the_largest_of_ours(spreads, error, printed)
 
 
 @pytest.mark.parametrize("field", ["smooth", "indoor"])
-def test_zhangs_classical_detector_believes_every_footfall_and_ends_far_nearer_than_no_compass(zhang, field):
+def test_zhangs_classical_detector_accepts_every_footfall_and_ends_far_nearer_than_no_compass(zhang, field):
     classical = f"IEZ + classical QMD, {field}"
-    assert zhang("Z-E2", f"footfalls with a believed field, {classical}", "as printed") > 99.0
+    assert zhang("Z-E2", f"footfalls with an accepted field, {classical}", "as printed") > 99.0
     alone = zhang("Z-E2", "position error, IEZ", "as printed")
     assert zhang("Z-E2", f"position error, {classical}", "as printed") < 0.6 * alone
 
 
-def test_on_the_rough_floor_zhangs_filter_ends_farther_off_than_the_one_that_believes_all(zhang):
+def test_on_the_rough_floor_zhangs_filter_ends_farther_off_than_the_one_that_accepts_all(zhang):
     ends = [zhang("Z-E2", f"position error, {name}, indoor", "as printed") for name in ("AIEZ", "IEZ + classical QMD")]
     assert ends[0] > ends[1]
 
@@ -237,6 +237,6 @@ def test_our_detector_lets_the_field_through_for_longer(munoz):
     assert munoz("D-E3", one, "filter") > munoz("D-E3", printed, "filter")
 
 
-def test_graph_and_filter_find_z_at_the_pole_with_the_sensors_that_they_are_told_of(munoz):
+def test_graph_and_filter_find_z_at_the_pole_with_the_sensors_that_they_are_given(munoz):
     name = "z at the end, north-pole, truly -0.1"
     assert all(munoz("D-E2", name, column) < -0.085 for column in ("filter", "batch", "online"))

@@ -43,7 +43,7 @@ def test_a_reason_stands_beside_a_difference_only_and_a_note_beside_any_verdict(
     assert format_note(row(1.0, why="rougher")) == ""
 
 
-def test_a_tolerance_of_its_own_is_told_beside_the_printed_figure():
+def test_a_tolerance_of_its_own_is_shown_beside_the_printed_figure():
     assert format_printed(row(1.0)) == "1"
     assert format_printed(row(1.0, tolerance=0.15)) == "1 (within 15 %)"
     assert format_printed(row(1.0, tolerance=0.15, bound=1)) == "1"
@@ -62,7 +62,7 @@ def test_of_walks_of_which_half_failed_the_median_failed():
     assert math.isnan(spread_of([]).median)
 
 
-def test_how_many_values_there_were_is_told_where_they_are_not_the_walks():
+def test_how_many_values_there_were_is_shown_where_they_are_not_the_walks():
     one = Row("figure", "m", "1", {"filter": Spread(2.0, 2.0, 2.0, 10)})
     assert format_spread(one, "filter", 50) == "2.00 (n 10)"
     assert format_spread(one, "filter", 10) == "2.00"

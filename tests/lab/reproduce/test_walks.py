@@ -78,7 +78,7 @@ def test_a_part_that_cannot_be_moved_to_its_place_leaves_nothing_beside(tmp_path
     assert [path.name for path in (tmp_path / "parts").iterdir()] == ["some.npz"]
 
 
-def test_a_folder_that_cannot_be_is_told(tmp_path):
+def test_a_folder_that_cannot_be_is_shown(tmp_path):
     (tmp_path / "cells").write_text("a file")
     with pytest.raises(OutputError, match="name another"):
         run_missing(tmp_path, [], [])
@@ -86,9 +86,9 @@ def test_a_folder_that_cannot_be_is_told(tmp_path):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
-    keys, part, told = keys_of("demo", ["smooth"], ["iez"], [3, 4]), Measurement("some", partial(drawn, 3)), []
-    run_missing(tmp_path, keys, [part], workers, told.append)
-    assert told == pytest.approx([1 / 3, 2 / 3, 1.0])
+    keys, part, shown = keys_of("demo", ["smooth"], ["iez"], [3, 4]), Measurement("some", partial(drawn, 3)), []
+    run_missing(tmp_path, keys, [part], workers, shown.append)
+    assert shown == pytest.approx([1 / 3, 2 / 3, 1.0])
     walks = read_walks(tmp_path, keys).of("demo", "smooth", "iez")
     assert [one.key.walk for one in walks] == ["3", "4"]
     assert 0.0 < spread_over(walks, end_m).median < 3.0
@@ -97,16 +97,16 @@ def test_walks_and_parts_are_made_once(tmp_path, monkeypatch, workers):
     run_missing(tmp_path, keys, [part], workers)
 
 
-def test_what_other_code_made_is_counted_and_told():
+def test_what_other_code_made_is_counted_and_shown():
     def of(*codes):
         return [replace(result("iez", seed, 1.0), code=code) for seed, code in enumerate(codes)]
 
     ours = code_sum()
     walks = Walks({("mall", "indoor", "iez"): of(ours, "554df78"), ("mall", "smooth", "iez"): of("554df78", "554df78")})
     assert count_codes(walks) == {ours: 1, "554df78": 3}
-    [told] = describe_other_code(walks)
-    assert told.startswith("3 of 4 results")
-    assert "(sum 554df78)" in told
+    [shown] = describe_other_code(walks)
+    assert shown.startswith("3 of 4 results")
+    assert "(sum 554df78)" in shown
     walks.results["office", "smooth", "iez"] = of("aaaa")
     assert "(3 with sum 554df78, 1 with sum aaaa)" in describe_other_code(walks)[0]
     assert describe_other_code(Walks({("mall", "indoor", "iez"): of(ours, ours)})) == ()

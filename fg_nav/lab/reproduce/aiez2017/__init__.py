@@ -98,19 +98,19 @@ def reproduce(
 
 _DIFFERS = (
     """The paper has one walk of each kind; ours are simulated, many times over, with a foot, a sensor and a building
-    drawn anew by each seed.""",
+    drawn again by each seed.""",
     """No window, sigma, threshold, Q, R or P0 is printed. The filter as printed has Zhang's equations with 10 deg and
-    0.5 uT/s in the test and 5 deg for the compass, and OpenShoe's noise. What would break it is put right and told in
+    0.5 uT/s in the test and 5 deg for the compass, and OpenShoe's noise. What would break it is corrected and noted in
     each result: the sign of the compass, AIEZ (25), angles, AIEZ (20), (27), the axes of the errors of roll and pitch,
     AIEZ (22), (29).""",
     """Table I does not say what a position error is. Ours is that of the last footfall from the first, and as the walk
     ends where it began, it does not depend on how the path is laid on the truth.""",
     """The IEZ of the paper's one walk ends farther off than that of most of ours. So the gain of AIEZ over the IEZ is
     smaller here.""",
-    """The classical detector has no printed threshold either. Ours, the rate of the strength within a stance, believes
+    """The classical detector has no printed threshold either. Ours, the rate of the strength within a stance, accepts
     the field beside the magnet, as the paper shows, but also everywhere else: IEZ + classical QMD is a filter with a
     compass at every footfall here, far better than in Table I and on the rough floor better than AIEZ as printed.""",
-    """The smoother, and the matched filter both ways, are told the whole walk before they answer; the paper's filters
+    """The smoother, and the matched filter both ways, are given the whole walk before they answer; the paper's filters
     answer at each step. The columns are no race between equals.""",
 )
 
@@ -142,26 +142,26 @@ TABLE_1 = {IEZ: ("9.49", "1.84"), CLASSICAL: ("7.09", "1.38"), AIEZ: ("0.79", "0
 """Position error in m, and in percent of the way."""
 
 _SETTING = """Scenario teaching-building: three cycles, 515.5 m in 7 minutes, MTw in the heel, 100 Hz. Magnetometer
-calibrated on a loop of the same shoe, all methods told the heading at the start. Medians over the walks (5 to 95 %).
+calibrated on a loop of the same shoe, all methods given the heading at the start. Medians over the walks (5 to 95 %).
 The walk ends where it began, so the position error is the same however it is laid on the truth. Columns: the filter as
 printed (noise of OpenShoe), tuned on seeds below 100 (one setting for both fields: on one alone another may be better),
-matched (a filter with a compass that believes of foot and sensor what the smoother believes, run forth and back), the
-smoother without the field and with it. Smoother and matched are told the whole walk before they answer, the other
+matched (a filter with a compass that assumes of foot and sensor what the smoother assumes, run forth and back), the
+smoother without the field and with it. Smoother and matched are given the whole walk before they answer, the other
 filters are not; and the smoother measures the compass's noise on each walk. Classical QMD: the rate of the strength
 within a stance, as in Z-E1."""
 
 _CHANCE = """What an IEZ ends off by is chance: the drift of one sensor on one walk, whose calibration the paper does
 not describe. The printed figure is about the largest of ours (see the spread)."""
 
-_NO_GATE = """Our classical detector believes every footfall, on this field too, and so the filter has a compass at each
+_NO_GATE = """Our classical detector accepts every footfall, on this field too, and so the filter has a compass at each
 of them. The places average out, and that ends far nearer than no compass; the paper's is hardly better than its IEZ.
-How many footfalls theirs believed, and how its building turned the field there, is not told."""
+How many footfalls theirs accepted, and how its building turned the field there, is not given."""
 
 _ROUGH = """No sigma is printed. With 10 deg for the test and 5 deg for the compass the filter ends farther off on this
-rough floor than the one that believes every footfall (classical QMD, as printed): the test, or what else it measures
+rough floor than the one that accepts every footfall (classical QMD, as printed): the test, or what else it measures
 beside the compass, costs it here. Tuned, with 20 deg for the compass, it is off by less."""
 
-_NO_MERIT = """As printed it believes every footfall on this field, as the classical detector does: that the error is so
+_NO_MERIT = """As printed it accepts every footfall on this field, as the classical detector does: that the error is so
 small is no merit of the test."""
 
 _WHY = {
@@ -219,7 +219,7 @@ def _more(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
 _UNPRINTED: tuple[tuple[str, str, Figure, str], ...] = (
     ("mean position error", "m", mean_m, "{:.2f}"),
     ("final heading error", "deg", heading_deg, "{:.1f}"),
-    ("footfalls with a believed field", "%", used_percent, "{:.0f}"),
+    ("footfalls with an accepted field", "%", used_percent, "{:.0f}"),
 )
 
 

@@ -27,7 +27,7 @@ CLASSICAL, PRINTED, PHYSICAL = "classical", "as printed", "physical"
 
 DETECTOR_OF = {CLASSICAL: "qsf-stance", PRINTED: "aiez-printed", PHYSICAL: "aiez"}
 
-BELIEVED, REJECTED = 0.8, 0.2
+ACCEPTED, REJECTED = 0.8, 0.2
 """Shares that stand for the paper's "accepts" and "rejects"."""
 
 STRENGTHS = (1, STRONGER)
@@ -36,7 +36,7 @@ _SETTING = """Scenario magnet-corridor: to and fro past a magnet on the floor, M
 calibrated. The paper describes no magnet: ours is a block of 3 cm3 of neodymium, which turns the field at hardly any
 footfall by 10 deg, and so it is laid there ten times over as well. Near: footfalls at which the magnet turns the field
 by more than 10 deg; far: by less than 2. Shares are of the footfalls of all walks, in brackets 5 to 95 % of single
-walks; "believed" is held to 0.8 at least, "rejected" to 0.2 at most. Classical: the rate of the strength within a
+walks; "accepted" is held to 0.8 at least, "rejected" to 0.2 at most. Classical: the rate of the strength within a
 stance, which lets pass nearly every footfall, far or near (rows): it is no gate at all. As printed: AIEZ (17) with
 10 deg and 0.5 uT/s, for no sigma is printed; physical: the same channels with 2.5 deg beside the drift of the
 gyroscope."""
@@ -49,7 +49,7 @@ _FEW = "One magnet turns the field that far at a few footfalls of all walks only
 
 
 def corridor_experiment(walks: Mapping[int, Sequence[Judged]], pictures: Sequence[Picture]) -> Experiment:
-    """Shares believed, by the strength of the magnet."""
+    """Shares accepted, by the strength of the magnet."""
     rows = [row for strength, some in walks.items() for row in _rows(strength, some)]
     title = "A magnet on the floor of a corridor (Figures 5 and 6)"
     return Experiment("Z-E1", title, one_line(_SETTING), tuple(DETECTOR_OF), rows, pictures)
@@ -62,13 +62,13 @@ def _rows(strength: int, walks: Sequence[Judged]) -> Iterator[Row]:
     classical = {CLASSICAL: near[CLASSICAL]} if CLASSICAL in near else {}
     proposed = {column: spread for column, spread in near.items() if column != CLASSICAL}
     yield Row(f"footfalls near, all walks, {where}", "", "", _each(partial(_number, walks)), pattern="{:.0f}")
-    name = f"near believed, classical QMD, {where}"
-    yield Row(name, "", "believed", classical, BELIEVED, CLASSICAL, bound=-1, good=1)
+    name = f"near accepted, classical QMD, {where}"
+    yield Row(name, "", "accepted", classical, ACCEPTED, CLASSICAL, bound=-1, good=1)
     off = proposed[PRINTED].median - REJECTED if PRINTED in proposed else 0.0
     why = reason_for((Reason(_SIGMA + few, ABOVE),), "", off)
-    yield Row(f"near believed, proposed, {where}", "", "rejected", proposed, REJECTED, PRINTED, bound=1, why=why)
-    yield Row(f"far believed, {where}", "", "", far)
-    yield Row(f"near told from far (area under the ROC), {where}", "", "", _each(partial(_area, walks)))
+    yield Row(f"near accepted, proposed, {where}", "", "rejected", proposed, REJECTED, PRINTED, bound=1, why=why)
+    yield Row(f"far accepted, {where}", "", "", far)
+    yield Row(f"near distinguished from far (area under the ROC), {where}", "", "", _each(partial(_area, walks)))
 
 
 def _each(figure: Callable[[str], Spread]) -> dict[str, Spread]:
@@ -127,16 +127,16 @@ _DRAWN = {
 
 
 def figure_6(pictures: Pictures, walk: Arrays) -> Picture:
-    """Headings by compass and gyroscope, and what each detector believes; to the right the magnet from close by."""
+    """Headings by compass and gyroscope, and what each detector accepts; to the right the magnet from close by."""
     whole = np.ones(len(walk["t"]), dtype=bool)
     worst = walk["t"][np.nanargmax(walk["turned_deg"])]
     close = np.abs(walk["t"] - worst) < ZOOM_S
     with style.styled():
         figure, panels = new_panels(len(_DRAWN), 2, 3.0 * len(_DRAWN), 10.0)
         for row, (words, column) in enumerate(_DRAWN.items()):
-            believed = walk[f"statistic {DETECTOR_OF[column]}"] < 1.0
+            accepted = walk[f"statistic {DETECTOR_OF[column]}"] < 1.0
             for part, axes in zip((whole, close), panels[2 * row :], strict=False):
-                _draw_verdicts(axes, walk, part, believed)
+                _draw_verdicts(axes, walk, part, accepted)
             style.head(panels[2 * row], words, columns=2)
             panels[2 * row + 1].set_title("beside the magnet")
         for axes in panels[-2:]:
@@ -145,18 +145,18 @@ def figure_6(pictures: Pictures, walk: Arrays) -> Picture:
         figure,
         6,
         "detection by classical QMD and by the proposed method beside the magnet",
-        "past ten magnets in one place; dots: believed, red circles: turned by the magnet by more than 10 deg",
+        "past ten magnets in one place; dots: accepted, red circles: turned by the magnet by more than 10 deg",
     )
 
 
-def _draw_verdicts(axes: Axes, walk: Arrays, part: Bools, believed: Bools) -> None:
+def _draw_verdicts(axes: Axes, walk: Arrays, part: Bools, accepted: Bools) -> None:
     """Draw the headings of those footfalls, in deg about the gyroscope's, unwrapped."""
     t, smooth = walk["t"][part], np.unwrap(walk["gyroscope"])[part]
     compass: Floats = np.degrees(smooth + np.angle(np.exp(1j * (walk["compass"][part] - smooth))))
     near = (walk["turned_deg"] > NEAR[0])[part]
     axes.plot(t, np.degrees(smooth), color=style.INK, linewidth=1.2, label="INS heading")
     axes.plot(t, compass, color=style.ORANGE, linewidth=0.9, label="magnetic heading")
-    axes.plot(t[believed[part]], compass[believed[part]], "o", color=style.BLUE, markersize=3.0, label="believed")
+    axes.plot(t[accepted[part]], compass[accepted[part]], "o", color=style.BLUE, markersize=3.0, label="accepted")
     axes.plot(
         t[near], compass[near], "o", color="red", markersize=9.0, markerfacecolor="none", label="disturbed", zorder=5
     )

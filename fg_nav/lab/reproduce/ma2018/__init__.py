@@ -153,24 +153,24 @@ def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
 
 _DIFFERS = (
     """One person walked each of the paper's tests once; ours are simulated, many times over, with a foot, a sensor and
-    a building drawn anew by each seed. The printed figures are one draw beside the spread of ours.""",
+    a building drawn again by each seed. The printed figures are one draw beside the spread of ours.""",
     """The field of their building is not known. Ours is smooth (large iron some metres away), or indoor, fitted to real
     walks over reinforced floors: 170 passes nearly everything on the first and few footfalls on the second. No one
     field gives both of the printed figures of the mall: the proposed filter is nearer to its 1.5 m on smooth, and the
     11.3 m of iQSF are those of a filter without a compass, as iQSF is on indoor only.""",
     """The filters run as printed have the paper's detector, threshold and sigmas. Noise of gyroscope, accelerometer and
-    zero velocity is not printed and is OpenShoe's. What would break them is put right and told in each result: the sign
-    of the compass, Ma (1), the row of H, Ma (36), the correction of the attitude, Ma (38), (39). iQSF's threshold is
-    not in this paper: it is the 99 % quantile of the noise that its authors assume.""",
+    zero velocity is not printed and is OpenShoe's. What would break them is corrected and noted in each result: the
+    sign of the compass, Ma (1), the row of H, Ma (36), the correction of the attitude, Ma (38), (39). iQSF's threshold
+    is not in this paper: it is the 99 % quantile of the noise that its authors assume.""",
     """The paper does not say how its trajectories were laid on the reference. Ours are judged as started: every method
-    was told the true heading at the start and is left with its errors. By the best turn and shift, which favour who has
-    no compass, all errors in the mall are smaller, some by half (rows so called, not judged), and the proposed filter
-    has the printed ones on smooth; so part of what is missed may be the way of laying.""",
+    was given the true heading at the start and is left with its errors. By the best turn and shift, which favour who
+    has no compass, all errors in the mall are smaller, some by half (rows so called, not judged), and the proposed
+    filter has the printed ones on smooth; so part of what is missed may be the way of laying.""",
     """Some settings were chosen by a printed figure, which then is no result but put in: the iron of the calibration
     loop and the bare module (Table 1), that the module is calibrated at all (the 14 deg of pure ZUPT, as raw ones end
     several times as far off), and field and limit of the ROC (P_D of 0.8). Scenarios have the printed lengths and
     strides.""",
-    """The smoother, and the matched filter both ways, are told the whole walk before they answer; the paper's filters
+    """The smoother, and the matched filter both ways, are given the whole walk before they answer; the paper's filters
     answer at each step. The columns are no race between equals.""",
 )
 

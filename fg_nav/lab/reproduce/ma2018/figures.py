@@ -145,7 +145,7 @@ def figure_11(pictures: Pictures, walks: Mapping[str, Arrays]) -> Picture:
         figure,
         11,
         "headings of the first loop of the office, proposed method",
-        "by compass, gyroscope and the filter as printed; dots: footfalls whose field it believes",
+        "by compass, gyroscope and the filter as printed; dots: footfalls whose field it accepts",
     )
 
 
@@ -157,7 +157,7 @@ def draw_headings(axes: Axes, walk: Arrays, part: Bools, title: str) -> None:
     axes.plot(t, gyroscope, color=style.INK, linewidth=1.2, label="gyroscope")
     axes.plot(t, estimate, color=style.BLUE, linewidth=1.2, label="filter")
     used = walk["used"][part]
-    axes.plot(t[used], compass[used], "o", color=style.VERMILION, markersize=2.8, label="believed", zorder=5)
+    axes.plot(t[used], compass[used], "o", color=style.VERMILION, markersize=2.8, label="accepted", zorder=5)
     axes.set_ylabel("heading (deg)")
     axes.margins(x=0.01)
     style.head(axes, title)
@@ -236,7 +236,7 @@ def _draw(axes: Axes, result: Result | None, label: str, colour: str, with_truth
 
 
 def figures_13_14(pictures: Pictures, walks: Walks, fields: Sequence[str]) -> list[Picture]:
-    """Where each detector believes the field of the mall."""
+    """Where each detector accepts the field of the mall."""
     kept = []
     for number, name in ((13, IQSF), (14, PROPOSED)):
         with style.styled():

@@ -43,9 +43,9 @@ _CLOSE = 0.05
 
 _SETTING = """Scenario calibration-loop: circles to the right and to the left in a field without steel, eight MPU-9250
 in the heel, 400 Hz. Table 1 is what we put in: its first line is the iron of shoe and floor, its second the module
-without the shoe, tumbled by hand for a minute. So its rows tell whether the method finds again what was there (put in),
+without the shoe, tumbled by hand for a minute. So its rows show whether the method finds again what was there (put in),
 and what the difference of the two lines costs CLSEF. As printed: Ma (6)-(12) to the letter; right quadrant: the
-same with Ma (8) by atan2; fitted: our least squares; CLSEF: the ellipsoid of the tumbled module; as no ellipsoid tells
+same with Ma (8) by atan2; fitted: our least squares; CLSEF: the ellipsoid of the tumbled module; as no ellipsoid gives
 its scale from readings alone, K_c has the printed determinant. Figure 7 is the magnetic heading of the footfalls less
 that of the gyroscope, about its mean."""
 
@@ -135,7 +135,7 @@ instant to which, nor whether the foot walked. Strengths are in mG, of which ten
 
 _NOISE = """Calibrated and without steel the changes are smaller than the printed sigmas, those of the angles by far;
 with the iron of the shoe left on they are of their order, so these seem to hold more than noise. What they were
-measured on is not told."""
+measured on is not given."""
 
 _ROC_SETTING = """Scenario mall, magnetometer calibrated. A stance is truly quasi-static where the field vectors of the
 four stances of its window (three strides) differ by less than a limit: 2 uT on the field smooth, 10 uT on between (0.65

@@ -5,7 +5,7 @@ verdict is of the filter as printed, and a printed bound is held or not, without
 no detector and no compass, and does not depend on the field; as printed it has OpenShoe's noise, as the others have.
 
 Judged is the path as started. What the best turn and shift make of it stands beside, with the paper's words and without
-a verdict: the paper does not tell its own way, and to choose the kinder one by the result would be no test.
+a verdict: the paper does not give its own way, and to choose the kinder one by the result would be no test.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ ZUPT, IQSF, PROPOSED, SMOOTHER, INERTIAL = "iez", "iqsf", "ma2018", "smoother", 
 PRINTED, PHYSICAL, TUNED, NO_FIELD, OURS = "as printed", "physical", "tuned", "no field", "smoother"
 BOTH_WAYS = "matched, both ways"
 COLUMNS = (PRINTED, PHYSICAL, TUNED, BOTH_WAYS, NO_FIELD, OURS)
-"""Settings of a filter, the filter that believes what the smoother believes, run forth and back, the smoother without
+"""Settings of a filter, the filter that assumes what the smoother assumes, run forth and back, the smoother without
 the field, and the smoother."""
 
 PRESET = {PRINTED: ":as-printed", PHYSICAL: ":physical", TUNED: ""}
@@ -127,11 +127,11 @@ _LOOPS = """The end of this closed way follows the final heading: the next row i
 in each of our filters, whatever their noise. What is left is a way of another shape, or errors besides the heading."""
 
 _CLOSED = """As printed the gate is closed on this floor, whose field changes from stride to stride by far more than the
-noise that its threshold stands for. No footfall is believed, and what is left is a ZUPT filter with OpenShoe's noise
+noise that its threshold stands for. No footfall is accepted, and what is left is a ZUPT filter with OpenShoe's noise
 and no compass, the same as pure ZUPT as printed. What that comes to is chance: the printed figure lies within the
 spread. Tuned, the gate is open."""
 
-_FEW = """170 lets few of the footfalls pass on this floor (rows of believed footfalls). Their compass is off by more
+_FEW = """170 lets few of the footfalls pass on this floor (rows of accepted footfalls). Their compass is off by more
 (M-E2b) than the printed 3.8 deg that it is taken in with; tuned, most footfalls pass, with 30 deg each, and the
 deviations of the places average out."""
 
@@ -142,18 +142,18 @@ within the spread."""
 _TURNED = """Much of it is a turn of the whole path: laid by the best turn and shift, as the paper may have done, the
 figure is the printed one within the tolerance of a row (row below, not judged). The path turns because nearly every
 footfall passes on this field and its compass is taken in with the printed 3.8 deg, each for itself, though neighbouring
-ones err alike. Physical, which believes fewer of them, and tuned, which takes the compass in with 30 deg, come
+ones err alike. Physical, which accepts fewer of them, and tuned, which takes the compass in with 30 deg, come
 nearer."""
 
-_HELD = """On this field iQSF as printed believes more than half of the footfalls, enough to hold its heading; in the
+_HELD = """On this field iQSF as printed accepts more than half of the footfalls, enough to hold its heading; in the
 paper it hardly found any in the mall. No way of laying the path changes that."""
 
-_BOTH = """The proposed filter as printed is worse than iQSF on this field. iQSF too believes more than half of the
+_BOTH = """The proposed filter as printed is worse than iQSF on this field. iQSF too accepts more than half of the
 footfalls, and a heading once in a while is enough. The paper's factor is that of a filter with a compass over one
 without, as on the other field."""
 
 _APART = """It is a ratio of two errors that are both more than twice the printed ones (rows above), over an iQSF that
-believes no footfall: a filter with few compasses over one with none. On single walks it comes out anywhere (see the
+accepts no footfall: a filter with few compasses over one with none. On single walks it comes out anywhere (see the
 spread)."""
 
 
@@ -170,8 +170,8 @@ OFFICE_ROWS = (
     Printed("final heading error", "deg", heading_deg, IQSF, pattern="{:.1f}"),
     Printed("final heading error", "deg", heading_deg, PROPOSED, pattern="{:.1f}"),
     Printed("mean position error", "m", mean_m, PROPOSED),
-    Printed("footfalls with a believed field", "%", used_percent, IQSF, pattern="{:.0f}"),
-    Printed("footfalls with a believed field", "%", used_percent, PROPOSED, pattern="{:.0f}"),
+    Printed("footfalls with an accepted field", "%", used_percent, IQSF, pattern="{:.0f}"),
+    Printed("footfalls with an accepted field", "%", used_percent, PROPOSED, pattern="{:.0f}"),
 )  # fmt: skip
 
 _OF_IQSF = (Reason(_CLOSED, ABOVE, _INDOOR), Reason(_HELD, BELOW, _SMOOTH))
@@ -200,8 +200,8 @@ MALL_ROWS = (
     Printed("largest error at a landmark", "m", landmark_max_m, IQSF, pattern="{:.1f}"),
     Printed("largest error at a landmark", "m", landmark_max_m, PROPOSED, pattern="{:.1f}"),
     Printed("the largest error over the way (TTD)", "%", lambda result: _share(result, max_m), PROPOSED),
-    Printed("footfalls with a believed field", "%", used_percent, IQSF, pattern="{:.0f}"),
-    Printed("footfalls with a believed field", "%", used_percent, PROPOSED, pattern="{:.0f}"),
+    Printed("footfalls with an accepted field", "%", used_percent, IQSF, pattern="{:.0f}"),
+    Printed("footfalls with an accepted field", "%", used_percent, PROPOSED, pattern="{:.0f}"),
 )
 
 
@@ -211,15 +211,15 @@ def _share(result: Result, figure: Figure) -> float | None:
     return None if value is None or errors is None else 100.0 * value / errors.distance_m
 
 
-_SETTING = """{scenario}. Magnetometer calibrated on a loop of the same shoe, all methods told the heading at the start.
-Medians over the walks (5 to 95 %), laid on the truth as started where nothing else is said. Columns: the filter as
-printed (detector, threshold and values of the paper; noise of OpenShoe where none is printed), physical (as physics has
-it), tuned (on seeds below 100, one setting for both fields: on one alone another may be better, as physical is for the
-proposed filter in the mall on smooth), matched (the proposed filter that believes of foot and sensor what the smoother
-believes, run forth and back), the smoother without the field and with it. Smoother and matched are told the whole walk
-before they answer, the other filters are not; and the smoother measures the compass's noise on each walk. Pure ZUPT has
-no gate, and the smoother one setting. What the field of the paper's building was like is not known: ours is smooth
-(large iron some metres away) or indoor (a reinforced floor, fitted to real walks)."""
+_SETTING = """{scenario}. Magnetometer calibrated on a loop of the same shoe, all methods given the heading at the
+start. Medians over the walks (5 to 95 %), laid on the truth as started where nothing else is said. Columns: the filter
+as printed (detector, threshold and values of the paper; noise of OpenShoe where none is printed), physical (as physics
+has it), tuned (on seeds below 100, one setting for both fields: on one alone another may be better, as physical is for
+the proposed filter in the mall on smooth), matched (the proposed filter that assumes of foot and sensor what the
+smoother assumes, run forth and back), the smoother without the field and with it. Smoother and matched are given the
+whole walk before they answer, the other filters are not; and the smoother measures the compass's noise on each walk.
+Pure ZUPT has no gate, and the smoother one setting. What the field of the paper's building was like is not known: ours
+is smooth (large iron some metres away) or indoor (a reinforced floor, fitted to real walks)."""
 
 _OFFICE = (
     "Scenario office: three equal loops through corridors, 1018 m, 786 strides, eight MPU-9250 in the heel, 400 Hz"

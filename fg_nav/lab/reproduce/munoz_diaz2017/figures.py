@@ -136,7 +136,7 @@ def _draw_bias(axes: Axes, setting: Setting, run: Run | None, title: str) -> Non
             for side in (-1, 1):
                 axes.plot(run.minute, value + side * sigma, color=colour, linewidth=0.4)
             axes.plot(run.minute, setting.bias[:, axis], "--", color=colour, linewidth=0.7)
-        # what is drawn is what the estimates do; their doubt may be cut off
+        # what is drawn is what the estimates do; their uncertainty may be cut off
         low, high = np.percentile(np.concatenate([run.bias, setting.bias]), [0.0, 100.0])
         axes.set_ylim(low - 0.05, high + 0.05)
     style.head(axes, title, 3)

@@ -73,7 +73,7 @@ class Reading:
     row : the row, `ours` empty.
     case, measure : read off the runs of this case; "" where it is no run's (`seed`).
     over_case : the figure is taken over the same one of this case.
-    without : estimators that it says nothing of: who is told the whole walk takes no time.
+    without : estimators that it says nothing of: who is given the whole walk takes no time.
     """
 
     row: Row

@@ -7,7 +7,7 @@ batch      `fg_nav.pocket.smooth_pocket`, an iterated Kalman smoother of the who
 online     `fg_nav.pocket.follow_pocket`, the same with a fixed lag: each estimate is made of what was there until then
 ========== =========================================================================================================
 
-The graph is told what the filter takes for granted: that the emulated sensor of the first walk has no errors of scale
+The graph is given what the filter takes for granted: that the emulated sensor of the first walk has no errors of scale
 and axes, and a magnetometer that is off by its white error only. The MTw of the second walk may have them.
 
 The position is that of the thigh's steps (`fg_nav.pocket.dead_reckoning`), the constant of their length calibrated by
@@ -63,7 +63,7 @@ class Run:
 
 
 Estimate: TypeAlias = Callable[[Recording, Case, float], PocketTrack]
-"""Of a recording, what it is told of it, and the heading at the start."""
+"""Of a recording, what is given of it, and the heading at the start."""
 
 GRAPHS = {True: PocketSmootherParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3), False: PocketSmootherParameters()}
 """Parameters of the graph, by whether the sensor is emulated; a thousandth of what a real one has stands for none."""
@@ -124,7 +124,7 @@ def run_of(track: PocketTrack, recording: Recording, true_R: Floats, setting: Se
 
 
 def dead_reckoned(track: PocketTrack, recording: Recording, setting: Setting) -> Floats:
-    """Places (K, 2) m at the end of each stride: steps of the thigh, their length told by that of the whole walk.
+    """Places (K, 2) m at the end of each stride: steps of the thigh, their length from that of the whole walk.
 
     NaN where there is no step to be found.
     """

@@ -1,6 +1,6 @@
 """What is said in words beside the figures of Munoz Diaz et al. (2017): settings, reasons, and what differs.
 
-No figure depends on these words: to change them makes no seed anew.
+No figure depends on these words: to change them makes no seed again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ CITATION = (
 
 DIFFERS = (
     "The paper has one person and two walks, the first with a fibre-optic gyroscope, the second with an MTw. Ours are "
-    "simulated, two a seed, each with a person, a gait, noises and iron drawn anew: its single figures stand beside "
+    "simulated, two a seed, each with a person, a gait, noises and iron drawn again: its single figures stand beside "
     "our medians.",
     "Not printed, and chosen on seeds below 100 with the paper's figures in view: the prior of the bias, 0.035 deg/s "
     "(seeds 1 to 4), which alone sets how many minutes the z bias takes, so that their ratios are a result and their "
@@ -29,11 +29,11 @@ DIFFERS = (
     "samples are not gravity, and the filter as printed goes off by tens of degrees; the filter here takes a mean over "
     "two strides, turned by the gyroscope, and has the paper's misprints corrected.",
     "The graph is not the paper's: the local field is a variable in it, where the filter takes the difference of two "
-    "noisy samples for exact. Batch is told the whole walk before it answers; online, each estimate is made of what "
+    "noisy samples for exact. Batch is given the whole walk before it answers; online, each estimate is made of what "
     "was there until then. It has no way without its own weighing of perturbed fields.",
-    "By default the graph believes what a real sensor has: errors of scale and axes of the gyroscope, and some in the "
+    "By default the graph assumes what a real sensor has: errors of scale and axes of the gyroscope, and some in the "
     "magnetometer that change with the attitude. The emulated sensor of the first walk has neither. The paper's filter "
-    "takes that for granted, and so the graph is told of it; on the second walk it has its defaults.",
+    "takes that for granted, and so the graph is given that; on the second walk it has its defaults.",
     "The printed lengths do not agree: six legs of 600 m are not 3 km, and 30 m at 20 deg and 140 m at 50 deg are not "
     "of one length of way. Walked are legs of 500 m in the first walk, and six round trips of 720 m in the second.",
 )
@@ -62,7 +62,7 @@ TITLES: Mapping[str, tuple[str, str]] = MappingProxyType(
             "Gravity and the field at three places (Figure 9)",
             f"{_FIRST} Homogeneous fields of Table 1, used without the detector. The last column is the ratio that the "
             "mean square of the field across the thigh leads one to expect, and that field. Minutes of the batch, "
-            "which is told the whole walk before it answers, say nothing and are left out.",
+            "which is given the whole walk before it answers, say nothing and are left out.",
         ),
         "D-E2d": (
             "The track turned to north-south (Section 3.1.2)",
@@ -92,7 +92,7 @@ DRIFTS = (
 
 ONE_FOG = (
     "It is the offset at switch-on, 1 deg/h an axis (one sigma) of the data sheet as we remember it, of the worst of "
-    "three axes. Theirs is one sensor in one hour; ours is drawn anew each time."
+    "three axes. Theirs is one sensor in one hour; ours is drawn again each time."
 )
 
 SLOWER = (
@@ -107,17 +107,17 @@ SWING = (
 
 TABLE_1 = (
     "By the fields of Table 1 as printed, z is as easy to see in Munich as at the equator (last column, and last "
-    "rows). What made theirs slower is not told."
+    "rows). What made theirs slower is not given."
 )
 
 ONE_WAY = (
     "Ours goes one way until z is known, for its z bias comes near the true one smoothly; theirs does not (its Figure "
-    "9c), and why is not told."
+    "9c), and why is not given."
 )
 
 RATIO = "As ours needs more of the walk until z is known, it has more of the error of gravity alone."
 
-IRON = "How far rests on the iron and on the noise of the magnetometer that the filter is told; neither is printed."
+IRON = "How far rests on the iron and on the noise of the magnetometer that the filter is given; neither is printed."
 
 PRIOR = "The size rests on the prior of the bias, which is not printed."
 

@@ -84,7 +84,7 @@ PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"
 ALL = (PRINTED, FILTER, BATCH, ONLINE)
 
 SECOND_NOISES_UT = (0.05, 0.015, 0.106)
-"""White errors of the MTw's magnetometer, uT, as its filters are told: the preset's, which lies between Table 2's and
+"""White errors of the MTw's magnetometer, uT, as its filters are given: the preset's, which lies between Table 2's and
 that of its sheet as we remember it; then these two."""
 
 
