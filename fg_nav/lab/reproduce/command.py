@@ -52,7 +52,8 @@ _LIBRARIES = ("numpy", "scipy", "gtsam", "numba", "matplotlib")
 _ENDED = "a worker was ended from outside, perhaps for want of memory: run the same command again, it goes on."
 
 Paper = Callable[[Path, Sequence[int], int, Callable[[float], None], bool], Reproduction]
-"""Of a folder, seeds, workers, a function of the fraction done, and whether it is to be quick."""
+"""Of a folder (walks in `cells`, measurements in `parts`, and pictures), the seeds of the simulated walks, processes,
+a function of the fraction done, and whether it is to be quick; OutputError where it cannot be written."""
 
 
 def reproduce(

@@ -14,44 +14,27 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.results import (
-    AS_ASKED,
-    BETTER,
-    MEANINGS,
-    MISSED,
-    MISSED_EXPLAINED,
-    PUT_IN,
-    REPRODUCED,
-    SHORT,
-    TOLERANCE,
-    Picture,
-    Reproduction,
-    count_verdicts,
-    format_name,
-    format_note,
-    format_printed,
-    format_seeds,
-    format_spread,
-)
+from fg_nav.lab.reproduce import results
+from fg_nav.lab.reproduce.results import Picture, Reproduction
 from fg_nav.text import to_json
 
 _CLASSES = {
-    REPRODUCED: "reproduced",
-    BETTER: "better",
-    MISSED_EXPLAINED: "explained",
-    MISSED: "missed",
-    PUT_IN: "aside",
-    AS_ASKED: "reproduced",
-    SHORT: "missed",
+    results.REPRODUCED: "reproduced",
+    results.BETTER: "better",
+    results.MISSED_EXPLAINED: "explained",
+    results.MISSED: "missed",
+    results.PUT_IN: "aside",
+    results.AS_ASKED: "reproduced",
+    results.SHORT: "missed",
 }
 _SIGNS = {
-    REPRODUCED: "=",
-    BETTER: "+",
-    MISSED_EXPLAINED: "~",
-    MISSED: "\N{MULTIPLICATION SIGN}",
-    PUT_IN: "\N{RIGHTWARDS ARROW}",
-    AS_ASKED: "\N{CHECK MARK}",
-    SHORT: "\N{MULTIPLICATION SIGN}",
+    results.REPRODUCED: "=",
+    results.BETTER: "+",
+    results.MISSED_EXPLAINED: "~",
+    results.MISSED: "\N{MULTIPLICATION SIGN}",
+    results.PUT_IN: "\N{RIGHTWARDS ARROW}",
+    results.AS_ASKED: "\N{CHECK MARK}",
+    results.SHORT: "\N{MULTIPLICATION SIGN}",
 }
 """Before the verdict: color is not all that distinguishes them."""
 
@@ -75,21 +58,21 @@ def write_page(found: Reproduction, folder: Path) -> str:
         keep_trailing_newline=True,
     )
     environment.filters |= {
-        "name": format_name,
-        "printed": format_printed,
-        "note": format_note,
-        "spread": format_spread,
+        "name": results.format_name,
+        "printed": results.format_printed,
+        "note": results.format_note,
+        "spread": results.format_spread,
         "json": lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False),
         "load_png": partial(_load_png, folder),
     }
     return environment.get_template("page.html.j2").render(
         found=found,
-        counts=count_verdicts(found),
-        meanings=MEANINGS,
+        counts=results.count_verdicts(found),
+        meanings=results.MEANINGS,
         classes=_CLASSES,
         signs=_SIGNS,
-        seeds=format_seeds(found),
-        tolerance=f"{100 * TOLERANCE:.0f} %",
+        seeds=results.format_seeds(found),
+        tolerance=f"{100 * results.TOLERANCE:.0f} %",
     )
 
 

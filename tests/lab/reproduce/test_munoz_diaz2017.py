@@ -161,7 +161,9 @@ def values_of(**minutes):
 
 
 def row_of(found, quantity):
-    rows = [row for planned in PLAN for row in paper.experiment(planned, found, 101).rows if row.quantity == quantity]
+    rows = [
+        row for planned in PLAN for row in paper.build_experiment(planned, found, 101).rows if row.quantity == quantity
+    ]
     return rows[0] if rows else None
 
 

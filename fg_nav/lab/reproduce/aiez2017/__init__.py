@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from fg_nav.lab.campaign.walks import LOOP
+from fg_nav.lab.reproduce import walks as read
 from fg_nav.lab.reproduce.aiez2017.corridor import DETECTOR_OF, STRENGTHS, corridor_experiment, figure_5, figure_6
 from fg_nav.lab.reproduce.aiez2017.magnet import SCENARIO, STRONGER, load_judged, magnet_part
 from fg_nav.lab.reproduce.drawing import Pictures, draw_path, estimate_of, new_panels, truth_of
@@ -24,22 +25,7 @@ from fg_nav.lab.reproduce.results import (
     one_line,
     reason_for,
 )
-from fg_nav.lab.reproduce.walks import (
-    Figure,
-    Walks,
-    describe_other_code,
-    describe_walks,
-    end_m,
-    end_percent,
-    heading_deg,
-    keys_of,
-    mean_m,
-    parameters_of,
-    read_walks,
-    run_missing,
-    spread_over,
-    used_percent,
-)
+from fg_nav.lab.reproduce.walks import Figure, Walks
 from fg_nav.lab.store.results import Key
 from fg_nav.report.plots import style
 
@@ -62,25 +48,14 @@ def reproduce(
     progress: Callable[[float], None] | None = None,
     quick: bool = False,
 ) -> Reproduction:
-    """Make all experiments of the paper; what is kept in the folder from an earlier run is taken up.
+    """Make all experiments, as `fg_nav.lab.reproduce.command.Paper`; what is stored in the folder is used.
 
-    Parameters
-    ----------
-    folder : for walks (`cells`), other measurements (`parts`) and pictures.
-    seeds : of the simulated walks.
-    workers : processes.
-    progress : called with the fraction done.
-    quick : leaves out nothing but seeds.
-
-    Raises
-    ------
-    OutputError
-        Where the folder cannot be written.
+    It leaves out nothing but seeds when `quick`.
     """
     corridors, wanted = seeds[:CORRIDORS], keys(FIELDS, seeds)
     parts = [magnet_part(strength, seed) for strength in STRENGTHS for seed in corridors]
-    run_missing(folder, wanted, parts, workers, progress)
-    walks, pictures = read_walks(folder, wanted), Pictures(folder, PAPER)
+    read.run_missing(folder, wanted, parts, workers, progress)
+    walks, pictures = read.read_walks(folder, wanted), Pictures(folder, PAPER)
     past = {strength: load_judged(folder, strength, corridors) for strength in STRENGTHS}
     drawn = magnet_part(STRONGER, seeds[0]).load(folder)
     return Reproduction(
@@ -91,8 +66,8 @@ def reproduce(
             corridor_experiment(past, [figure_5(pictures, drawn), figure_6(pictures, drawn)]),
             building_experiment(walks, FIELDS, [figure_7(pictures, walks, FIELDS)]),
         ],
-        differs=[one_line(text) for text in (*_DIFFERS, *describe_other_code(walks))],
-        parameters=parameters_of(walks) | describe_walks([*wanted, _PAST_MAGNET], DETECTOR_OF.values()),
+        differs=[one_line(text) for text in (*_DIFFERS, *read.describe_other_code(walks))],
+        parameters=read.parameters_of(walks) | read.describe_walks([*wanted, _PAST_MAGNET], DETECTOR_OF.values()),
     )
 
 
@@ -173,7 +148,7 @@ _WHY = {
 
 def keys(fields: Sequence[str], seeds: Sequence[int]) -> list[Key]:
     """All that the experiment looks at."""
-    return keys_of(BUILDING, fields, METHODS, seeds)
+    return read.keys_of(BUILDING, fields, METHODS, seeds)
 
 
 def columns_of(filter_name: str) -> dict[str, str]:
@@ -202,14 +177,14 @@ def _table_1(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
                 yield Row(quantity, unit, value, ours, float(value), PRINTED, good=good, why=why)
 
 
-_ERRORS = (("position error", "m", end_m), ("TTD error", "%", end_percent))
+_ERRORS = (("position error", "m", read.end_m), ("TTD error", "%", read.end_percent))
 
 
 def _more(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
     """What the paper does not print."""
     for words, unit, figure, pattern in _UNPRINTED:
         for name in TABLE_1:
-            if name == IEZ and figure is used_percent:
+            if name == IEZ and figure is read.used_percent:
                 continue
             for field in _fields_of(name, fields):
                 ours = _ours(walks, name, field, figure)
@@ -217,9 +192,9 @@ def _more(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
 
 
 _UNPRINTED: tuple[tuple[str, str, Figure, str], ...] = (
-    ("mean position error", "m", mean_m, "{:.2f}"),
-    ("final heading error", "deg", heading_deg, "{:.1f}"),
-    ("footfalls with an accepted field", "%", used_percent, "{:.0f}"),
+    ("mean position error", "m", read.mean_m, "{:.2f}"),
+    ("final heading error", "deg", read.heading_deg, "{:.1f}"),
+    ("footfalls with an accepted field", "%", read.used_percent, "{:.0f}"),
 )
 
 
@@ -234,7 +209,7 @@ def _where(name: str, field: str) -> str:
 
 def _ours(walks: Walks, name: str, field: str, figure: Figure) -> dict[str, Spread]:
     return {
-        column: spread_over(results, figure)
+        column: read.spread_over(results, figure)
         for column, method in columns_of(name).items()
         if (results := walks.of(BUILDING, field, method))
     }

@@ -6,26 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fg_nav.lab.reproduce import walks as shared
 from fg_nav.lab.reproduce.drawing import Pictures
-from fg_nav.lab.reproduce.ma2018 import figures
+from fg_nav.lab.reproduce.ma2018 import figures, magnetometer
 from fg_nav.lab.reproduce.ma2018 import walks as walked
 from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, cases_of, headings_part, noise_part, roc_part
 from fg_nav.lab.reproduce.ma2018.loop import load_loops, loop_part
-from fg_nav.lab.reproduce.ma2018.magnetometer import (
-    DETECTOR_OF,
-    calibration_experiment,
-    noise_experiment,
-    roc_experiment,
-)
 from fg_nav.lab.reproduce.results import Experiment, Reproduction, one_line
-from fg_nav.lab.reproduce.walks import (
-    Walks,
-    describe_other_code,
-    describe_walks,
-    parameters_of,
-    read_walks,
-    run_missing,
-)
+from fg_nav.lab.reproduce.walks import Walks
 from fg_nav.lab.store.entries import Measurement
 from fg_nav.lab.store.results import Key
 
@@ -47,14 +35,7 @@ WALK_MINUTES = 12.2
 
 @dataclass(frozen=True)
 class Plan:
-    """What is walked.
-
-    Attributes
-    ----------
-    seeds : of office and mall.
-    fields : in which these are walked.
-    rest_s : how long the shoe lies on a table, with the first seed.
-    """
+    """What is walked: office and mall with these seeds in these fields; the first seed's shoe lies on a table."""
 
     seeds: Sequence[int]
     fields: Sequence[str] = FIELDS
@@ -91,31 +72,22 @@ def reproduce(
     progress: Callable[[float], None] | None = None,
     quick: bool = False,
 ) -> Reproduction:
-    """Make all experiments of the paper; what is kept in the folder from an earlier run is taken up.
+    """Make all experiments, as `fg_nav.lab.reproduce.command.Paper`; what is stored in the folder is used.
 
-    Parameters
-    ----------
-    folder : for walks (`cells`), other measurements (`parts`) and pictures.
-    seeds : of the simulated walks.
-    workers : processes.
-    progress : called with the fraction done.
-    quick : one field, and ten minutes at rest for two hours.
-
-    Raises
-    ------
-    OutputError
-        Where the folder cannot be written.
+    Quick are one field, and ten minutes at rest for two hours.
     """
     plan = Plan(seeds, QUICK_FIELDS, QUICK_REST_S) if quick else Plan(seeds)
-    run_missing(folder, plan.keys, plan.parts, workers, progress)
-    walks = read_walks(folder, plan.keys)
+    shared.run_missing(folder, plan.keys, plan.parts, workers, progress)
+    walks = shared.read_walks(folder, plan.keys)
+    quickly = (_QUICK,) if quick else ()
+    detectors = ("iqsf-printed", "iqsf", *magnetometer.DETECTOR_OF.values())
     return Reproduction(
         paper=PAPER,
         citation=CITATION,
         seeds=tuple(plan.seeds),
         experiments=_experiments(folder, plan, walks),
-        differs=[one_line(text) for text in (*_DIFFERS, *((_QUICK,) if quick else ()), *describe_other_code(walks))],
-        parameters=parameters_of(walks) | describe_walks(plan.keys, ("iqsf-printed", "iqsf", *DETECTOR_OF.values())),
+        differs=[one_line(text) for text in (*_DIFFERS, *quickly, *shared.describe_other_code(walks))],
+        parameters=shared.parameters_of(walks) | shared.describe_walks(plan.keys, detectors),
     )
 
 
@@ -126,9 +98,11 @@ def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
     headings = {field: part.load(folder) for field, part in plan.headings.items()}
     noises = [part.load(folder) for part in plan.noises]
     return [
-        calibration_experiment(loops, [figures.figure_6(pictures, loops[0]), figures.figure_7(pictures, loops[0])]),
-        noise_experiment(noises, WALK_MINUTES * len(noises), plan.rest_s),
-        roc_experiment(cases, [figures.figure_3(pictures, headings), figures.figure_8(pictures, cases)]),
+        magnetometer.calibration_experiment(
+            loops, [figures.figure_6(pictures, loops[0]), figures.figure_7(pictures, loops[0])]
+        ),
+        magnetometer.noise_experiment(noises, WALK_MINUTES * len(noises), plan.rest_s),
+        magnetometer.roc_experiment(cases, [figures.figure_3(pictures, headings), figures.figure_8(pictures, cases)]),
         walked.office_experiment(
             walks,
             plan.fields,

@@ -18,27 +18,11 @@ from typing import Literal
 import numpy as np
 
 from fg_nav.evaluation.walked import BEST_YAW
+from fg_nav.lab.reproduce import walks as read
 from fg_nav.lab.reproduce.ma2018.detections import CURVED_DEG, STRAIGHT_DEG, Case
 from fg_nav.lab.reproduce.ma2018.magnetometer import curve_rows
 from fg_nav.lab.reproduce.results import ABOVE, BELOW, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
-from fg_nav.lab.reproduce.walks import (
-    Figure,
-    Walks,
-    at_landmarks,
-    end_m,
-    end_percent,
-    heading_deg,
-    keys_of,
-    landmark_max_m,
-    landmark_mean_m,
-    max_m,
-    mean,
-    mean_m,
-    reduction_over,
-    spread_over,
-    used_percent,
-    walk_error,
-)
+from fg_nav.lab.reproduce.walks import Figure, Walks
 from fg_nav.lab.store.results import Key, Result
 
 OFFICE, MALL = "office", "mall"
@@ -68,7 +52,7 @@ NAMES = {ZUPT: "pure ZUPT", IQSF: "iQSF", PROPOSED: "proposed"}
 
 def keys(fields: Sequence[str], seeds: Sequence[int]) -> list[Key]:
     """All that both experiments look at."""
-    return [key for scenario in (OFFICE, MALL) for key in keys_of(scenario, fields, METHODS, seeds)]
+    return [key for scenario in (OFFICE, MALL) for key in read.keys_of(scenario, fields, METHODS, seeds)]
 
 
 def columns_of(filter_name: str) -> dict[str, str]:
@@ -106,7 +90,7 @@ class Printed:
     def row(self, walks: Walks, scenario: str, field: str) -> Row:
         """Beside ours, over all walks of a field."""
         ours = {
-            column: spread_over(results, self.figure)
+            column: read.spread_over(results, self.figure)
             for column, method in columns_of(self.filter_name).items()
             if (results := walks.of(scenario, field, method))
         }
@@ -158,20 +142,20 @@ spread)."""
 
 
 OFFICE_ROWS = (
-    Printed("final position error", "m", end_m, ZUPT, "2", 2.0, why=(Reason(_LOOPS, BELOW),)),
-    Printed("final heading error", "deg", heading_deg, ZUPT, "14", 14.0, pattern="{:.1f}", whose="input",
+    Printed("final position error", "m", read.end_m, ZUPT, "2", 2.0, why=(Reason(_LOOPS, BELOW),)),
+    Printed("final heading error", "deg", read.heading_deg, ZUPT, "14", 14.0, pattern="{:.1f}", whose="input",
             why=(Reason(_CALIBRATED, BELOW),)),
-    Printed("mean position error", "m", mean_m, ZUPT),
-    Printed("final position error", "m", end_m, IQSF, "<= 0.5", 0.5, 1,
+    Printed("mean position error", "m", read.mean_m, ZUPT),
+    Printed("final position error", "m", read.end_m, IQSF, "<= 0.5", 0.5, 1,
             why=(Reason(_CLOSED, ABOVE, _INDOOR), Reason(_ALIKE, ABOVE, _SMOOTH))),
-    Printed("final position error", "m", end_m, PROPOSED, "<= 0.5", 0.5, 1,
+    Printed("final position error", "m", read.end_m, PROPOSED, "<= 0.5", 0.5, 1,
             why=(Reason(_FEW, ABOVE, _INDOOR), Reason(_ALIKE, ABOVE, _SMOOTH))),
-    Printed("the same over the way (TTD)", "%", end_percent, PROPOSED),
-    Printed("final heading error", "deg", heading_deg, IQSF, pattern="{:.1f}"),
-    Printed("final heading error", "deg", heading_deg, PROPOSED, pattern="{:.1f}"),
-    Printed("mean position error", "m", mean_m, PROPOSED),
-    Printed("footfalls with an accepted field", "%", used_percent, IQSF, pattern="{:.0f}"),
-    Printed("footfalls with an accepted field", "%", used_percent, PROPOSED, pattern="{:.0f}"),
+    Printed("the same over the way (TTD)", "%", read.end_percent, PROPOSED),
+    Printed("final heading error", "deg", read.heading_deg, IQSF, pattern="{:.1f}"),
+    Printed("final heading error", "deg", read.heading_deg, PROPOSED, pattern="{:.1f}"),
+    Printed("mean position error", "m", read.mean_m, PROPOSED),
+    Printed("footfalls with an accepted field", "%", read.used_percent, IQSF, pattern="{:.0f}"),
+    Printed("footfalls with an accepted field", "%", read.used_percent, PROPOSED, pattern="{:.0f}"),
 )  # fmt: skip
 
 _OF_IQSF = (Reason(_CLOSED, ABOVE, _INDOOR), Reason(_HELD, BELOW, _SMOOTH))
@@ -180,7 +164,10 @@ _OF_PROPOSED = (Reason(_FEW, ABOVE, _INDOOR), Reason(_TURNED, ABOVE, _SMOOTH))
 LAID = ", best turn and shift"
 """After what a figure of the mall is of."""
 
-_LAID_MAX, _LAID_MEAN = partial(walk_error, name="max_m", mode=BEST_YAW), partial(at_landmarks, of=mean, mode=BEST_YAW)
+_LAID_MAX, _LAID_MEAN = (
+    partial(read.walk_error, name="max_m", mode=BEST_YAW),
+    partial(read.at_landmarks, of=read.mean, mode=BEST_YAW),
+)
 
 
 def _both_ways(judged: Printed, laid: Figure) -> tuple[Printed, Printed]:
@@ -192,16 +179,16 @@ def _both_ways(judged: Printed, laid: Figure) -> tuple[Printed, Printed]:
 _MEAN, _LARGEST = "mean error at 42 landmarks", "largest error"
 
 MALL_ROWS = (
-    Printed(_MEAN, "m", landmark_mean_m, ZUPT),
-    *_both_ways(Printed(_LARGEST, "m", max_m, IQSF, "51", 51.0, pattern="{:.1f}", why=_OF_IQSF), _LAID_MAX),
-    *_both_ways(Printed(_LARGEST, "m", max_m, PROPOSED, "3", 3.0, pattern="{:.1f}", why=_OF_PROPOSED), _LAID_MAX),
-    *_both_ways(Printed(_MEAN, "m", landmark_mean_m, IQSF, "11.3", 11.3, why=_OF_IQSF), _LAID_MEAN),
-    *_both_ways(Printed(_MEAN, "m", landmark_mean_m, PROPOSED, "1.5", 1.5, why=_OF_PROPOSED), _LAID_MEAN),
-    Printed("largest error at a landmark", "m", landmark_max_m, IQSF, pattern="{:.1f}"),
-    Printed("largest error at a landmark", "m", landmark_max_m, PROPOSED, pattern="{:.1f}"),
-    Printed("the largest error over the way (TTD)", "%", lambda result: _share(result, max_m), PROPOSED),
-    Printed("footfalls with an accepted field", "%", used_percent, IQSF, pattern="{:.0f}"),
-    Printed("footfalls with an accepted field", "%", used_percent, PROPOSED, pattern="{:.0f}"),
+    Printed(_MEAN, "m", read.landmark_mean_m, ZUPT),
+    *_both_ways(Printed(_LARGEST, "m", read.max_m, IQSF, "51", 51.0, pattern="{:.1f}", why=_OF_IQSF), _LAID_MAX),
+    *_both_ways(Printed(_LARGEST, "m", read.max_m, PROPOSED, "3", 3.0, pattern="{:.1f}", why=_OF_PROPOSED), _LAID_MAX),
+    *_both_ways(Printed(_MEAN, "m", read.landmark_mean_m, IQSF, "11.3", 11.3, why=_OF_IQSF), _LAID_MEAN),
+    *_both_ways(Printed(_MEAN, "m", read.landmark_mean_m, PROPOSED, "1.5", 1.5, why=_OF_PROPOSED), _LAID_MEAN),
+    Printed("largest error at a landmark", "m", read.landmark_max_m, IQSF, pattern="{:.1f}"),
+    Printed("largest error at a landmark", "m", read.landmark_max_m, PROPOSED, pattern="{:.1f}"),
+    Printed("the largest error over the way (TTD)", "%", lambda result: _share(result, read.max_m), PROPOSED),
+    Printed("footfalls with an accepted field", "%", read.used_percent, IQSF, pattern="{:.0f}"),
+    Printed("footfalls with an accepted field", "%", read.used_percent, PROPOSED, pattern="{:.0f}"),
 )
 
 
@@ -255,7 +242,7 @@ _PRINTED_DEG = 14.0
 
 def _on_line(results: Sequence[Result], heading: float) -> Spread:
     """Final position error in m at this heading error in deg, by least squares; NaN of none where there is no line."""
-    pairs = [(heading_deg(result), end_m(result)) for result in results if not result.failed]
+    pairs = [(read.heading_deg(result), read.end_m(result)) for result in results if not result.failed]
     known = np.array([pair for pair in pairs if None not in pair], dtype=np.float64)
     if len(known) < 2 or np.ptp(known[:, 0]) == 0.0:
         return Spread(np.nan, np.nan, np.nan, 0)
@@ -284,10 +271,10 @@ def _reductions(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
     """By how much the mean error at the landmarks is below that of iQSF in the same setting, walk by walk."""
     for field in fields:
         ours = {
-            column: reduction_over(
+            column: read.reduction_over(
                 walks.of(MALL, field, columns_of(PROPOSED)[column]),
                 walks.of(MALL, field, columns_of(IQSF)[column if column in PRESET else TUNED]),
-                landmark_mean_m,
+                read.landmark_mean_m,
             )
             for column in columns_of(PROPOSED)
         }

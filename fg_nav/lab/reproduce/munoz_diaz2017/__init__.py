@@ -24,48 +24,13 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import AllanCurve
 from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
+from fg_nav.lab.reproduce.munoz_diaz2017 import rows as table
+from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
 from fg_nav.lab.reproduce.munoz_diaz2017.figures import FIGURES, file_of
-from fg_nav.lab.reproduce.munoz_diaz2017.rows import (
-    AT_A_SECOND,
-    AXES,
-    EXPECTED,
-    FIRST_BIAS,
-    FOG,
-    LOWEST,
-    LOWEST_AT,
-    OURS,
-    PLAN,
-    SECOND_END,
-    SECOND_START,
-    WHITE,
-    Planned,
-    Reading,
-    across_at,
-    errors_of,
-    minutes_over,
-)
+from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN, Planned, Reading
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import GRAPHS, PRESET_NAMES, Run, ratio, run_estimators
 from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import (
-    BATCH,
-    FIELDS_UT,
-    FILTER,
-    FIRST,
-    ONLINE,
-    SECOND_NOISES_UT,
-    AllanPair,
-    Setting,
-    allan_pair,
-    cases,
-    first_recording,
-    first_walk,
-    fog_errors,
-    noise_of,
-    second_recording,
-    second_walk,
-    sensor_errors,
-    setting_of,
-)
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, AllanPair, Setting
 from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
 from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
 from fg_nav.lab.store.code import code_sum, sum_sources
@@ -80,7 +45,7 @@ Values = dict[str, dict[str, Number]]
 Found = dict[str, dict[str, Run | None]]
 """By case and estimator; None where it ended."""
 
-DRAWN = (FILTER, ONLINE)
+DRAWN = (simulated.FILTER, simulated.ONLINE)
 """Estimators whose runs are drawn."""
 
 FOG_HOURS, ALLAN_HOURS = 1.0, 14.0
@@ -89,14 +54,7 @@ FOG_HOURS, ALLAN_HOURS = 1.0, 14.0
 
 @dataclass(frozen=True)
 class Wanted:
-    """How a seed is made.
-
-    Attributes
-    ----------
-    quick : without the other noises of the second walk's magnetometer.
-    drawn : whether its runs are drawn.
-    leg_m : legs of so many metres, m, for tests; None for the paper's.
-    """
+    """How a seed is made: as in `reproduce`, and whether its runs are drawn."""
 
     quick: bool = False
     drawn: bool = False
@@ -149,7 +107,7 @@ def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
     made_with = {
         "seed": seed,
         "wanted": asdict(wanted),
-        "cases": cases(wanted.quick),
+        "cases": simulated.cases(wanted.quick),
         "rows": [name_of(planned.name, reading) for planned in PLAN for reading in planned.readings],
         "parameters": describe_parameters(),
         "code": _code(),
@@ -160,7 +118,10 @@ def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
 def describe_parameters() -> dict[str, Any]:
     """Effective parameters of the estimators; the noise of the magnetometer and the detector are those of the case."""
     filters = {name: PRESETS[preset] for name, preset in PRESET_NAMES.items()}
-    graphs = {f"{BATCH} and {ONLINE}, {walk} walk": GRAPHS[walk == "first"] for walk in ("first", "second")}
+    graphs = {
+        f"{simulated.BATCH} and {simulated.ONLINE}, {walk} walk": GRAPHS[walk == "first"]
+        for walk in ("first", "second")
+    }
     return dict(to_json({**filters, **graphs}))
 
 
@@ -184,33 +145,35 @@ class Walked:
 
 def walk_seed(seed: int, wanted: Wanted) -> Walked:
     """Walk and estimate."""
-    first = first_walk(seed, wanted.leg_m)
-    second = second_walk(seed, SECOND_NOISES_UT[0], wanted.leg_m)
+    first = simulated.first_walk(seed, wanted.leg_m)
+    second = simulated.second_walk(seed, simulated.SECOND_NOISES_UT[0], wanted.leg_m)
     settings: dict[str, Setting] = {}
     found: Found = {}
-    for case in cases(wanted.quick):
-        if case not in FIRST and case.mag_sigma_uT != noise_of(second):
-            second = second_walk(seed, case.mag_sigma_uT, wanted.leg_m)
-        walk, recorded = (first, first_recording) if case in FIRST else (second, second_recording)
-        settings[case.name] = setting_of(walk)
+    for case in simulated.cases(wanted.quick):
+        if case not in simulated.FIRST and case.mag_sigma_uT != simulated.noise_of(second):
+            second = simulated.second_walk(seed, case.mag_sigma_uT, wanted.leg_m)
+        walk, recorded = (
+            (first, simulated.first_recording) if case in simulated.FIRST else (second, simulated.second_recording)
+        )
+        settings[case.name] = simulated.setting_of(walk)
         found[case.name] = run_estimators(recorded(walk, case.name, seed), case, settings[case.name])
     whole = wanted.leg_m is None
-    pair = allan_pair(seed, ALLAN_HOURS if whole else 0.2)
-    errors = sensor_errors(first, second)
-    fog = fog_errors(seed, FOG_HOURS if whole else 0.02)
+    pair = simulated.allan_pair(seed, ALLAN_HOURS if whole else 0.2)
+    errors = simulated.sensor_errors(first, second)
+    fog = simulated.fog_errors(seed, FOG_HOURS if whole else 0.02)
     across = dict(zip(FIELDS_UT, errors["across"], strict=True))
     return Walked(settings, found, {**_of_fog(fog), **_of_allan(pair), **_of_tables(errors)}, across, pair)
 
 
 def _of_fog(fog: Mapping[str, float]) -> dict[str, float]:
-    return {FOG[how]: angle for how, angle in fog.items()}
+    return {table.FOG[how]: angle for how, angle in fog.items()}
 
 
 def _of_allan(pair: AllanPair) -> dict[str, float]:
     """What Figure 5 is read for: white noise, the lowest point, and where that lies, as decimal logarithms."""
     fog, mems = (np.median([_allan_points(curve) for curve in curves], axis=0) for curves in (pair.fog, pair.mems))
     white, lowest, at = np.log10(mems / fog)
-    return {AT_A_SECOND: float(white), LOWEST: float(lowest), LOWEST_AT: -float(at)}
+    return {table.AT_A_SECOND: float(white), table.LOWEST: float(lowest), table.LOWEST_AT: -float(at)}
 
 
 def _allan_points(curve: AllanCurve) -> tuple[float, float, float]:
@@ -219,11 +182,11 @@ def _allan_points(curve: AllanCurve) -> tuple[float, float, float]:
 
 
 def _of_tables(errors: Mapping[str, Floats]) -> dict[str, float]:
-    keys = {WHITE: "noise", FIRST_BIAS: "bias", SECOND_START: "start", SECOND_END: "end"}
+    keys = {table.WHITE: "noise", table.FIRST_BIAS: "bias", table.SECOND_START: "start", table.SECOND_END: "end"}
     return {
-        errors_of(words, axis): float(value)
+        f"{words}, {axis}": float(value)
         for words, key in keys.items()
-        for axis, value in zip(AXES, errors[key], strict=True)
+        for axis, value in zip(table.AXES, errors[key], strict=True)
     }
 
 
@@ -233,17 +196,17 @@ def values_of(all_of: Walked) -> Values:
     for planned in PLAN:
         for reading in planned.readings:
             name = name_of(planned.name, reading)
-            if reading.row.judged == EXPECTED:
+            if reading.row.judged == table.EXPECTED:
                 continue
             if reading.measure is None:
-                values[name] = {OURS: all_of.own[reading.row.quantity]}
+                values[name] = {table.OURS: all_of.own[reading.row.quantity]}
             elif reading.case in all_of.found:
                 values[name] = _read(reading, all_of)
     for site in FIELDS_UT:
-        values[f"D-E2: {across_at(site)}"] = {EXPECTED: all_of.across[site]}
+        values[f"D-E2: {table.across_at(site)}"] = {table.EXPECTED: all_of.across[site]}
     for site in ("north-pole", "munich"):
         expected = (all_of.across["equator"] / all_of.across[site]) ** 2
-        values[f"D-E2: {minutes_over(site)}"][EXPECTED] = float(expected)
+        values[f"D-E2: {table.minutes_over(site)}"][table.EXPECTED] = float(expected)
     return values
 
 
@@ -280,35 +243,22 @@ def reproduce(
     quick: bool,
     leg_m: float | None = None,
 ) -> Reproduction:
-    """Make all experiments; finished seeds are kept in the folder, and used if they were made with the same.
+    """Make all experiments, as `fg_nav.lab.reproduce.command.Paper`; the first seed is drawn.
 
-    Parameters
-    ----------
-    folder : for pictures and seeds.
-    seeds : of the pairs of walks; the first one is drawn.
-    workers : processes.
-    progress : called with the fraction done.
-    quick : without the other noises of the second walk's magnetometer.
-    leg_m : legs of so many metres, m: shows that it runs, nothing else.
+    `quick` leaves out the other noises of the second walk's magnetometer; `leg_m` (m) makes short legs, for tests.
     """
     wanted = {seed: Wanted(quick, seed == seeds[0], leg_m) for seed in seeds}
     found: dict[int, Values] = {}
-    for seed, values in _made(wanted, folder, workers):
-        found[seed] = values
+    tasks = [partial(load_values, seed, how, folder) for seed, how in wanted.items()]
+    for number, values in run_tasks(tasks, workers):
+        found[seeds[number]] = values
         progress(len(found) / len(seeds))
     in_order = [found[seed] for seed in seeds]
-    experiments = tuple(experiment(planned, in_order, seeds[0]) for planned in PLAN)
+    experiments = tuple(build_experiment(planned, in_order, seeds[0]) for planned in PLAN)
     return Reproduction("munoz-diaz2017", CITATION, tuple(seeds), experiments, DIFFERS, describe_parameters())
 
 
-def _made(wanted: Mapping[int, Wanted], folder: Path, workers: int) -> Iterator[tuple[int, Values]]:
-    """As they are done."""
-    seeds = list(wanted)
-    for number, values in run_tasks([partial(load_values, seed, how, folder) for seed, how in wanted.items()], workers):
-        yield seeds[number], values
-
-
-def experiment(planned: Planned, found: Sequence[Values], drawn_seed: int) -> Experiment:
+def build_experiment(planned: Planned, found: Sequence[Values], drawn_seed: int) -> Experiment:
     """One experiment from the figures of all seeds; rows that no seed has are left out."""
     rows = [_row(planned, reading, found) for reading in planned.readings]
     pictures = [picture for figure in planned.figures for picture in _pictures(figure, drawn_seed)]

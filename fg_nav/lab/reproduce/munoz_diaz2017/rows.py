@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fg_nav.lab.reproduce.munoz_diaz2017 import text
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import (
     Measure,
     X,
@@ -31,20 +32,6 @@ from fg_nav.lab.reproduce.munoz_diaz2017.runs import (
     yaw_grown,
     yaw_range,
     yaw_wander,
-)
-from fg_nav.lab.reproduce.munoz_diaz2017.text import (
-    DETECTOR,
-    DRIFTS,
-    FOLLOWS,
-    IRON,
-    ONE_FOG,
-    ONE_WAY,
-    PRIOR,
-    RATIO,
-    SLOWER,
-    SWING,
-    TABLE_1,
-    TRIP,
 )
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, BATCH, FILTER, ONLINE, PUBLISHED, SECOND_NOISES_UT
 from fg_nav.lab.reproduce.results import TOLERANCE, Row
@@ -73,7 +60,7 @@ class Reading:
     row : the row, `ours` empty.
     case, measure : read off the runs of this case; "" where it is no run's (`seed`).
     over_case : the figure is taken over the same one of this case.
-    without : estimators that it says nothing of: who is given the whole walk takes no time.
+    without : estimators that it says nothing of: one that is given the whole walk takes no time.
     """
 
     row: Row
@@ -123,14 +110,9 @@ AXES = "xyz"
 def _errors(words: str, printed: Sequence[float]) -> list[Reading]:
     """Three rows of Tables 2 and 3, an axis each."""
     return [
-        _own(errors_of(words, axis), "deg/s", f"{value:.2f}", value, _BIAS, whose="input")
+        _own(f"{words}, {axis}", "deg/s", f"{value:.2f}", value, _BIAS, whose="input")
         for axis, value in zip(AXES, printed, strict=True)
     ]
-
-
-def errors_of(words: str, axis: str) -> str:
-    """Name of a row of Tables 2 and 3."""
-    return f"{words}, {axis}"
 
 
 WHITE, FIRST_BIAS = "white error of a sample", "bias, first walk"
@@ -139,11 +121,8 @@ FOG = {
     "compensated": "largest angle in an hour at rest, the Earth's rate taken off",
     "not compensated": "largest angle in an hour at rest, the Earth's rate left in",
 }
-AT_A_SECOND, LOWEST, LOWEST_AT = (
-    "white noise at 1 s, MTw over FOG",
-    "lowest point B, MTw over FOG",
-    "averaging time of it, FOG over MTw",
-)
+AT_A_SECOND, LOWEST = "white noise at 1 s, MTw over FOG", "lowest point B, MTw over FOG"
+LOWEST_AT = "averaging time of it, FOG over MTw"
 
 
 def minutes_over(site: str) -> str:
@@ -158,11 +137,11 @@ _AFTER = {
 }
 
 _REST = (
-    _own(FOG["compensated"], "deg", "<= 1", 1.0, "{:.2f}", bound=AT_MOST, why=ONE_FOG, side=1),
+    _own(FOG["compensated"], "deg", "<= 1", 1.0, "{:.2f}", bound=AT_MOST, why=text.ONE_FOG, side=1),
     _own(FOG["not compensated"], "deg", "", None, "{:.1f}"),
     _own(AT_A_SECOND, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25),
-    _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25, why=DRIFTS, side=1),
-    _own(LOWEST_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5, why=DRIFTS, side=1),
+    _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25, why=text.DRIFTS, side=1),
+    _own(LOWEST_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5, why=text.DRIFTS, side=1),
     *_errors(WHITE, (PUBLISHED.gyr_noise_deg_s,) * 3),
     *_errors(FIRST_BIAS, PUBLISHED.gyro_bias_deg_s),
     *_errors(SECOND_START, PUBLISHED.mtw_bias_start_deg_s),
@@ -189,7 +168,7 @@ def across_at(site: str) -> str:
 _PLACES = (
     *(
         _minutes(f"z is at -0.08 deg/s after, {site}", f"{minutes:.0f}", site, reached(Z, -0.08), paper=minutes,
-                 why=PRIOR, whose="input")
+                 why=text.PRIOR, whose="input")
         for site, minutes in _AFTER.items()
     ),
     *(
@@ -201,7 +180,7 @@ _PLACES = (
         _run(minutes_over(site), "", f"{minutes / PUBLISHED.minutes_equator:.2f}", site, reached(Z, -0.08), "equator",
              (BATCH,), paper=minutes / PUBLISHED.minutes_equator, pattern="{:.2f}",
              tolerance=TOLERANCE * (1 - PUBLISHED.minutes_equator / minutes),
-             why=SWING if site == "north-pole" else TABLE_1, side=-1)
+             why=text.SWING if site == "north-pole" else text.TABLE_1, side=-1)
         for site, minutes in _AFTER.items() if site != "equator"
     ),
     *(
@@ -237,7 +216,7 @@ _CARS = (
         for event, what in enumerate(_EVENTS)
     ),
     _minutes("detector: z is at -0.08 deg/s after", "32", "cars, detector", reached(Z, -0.08),
-             paper=PUBLISHED.minutes_perturbed, why=DETECTOR, side=-1, whose="input"),
+             paper=PUBLISHED.minutes_perturbed, why=text.DETECTOR, side=-1, whose="input"),
     _run("detector: z at 32 min, truly -0.1", "deg/s", "near it", "cars, detector", at_minute(Z, 32), paper=-0.1,
          tolerance=NEAR_BIAS, pattern=_BIAS),
     _minutes("detector, Eq. 21 as printed: z is at -0.08 deg/s after", "32", "cars of Eq. 21 as printed, detector",
@@ -257,11 +236,11 @@ def _asked(where: str, case: str, most_deg: float) -> Reading:
 _YAW = (
     _run("yaw error at the end, gravity only", "deg", "", "gravity", yaw_at_end, pattern="{:.0f}"),
     _run("growth of it, second half over first", "", "constantly increasing (1)", "gravity",
-         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}", tolerance=NEAR_ONE, why=SLOWER,
-         side=-1),
+         over(yaw_grown(0.5, 1.0), yaw_grown(0.0, 0.5)), paper=1.0, pattern="{:.2f}", tolerance=NEAR_ONE,
+         why=text.SLOWER, side=-1),
     _run("yaw error up and down over how far it gets, Munich, first 15 min", "",
          f"rapidly increasing and decreasing (> {COMES_BACK})", "munich", yaw_wander(0, 15), paper=COMES_BACK,
-         bound=AT_LEAST, pattern="{:.2f}", why=ONE_WAY, side=-1),
+         bound=AT_LEAST, pattern="{:.2f}", why=text.ONE_WAY, side=-1),
     _run("range of it, Munich, first 15 min", "deg", "", "munich", yaw_range(0, 15), pattern="{:.0f}"),
     _run("the same from then on over that, Munich", "", "not stable before (< 1)", "munich",
          over(yaw_range(15, 60), yaw_range(0, 15)), paper=1.0, bound=AT_MOST, pattern="{:.2f}"),
@@ -283,9 +262,9 @@ _MTW = (
     _run("gravity: z off zero at the end, truly 0.22", "deg/s", "not found (< 0.11)", "MTw, gravity", from_zero(Z),
          paper=0.11, bound=AT_MOST, pattern=_BIAS),
     _run("uncalibrated: z off at most, after 3 min", "deg/s", "1.5 (at -1.7)", "MTw, raw", largest(Z, 3), paper=1.5,
-         why=IRON, whose="input", pattern=_BIAS),
+         why=text.IRON, whose="input", pattern=_BIAS),
     _run("uncalibrated: x off at most, after 3 min", "deg/s", "about 0.4 (at -0.5)", "MTw, raw", largest(X, 3),
-         paper=0.4, why=IRON, whose="input", pattern=_BIAS),
+         paper=0.4, why=text.IRON, whose="input", pattern=_BIAS),
     _run("calibrated: z at the end, truly -0.22", "deg/s", "not reached (> -0.22)", "MTw, calibrated", at_end(Z),
          paper=-0.22, bound=AT_LEAST, pattern=_BIAS),
     *(
@@ -306,7 +285,7 @@ _WAY = (
         _run(f"{words}: {what}", unit, said, case, measure, paper=float(said) if said else None, good=-1,
              pattern="{:.0f}", why=why, side=1, whose=whose)
         for words, case, whose, sayings, whys in (
-            ("both updates", _BOTH, "paper", ("20", "30", "160"), (TRIP, FOLLOWS, "")),
+            ("both updates", _BOTH, "paper", ("20", "30", "160"), (text.TRIP, text.FOLLOWS, "")),
             ("gravity only", _ALONE, "input", ("50", "140", "270"), ("", "", "")),
         )
         for what, unit, said, measure, why in (
@@ -318,7 +297,7 @@ _WAY = (
     ),
     *(
         _run(f"both updates over gravity only: yaw error {when}", "", f"{one / other:.2f}", _BOTH, measure, _ALONE,
-             paper=one / other, good=-1, pattern="{:.2f}", why=RATIO, side=1)
+             paper=one / other, good=-1, pattern="{:.2f}", why=text.RATIO, side=1)
         for when, one, other, measure in (
             ("after the first round trip", 20, 50, yaw_after(2)), ("at the end", 160, 270, yaw_at_end),
         )
