@@ -162,39 +162,17 @@ def used_percent(result: Result) -> float | None:
     return 100.0 * result.used.count(USED) / len(result.used) if result.used else None
 
 
-def end_m(result: Result) -> float | None:
-    """Final position error, over the ground."""
-    return walk_error(result, "end_m")
+end_m, end_percent = partial(walk_error, name="end_m"), partial(walk_error, name="end_percent")
+"""Final position error over the ground, m; the same in percent of the path length (TTD)."""
 
+heading_deg = partial(walk_error, name="heading_deg")
+"""Error of the change of heading from first to last footfall."""
 
-def end_percent(result: Result) -> float | None:
-    """The same in percent of the path length, TTD."""
-    return walk_error(result, "end_percent")
+mean_m, max_m = partial(walk_error, name="mean_m"), partial(walk_error, name="max_m")
+"""Mean and largest error at the footfalls."""
 
-
-def heading_deg(result: Result) -> float | None:
-    """Error of the change of heading from first to last footfall."""
-    return walk_error(result, "heading_deg")
-
-
-def mean_m(result: Result) -> float | None:
-    """Mean error at the footfalls."""
-    return walk_error(result, "mean_m")
-
-
-def max_m(result: Result) -> float | None:
-    """Largest error at a footfall."""
-    return walk_error(result, "max_m")
-
-
-def landmark_mean_m(result: Result) -> float | None:
-    """Mean error over the crossings of landmarks."""
-    return at_landmarks(result, mean)
-
-
-def landmark_max_m(result: Result) -> float | None:
-    """Largest error at a crossing of a landmark."""
-    return at_landmarks(result, max)
+landmark_mean_m, landmark_max_m = partial(at_landmarks, of=mean), partial(at_landmarks, of=max)
+"""Mean and largest error over the crossings of landmarks."""
 
 
 def spread_over(results: Sequence[Result], figure: Figure) -> Spread:

@@ -14,7 +14,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017 import Wanted, name_of
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import runs as measures
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN
-from fg_nav.lab.reproduce.munoz_diaz2017.runs import ESTIMATORS, Run, run_of
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import ESTIMATORS, Run, make_run
 from fg_nav.lab.reproduce.munoz_diaz2017.text import TITLES
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, PUBLISHED, Setting, cases, setting_of
 from fg_nav.lab.reproduce.results import write_reproduction
@@ -104,7 +104,7 @@ def test_figure_4_has_the_field_of_one_block_and_nothing_inside_iron():
 
 def test_with_the_true_attitude_the_way_is_nearly_the_true_one(short):
     setting = setting_of(short)
-    run = run_of(true_track(short.recording), short.recording, short.recording.truth.nav_R_body, setting)
+    run = make_run(true_track(short.recording), short.recording, short.recording.truth.nav_R_body, setting)
     assert np.abs(run.yaw_error).max() < 1e-9
     assert measures.away_after(2)(run, setting) < 3.0
     assert np.linalg.norm(run.path - setting.path, axis=1).max() < 4.0
@@ -115,7 +115,7 @@ def test_with_the_true_attitude_the_way_is_nearly_the_true_one(short):
 def test_a_yaw_that_goes_off_is_shown_and_turns_the_way(short):
     setting, truth = setting_of(short), short.recording.truth.nav_R_body
     rate = np.radians(180.0) / setting.ends[setting.legs < 1][-1]
-    run = run_of(true_track(short.recording, rate), short.recording, truth, setting)
+    run = make_run(true_track(short.recording, rate), short.recording, truth, setting)
     half = run.minute * 60.0
     np.testing.assert_allclose(run.yaw_error, -np.degrees(rate) * half, atol=1e-6)
     assert measures.yaw_after(1)(run, setting) == pytest.approx(180.0, abs=0.5)

@@ -7,7 +7,7 @@ batch      `fg_nav.pocket.smooth_pocket`, an iterated Kalman smoother of the who
 online     `fg_nav.pocket.follow_pocket`, the same with a fixed lag: each estimate is made of what was there until then
 ========== =========================================================================================================
 
-The graph is given what the filter takes for granted: that the emulated sensor of the first walk has no errors of scale
+The graph is given what the filter assumes: that the emulated sensor of the first walk has no errors of scale
 and axes, and a magnetometer that is off by its white error only. The MTw of the second walk may have them.
 
 The position is that of the thigh's steps (`fg_nav.pocket.dead_reckoning`), the constant of their length calibrated by
@@ -21,9 +21,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, wraps
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Concatenate, ParamSpec, TypeAlias
 
 import numpy as np
 
@@ -71,21 +71,21 @@ GRAPHS = {True: PocketSmootherParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3)
 PRESET_NAMES = {PRINTED: "munoz-diaz2017-printed", FILTER: "munoz-diaz2017"}
 
 
-def _filtered(preset: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
+def _filter(preset: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
     parameters = replace(PRESETS[preset], field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
     return estimate_pocket(recording, parameters, level_start(recording, heading))
 
 
-def _graph(graph: Callable[..., PocketTrack], recording: Recording, case: Case, heading: float) -> PocketTrack:
+def _smooth(graph: Callable[..., PocketTrack], recording: Recording, case: Case, heading: float) -> PocketTrack:
     parameters = replace(GRAPHS[case in FIRST], mag_sigma_uT=case.mag_sigma_uT)
     return graph(recording, parameters, level_start(recording, heading))
 
 
 ESTIMATORS: Mapping[str, Estimate] = MappingProxyType(
     {
-        **{name: partial(_filtered, preset) for name, preset in PRESET_NAMES.items()},
-        BATCH: partial(_graph, smooth_pocket),
-        ONLINE: partial(_graph, follow_pocket),
+        **{name: partial(_filter, preset) for name, preset in PRESET_NAMES.items()},
+        BATCH: partial(_smooth, smooth_pocket),
+        ONLINE: partial(_smooth, follow_pocket),
     }
 )
 
@@ -103,11 +103,11 @@ def run_estimators(recording: Recording, case: Case, setting: Setting) -> dict[s
         except EstimationError:
             found[name] = None
         else:
-            found[name] = run_of(track, recording, truth.nav_R_body, setting)
+            found[name] = make_run(track, recording, truth.nav_R_body, setting)
     return found
 
 
-def run_of(track: PocketTrack, recording: Recording, true_R: Floats, setting: Setting) -> Run:
+def make_run(track: PocketTrack, recording: Recording, true_R: Floats, setting: Setting) -> Run:
     """Once a second, and the way by dead reckoning."""
     yaw = np.degrees(np.unwrap(compute_heading(track.nav_R_body)) - np.unwrap(compute_heading(true_R)))
     rows = slice(None, None, 100)
@@ -119,11 +119,11 @@ def run_of(track: PocketTrack, recording: Recording, true_R: Floats, setting: Se
         yaw_error=yaw[rows] - yaw[0],
         strength=strength,
         used=track.field_used[rows],
-        path=dead_reckoned(track, recording, setting),
+        path=reckon_places(track, recording, setting),
     )
 
 
-def dead_reckoned(track: PocketTrack, recording: Recording, setting: Setting) -> Floats:
+def reckon_places(track: PocketTrack, recording: Recording, setting: Setting) -> Floats:
     """Places (K, 2) m at the end of each stride: steps of the thigh, their length from that of the whole walk.
 
     NaN where there is no step to be found.
@@ -143,44 +143,56 @@ Measure: TypeAlias = Callable[[Run, Setting], float]
 X, Y, Z = range(3)
 
 
-def reached(axis: int, level: float) -> Measure:
+P = ParamSpec("P")
+
+
+def _measure(read: Callable[Concatenate[Run, Setting, P], float]) -> Callable[P, Measure]:
+    """Make a reading, whose further arguments are given once, a `Measure`."""
+
+    @wraps(read)
+    def measure(*args: P.args, **named: P.kwargs) -> Measure:
+        return lambda run, setting: read(run, setting, *args, **named)
+
+    return measure
+
+
+@_measure
+def reached(run: Run, _: Setting, axis: int, level: float) -> float:
     """Minute at which a bias first is as far from zero as `level`, deg/s, to the same side; infinite for never."""
-
-    def measure(run: Run, _: Setting) -> float:
-        there = np.flatnonzero(run.bias[:, axis] * np.sign(level) >= abs(level))
-        return float(run.minute[there[0]]) if len(there) else math.inf
-
-    return measure
+    there = np.flatnonzero(run.bias[:, axis] * np.sign(level) >= abs(level))
+    return float(run.minute[there[0]]) if len(there) else math.inf
 
 
-def for_good(axis: int, level: float) -> Measure:
+@_measure
+def for_good(run: Run, _: Setting, axis: int, level: float) -> float:
     """As `reached`, but the minute from which on it stays so; infinite where it does not at the end."""
-
-    def measure(run: Run, _: Setting) -> float:
-        short = np.flatnonzero(run.bias[:, axis] * np.sign(level) < abs(level))
-        first = short[-1] + 1 if len(short) else 0
-        return float(run.minute[first]) if first < len(run.minute) else math.inf
-
-    return measure
+    short = np.flatnonzero(run.bias[:, axis] * np.sign(level) < abs(level))
+    first = short[-1] + 1 if len(short) else 0
+    return float(run.minute[first]) if first < len(run.minute) else math.inf
 
 
-def at_end(axis: int) -> Measure:
+@_measure
+def at_end(run: Run, _: Setting, axis: int) -> float:
     """Bias of the last minute, deg/s."""
-    return lambda run, _: float(run.bias[run.minute > run.minute[-1] - 1.0, axis].mean())
+    return float(run.bias[run.minute > run.minute[-1] - 1.0, axis].mean())
 
 
-def at_minute(axis: int, minute: float) -> Measure:
+@_measure
+def from_zero(run: Run, setting: Setting, axis: int) -> float:
+    """How far a bias of the last minute is from zero, deg/s."""
+    return abs(at_end(axis)(run, setting))
+
+
+@_measure
+def at_minute(run: Run, _: Setting, axis: int, minute: float) -> float:
     """Bias at a minute, deg/s."""
-    return lambda run, _: float(np.interp(minute, run.minute, run.bias[:, axis]))
+    return float(np.interp(minute, run.minute, run.bias[:, axis]))
 
 
-def largest(axis: int, from_min: float = 0.0) -> Measure:
-    """How far a bias is from the true one at most, deg/s; which way goes by the iron."""
-
-    def measure(run: Run, setting: Setting) -> float:
-        return float(np.abs(run.bias - setting.bias)[run.minute >= from_min, axis].max(initial=0.0))
-
-    return measure
+@_measure
+def largest(run: Run, setting: Setting, axis: int, from_min: float = 0.0) -> float:
+    """How far a bias is from the true one at most, deg/s; which way depends on the iron."""
+    return float(np.abs(run.bias - setting.bias)[run.minute >= from_min, axis].max(initial=0.0))
 
 
 def share_used(run: Run, _: Setting) -> float:
@@ -188,14 +200,11 @@ def share_used(run: Run, _: Setting) -> float:
     return float(run.used.mean())
 
 
-def jump(event: int) -> Measure:
+@_measure
+def jump(run: Run, setting: Setting, event: int) -> float:
     """How far the z bias goes to and fro while one passes, deg/s: within 0.3 min of it."""
-
-    def measure(run: Run, setting: Setting) -> float:
-        near = np.abs(run.minute - setting.passed_min[event]) < 0.3
-        return float(np.ptp(run.bias[near, 2])) if near.any() else math.nan
-
-    return measure
+    near = np.abs(run.minute - setting.passed_min[event]) < 0.3
+    return float(np.ptp(run.bias[near, 2])) if near.any() else math.nan
 
 
 def yaw_at_end(run: Run, _: Setting) -> float:
@@ -203,69 +212,50 @@ def yaw_at_end(run: Run, _: Setting) -> float:
     return float(abs(run.yaw_error[-1]))
 
 
-def yaw_range(begin: float, end: float) -> Measure:
+@_measure
+def yaw_range(run: Run, _: Setting, begin: float, end: float) -> float:
     """How far the yaw error goes to and fro between two minutes, deg."""
-
-    def measure(run: Run, _: Setting) -> float:
-        part = (run.minute >= begin) & (run.minute <= end)
-        return float(np.ptp(run.yaw_error[part])) if part.any() else math.nan
-
-    return measure
+    part = (run.minute >= begin) & (run.minute <= end)
+    return float(np.ptp(run.yaw_error[part])) if part.any() else math.nan
 
 
-def yaw_wander(begin: float, end: float, blunt_min: float = 0.5) -> Measure:
+@_measure
+def yaw_wander(run: Run, _: Setting, begin: float, end: float, blunt_min: float = 0.5) -> float:
     """How far the yaw error goes up and down over how far it gets, between two minutes: 1 where it goes one way.
 
     Means over half a minute, in which strides do not count.
     """
-
-    def measure(run: Run, setting: Setting) -> float:
-        part = (run.minute >= begin) & (run.minute <= end)
-        place = (run.minute[part] / blunt_min).astype(int)
-        _, at, count = np.unique(place, return_inverse=True, return_counts=True)
-        means = np.bincount(at, run.yaw_error[part]) / count
-        return ratio(float(np.abs(np.diff(means)).sum()), float(np.ptp(means))) if len(means) > 1 else math.nan
-
-    return measure
+    part = (run.minute >= begin) & (run.minute <= end)
+    place = (run.minute[part] / blunt_min).astype(int)
+    at, count = np.unique(place, return_inverse=True, return_counts=True)[1:]
+    means = np.bincount(at, run.yaw_error[part]) / count
+    return ratio(float(np.abs(np.diff(means)).sum()), float(np.ptp(means))) if len(means) > 1 else math.nan
 
 
-def yaw_after(legs: int) -> Measure:
+@_measure
+def yaw_after(run: Run, setting: Setting, legs: int) -> float:
     """Yaw error after so many ways along the street, deg, without its sign."""
-
-    def measure(run: Run, setting: Setting) -> float:
-        end = setting.ends[setting.legs < legs][-1] / 60.0
-        return float(abs(np.interp(end, run.minute, run.yaw_error)))
-
-    return measure
+    end = setting.ends[setting.legs < legs][-1] / 60.0
+    return float(abs(np.interp(end, run.minute, run.yaw_error)))
 
 
-def away_after(legs: int) -> Measure:
+@_measure
+def away_after(run: Run, setting: Setting, legs: int) -> float:
     """Distance from the first place to that after so many ways along the street, m; truly none."""
-    return lambda run, setting: float(np.linalg.norm(run.path[np.flatnonzero(setting.legs < legs)[-1]]))
+    return float(np.linalg.norm(run.path[np.flatnonzero(setting.legs < legs)[-1]]))
 
 
-def from_zero(axis: int) -> Measure:
-    """How far a bias of the last minute is from zero, deg/s."""
-    return lambda run, setting: abs(at_end(axis)(run, setting))
-
-
-def yaw_grown(begin: float, end: float) -> Measure:
+@_measure
+def yaw_grown(run: Run, _: Setting, begin: float, end: float) -> float:
     """How much farther the yaw is off from one share of the time to another, deg."""
-
-    def measure(run: Run, _: Setting) -> float:
-        at = np.interp(np.array([begin, end]) * run.minute[-1], run.minute, run.yaw_error)
-        return float(abs(at[1]) - abs(at[0]))
-
-    return measure
+    at = np.interp(np.array([begin, end]) * run.minute[-1], run.minute, run.yaw_error)
+    return float(abs(at[1]) - abs(at[0]))
 
 
-def over(one: Measure, other: Measure) -> Measure:
+@_measure
+def over(run: Run, setting: Setting, one: Measure, other: Measure) -> float:
     """One figure over another of the same run."""
-
-    def measure(run: Run, setting: Setting) -> float:
-        return ratio(one(run, setting), other(run, setting))
-
-    return measure
+    return ratio(one(run, setting), other(run, setting))
 
 
 def ratio(one: float, other: float) -> float:
