@@ -102,7 +102,7 @@ HEADLINES = {
         *_of("D-E2", *(f"z is at -0.08 deg/s after, {site}" for site in ("north-pole", "equator", "munich"))),
         *_of("D-E2", "z at the end, north-pole, truly -0.1"),
         *_of("D-E3", "detector: z is at -0.08 deg/s after"),
-        *_of("D-E3", "detector, Eq. 21 as printed: z is at -0.08 deg/s after"),
+        *_of("D-E3", "detector, MD (21) as printed: z is at -0.08 deg/s after"),
         *_of("D-E5", "uncalibrated: z off at most, after 3 min"),
         *_of(
             "D-E6",

@@ -7,7 +7,7 @@ from fg_nav.evaluation.roc import make_roc
 from fg_nav.lab.reproduce import ma2018
 from fg_nav.lab.reproduce.ma2018 import detections
 from fg_nav.lab.reproduce.ma2018 import walks as walked
-from fg_nav.lab.reproduce.ma2018.detections import headings_of, noise
+from fg_nav.lab.reproduce.ma2018.detections import measure_headings, measure_noise
 from fg_nav.lab.reproduce.ma2018.magnetometer import _bend, _slope
 from fg_nav.lab.reproduce.ma2018.walks import LAID
 from fg_nav.lab.reproduce.results import ABOVE, MISSED, MISSED_EXPLAINED, PUT_IN, REPRODUCED, Reason, reason_for
@@ -34,8 +34,11 @@ def statistics(scenario, seed):
     for field in detections.FIELDS:
         change, course = rng.uniform(0.0, 25.0, STANCES), rng.uniform(0.0, np.deg2rad(30.0), STANCES)
         statistic = change / 10 * np.exp(0.3 * rng.standard_normal(STANCES))
-        arrays |= {f"{field}/{name}": change for name in detections._CHANGES}
-        arrays |= {f"{field}/course": course, f"{field}/deviation": rng.normal(0.0, 0.1, STANCES)}
+        arrays |= {
+            f"{field}/vector_uT": change,
+            f"{field}/course": course,
+            f"{field}/deviation": rng.normal(0.0, 0.1, STANCES),
+        }
         for name in DETECTORS:
             blind = name.startswith("iqsf")
             arrays[f"{field}/statistic {name}"] = np.where(blind & (course > 0.2), 9.0, statistic)
@@ -59,9 +62,9 @@ def headings(scenario, field, seed, method):
 def measured():
     """All that takes time, made up; but for the calibration loop, which is walked."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(detections, "_judged_arrays", statistics)
-        patch.setattr(detections, "noise", sigmas)
-        patch.setattr(detections, "headings_of", headings)
+        patch.setattr(detections, "_measure_detections", statistics)
+        patch.setattr(detections, "measure_noise", sigmas)
+        patch.setattr(detections, "measure_headings", headings)
         patch.setattr(ma2018, "LOOPS", 1)
         yield patch
 
@@ -192,7 +195,7 @@ def test_quick_leaves_a_field_out_and_says_so(measured, undrawn, tmp_path):
 
 
 def test_headings_of_a_walk_are_those_of_its_filter():
-    walk = headings_of("demo", "smooth", 3, "iqsf:as-printed")
+    walk = measure_headings("demo", "smooth", 3, "iqsf:as-printed")
     for name in ("compass", "gyroscope", "estimate"):
         assert np.abs(np.angle(np.exp(1j * (walk[name] - walk["gyroscope"])))).max() < 1.0, name
     assert len(walk["t"]) == len(walk["place"]) == len(walk["used"])
@@ -201,7 +204,7 @@ def test_headings_of_a_walk_are_those_of_its_filter():
 
 def test_noise_is_that_of_the_sensor_and_the_iron_turns_with_the_foot(monkeypatch):
     monkeypatch.setattr(detections, "WALK", "demo")
-    found = noise(3, 20.0)
+    found = measure_noise(3, 20.0)
     assert (found["iron on"] > 3 * found["walked"]).all()
     assert found["at rest"][2] == pytest.approx(0.5 / np.sqrt(8.0) * np.sqrt(2.0), rel=0.1)
 

@@ -233,7 +233,7 @@ def test_the_yaw_grows_all_along_but_more_slowly_later(munoz):
 
 
 def test_our_detector_lets_the_field_through_for_longer(munoz):
-    one, printed = ("detector: share of time with the update", "detector, Eq. 21 as printed: the same")
+    one, printed = ("detector: share of time with the update", "detector, MD (21) as printed: the same")
     assert munoz("D-E3", one, "filter") > munoz("D-E3", printed, "filter")
 
 

@@ -10,7 +10,7 @@ from fg_nav.lab.reproduce import walks as shared
 from fg_nav.lab.reproduce.drawing import Pictures
 from fg_nav.lab.reproduce.ma2018 import figures, magnetometer
 from fg_nav.lab.reproduce.ma2018 import walks as walked
-from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, cases_of, headings_part, noise_part, roc_part
+from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, headings_part, load_cases, noise_part, roc_part
 from fg_nav.lab.reproduce.ma2018.loop import load_loops, loop_part
 from fg_nav.lab.reproduce.results import Experiment, Reproduction, one_line
 from fg_nav.lab.reproduce.walks import Walks
@@ -94,7 +94,7 @@ def reproduce(
 def _experiments(folder: Path, plan: Plan, walks: Walks) -> list[Experiment]:
     pictures = Pictures(folder, PAPER)
     loops = load_loops(folder, plan.seeds[:LOOPS])
-    cases = cases_of(folder, walked.MALL, plan.seeds[:ROCS])
+    cases = load_cases(folder, walked.MALL, plan.seeds[:ROCS])
     headings = {field: part.load(folder) for field, part in plan.headings.items()}
     noises = [part.load(folder) for part in plan.noises]
     return [

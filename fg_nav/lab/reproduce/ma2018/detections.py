@@ -1,13 +1,9 @@
-"""What is measured on simulated walks besides the filters: detections, noise, headings (Ma 2018; M-E2, M-E3).
+"""What is measured on simulated walks besides the filters: detections, noise, headings (Ma 2018; M-E2 to M-E4).
 
-How well the quasi-static field detectors find still fields: Figures 8, 13, 14.
-
-Truth is the simulator's field at the footfalls. A stance is truly quasi-static where the largest difference between the
-field vectors of any two of the four stances of its window (three strides, Ma's N) is below a limit; beside it stand the
-direction of the field over the ground by the same rule, and whether a compass would be right. P_D and P_FA are Ma's:
-how often a field passes that is truly quasi-static, and one that is not.
-
-Three fields, for what is quasi-static depends on how much steel there is:
+Detections (Figures 8, 13, 14). Truth is the simulator's field at the footfalls: a stance is truly quasi-static where
+the largest difference between the field vectors of any two of the four stances of its window (three strides, Ma's N) is
+below a limit. P_D and P_FA are Ma's: how often a field passes that is truly quasi-static, and one that is not. What is
+quasi-static depends on how much steel there is, so there are three fields, each with its own limit:
 
 ======= ================================================================================================
 smooth  the level of that name: at the foot the field changes by 3 uT in the median over a window
@@ -15,20 +11,14 @@ between 0.65 of smooth and 0.35 of indoor: about 10 uT, the geometric mean of th
 indoor  the level of that name, fitted to real walks over reinforced floors: 27 uT
 ======= ================================================================================================
 
-Each field has its own limit, at which both kinds are there. The mixture needs no walk of its own: with one seed the two
-levels have the same steps and the same noise, and the magnetometer's reading is linear in the field.
+The mixture needs no walk of its own: with one seed the two levels have the same steps and the same noise, and the
+magnetometer's reading is linear in the field. Hard and soft iron are removed as drawn. Bands are of 90 % over walks
+(`fg_nav.evaluation.roc`). The fraction and the limits were chosen on seeds below 100. AIEZ's statistic depends on its
+own threshold, for what passes corrects the heading it is compared with.
 
-The magnetometer is calibrated: hard and soft iron are removed as drawn. Bands are of 90 % over walks
-(`fg_nav.evaluation.roc`). Seeds begin at 101: the fraction and the limits were chosen on seeds below 100.
-
-AIEZ's statistic depends on its own threshold, for what passes corrects the heading it is compared with: its curve
-is what other thresholds would make of the statistic it had.
-
-Two hours of noise, for the sigmas of Ma's detector (2018, section 5.2; M-E2).
-
-y is what the detector looks at, from one instant to the next: the change of magnetic minus gyro heading, of the
-inclination and of the strength, Ma (13). The paper says neither whether the foot stood or walked, nor from which
-instant to which: "rad/s" for a heading in steps of a stride, and no time at all for the strength. Three readings:
+Noise, two hours, for the sigmas of Ma's detector (section 5.2): changes from one instant to the next of magnetic minus
+gyro heading, of the inclination and of the strength, Ma (13). The paper says neither whether the foot walked, nor from
+which instant to which. Three readings:
 
 ========== =========================================================================================================
 walked     from footfall to footfall, in a field without steel; magnetometer calibrated on the loop, as Ma's
@@ -36,8 +26,8 @@ iron on    the same with the magnetometer as it is in the shoe, its iron turning
 at rest    from sample to sample of the magnetometer, the shoe on a table
 ========== =========================================================================================================
 
-Headings at the footfalls of one walk by compass, gyroscope and filter, for the pictures: as in the paper the compass is
-levelled by the accelerometer of the standing foot, and the gyroscope's heading begins at the true one.
+Headings at the footfalls by compass, gyroscope and filter, for the pictures: as in the paper the compass is levelled by
+the accelerometer of the standing foot, and the gyroscope's heading begins at the true one.
 """
 
 from __future__ import annotations
@@ -53,7 +43,6 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.evaluation.roc import (
-    FieldChange,
     Roc,
     make_roc,
     measure_compass_deviation,
@@ -93,9 +82,13 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Judged:
-    """One simulated walk in one field: what is true of its F stances, and each detector's statistic over threshold."""
+    """One simulated walk in one field: what is true of its F stances, and each detector's statistic over threshold.
 
-    change: FieldChange
+    True are the change of the field's vector and of the course over the window, uT and rad, and how far a perfect
+    compass is off, rad.
+    """
+
+    vector_uT: Floats
     course: Floats
     deviation: Floats
     statistic: Mapping[str, Floats]
@@ -116,7 +109,7 @@ class Case:
     @cached_property
     def vector_uT(self) -> Floats:
         """(M,) true change over the window."""
-        return np.concatenate([walk.change.vector_uT for walk in self.walks])
+        return np.concatenate([walk.vector_uT for walk in self.walks])
 
     @cached_property
     def course_deg(self) -> Floats:
@@ -170,7 +163,7 @@ def _judge_in(smooth: SimulatedWalk, indoor: SimulatedWalk, share: float, stance
     mixed = replace(recording, mag=_mix(recording.mag, indoor.recording.mag, share))
     field = average_footfall_field(_remove_iron(mixed, smooth), stances, nav_R_body=attitude)
     return Judged(
-        measure_field_change(nav_field, WINDOW),
+        measure_field_change(nav_field, WINDOW).vector_uT,
         measure_course_change(recording.truth.position[sample], WINDOW),
         measure_compass_deviation(nav_field, smooth.earth.vector),
         {name: judge_field(field, name).statistic for name in DETECTORS},
@@ -191,44 +184,39 @@ def _remove_iron(recording: Recording, walk: SimulatedWalk) -> Recording:
     return replace(recording, mag=mag)
 
 
-def stretches(case: Case) -> dict[str, Bools]:
+def split_way(case: Case) -> dict[str, Bools]:
     """(M,) True where the path is straight, or is curved."""
     course = case.course_deg
     with np.errstate(invalid="ignore"):
-        return {
-            "straight": course < STRAIGHT_DEG,
-            "curved": course >= CURVED_DEG,
-        }
+        return {"straight": course < STRAIGHT_DEG, "curved": course >= CURVED_DEG}
 
 
 def roc_part(scenario: str, seed: int) -> Measurement:
-    """What `cases_of` reads of one walk."""
-    return Measurement(f"ma2018_roc_{scenario}_{seed}", partial(_judged_arrays, scenario, seed))
+    """What `load_cases` reads of one walk."""
+    return Measurement(f"ma2018_roc_{scenario}_{seed}", partial(_measure_detections, scenario, seed))
 
 
-def _judged_arrays(scenario: str, seed: int) -> Arrays:
+def _measure_detections(scenario: str, seed: int) -> Arrays:
     """Truth and statistics of one walk in each of `FIELDS`, by names with a slash."""
     arrays: dict[str, Floats] = {}
     for field, walk in judge_walk(scenario, seed).items():
-        arrays |= {f"{field}/{name}": getattr(walk.change, name) for name in _CHANGES}
-        arrays |= {f"{field}/course": walk.course, f"{field}/deviation": walk.deviation}
+        arrays |= {f"{field}/{name}": getattr(walk, name) for name in _TRUE}
         arrays |= {f"{field}/statistic {name}": values for name, values in walk.statistic.items()}
     return arrays
 
 
-def cases_of(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, Case]:
+def load_cases(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, Case]:
     """Cases by field, of walks that are kept or made now; the magnetometer calibrated as can be."""
     walks = [roc_part(scenario, seed).load(folder) for seed in seeds]
     return {field: Case(field, [_judged_of(arrays, field) for arrays in walks]) for field in FIELDS}
 
 
 def _judged_of(arrays: Arrays, field: str) -> Judged:
-    change = FieldChange(*(arrays[f"{field}/{name}"] for name in _CHANGES))
     statistics = {name: arrays[f"{field}/statistic {name}"] for name in DETECTORS}
-    return Judged(change, arrays[f"{field}/course"], arrays[f"{field}/deviation"], statistics)
+    return Judged(*(arrays[f"{field}/{name}"] for name in _TRUE), statistics)
 
 
-_CHANGES = ("vector_uT", "heading", "inclination", "strength_uT")
+_TRUE = ("vector_uT", "course", "deviation")
 
 
 SENSOR = "mpu-9250x8"
@@ -243,10 +231,10 @@ REST_S, QUICK_REST_S = 7200.0, 600.0
 
 def noise_part(seed: int, rest_s: float) -> Measurement:
     """Sigmas of one seed: (heading rad, inclination rad, strength uT), by the names above."""
-    return Measurement(f"ma2018_noise_{seed}_{rest_s:.0f}s", partial(noise, seed, rest_s))
+    return Measurement(f"ma2018_noise_{seed}_{rest_s:.0f}s", partial(measure_noise, seed, rest_s))
 
 
-def noise(seed: int, rest_s: float) -> Arrays:
+def measure_noise(seed: int, rest_s: float) -> Arrays:
     """Measure one seed; no rest where `rest_s` is zero."""
     found = {}
     walk = Simulated(WALK, "homogeneous", seed)
@@ -256,19 +244,19 @@ def noise(seed: int, rest_s: float) -> Arrays:
         except CalibrationError:
             found[name] = np.full(3, np.inf)
             continue
-        found[name] = _sigmas(*_seen(average_footfall_field(recording, detect_stances(recording))))
+        found[name] = _sigmas(*_look_at(average_footfall_field(recording, detect_stances(recording))))
     if rest_s:
-        found[AT_REST] = _sigmas(*_lying(seed, rest_s))
+        found[AT_REST] = _sigmas(*_lie(seed, rest_s))
     return found
 
 
-def _seen(field: FootfallField) -> tuple[Floats, Floats, Floats]:
+def _look_at(field: FootfallField) -> tuple[Floats, Floats, Floats]:
     """What the detector sees of the footfalls that have a field."""
     known = np.isfinite(field.strength)
     return field.heading_difference[known], field.inclination[known], field.strength[known]
 
 
-def _lying(seed: int, rest_s: float) -> tuple[Floats, Floats, Floats]:
+def _lie(seed: int, rest_s: float) -> tuple[Floats, Floats, Floats]:
     """The same sample by sample; the rate of a shoe at rest is no more than its bias, which the walk would take off."""
     still = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(rest_s)])
     recording = simulate(still, seed, Choices(sensor=SENSOR, rate_hz=100.0)).recording
@@ -289,12 +277,14 @@ STRENGTH_HZ = 5.0
 
 
 def headings_part(name: str, scenario: str, field: str, seed: int, method: str) -> Measurement:
-    """What `headings_of` finds; `name` begins that of the file."""
+    """What `measure_headings` finds; `name` begins that of the file."""
     words = method.replace(":", "-")
-    return Measurement(f"{name}_{scenario}_{field}_{words}_{seed}", partial(headings_of, scenario, field, seed, method))
+    return Measurement(
+        f"{name}_{scenario}_{field}_{words}_{seed}", partial(measure_headings, scenario, field, seed, method)
+    )
 
 
-def headings_of(scenario: str, field: str, seed: int, method: str) -> Arrays:
+def measure_headings(scenario: str, field: str, seed: int, method: str) -> Arrays:
     """Follow one filter over a walk whose magnetometer is calibrated on the loop.
 
     Returns

@@ -15,7 +15,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.roc import Band, Roc
-from fg_nav.lab.reproduce.ma2018.detections import AT_REST, IRON_ON, LIMIT_UT, MA, MA_P_D, OURS, WALKED, Case, stretches
+from fg_nav.lab.reproduce.ma2018.detections import AT_REST, IRON_ON, LIMIT_UT, MA, MA_P_D, OURS, WALKED, Case, split_way
 from fg_nav.lab.reproduce.ma2018.loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Loop, heading_errors
 from fg_nav.lab.reproduce.results import (
     ABOVE,
@@ -281,7 +281,7 @@ def curve_rows(cases: Mapping[str, Case]) -> Iterator[Row]:
 
 def _over_straight(case: Case, detector: str) -> Spread:
     """Share of the footfalls on curves that pass, over that of those on straights, walk by walk."""
-    passes, where = case.passes(detector), stretches(case)
+    passes, where = case.passes(detector), split_way(case)
     ratios = []
     for walk in range(len(case.walks)):
         curved, straight = (passes[where[part] & (case.walk == walk)] for part in ("curved", "straight"))

@@ -219,10 +219,10 @@ _CARS = (
              paper=PUBLISHED.minutes_perturbed, why=text.DETECTOR, side=-1, whose="input"),
     _run("detector: z at 32 min, truly -0.1", "deg/s", "near it", "cars, detector", at_minute(Z, 32), paper=-0.1,
          tolerance=NEAR_BIAS, pattern=_BIAS),
-    _minutes("detector, Eq. 21 as printed: z is at -0.08 deg/s after", "32", "cars of Eq. 21 as printed, detector",
+    _minutes("detector, MD (21) as printed: z is at -0.08 deg/s after", "32", "cars of MD (21) as printed, detector",
              reached(Z, -0.08), paper=PUBLISHED.minutes_perturbed, whose="input"),
     _run("detector: share of time with the update", "", "", "cars, detector", share_used, pattern="{:.2f}"),
-    _run("detector, Eq. 21 as printed: the same", "", "", "cars of Eq. 21 as printed, detector", share_used,
+    _run("detector, MD (21) as printed: the same", "", "", "cars of MD (21) as printed, detector", share_used,
          pattern="{:.2f}"),
 )  # fmt: skip
 

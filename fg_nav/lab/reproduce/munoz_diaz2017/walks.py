@@ -107,7 +107,7 @@ FIRST = (
     Case("munich, north-south", (FILTER, BATCH, ONLINE)),
     Case("cars", (PRINTED, FILTER)),
     Case("cars, detector", gated=True),
-    Case("cars of Eq. 21 as printed, detector", (FILTER,), gated=True),
+    Case("cars of MD (21) as printed, detector", (FILTER,), gated=True),
 )
 """The graph has no way without its own weighing of perturbed fields, so "always" is the filters' alone."""
 
