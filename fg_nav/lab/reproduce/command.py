@@ -82,30 +82,30 @@ def reproduce(
         If the folder holds something else, or a result and `force` is not set, or cannot be written.
     """
     number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
-    claim(out, paper, force)
+    claim_folder(out, paper, force)
     with progress(f"{paper}, {number} seeds") as show_done:
         try:
-            made = _paper(paper)(out, range(first, first + number), workers or cores(), show_done, quick)
+            made = _load_paper(paper)(out, range(first, first + number), workers or count_cores(), show_done, quick)
         except BrokenProcessPool:
             raise OutputError(_ENDED) from None
     command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
-    found = replace(made, command=command, versions=versions(), parameters=to_json(made.parameters))
-    publish(found, out)
-    show(found, out)
+    found = replace(made, command=command, versions=list_versions(), parameters=to_json(made.parameters))
+    write_folder(found, out)
+    print_rows(found, out)
     return found
 
 
-def cores() -> int:
+def count_cores() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _paper(name: str) -> Paper:
+def _load_paper(name: str) -> Paper:
     made: Paper = import_module(f"fg_nav.lab.reproduce.{name.replace('-', '_')}").reproduce
     return made
 
 
-def versions() -> dict[str, str]:
+def list_versions() -> dict[str, str]:
     """Of this package, of Python, and of the libraries that figures depend on."""
     return {
         "fg-nav": find_version(),
@@ -114,7 +114,7 @@ def versions() -> dict[str, str]:
     }
 
 
-def claim(out: Path, paper: str, force: bool) -> None:
+def claim_folder(out: Path, paper: str, force: bool) -> None:
     """Make the folder ours, or refuse; with `force` take the old report out of it."""
     try:
         if out.exists() and not out.is_dir():
@@ -127,19 +127,19 @@ def claim(out: Path, paper: str, force: bool) -> None:
             raise OutputError(f"{out} holds {what}: choose another --out.")
         if (out / RESULTS).exists() and not force:
             raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
-        _mark(out, paper, {*stale, *_pictures_of(out / RESULTS)} if held == paper else ())
+        _write_marker(out, paper, {*stale, *_list_pictures(out / RESULTS)} if held == paper else ())
         for name in (RESULTS, REPORT):
             (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise unwritable(out, error) from None
 
 
-def _mark(out: Path, paper: str, stale: Collection[str]) -> None:
+def _write_marker(out: Path, paper: str, stale: Collection[str]) -> None:
     """Put down whose folder it is, and which pictures are of a result that is no more."""
     write_text(out / MARK, "\n".join([paper, *sorted(stale)]) + "\n")
 
 
-def _pictures_of(results: Path) -> set[str]:
+def _list_pictures(results: Path) -> set[str]:
     """Names of a result's pictures, beside it; none where it cannot be read."""
     try:
         experiments = json.loads(results.read_text(encoding="utf-8"))["experiments"]
@@ -149,7 +149,7 @@ def _pictures_of(results: Path) -> set[str]:
     return {name for name in names if name.endswith(".png") and Path(name).name == name}
 
 
-def publish(found: Reproduction, out: Path) -> None:
+def write_folder(found: Reproduction, out: Path) -> None:
     """Write the page, take away pictures that only an older result names, and write the results last."""
     write_text(out / REPORT, write_page(found, out))
     paper, *stale = read_marker(out, MARK)
@@ -158,17 +158,17 @@ def publish(found: Reproduction, out: Path) -> None:
         with suppress(OSError):
             (out / name).unlink()
     write_text(out / RESULTS, write_reproduction(found))
-    _mark(out, paper, ())
+    _write_marker(out, paper, ())
 
 
-def show(found: Reproduction, out: Path) -> None:
+def print_rows(found: Reproduction, out: Path) -> None:
     """Print the rows of each experiment, what is off and why, and where the files are."""
     screen = console()
     screen.print(found.citation, soft_wrap=True)
     for experiment in found.experiments:
         screen.print(f"\n{experiment.name}  {experiment.title}", style="bold", soft_wrap=True)
         if experiment.rows:
-            screen.print(_table(experiment, len(found.seeds)))
+            screen.print(_make_table(experiment, len(found.seeds)))
     reasons = [
         ": ".join(part for part in (row.verdict, f"{experiment.name}, {format_name(row)}", format_note(row)) if part)
         for experiment in found.experiments
@@ -186,7 +186,7 @@ def show(found: Reproduction, out: Path) -> None:
         screen.print(words, soft_wrap=True)
 
 
-def _table(experiment: Experiment, walks: int) -> object:
+def _make_table(experiment: Experiment, walks: int) -> object:
     table = ruled_table("", "paper", *experiment.columns, "verdict")
     for row in experiment.rows:
         ours = (Text(format_spread(row, column, walks)) for column in experiment.columns)

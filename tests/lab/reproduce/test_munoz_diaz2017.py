@@ -16,7 +16,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017 import runs as measures
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN
 from fg_nav.lab.reproduce.munoz_diaz2017.runs import ESTIMATORS, Run, make_run
 from fg_nav.lab.reproduce.munoz_diaz2017.text import TITLES
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, PUBLISHED, Setting, cases, setting_of
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, PUBLISHED, Setting, list_cases, read_setting
 from fg_nav.lab.reproduce.results import write_reproduction
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.path import straight
@@ -91,7 +91,7 @@ def test_a_yaw_that_goes_one_way_does_not_wander_and_strides_do_not_count():
 
 
 def test_figure_4_has_the_field_of_one_block_and_nothing_inside_iron():
-    street = setting_of(simulate("pocket-past-cars", 3, Choices(rate_hz=50.0))).street
+    street = read_setting(simulate("pocket-past-cars", 3, Choices(rate_hz=50.0))).street
     east, north, field = pictures._bent(street, 1.0)
     strength = np.linalg.norm(field, axis=-1)
     middle = np.array([np.median(east), np.median(north)])
@@ -103,7 +103,7 @@ def test_figure_4_has_the_field_of_one_block_and_nothing_inside_iron():
 
 
 def test_with_the_true_attitude_the_way_is_nearly_the_true_one(short):
-    setting = setting_of(short)
+    setting = read_setting(short)
     run = make_run(true_track(short.recording), short.recording, short.recording.truth.nav_R_body, setting)
     assert np.abs(run.yaw_error).max() < 1e-9
     assert measures.away_after(2)(run, setting) < 3.0
@@ -113,7 +113,7 @@ def test_with_the_true_attitude_the_way_is_nearly_the_true_one(short):
 
 
 def test_a_yaw_that_goes_off_is_shown_and_turns_the_way(short):
-    setting, truth = setting_of(short), short.recording.truth.nav_R_body
+    setting, truth = read_setting(short), short.recording.truth.nav_R_body
     rate = np.radians(180.0) / setting.ends[setting.legs < 1][-1]
     run = make_run(true_track(short.recording, rate), short.recording, truth, setting)
     half = run.minute * 60.0
@@ -132,7 +132,7 @@ def test_times_and_errors_are_laid_over_each_other():
 
 
 def test_every_row_has_a_case_an_estimator_and_a_name_of_its_own():
-    by_name = {case.name: case for case in cases(quick=False)}
+    by_name = {case.name: case for case in list_cases(quick=False)}
     names = [name_of(planned.name, reading) for planned in PLAN for reading in planned.readings]
     assert len(names) == len(set(names))
     assert list(TITLES) == [planned.name for planned in PLAN]
@@ -144,7 +144,7 @@ def test_every_row_has_a_case_an_estimator_and_a_name_of_its_own():
             assert (row.paper is None) or row.printed
             if reading.measure is not None:
                 assert row.judged in by_name[reading.case].by
-    quick = {case.name for case in cases(quick=True)}
+    quick = {case.name for case in list_cases(quick=True)}
     assert quick < set(by_name)
     judged = [r for planned in PLAN for r in planned.readings if r.row.paper is not None and r.case]
     assert {reading.case for reading in judged} <= quick

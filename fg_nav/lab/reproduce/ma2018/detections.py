@@ -213,7 +213,8 @@ def load_cases(folder: Path, scenario: str, seeds: Sequence[int]) -> dict[str, C
 
 def _judged_of(arrays: Arrays, field: str) -> Judged:
     statistics = {name: arrays[f"{field}/statistic {name}"] for name in DETECTORS}
-    return Judged(*(arrays[f"{field}/{name}"] for name in _TRUE), statistics)
+    vector_uT, course, deviation = (arrays[f"{field}/{name}"] for name in _TRUE)
+    return Judged(vector_uT, course, deviation, statistics)
 
 
 _TRUE = ("vector_uT", "course", "deviation")

@@ -107,7 +107,7 @@ def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
     made_with = {
         "seed": seed,
         "wanted": asdict(wanted),
-        "cases": simulated.cases(wanted.quick),
+        "cases": simulated.list_cases(wanted.quick),
         "rows": [name_of(planned.name, reading) for planned in PLAN for reading in planned.readings],
         "parameters": describe_parameters(),
         "code": _code(),
@@ -145,22 +145,22 @@ class Walked:
 
 def walk_seed(seed: int, wanted: Wanted) -> Walked:
     """Walk and estimate."""
-    first = simulated.first_walk(seed, wanted.leg_m)
-    second = simulated.second_walk(seed, simulated.SECOND_NOISES_UT[0], wanted.leg_m)
+    first = simulated.simulate_first(seed, wanted.leg_m)
+    second = simulated.simulate_second(seed, simulated.SECOND_NOISES_UT[0], wanted.leg_m)
     settings: dict[str, Setting] = {}
     found: Found = {}
-    for case in simulated.cases(wanted.quick):
+    for case in simulated.list_cases(wanted.quick):
         if case not in simulated.FIRST and case.mag_sigma_uT != simulated.noise_of(second):
-            second = simulated.second_walk(seed, case.mag_sigma_uT, wanted.leg_m)
+            second = simulated.simulate_second(seed, case.mag_sigma_uT, wanted.leg_m)
         walk, recorded = (
-            (first, simulated.first_recording) if case in simulated.FIRST else (second, simulated.second_recording)
+            (first, simulated.record_first) if case in simulated.FIRST else (second, simulated.record_second)
         )
-        settings[case.name] = simulated.setting_of(walk)
+        settings[case.name] = simulated.read_setting(walk)
         found[case.name] = run_estimators(recorded(walk, case.name, seed), case, settings[case.name])
     whole = wanted.leg_m is None
-    pair = simulated.allan_pair(seed, ALLAN_HOURS if whole else 0.2)
-    errors = simulated.sensor_errors(first, second)
-    fog = simulated.fog_errors(seed, FOG_HOURS if whole else 0.02)
+    pair = simulated.measure_allan_pair(seed, ALLAN_HOURS if whole else 0.2)
+    errors = simulated.measure_sensor_errors(first, second)
+    fog = simulated.measure_fog_errors(seed, FOG_HOURS if whole else 0.02)
     across = dict(zip(FIELDS_UT, errors["across"], strict=True))
     return Walked(settings, found, {**_of_fog(fog), **_of_allan(pair), **_of_tables(errors)}, across, pair)
 

@@ -121,7 +121,7 @@ OTHER_NOISES = tuple(
 )
 
 
-def cases(quick: bool) -> tuple[Case, ...]:
+def list_cases(quick: bool) -> tuple[Case, ...]:
     """All; quick without the other noises of the MTw's magnetometer."""
     return (*FIRST, *SECOND, *(() if quick else OTHER_NOISES))
 
@@ -155,15 +155,15 @@ def _scenario(name: str, leg_m: float | None) -> Scenario:
     whole = SCENARIOS[name]
     if name == "pocket-long":
         whole = replace(whole, route=partial(routes.pocket_long, trips=6))
-    return whole if leg_m is None else replace(whole, route=lambda rng: shortened(whole.route(rng), leg_m))
+    return whole if leg_m is None else replace(whole, route=lambda rng: shorten(whole.route(rng), leg_m))
 
 
-def first_walk(seed: int, leg_m: float | None = None) -> SimulatedWalk:
+def simulate_first(seed: int, leg_m: float | None = None) -> SimulatedWalk:
     """The walk past cars; with legs of a few metres, for a test, if `leg_m` is given."""
     return simulate(_scenario("pocket-past-cars", leg_m), seed)
 
 
-def second_walk(seed: int, noise_sd_uT: float, leg_m: float | None = None) -> SimulatedWalk:
+def simulate_second(seed: int, noise_sd_uT: float, leg_m: float | None = None) -> SimulatedWalk:
     """The walk with the MTw; but for the magnetometer's noise the same for all of them."""
     prior = preset("munoz-diaz-table-3")
     assert prior.mag is not None
@@ -178,7 +178,7 @@ def noise_of(walk: SimulatedWalk) -> float:
     return mag.noise_sd_uT
 
 
-def shortened(sections: Sequence[Section], leg_m: float) -> list[Section]:
+def shorten(sections: Sequence[Section], leg_m: float) -> list[Section]:
     """The first metres of each way out, and the last ones of each way back."""
     short: list[Section] = []
     out = True
@@ -206,7 +206,7 @@ def field_of(walk: SimulatedWalk, case: str) -> Field | None:
     return replace(street, exponent=AS_PRINTED) if "printed" in case else street
 
 
-def first_recording(walk: SimulatedWalk, case: str, seed: int) -> Recording:
+def record_first(walk: SimulatedWalk, case: str, seed: int) -> Recording:
     """The first walk in the field of a case; with the same noise in all of them."""
     rng = np.random.default_rng([seed, 1])
     return replace_field(walk, field_of(walk, case), PUBLISHED.mag_noise_uT, rng)
@@ -218,17 +218,17 @@ def street_of(walk: SimulatedWalk) -> Cylinders | None:
     return next((part for part in parts if isinstance(part, Cylinders)), None)
 
 
-def second_recording(walk: SimulatedWalk, case: str, seed: int) -> Recording:
+def record_second(walk: SimulatedWalk, case: str, seed: int) -> Recording:
     """The second walk without a magnetometer, with it as it is, or calibrated."""
     if "gravity" in case:
         return replace(walk.recording, mag=None)
     if "raw" in case:
         return walk.recording
     strength_uT = float(np.linalg.norm(walk.earth.vector))
-    return fit_ellipsoid(turned_by_hand(walk, seed), strength_uT).apply_to(walk.recording)
+    return fit_ellipsoid(turn_by_hand(walk, seed), strength_uT).apply_to(walk.recording)
 
 
-def turned_by_hand(walk: SimulatedWalk, seed: int, count: int = 400) -> Floats:
+def turn_by_hand(walk: SimulatedWalk, seed: int, count: int = 400) -> Floats:
     """Readings (N, 3) uT of the walk's sensor, turned about all ways in the Earth's field before the walk."""
     rng = np.random.default_rng([seed, 2])
     direction = rng.standard_normal((count, 3))
@@ -238,7 +238,7 @@ def turned_by_hand(walk: SimulatedWalk, seed: int, count: int = 400) -> Floats:
     return np.asarray(direction @ np.array(sensor["soft_iron"]).T + sensor["hard_iron_uT"] + noise)
 
 
-def setting_of(walk: SimulatedWalk) -> Setting:
+def read_setting(walk: SimulatedWalk) -> Setting:
     """What is true of a walk."""
     strides = walk.strides
     walking = np.asarray(strides.style == Style.WALK)
@@ -278,7 +278,7 @@ class AllanPair:
     mems: Sequence[AllanCurve]
 
 
-def fog_errors(seed: int, hours: float) -> dict[str, float]:
+def measure_fog_errors(seed: int, hours: float) -> dict[str, float]:
     """Section 2.2: the fibre-optic gyroscope at rest, integrated for an hour; the Earth's rate added and taken off."""
     scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
     recording = simulate(scenario, seed, Choices(sensor="kvh-1750", rate_hz=10.0)).recording
@@ -297,7 +297,7 @@ def fog_errors(seed: int, hours: float) -> dict[str, float]:
     return found
 
 
-def allan_pair(seed: int, hours: float) -> AllanPair:
+def measure_allan_pair(seed: int, hours: float) -> AllanPair:
     """Allan deviations of both gyroscopes at rest, deg/s (Figure 5)."""
     scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(3600.0 * hours)])
     curves = {}
@@ -308,7 +308,7 @@ def allan_pair(seed: int, hours: float) -> AllanPair:
     return AllanPair(curves["kvh-1750"], curves["xsens-mtw"])
 
 
-def sensor_errors(first: SimulatedWalk, second: SimulatedWalk) -> dict[str, Floats]:
+def measure_sensor_errors(first: SimulatedWalk, second: SimulatedWalk) -> dict[str, Floats]:
     """Tables 2 and 3 as measured on the recordings, deg/s: against the truth, and standing at both ends."""
     truth, h = first.recording.truth, first.recording.period_s
     assert isinstance(truth, TrajectoryTruth)
@@ -316,11 +316,11 @@ def sensor_errors(first: SimulatedWalk, second: SimulatedWalk) -> dict[str, Floa
     R = Rotation.from_matrix(truth.nav_R_body)
     wrong = np.degrees(first.recording.gyr[:-1] - (R[:-1].inv() * R[1:]).as_rotvec() / h)
     start, end = (np.degrees(part.mean(axis=0)) for part in (second.recording.gyr[:900], second.recording.gyr[-900:]))
-    across = field_across(truth.nav_R_body)
+    across = measure_field_across(truth.nav_R_body)
     return {"noise": wrong.std(axis=0), "bias": wrong.mean(axis=0), "start": start, "end": end, "across": across}
 
 
-def field_across(nav_R_body: Floats) -> Floats:
+def measure_field_across(nav_R_body: Floats) -> Floats:
     """Rms field (S,) uT across the thigh at each of the sites: what shows the bias along it."""
     along = nav_R_body[:, :, 2]
     return np.array([math.sqrt(np.mean(np.dot(field, field) - (along @ field) ** 2)) for field in FIELDS_UT.values()])
