@@ -10,8 +10,7 @@ heading at the start, position and heading of the start laid on the truth. On ev
     loss of a walk = ln(e / e of the IEZ in its physical preset on that walk)
     loss = mean over scenarios and fields of the mean over the seeds
 
-so exp(loss) is a geometric mean of ratios in which every scenario and field weighs alike; an estimate without the field
-has 1.
+so exp(loss) is a geometric mean of ratios: all scenarios and fields weigh alike, an estimate without the field has 1.
 
 The search varies one parameter after the other over a fixed grid, from each of two starts, until a round changes
 nothing. Then every value of every parameter is tried beside the best: the table shows how flat it is, and whether the
@@ -59,7 +58,6 @@ BASELINE = "iez"
 
 Point: TypeAlias = Mapping[str, float]
 """Parameter -> value; what is not named is as in the physical preset."""
-
 Grid: TypeAlias = Mapping[str, tuple[float, ...]]
 
 SIGMAS_DEG = (5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
@@ -133,7 +131,7 @@ class Case:
 
 
 Errors: TypeAlias = Mapping[Case, tuple[float, float]]
-"""Case -> rmse at the footfalls and error at the last, m, over the ground."""
+"""Case -> rmse at the footfalls and error at the last, m."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -228,12 +226,12 @@ def errors_m(trial: Trial, walk: Walked, field: str) -> tuple[float, float]:
 def run_trial(trial: Trial, walk: Walked, field: str) -> Solution:
     """Run the filter."""
     parameters = set_point(find_parameters(trial.method, trial.preset), dict(trial.point))
-    seen = walk.recording, walk.stances
+    seen, compass = (walk.recording, walk.stances), walk.fields[field]
     if isinstance(parameters, IezParameters):
         return run_iez(*seen, parameters, walk.heading)
     if isinstance(parameters, AiezParameters):
-        return run_aiez(*seen, walk.fields[field], parameters, walk.heading)
-    return run_gated_compass(*seen, walk.fields[field], parameters, walk.heading)
+        return run_aiez(*seen, compass, parameters, walk.heading)
+    return run_gated_compass(*seen, compass, parameters, walk.heading)
 
 
 def set_point(parameters: Parameters, point: Point) -> Parameters:
@@ -291,11 +289,9 @@ def on_walk(
     folder: Path, scenario: str, seed: int, rate_hz: float, trials: Sequence[Trial]
 ) -> list[dict[Case, tuple[float, float]]]:
     """Errors of each trial on one walk in all fields: those kept in the folder, and the others computed and kept."""
-    path = folder / f"{scenario}-{seed}.jsonl"
-    kept: dict[str, list[list[float]]] = {}
-    if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            kept |= json.loads(line)
+    path, kept = folder / f"{scenario}-{seed}.jsonl", dict[str, list[list[float]]]()
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        kept |= json.loads(line)
     todo = [trial for trial in dict.fromkeys(trials) if trial.key not in kept]
     if todo:
         walk = find_walk(folder, scenario, seed, rate_hz)
@@ -347,8 +343,7 @@ def value_of(parameters: Parameters, name: str) -> float:
         return float(getattr(parameters, name))
     if name == "window":
         return parameters.detector.window
-    value: float = 1.0 if name == "allowance" else getattr(parameters, name)
-    return value
+    return 1.0 if name == "allowance" else float(getattr(parameters, name))
 
 
 def try_values(bench: Bench, method: str, point: Point, name: str, values: Sequence[float]) -> dict[float, float]:
