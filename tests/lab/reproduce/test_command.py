@@ -40,7 +40,7 @@ def papers(monkeypatch):
             raise KeyboardInterrupt
         return replace(reproduction(folder), seeds=tuple(seeds), parameters={"filter": {"sigmas": (1.0, 2.0)}})
 
-    monkeypatch.setattr(command, "_paper", lambda name: experiments)
+    monkeypatch.setattr(command, "_load_paper", lambda name: experiments)
     return asked
 
 
@@ -148,7 +148,7 @@ def test_a_worker_that_was_ended_is_shown_in_one_sentence(monkeypatch, tmp_path)
     def experiments(*_):
         raise BrokenProcessPool
 
-    monkeypatch.setattr(command, "_paper", lambda name: experiments)
+    monkeypatch.setattr(command, "_load_paper", lambda name: experiments)
     with pytest.raises(OutputError, match="run the same command again, it goes on"):
         command.reproduce("ma2018", tmp_path / "out")
 
