@@ -79,7 +79,7 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
     assert names(Path("deep")) == {"cal.json"}
     for words in ("hard iron x (uT)", "gyro bias z (deg/s)", "before", "notes", "--calibration deep/cal.json"):
         assert words in ran.out
-    assert ("as told" in ran.out) == bool(arguments)
+    assert ("as given" in ran.out) == bool(arguments)
     assert read_calibration(Path("deep/cal.json")).recording == "loop.csv"
     fg_nav("detect", files / "loop.csv", "--detector", "qsf", "--out", "raw")
     ran = fg_nav("detect", files / "loop.csv", "--detector", "qsf", "--out", "cal", "--calibration", "deep/cal.json")

@@ -279,12 +279,12 @@ def test_an_impossible_pocket_is_refused(wrong):
 def test_forty_four_minutes_take_seconds():
     rng = np.random.default_rng(0)
     strides = plan(routes.pocket_long(rng), Person(), rng)
-    began = time.perf_counter()
+    began = time.process_time()
     motion = build_thigh_motion(strides, Pocket(), rng)
     t = np.arange(0.0, strides.end_s, 0.01)
     for k in range(0, len(t), 50_000):
         motion.sampled(t[k : k + 50_000], 0.01)
-    assert time.perf_counter() - began < 3.0
+    assert time.process_time() - began < 3.0
 
 
 @needs_data
