@@ -34,8 +34,7 @@ import psutil
 from harness import Figure
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.folder import RESULTS_FOLDER
-from fg_nav.lab.campaign.tables import RESULTS, RESULTS_CSV
+from fg_nav.lab.campaign.folder import RESULTS, RESULTS_CSV, RESULTS_FOLDER
 
 METHODS = ("smoother", "matched-rts", "ma2018")
 SCENARIOS = ("office", "office-open")

@@ -15,7 +15,7 @@ from rich.progress import Progress as Bars
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.lab.campaign.command import Request, Summary, run_campaign
 from fg_nav.lab.campaign.dispatch import KILLED, Progress
-from fg_nav.lab.campaign.tables import TABLES
+from fg_nav.lab.campaign.folder import TABLES
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
 from fg_nav.report.terminal import console, ruled_table

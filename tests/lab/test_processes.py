@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fg_nav.lab.processes import run_tasks
+from fg_nav.lab.reproduce.walks import run_tasks
 from tests.lab.campaign.fakes import until_gone
 
 SCRIPT = """
@@ -18,7 +18,7 @@ import signal
 import sys
 from functools import partial
 from pathlib import Path
-from fg_nav.lab.processes import run_tasks
+from fg_nav.lab.reproduce.walks import run_tasks
 from tests.lab.test_processes import slow
 
 if __name__ == "__main__":

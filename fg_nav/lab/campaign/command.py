@@ -17,9 +17,8 @@ from fg_nav.errors import CampaignError, OutputError
 from fg_nav.lab.campaign.cluster import Cluster, Notify, check_address, check_installed
 from fg_nav.lab.campaign.dispatch import Progress, RemainingTime, dispatch
 from fg_nav.lab.campaign.execute import Task, TaskResults
-from fg_nav.lab.campaign.folder import Folder, lock_folder
+from fg_nav.lab.campaign.folder import Folder, lock_folder, place_of, write_tables
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.campaign.tables import place_of, write_tables
 from fg_nav.lab.store import code, results
 from fg_nav.lab.store.results import Key, Result
 from fg_nav.text import format_count

@@ -5,7 +5,7 @@
     seeds = 20                                # so many from first_seed on (101), or a list of them
     methods = ["smoother", "ma2018", "iez:physical"]
     magnetometers = ["loop"]                  # loop (without it), perfect, walk, raw or none (`walks`)
-    recordings = ["walks"]                    # folders, from where the file is (`recordings`)
+    recordings = ["walks"]                    # folders, from where the file is (`walks`)
 
     [parameters.smoother]                     # a grid: each with each, in place of the method without
     magnetic.rounds = [1, 2, 3]
@@ -37,8 +37,18 @@ from fg_nav.errors import CampaignError, FgNavError
 from fg_nav.io import FORMATS
 from fg_nav.lab.campaign.execute import Task, recorded_keys, settings_of, simulated_keys, tasks_of
 from fg_nav.lab.campaign.methods import Method, method_of
-from fg_nav.lab.campaign.recordings import RECORDED, Walk, find_walks
-from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, Reading, Simulated, Source, UserScenario
+from fg_nav.lab.campaign.walks import (
+    LOOP,
+    MAGNETOMETERS,
+    MIXTURES,
+    RECORDED,
+    Reading,
+    Simulated,
+    Source,
+    UserScenario,
+    WalkFile,
+    find_walks,
+)
 from fg_nav.lab.simulation import Scenario, scenario
 from fg_nav.lab.simulation.scenario_file import SUFFIX
 from fg_nav.lab.simulation.scenarios import FIELDS
@@ -107,7 +117,7 @@ class Plan:
     seeds: Sequence[int]
     methods: tuple[str, ...]
     magnetometers: tuple[str, ...]
-    walks: tuple[Walk, ...] = ()
+    walks: tuple[WalkFile, ...] = ()
     own: tuple[UserScenario, ...] = ()
 
     def list_keys(self) -> list[Key]:

@@ -33,7 +33,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError
-from fg_nav.lab.store.entries import Number, encode_number
+from fg_nav.lab.store.results import Number, encode_number
 from fg_nav.text import to_json
 
 REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED = "reproduced", "better", "missed (explained)", "missed"

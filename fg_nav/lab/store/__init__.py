@@ -2,6 +2,5 @@
 
 files      a file is there complete or not at all (`atomic_write`); marker files say which command fills a folder
 code       sum over the sources and the libraries that made a result
-entries    content with the settings that made it: an entry with other settings does not hold
-results    what one method made of one walk, by its key
+results    content with the settings that made it; what one method made of one walk, by its key
 """

@@ -18,12 +18,11 @@ from fg_nav import cli
 from fg_nav.commands.campaign import describe_duration
 from fg_nav.errors import CampaignError, OutputError
 from fg_nav.lab.campaign import command
-from fg_nav.lab.campaign import tables as table
+from fg_nav.lab.campaign import folder as table
 from fg_nav.lab.campaign.command import Request, run_campaign
 from fg_nav.lab.campaign.execute import run_task
-from fg_nav.lab.campaign.folder import RESULTS_FOLDER, lock_folder
+from fg_nav.lab.campaign.folder import RESULTS, RESULTS_FOLDER, TABLES, TIMINGS, lock_folder, write_tables
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.campaign.tables import RESULTS, TABLES, TIMINGS, write_tables
 from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store import code
 from fg_nav.lab.store import results as store

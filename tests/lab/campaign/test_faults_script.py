@@ -9,9 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from fg_nav.errors import CampaignError
-from fg_nav.lab.campaign.folder import RESULTS_FOLDER
+from fg_nav.lab.campaign.folder import RESULTS, RESULTS_CSV, RESULTS_FOLDER
 from fg_nav.lab.campaign.plan import read_plan
-from fg_nav.lab.campaign.tables import RESULTS, RESULTS_CSV
 from tests.scripts import load_script
 
 script = load_script("campaign_faults")

@@ -8,7 +8,7 @@ import pytest
 
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical
-from fg_nav.lab.campaign import tables as table
+from fg_nav.lab.campaign import folder as table
 from fg_nav.lab.campaign.plan import read_plan
 from fg_nav.lab.simulation import simulate
 from tests.command_line import FgNav

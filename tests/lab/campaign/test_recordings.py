@@ -11,9 +11,8 @@ import pytest
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.campaign.execute import run_task, tasks_of
-from fg_nav.lab.campaign.recordings import OUR_TABLES, find_walks
-from fg_nav.lab.campaign.tables import TABLES
-from fg_nav.lab.campaign.walks import Recorded, pack
+from fg_nav.lab.campaign.folder import TABLES
+from fg_nav.lab.campaign.walks import OUR_TABLES, Recorded, find_walks, pack
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.store.files import MARKERS
 from fg_nav.report import folder as report_folder

@@ -86,6 +86,6 @@ def test_parameters_are_those_of_walks_and_detectors_too(found):
 def test_the_same_rows_come_out_of_what_was_kept(found, folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(aiez2017, "CORRIDORS", 1)
-        patch.setattr("fg_nav.lab.store.entries.Measurement.run", None)
+        patch.setattr("fg_nav.lab.store.results.Measurement.run", None)
         patch.setattr("fg_nav.lab.reproduce.drawing.style.save", lambda *_: None)
         assert repr(aiez2017.reproduce(folder, SEEDS, workers=1)) == repr(found)

@@ -22,7 +22,7 @@ from fg_nav.lab.reproduce.results import (
     spread_of,
     write_reproduction,
 )
-from fg_nav.lab.store.entries import Number, encode_number
+from fg_nav.lab.store.results import Number, encode_number
 from tests.command_line import in_a_process, names
 from tests.lab.reproduce.made import drawn, reproduction, row
 

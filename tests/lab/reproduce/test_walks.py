@@ -24,10 +24,9 @@ from fg_nav.lab.reproduce.walks import (
     spread_over,
     used_percent,
 )
-from fg_nav.lab.store import entries
+from fg_nav.lab.store import results
 from fg_nav.lab.store.code import code_sum
-from fg_nav.lab.store.entries import Measurement
-from fg_nav.lab.store.results import Key, Result
+from fg_nav.lab.store.results import Key, Measurement, Result
 from tests.lab.reproduce.stored_walks import walk
 
 
@@ -52,7 +51,7 @@ def test_a_part_of_other_code_or_a_damaged_one_is_none(tmp_path, monkeypatch):
     part = Measurement("some", partial(drawn, 3))
     part.run(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(entries, "code_sum", lambda: "other")
+        patch.setattr(results, "code_sum", lambda: "other")
         assert part.read(tmp_path) is None
     assert part.read(tmp_path) is not None
     path = tmp_path / "parts" / "some.npz"

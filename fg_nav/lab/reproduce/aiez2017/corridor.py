@@ -20,7 +20,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.lab.reproduce.aiez2017.magnet import FAR, NEAR, STRONGER, Judged, measure_separation, pool
 from fg_nav.lab.reproduce.drawing import Pictures, new_panels
 from fg_nav.lab.reproduce.results import ABOVE, Experiment, Picture, Reason, Row, Spread, one_line, reason_for
-from fg_nav.lab.store.entries import Arrays
+from fg_nav.lab.store.results import Arrays
 from fg_nav.report.plots import style
 
 CLASSICAL, PRINTED, PHYSICAL = "classical", "as printed", "physical"

@@ -22,7 +22,7 @@ from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk, simulate
 from fg_nav.lab.simulation.fields import Sum
 from fg_nav.lab.simulation.scenarios import Choices
-from fg_nav.lab.store.entries import Arrays, Measurement
+from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
 from fg_nav.recording import TrajectoryTruth
 

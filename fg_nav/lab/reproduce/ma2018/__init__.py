@@ -14,8 +14,7 @@ from fg_nav.lab.reproduce.ma2018.detections import QUICK_REST_S, REST_S, heading
 from fg_nav.lab.reproduce.ma2018.loop import load_loops, loop_part
 from fg_nav.lab.reproduce.results import Experiment, Reproduction, one_line
 from fg_nav.lab.reproduce.walks import Walks
-from fg_nav.lab.store.entries import Measurement
-from fg_nav.lab.store.results import Key
+from fg_nav.lab.store.results import Key, Measurement
 
 PAPER = "ma2018"
 

@@ -54,7 +54,7 @@ from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
-from fg_nav.lab.store.entries import Arrays, Measurement
+from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
 from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
 from fg_nav.magnetic.footfall_field import integrate_attitude

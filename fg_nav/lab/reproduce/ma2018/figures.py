@@ -21,8 +21,7 @@ from fg_nav.lab.reproduce.ma2018.loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Lo
 from fg_nav.lab.reproduce.ma2018.magnetometer import FIELD
 from fg_nav.lab.reproduce.results import Picture
 from fg_nav.lab.reproduce.walks import Walks
-from fg_nav.lab.store.entries import Arrays
-from fg_nav.lab.store.results import Result
+from fg_nav.lab.store.results import Arrays, Result
 from fg_nav.report.plots import style
 
 

@@ -39,7 +39,7 @@ from fg_nav.lab.simulation import Choices, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, ma_table_1, make_iron, preset
 from fg_nav.lab.simulation.walk import Streams
-from fg_nav.lab.store.entries import Arrays, Measurement
+from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.compass import compute_field_heading, compute_level_R_body, rotate_to_level
 from fg_nav.recording import TrajectoryTruth

@@ -30,7 +30,7 @@ from fg_nav.lab.reproduce.results import (
     spread_of,
 )
 from fg_nav.lab.simulation.sensors.magnetometer import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
-from fg_nav.lab.store.entries import Arrays
+from fg_nav.lab.store.results import Arrays
 from fg_nav.magnetic.detectors import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH
 
 PRINTED, QUADRANT, FITTED, FREE = "as printed", "right quadrant", "fitted", "CLSEF"

@@ -22,7 +22,6 @@ from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import AllanCurve
-from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import rows as table
 from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
@@ -32,10 +31,10 @@ from fg_nav.lab.reproduce.munoz_diaz2017.runs import GRAPHS, PRESET_NAMES, Run, 
 from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, AllanPair, Setting
 from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
-from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
+from fg_nav.lab.reproduce.walks import RESULTS_FOLDER, run_tasks
 from fg_nav.lab.store.code import code_sum, sum_sources
-from fg_nav.lab.store.entries import Entry, Number, encode_number
 from fg_nav.lab.store.files import make_folder
+from fg_nav.lab.store.results import Entry, Number, encode_number
 from fg_nav.pocket import PRESETS
 from fg_nav.text import to_json
 
