@@ -26,7 +26,7 @@ from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.lines import LineServer, format_table
 from fg_nav.online.sources import RowReader, open_source
 from tests.command_line import names
-from tests.online.walks import TOLD, push, short_walk, worst_difference
+from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 HEADER = b"time_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s\n"
 
@@ -40,7 +40,7 @@ def csv(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole():
-    navigator = OnlineNavigator(TOLD)
+    navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk()))
     navigator.close()
     return navigator
@@ -92,7 +92,7 @@ class Quiet(Pieces):
 
 def followed(source, **options):
     lines, remarks = [], []
-    navigator = follow_source(source, StreamOptions(online=TOLD, **options), lines.append, remarks.append)
+    navigator = follow_source(source, StreamOptions(online=NORTH, **options), lines.append, remarks.append)
     return navigator, [json.loads(line) for line in lines], remarks
 
 
@@ -165,7 +165,7 @@ def test_a_source_that_has_sent_its_header_goes_on_without_it(csv, whole, tmp_pa
     path = tmp_path / "walk.npz"
     with suppress(KeyboardInterrupt):
         followed(Breaking(path, b"".join(rows[:700])), checkpoint=path, checkpoint_s=1e-9)
-    assert load(path, TOLD).buffer.stop == 699
+    assert load(path, NORTH).buffer.stop == 699
     for again in (rows[700:], rows, [rows[0], *rows[700:]]):
         kept = path.read_bytes()
         navigator, _, _ = followed(Pieces(*cut(b"".join(again), 20)), checkpoint=path, checkpoint_s=1e9)
@@ -374,7 +374,7 @@ def test_killed_it_resumes_from_its_last_checkpoint(csv, whole, tmp_path):
             time.sleep(0.02)
     process.kill()
     process.wait()
-    navigator = load(path, TOLD)
+    navigator = load(path, NORTH)
     saved = navigator.buffer.stop
     assert saved > 0
     push(navigator, rows_of(short_walk()), range(50, len(rows) - 1, 50))
