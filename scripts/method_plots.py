@@ -1,19 +1,34 @@
 """Methods next to each other on one walk: their paths, what they made of the field, and their errors along the path.
 
 Everything is at the footfalls, from above, in the truth's frame.
+
+The picture of the README: a real walk over surveyed footprints, and half an hour in a simulated mall.
+
+    python scripts/method_plots.py --figure docs/demo.png [--data DIR]
+
+Left walk 40 of gdin, a LORD GX5 on the instep, without its magnetometer. Right the scenario `mall`, seed 101, with a
+calibrated magnetometer on the floor of a building (field `indoor`). Both paths are aligned with the truth by yaw and
+shift.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import harness
 import numpy as np
+import walks
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.io import read
+from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.navigate import prepare_walk, run_method
+from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
 from fg_nav.report.plots import style
+from fg_nav.walk import Walk
 
 PANEL_IN = 3.2
 """Width of a panel."""
@@ -160,3 +175,54 @@ def _on_one_grid(tracks: Sequence[Track]) -> tuple[Floats, Floats]:
     """Distances (G,) m up to the shortest walk, and the error (W, G) m of each walk there."""
     distance: Floats = np.linspace(0.0, min(track.distance_m[-1] for track in tracks), GRID_POINTS)
     return distance, np.array([np.interp(distance, track.distance_m, track.error_m) for track in tracks])
+
+
+WALK = 40
+DRAWN = {"inertial": "fg-nav", "smoother": "fg-nav", "iez": "zero-velocity filter (IEZ)"}
+COLORS = {"inertial": style.BLUE, "smoother": style.BLUE, "iez": style.VERMILION}
+MOST_POINTS = 4000
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Solve both walks and draw them."""
+    chosen = harness.parse_arguments(__doc__, arguments, figure=None, data=None)
+    real = replace(read(walks.gdin_path(walks.data_folder(chosen.data), WALK)), mag=None)
+    mall = simulate("mall", 101, Choices(calibrated=True)).recording
+    with style.styled():
+        picture = style.new_figure(4.2, width_in=10.5)
+        left, right = picture.subplots(1, 2, width_ratios=(1.55, 1.0))
+        errors = draw_walk(left, real, ("iez", "inertial"))
+        words = f"{errors['inertial']:.2f} m rms, filter {errors['iez']:.2f}"
+        left.set_title(f"A real walk of 116 m, no magnetometer: {words}")
+        errors = draw_walk(right, mall, ("iez", "smoother"))
+        words = f"{errors['smoother']:.1f} m rms, filter {errors['iez']:.1f}"
+        right.set_title(f"Simulated, half an hour, 2.5 km: {words}")
+        right.set_ylabel("")
+    harness.save_picture(picture, chosen.figure)
+
+
+def draw_walk(axes: Axes, recording: Recording, methods: Sequence[str]) -> Mapping[str, float]:
+    """Draw the paths of the methods over the truth; returns the rmse of each, m."""
+    walk, errors = prepare_walk(Walk.of(recording)), {}
+    truth = walk.truth
+    if isinstance(truth, TrajectoryTruth):
+        path = truth.position[:: len(truth.position) // MOST_POINTS + 1]
+        axes.plot(*path[:, :2].T, **style.TRUTH_LINE, label="truth")
+    elif isinstance(truth, FootprintTruth):
+        axes.plot(*truth.xy.T, "s", color=style.TRUTH, markersize=4.5, label="surveyed footprints")
+    for method in methods:
+        outcome = run_method(walk, method)
+        assert outcome.comparison is not None
+        position = outcome.comparison.alignment.apply(outcome.solution.position)
+        path = position[:: len(position) // MOST_POINTS + 1]
+        thin = 0.8 if method == "iez" else 1.2
+        axes.plot(*path[:, :2].T, color=COLORS[method], linewidth=thin, label=DRAWN[method])
+        errors[method] = float(np.asarray(outcome.metrics.rmse_2d_m))
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="m", ylabel="m")
+    axes.legend(loc="best", frameon=False)
+    return errors
+
+
+if __name__ == "__main__":
+    harness.run(main)

@@ -42,9 +42,8 @@ import numpy as np
 from harness import FIRST_SEED, Figure, option, spread
 
 from fg_nav.arrays import Floats
-from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, replace_field
 from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
-from fg_nav.lab.simulation.emulation import replace_field
 from fg_nav.lab.simulation.fields import Field, Homogeneous, street
 from fg_nav.pocket import (
     PocketParameters,

@@ -32,7 +32,7 @@ import harness
 import numpy as np
 import walks
 from harness import Figure, option
-from real_magnetometer import Pair, measure_pairs, print_pairs
+from real_fields import Pair, measure_pairs, print_pairs
 from walks import Walk
 
 from fg_nav.arrays import Floats

@@ -24,7 +24,7 @@ from typing import Any
 
 import harness
 import numpy as np
-from real_magnetometer import MERITS
+from real_fields import MERITS
 from real_walks import (
     FOOTPRINTS,
     LOOPS,

@@ -15,7 +15,7 @@ from tests.scripts import load_script
 
 compare = load_script("compare_ekf")
 ablation = load_script("magnetic_ablation")
-real = load_script("real_magnetometer")
+real = load_script("real_fields")
 
 
 def result(method="smoother", walk="1", rmse_m=1.0, runtime_s=1.0, whitened=None, used="uu--", failed=""):

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 from fg_nav.errors import OutputError
-from fg_nav.lab.reproduce.page import write_page
+from fg_nav.lab.reproduce.command import write_page
 from fg_nav.lab.reproduce.results import format_name, format_note
 from tests.lab.reproduce.made import reproduction
 

@@ -24,7 +24,7 @@ from fg_nav.lab.simulation.fields import (
     rod,
     street,
 )
-from fg_nav.lab.simulation.fields.cylinder import CAR_M, STREETLIGHT_M, TEMPLATE_LENGTH_M
+from fg_nav.lab.simulation.fields.field import CAR_M, STREETLIGHT_M, TEMPLATE_LENGTH_M
 from fg_nav.lab.simulation.fields.sources import IRON_MU_R, compute_demagnetizing_factor
 
 MU_0 = 4 * np.pi * 0.1

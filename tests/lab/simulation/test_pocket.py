@@ -8,8 +8,8 @@ import pytest
 from fg_nav.calibration.allan import compute_allan_curve
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.reproduce.munoz_diaz2017.walks import BORDER_S, mark_borders, replace_field
 from fg_nav.lab.simulation import SCENARIOS, Choices, Person, routes, simulate
-from fg_nav.lab.simulation.emulation import BORDER_S, mark_borders, replace_field
 from fg_nav.lab.simulation.fields import PAST_CARS, SITES, Cylinders, Homogeneous, Sum, street
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand, Walk, plan

@@ -36,9 +36,13 @@ from fg_nav.lab.simulation.fields.building import (
     place_cables,
     place_objects,
 )
-from fg_nav.lab.simulation.fields.cylinder import AS_PRINTED, PAST_CARS, PHYSICAL, TEMPLATE, Cylinders, street
 from fg_nav.lab.simulation.fields.field import (
+    AS_PRINTED,
+    PAST_CARS,
+    PHYSICAL,
     SITES,
+    TEMPLATE,
+    Cylinders,
     Field,
     Homogeneous,
     Sum,
@@ -48,6 +52,7 @@ from fg_nav.lab.simulation.fields.field import (
     gradient,
     make_earth_field,
     site,
+    street,
 )
 from fg_nav.lab.simulation.fields.floor import (
     Floor,
