@@ -203,7 +203,7 @@ def compare(
 ) -> None:
     """Run several methods on the same recording and the same stances, and lay them side by side."""
     from fg_nav.commands import choose_options
-    from fg_nav.commands.compare import compare
+    from fg_nav.commands.run import compare
 
     options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset)
     compare(recording, methods, options, format, out, force)
@@ -216,7 +216,7 @@ def demo(
     force: Force = False,
 ) -> None:
     """Simulate one minute of walking and compare the methods on it."""
-    from fg_nav.commands.compare import demo
+    from fg_nav.commands.run import demo
 
     demo(seed, out, force)
 

@@ -33,8 +33,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
-from fg_nav.samples.coning import prepare_samples
-from fg_nav.samples.gaps import Gaps, fill_gaps
+from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.timing import remove_jitter
 from fg_nav.text import format_count
@@ -166,7 +165,7 @@ class Recording:
 
     @cached_property
     def integrable(self) -> tuple[Floats, Floats]:
-        """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.samples.coning`)."""
+        """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.samples.gaps`)."""
         h = np.append(np.diff(self.t), self.period_s)
         acc, gyr = self.peaks
         return prepare_samples(acc.whole, gyr.whole, h, self.gaps)

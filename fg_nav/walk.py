@@ -30,7 +30,7 @@ from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 
 if TYPE_CHECKING:
-    from fg_nav.calibration.file import Calibration
+    from fg_nav.calibration.of_recording import Calibration
 
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
@@ -165,7 +165,7 @@ def read_walk(path: Path, options: Options = Options(), format: str | None = Non
     fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
     calibration = None
     if options.calibration_path is not None:
-        from fg_nav.calibration.file import read_calibration
+        from fg_nav.calibration.of_recording import read_calibration
 
         calibration = read_calibration(options.calibration_path)
     recording = read(path, format)

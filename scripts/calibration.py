@@ -71,8 +71,8 @@ from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
 from fg_nav.lab.simulation.sensors import Iron, IronPrior, ma_table_1, preset
 from fg_nav.lab.simulation.sensors.triad import TriadPrior
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.magnetic.compass import compute_level_R_body
 from fg_nav.magnetic.detectors import SIGNALS
+from fg_nav.magnetic.footfall_field import compute_level_R_body
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

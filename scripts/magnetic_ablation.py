@@ -14,7 +14,7 @@ file in DIR, and holds as long as its parameters are the same; results of other 
 landmarks       mean and largest error over the ground, as started, m
 rmse, heading   over the footfalls, m and deg; `end` over the ground, m. Medians over the seeds (5 % to 95 %)
 NEES            of place and heading at the last footfall over its expectation, mean over the seeds: 1 for an honest
-                claim (`fg_nav.evaluation.consistency`); where the claim has no cross terms, that of the two parts
+                claim (`fg_nav.evaluation.metrics`); where the claim has no cross terms, that of the two parts
 used            share of footfalls whose field was used
 cost            runtime over that of `inertial` on the same walk, median
 over default    rmse over the default's on the same walk, geometric mean; in the summary over all scenarios and fields
@@ -48,7 +48,7 @@ from harness import option, spread
 
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.consistency import PARTS
+from fg_nav.evaluation.metrics import PARTS
 from fg_nav.lab.campaign.execute import evaluate_outcome
 from fg_nav.lab.campaign.walks import LOOP, PERFECT, Simulated
 from fg_nav.lab.simulation import scenario

@@ -39,7 +39,7 @@ from fg_nav.arrays import Floats
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import Metrics, evaluate
-from fg_nav.evaluation.consistency import Consistency, compute_stance_nees
+from fg_nav.evaluation.metrics import Consistency, compute_stance_nees
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console
 from fg_nav.smoother import SmootherParameters, smooth

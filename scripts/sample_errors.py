@@ -12,7 +12,7 @@ integration
     at the beginning of each stride and is compared with the true one at its end. "plain" takes the samples as they are:
     what is left is the motion within a sample. With w, f and their rates of change, a sample of period h misses
     the angle h^3/12 w x w' (coning) and the velocity h^3/12 (w x f' - w' x f) (sculling), second order in the period.
-    "corrected" has the two terms added, as every estimator has them (`fg_nav.samples.coning`):
+    "corrected" has the two terms added, as every estimator has them (`fg_nav.samples.gaps`):
     what is left is of fourth order, and shows that samples and truth agree.
 
 preintegration
@@ -61,8 +61,7 @@ from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.samples.coning import compensate_coning
-from fg_nav.samples.gaps import fill_gaps
+from fg_nav.samples.gaps import compensate_coning, fill_gaps
 from fg_nav.samples.saturation import rebuild_peaks
 
 

@@ -7,9 +7,8 @@ from fg_nav.calibration.at_rest import AccelerometerCalibration
 from fg_nav.calibration.ellipse import Ellipse
 from fg_nav.calibration.ellipse_fit import calibrate_on_loop
 from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
-from fg_nav.calibration.file import Calibration, read_calibration, write_calibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
-from fg_nav.calibration.of_recording import METHODS, calibrate
+from fg_nav.calibration.of_recording import METHODS, Calibration, calibrate, read_calibration, write_calibration
 from fg_nav.calibration.walk import (
     Spread,
     WalkCalibrationParameters,

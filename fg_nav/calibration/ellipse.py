@@ -1,6 +1,6 @@
 """The ellipse on which the levelled field of a standing foot lies as it turns round, and what takes it to a circle.
 
-In levelled axes (x forward, y left, z up; `fg_nav.magnetic.compass`), horizontal components only:
+In levelled axes (x forward, y left, z up; `fg_nav.magnetic.footfall_field`), horizontal components only:
 
     m = o + (1/tau on u, 1 across u) b,    u = (cos eta, sin eta) the long axis,  tau = short axis / long axis
     b = C (m - o),    C = I - (1 - tau) u u^T                                        Ma (9)-(12)
@@ -23,7 +23,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
 from fg_nav.errors import CalibrationError
-from fg_nav.magnetic.compass import compute_level_R_body
+from fg_nav.magnetic.footfall_field import compute_level_R_body
 from fg_nav.text import format_count
 
 UNKNOWN_UT = 30.0

@@ -32,8 +32,7 @@ from fg_nav.calibration.ellipse import Ellipse, half_turn, rise_deg, select_leve
 from fg_nav.calibration.magnetometer import LEVEL_FIELD_UT, MagnetometerCalibration, check_strength, mean_up
 from fg_nav.calibration.quadric import LEAST_UT, Fit, distance, fit_robustly, fit_trimmed_quadric
 from fg_nav.errors import CalibrationError
-from fg_nav.magnetic.compass import compute_field_heading
-from fg_nav.magnetic.footfall_field import FootfallField
+from fg_nav.magnetic.footfall_field import FootfallField, compute_field_heading
 
 SIDE_FOOTFALLS = 5
 """Turning is to the left or to the right in the mean over so many."""

@@ -44,8 +44,7 @@ from fg_nav.calibration.walk_model import (
 )
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.compass import compute_level_R_body
-from fg_nav.magnetic.footfall_field import FootfallField
+from fg_nav.magnetic.footfall_field import FootfallField, compute_level_R_body
 from fg_nav.text import format_count
 
 SEEN = float(chi2.ppf(0.95, 2))

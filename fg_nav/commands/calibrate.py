@@ -8,9 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
-from fg_nav.calibration.file import Calibration, is_calibration, write_calibration
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
-from fg_nav.calibration.of_recording import CalibrationResult, check_method
+from fg_nav.calibration.of_recording import (
+    Calibration,
+    CalibrationResult,
+    check_method,
+    is_calibration,
+    write_calibration,
+)
 from fg_nav.calibration.of_recording import calibrate as calibrate_recording
 from fg_nav.commands import find_earth_field
 from fg_nav.errors import CalibrationError

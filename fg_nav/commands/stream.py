@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.of_recording import Calibration
 from fg_nav.commands import Target
 from fg_nav.estimators import Progress
 from fg_nav.evaluation import evaluate
 from fg_nav.navigate import prepare_walk
 from fg_nav.online import OnlineNavigator
+from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
-from fg_nav.online.lines import format_table
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Provenance
 from fg_nav.report.files import write_json, write_run, write_strides

@@ -12,6 +12,9 @@ a window of the last `window_s` that slides on by `step_s`:
 
 Steps are counted in samples from the first one, so it does not matter how the samples come in blocks. The work and the
 memory for each sample are the same however long the walk is.
+
+`Sliding` has the last samples of a stream, in order and in one piece of memory, whatever the length of the stream:
+rows are counted from the first that was ever appended, and at least the last `keep` of them are there.
 """
 
 from __future__ import annotations
@@ -32,11 +35,42 @@ from fg_nav.detection.footfalls import (
     choose_footfalls,
     is_too_close,
 )
-from fg_nav.detection.sliding import Sliding
 from fg_nav.detection.stance import SHORTEST_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
 from fg_nav.recording import MAX_GAP_S
 from fg_nav.stances import Stances
+
+
+class Sliding:
+    """Rows of a stream; `shape` is that of one row. `stop` counts those that were appended so far."""
+
+    def __init__(self, keep: int, shape: tuple[int, ...] = ()) -> None:
+        self._keep = keep
+        self._rows = np.empty((2 * keep, *shape))
+        self._first = 0
+        self.stop = 0
+
+    def append(self, rows: Floats) -> None:
+        """Append rows (n, ...)."""
+        used = self.stop - self._first
+        if used + len(rows) > len(self._rows):
+            kept = min(self._keep, used)
+            size = max(len(self._rows), kept + len(rows))
+            fresh = np.empty((size, *self._rows.shape[1:]))
+            fresh[:kept] = self._rows[used - kept : used]
+            self._rows, self._first, used = fresh, self.stop - kept, kept
+        self._rows[used : used + len(rows)] = rows
+        self.stop += len(rows)
+
+    def between(self, start: int, stop: int) -> Floats:
+        """Return the rows `start <= i < stop` as a view that is good until the next `append`.
+
+        Raises `IndexError` if they are no longer there, or not yet.
+        """
+        if not self._first <= start <= stop <= self.stop:
+            raise IndexError(f"rows {start} to {stop} are not among {self._first} to {self.stop}")
+        return self._rows[start - self._first : stop - self._first]
+
 
 FIRST_SAMPLES = 64
 """Their median period is that of the samples; nothing is searched before."""

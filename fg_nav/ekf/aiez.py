@@ -23,7 +23,7 @@ below that of any measured heading, and the next compass weighs less.
 
 Read otherwise than printed: errors of roll and pitch are rotations about axes of nav, AIEZ (22), (29); angles are
 wrapped, AIEZ (26), (27); a curve is no measurement, where AIEZ (28), (32) take zero with the sigma of a straight line
-(`hdr_as_printed` does so); the compass has the sign of `fg_nav.magnetic.compass`, AIEZ (25).
+(`hdr_as_printed` does so); the compass has the sign of `fg_nav.magnetic.footfall_field`, AIEZ (25).
 
 Reference: Zhang, Guo, Liu (2017), "Pedestrian Dead Reckoning system using quasi-static magnetic field detection".
 """

@@ -13,7 +13,7 @@ from fg_nav.frames import GRAVITY_M_S2
 
 STANCE_CORRELATION_S = 0.04
 """Time over which the rolling lever, and a velocity from a force that is not gravity, stay the same: part of a stance.
-It equals half the spacing of the smoother's velocity factors (`fg_nav.ekf.matched`)."""
+It equals half the spacing of the smoother's velocity factors (`fg_nav.ekf.presets`)."""
 
 ACC_BIAS_SIGMA = 0.02
 """Accelerometer bias, m/s^2 (2 mg)."""

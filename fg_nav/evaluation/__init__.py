@@ -1,6 +1,6 @@
 """How good a solution is: alignment with truth and figures of merit.
 
-Whether claimed sigmas are true is in `consistency`, the ROC of detectors in `roc`: a walk needs neither.
+Whether claimed sigmas are true is in `metrics` too, the ROC of detectors in `roc`: a walk needs neither.
 """
 
 from fg_nav.evaluation.comparison import MODES, Comparison, align, compare, fit_scale

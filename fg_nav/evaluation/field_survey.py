@@ -17,8 +17,8 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.compass import compute_true_heading
 from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, Disturbance, find_threshold, judge_samples
+from fg_nav.magnetic.footfall_field import compute_true_heading
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution

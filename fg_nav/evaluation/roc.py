@@ -50,7 +50,7 @@ from scipy.stats import t as student_t
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.compass import compute_inclination
+from fg_nav.magnetic.footfall_field import compute_inclination
 
 LEVEL = 0.9
 """Of bands, where nothing else is said."""

@@ -1,4 +1,4 @@
-"""The field at each footfall: the input of every detector and every calibration from a walk.
+"""The field at each footfall, the input of every detector and every calibration from a walk; heading and inclination.
 
 At the stillest sample of a footfall the samples around it, within its stance and `HALF_WINDOW_S`, are turned by the
 gyroscope into the body frame of that sample and averaged: field and specific force. A magnetometer slower than the rest
@@ -12,6 +12,26 @@ drifts.
 
 So the field is judged before any estimator has run, the same for all of them. It uses the longest rest of the whole
 recording, so a live estimator gives the attitude that it has at the time.
+
+From a field in the body frame to a magnetic heading, an inclination and a strength, in the frames of this project:
+
+=================== ===== ===================================================================================
+body_field          uT    flux density in the body frame
+body_up             -     direction of up in the body frame: the specific force of a sensor at rest
+level_field         uT    the same field in levelled axes: x along the body's x axis over the ground, y to its
+                          left, z up (the sensor laid level without being turned)
+heading             rad   of the body's x axis, clockwise from magnetic north
+inclination         rad   of the field below the horizon, positive on the northern hemisphere
+declination         rad   of magnetic north, clockwise from true north: true heading = magnetic heading + declination
+=================== ===== ===================================================================================
+
+With H the horizontal strength and psi the heading, north lies psi to the left of x:
+
+    level_field = (H cos psi, H sin psi, -H tan I),    psi = atan2(y, x),    I = atan2(-z, H).
+
+These are Ma (1)-(5) and AIEZ (19)-(25), each of which has axes of its own: the levelling of Ma (3)-(5) is right with an
+accelerometer that reads (0, 0, -g) at rest, that of AIEZ (19)-(24) with (0, 0, +g); the heading of Ma (1) and AIEZ (25)
+has the wrong sign, half of the circle, and for AIEZ the declination's sign. docs/equations.md lists them.
 """
 
 from __future__ import annotations
@@ -26,10 +46,41 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rest import find_start
 from fg_nav.errors import MagneticError
 from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
 from fg_nav.mechanisation import nudge_tilt, rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
+
+
+def compute_level_R_body(body_up: Floats) -> Floats:
+    """Rotation (..., 3, 3) to levelled axes from the body frame, by the direction of up (..., 3) in the body frame.
+
+    The body's x axis must not be vertical: over the ground it then has no direction.
+    """
+    up = body_up / np.linalg.norm(body_up, axis=-1, keepdims=True)
+    forward = np.array([1.0, 0.0, 0.0]) - up[..., :1] * up
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    return np.stack([forward, np.cross(up, forward), up], axis=-2)
+
+
+def rotate_to_level(body_field: Floats, body_up: Floats) -> Floats:
+    """Field (..., 3) uT in levelled axes: Ma (3), (5), AIEZ (23), (24)."""
+    return np.asarray(np.einsum("...ij,...j->...i", compute_level_R_body(body_up), body_field))
+
+
+def compute_field_heading(level_field: Floats) -> Floats:
+    """Magnetic heading (...,) rad of the body's x axis, clockwise from magnetic north: Ma (1), AIEZ (25)."""
+    return np.asarray(np.arctan2(level_field[..., 1], level_field[..., 0]))
+
+
+def compute_true_heading(magnetic_heading: Floats, declination: float) -> Floats:
+    """Heading (...,) rad clockwise from true north, from that of the compass; `declination` rad, east positive."""
+    return wrap_angle(magnetic_heading + declination)
+
+
+def compute_inclination(up_field: Floats) -> Floats:
+    """Inclination (...,) rad of a field (..., 3) in any axes whose third is up: Ma (2)."""
+    return np.asarray(np.arctan2(-up_field[..., 2], np.linalg.norm(up_field[..., :2], axis=-1)))
+
 
 HALF_WINDOW_S = 0.5
 """Of a long stance only the second around its stillest instant is averaged: later the foot may stand elsewhere."""
@@ -73,7 +124,7 @@ class FootfallField:
 
     @cached_property
     def level_field(self) -> Floats:
-        """(F, 3) uT in levelled axes (`fg_nav.magnetic.compass`), levelled by the inertial attitude."""
+        """(F, 3) uT in levelled axes, levelled by the inertial attitude."""
         return rotate_to_level(self.body_field, self.nav_R_body[:, 2])
 
     @cached_property

@@ -20,7 +20,6 @@ from fg_nav.factors.magnetic_field import E_H, PHI, SIZE, FieldPotential, Magnet
 from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother.dense import Trajectory
 from fg_nav.smoother.field import COMPASS_SIGMA_UT, FieldSolution, judge_footfall
 from fg_nav.smoother.field_factors import (
     FieldRoughness,
@@ -31,6 +30,7 @@ from fg_nav.smoother.field_factors import (
     transition,
     usual_deviation,
 )
+from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.stances import Stances
 

@@ -24,12 +24,11 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.file import Calibration, read_calibration
+from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.checkpoint import collect_content, write_content
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.lines import LineServer, format_estimate
+from fg_nav.online.estimates import LineServer, StanceEstimate, format_estimate
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.online.sources import RowReader, Source, open_source
 from fg_nav.text import to_json
@@ -105,7 +104,7 @@ def follow_source(
     options
         How.
     emit
-        Given one JSON line (`fg_nav.online.lines`) for each estimate.
+        Given one JSON line (`fg_nav.online.estimates`) for each estimate.
     remark
         Given a sentence for people about what is odd.
     stop

@@ -45,7 +45,7 @@ from fg_nav.online.strides import (
     measure_stride,
 )
 from fg_nav.recording import MIN_SAMPLES, Recording
-from fg_nav.smoother.dense import Trajectory, dense_trajectory
+from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED, in_nav, turn_covariance
 from fg_nav.smoother.strides import stride_graph

@@ -56,7 +56,6 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import rotate_in_body
-from fg_nav.pocket.euler import error_axes, inverse_error_axes, is_degenerate
 from fg_nav.pocket.filter_equations import (
     GYRO_BIAS,
     SIZE,
@@ -65,6 +64,9 @@ from fg_nav.pocket.filter_equations import (
     PocketState,
     build_model,
     create_reference,
+    error_axes,
+    inverse_error_axes,
+    is_degenerate,
     predict_state,
     set_reference,
     update_field,

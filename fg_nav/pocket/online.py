@@ -2,7 +2,7 @@
 
 Samples are stored until the next nodes are complete, preintegrated (`links`), and smoothed with a fixed lag
 (`fixed_lag`). Between, the last node is propagated by the gyroscope. A rate's change within its sample (coning,
-`fg_nav.samples.coning`) is known one sample late, and so is a node.
+`fg_nav.samples.gaps`) is known one sample late, and so is a node.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fg_nav.pocket.links import NODE_S, place_nodes, preintegrate_links
 from fg_nav.pocket.parameters import PocketSmootherParameters
 from fg_nav.pocket.track import STILL_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
-from fg_nav.samples.coning import compensate_coning
+from fg_nav.samples.gaps import compensate_coning
 
 UPDATE_S = 1.0
 """Estimates are made so often, s."""

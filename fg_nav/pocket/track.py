@@ -15,7 +15,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rest import LEAST_FORCE_M_S2
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude, yaw_rotation
-from fg_nav.magnetic.compass import compute_field_heading, compute_true_heading
+from fg_nav.magnetic.footfall_field import compute_field_heading, compute_true_heading
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.recording import Recording
 

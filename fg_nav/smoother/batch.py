@@ -7,7 +7,7 @@ fixes         known positions, added to the first solution (`constraints`)
 constraints   straight stretches and floors, found on the first solution, where they are asked for
 solve again   where there are fixes or constraints
 field         the magnetic field, in rounds, each of which solves again (`field`)
-solution      marginals -> sigmas (`solver`); nodes -> dense trajectory (`dense`)
+solution      marginals -> sigmas (`solver`); nodes -> dense trajectory (`graph`)
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.constraints import add_constraints, add_fixes
-from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field import FIRST_CONVERGENCE, FieldVerdict, find_obstacle, ignore_field, solve_with_field
-from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import CONVERGENCE, Solved, stance_table

@@ -34,7 +34,6 @@ from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, judge_field
-from fg_nav.smoother.dense import trajectory_of
 from fg_nav.smoother.field_factors import (
     REGIONAL_LENGTH_M,
     CompassReadings,
@@ -48,7 +47,15 @@ from fg_nav.smoother.field_factors import (
     over_threshold,
     usual_deviation,
 )
-from fg_nav.smoother.graph import GAUGE_SIGMA, UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, solve, turn_walk
+from fg_nav.smoother.graph import (
+    GAUGE_SIGMA,
+    UNKNOWN_HEADING_DEG,
+    StartPrior,
+    WalkProblem,
+    solve,
+    trajectory_of,
+    turn_walk,
+)
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.solver import Solved
 

@@ -1,16 +1,28 @@
-"""From nodes and strides to the problem that is solved: factors, initial values, and the prior on the start.
+"""From nodes and strides to the problem that is solved, and from its solution back to the recording's rate.
+
+The problem is factors, initial values, and the prior on the start.
 
 `problem.walk_problem` calls `build_problem` for a whole walk, the evidence of the swing noise for pieces of it.
 
 The initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set
 to zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt
 is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better.
+
+Back to the recording's rate (`trajectory_of`): between two nodes the samples are integrated from the first one with its
+bias. What is left at the second, a rotation d_R, a velocity d_v and a position d_p, is given back smoothly over the
+interval of length T, with s in [0, 1]:
+
+    R(s) Exp(a d_R),  a = 3 s^2 - 2 s^3;      p(s) + a d_p + b T d_v,  b = s^3 - s^2;      v(s) its derivative.
+
+So the trajectory passes through every smoothed node in position, velocity and attitude. Before the first node and
+after the last there is nothing to meet: the samples are integrated, backward and forward.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -21,7 +33,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.factors.residual import ResidualBlock, join_blocks
-from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
+from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, rotate_in_body, rotation_vector, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.parameters import SmootherParameters
@@ -222,3 +234,129 @@ def _stop_and_go(
         state.velocity[:] = 0.0
         position[j], attitude[j] = state.position, state.nav_R_body
     return position, attitude
+
+
+class Trajectory(NamedTuple):
+    """Position (N, 3) m, velocity (N, 3) m/s and attitude (N, 3, 3) at every sample."""
+
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+
+
+def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
+    """Return the trajectory of a solved walk at the recording's rate."""
+    poses = [values.atPose3(X(j)) for j in range(len(nodes))]
+    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(nodes.bias[-1] + 1)])
+    bias = bias[nodes.bias[nodes.footfall]]
+    track = dense_trajectory(
+        recording,
+        nodes.sample,
+        np.array([pose.translation() for pose in poses]),
+        np.array([values.atVector(V(j)) for j in range(len(nodes))]),
+        np.array([pose.rotation().matrix() for pose in poses]),
+        np.ascontiguousarray(bias[:, 3:]),
+        np.ascontiguousarray(bias[:, :3]),
+        gravity,
+    )
+    return Trajectory(*track)
+
+
+def dense_trajectory(
+    recording: Recording,
+    sample: Ints,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    acc_bias: Floats,
+    gravity: float,
+) -> tuple[Floats, Floats, Floats]:
+    """Position (N, 3), velocity (N, 3) and attitude (N, 3, 3) at every sample, from states at nodes `sample` (M,)."""
+    h = np.append(np.diff(recording.t), recording.period_s)
+    acc, gyr = recording.integrable
+    return _dense(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity)
+
+
+@njit(cache=True)
+def _dense(
+    h: Floats,
+    acc: Floats,
+    gyr: Floats,
+    sample: Ints,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    acc_bias: Floats,
+    gravity: float,
+) -> tuple[Floats, Floats, Floats]:
+    n, m = len(h), len(sample)
+    p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+    for j in range(m):
+        state = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
+        if j == 0:
+            backward = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
+            _integrate(h, acc, gyr, sample[0], -1, backward, gravity, p, v, R)
+        end = sample[j + 1] if j + 1 < m else n - 1
+        _integrate(h, acc, gyr, sample[j], end, state, gravity, p, v, R)
+        if j + 1 < m:
+            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R)
+    return p, v, R
+
+
+@njit(cache=True)
+def _integrate(
+    h: Floats,
+    acc: Floats,
+    gyr: Floats,
+    first: int,
+    last: int,
+    state: NavState,
+    gravity: float,
+    p: Floats,
+    v: Floats,
+    R: Floats,
+) -> None:
+    """Fill in from sample `first` to `last` inclusive; `last` -1 runs back to the start of the recording."""
+    turn, push = np.empty((3, 3)), np.empty(3)
+    i = first
+    p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
+    forward = last >= first
+    while (forward and i < last) or (not forward and i > 0):
+        if forward:
+            strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+            i += 1
+        else:
+            i -= 1
+            strapdown(state, acc[i], gyr[i], -h[i], gravity, turn, push)
+        p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
+
+
+@njit(cache=True)
+def _meet(
+    h: Floats,
+    first: int,
+    last: int,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    p: Floats,
+    v: Floats,
+    R: Floats,
+) -> None:
+    """Bend the path from sample `first` to `last` so that it ends in the given state."""
+    duration = h[first:last].sum()
+    d_p, d_v = position - p[last], velocity - v[last]
+    d_R = rotation_vector(R[last].T @ nav_R_body)
+    elapsed = 0.0
+    for i in range(first + 1, last):
+        elapsed += h[i - 1]
+        s = elapsed / duration
+        a, b = s * s * (3 - 2 * s), s * s * (s - 1)
+        da, db = 6 * s * (1 - s) / duration, s * (3 * s - 2)
+        for k in range(3):
+            p[i, k] += a * d_p[k] + b * duration * d_v[k]
+            v[i, k] += da * d_p[k] + db * d_v[k]
+        rotate_in_body(R[i], a * d_R[0], a * d_R[1], a * d_R[2])
+    p[last], v[last], R[last] = position, velocity, nav_R_body

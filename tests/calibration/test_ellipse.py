@@ -15,7 +15,7 @@ from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.compass import compute_field_heading, compute_level_R_body, rotate_to_level
+from fg_nav.magnetic.footfall_field import compute_field_heading, compute_level_R_body, rotate_to_level
 
 OFFSET, ETA, TAU = np.array([13.795, 7.526]), 0.973, 0.896  # Ma et al. 2018, Table 1
 HORIZONTAL = 20.0

@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
-from fg_nav.calibration.file import LARGEST_BYTES, Calibration, is_calibration, read_calibration, write_calibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration.of_recording import (
+    LARGEST_BYTES,
+    Calibration,
+    is_calibration,
+    read_calibration,
+    write_calibration,
+)
 from fg_nav.errors import CalibrationError
 
 

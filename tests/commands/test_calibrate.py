@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.file import read_calibration, write_calibration
-from fg_nav.calibration.of_recording import METHODS
+from fg_nav.calibration.of_recording import METHODS, read_calibration, write_calibration
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, write_canonical
 from fg_nav.lab.simulation import simulate

@@ -17,13 +17,13 @@ import pytest
 
 from fg_nav import cli
 from fg_nav.calibration import AccelerometerCalibration
-from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.of_recording import Calibration
 from fg_nav.errors import EstimationError, FormatError, StreamError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
+from fg_nav.online.estimates import LineServer, format_table
 from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.lines import LineServer, format_table
 from fg_nav.online.sources import RowReader, open_source
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk, worst_difference

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.consistency import compute_stance_nees
+from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import TrajectoryTruth
 from tests.evaluation.walks import stance_table, winding_path

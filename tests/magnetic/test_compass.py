@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude, wrap_angle
 from fg_nav.lab.simulation.fields import make_earth_field
-from fg_nav.magnetic import compass
+from fg_nav.magnetic import footfall_field
 from tests.magnetic import printed
 
 G = np.array([0.0, 0.0, GRAVITY_M_S2])
@@ -39,16 +39,16 @@ def off_deg(heading, truth=HEADINGS):
 def test_ours_gives_heading_and_inclination_in_any_attitude():
     attitudes = Rotation.random(300, random_state=0).as_matrix()
     field, acc = sensed(attitudes)
-    level = compass.rotate_to_level(field, acc)
+    level = footfall_field.rotate_to_level(field, acc)
     np.testing.assert_allclose(
-        wrap_angle(compass.compute_field_heading(level) - compute_heading(attitudes)), 0.0, atol=1e-9
+        wrap_angle(footfall_field.compute_field_heading(level) - compute_heading(attitudes)), 0.0, atol=1e-9
     )
-    np.testing.assert_allclose(compass.compute_inclination(level), INCLINATION, atol=1e-12)
+    np.testing.assert_allclose(footfall_field.compute_inclination(level), INCLINATION, atol=1e-12)
 
 
 def test_levelling_lays_the_sensor_flat_without_turning_it():
     attitudes = Rotation.random(300, random_state=1).as_matrix()
-    level_R_body = compass.compute_level_R_body(attitudes[:, 2])
+    level_R_body = footfall_field.compute_level_R_body(attitudes[:, 2])
     np.testing.assert_allclose(np.linalg.det(level_R_body), 1.0)
     np.testing.assert_allclose(
         np.einsum("nij,nj->ni", level_R_body, attitudes[:, 2]), np.tile([0, 0, 1], (300, 1)), atol=1e-12
@@ -60,11 +60,11 @@ def test_levelling_lays_the_sensor_flat_without_turning_it():
 
 def test_declination_leads_from_the_compass_to_true_north():
     field, acc = sensed(tilted(), EAST_OF_NORTH)
-    magnetic = compass.compute_field_heading(compass.rotate_to_level(field, acc))
+    magnetic = footfall_field.compute_field_heading(footfall_field.rotate_to_level(field, acc))
     np.testing.assert_allclose(off_deg(magnetic), np.degrees(DECLINATION))
-    assert off_deg(compass.compute_true_heading(magnetic, DECLINATION)).max() < 1e-9
+    assert off_deg(footfall_field.compute_true_heading(magnetic, DECLINATION)).max() < 1e-9
     np.testing.assert_allclose(
-        off_deg(compass.compute_true_heading(magnetic, -DECLINATION)), 2 * np.degrees(DECLINATION)
+        off_deg(footfall_field.compute_true_heading(magnetic, -DECLINATION)), 2 * np.degrees(DECLINATION)
     )
 
 
@@ -77,7 +77,7 @@ def test_both_papers_agree_with_ours_once_their_signs_are_right(theirs):
 
 def test_both_papers_level_as_we_do():
     field, acc = sensed(Rotation.random(100, random_state=3).as_matrix())
-    ours, frd = compass.rotate_to_level(field, acc), printed.FRD_FROM_FLU
+    ours, frd = footfall_field.rotate_to_level(field, acc), printed.FRD_FROM_FLU
     np.testing.assert_allclose(printed.aiez_levelled(field, printed.aiez_tilt(acc)), ours, atol=1e-9)
     down = printed.ma_levelled(field * frd, printed.ma_tilt(acc * frd))
     np.testing.assert_allclose(down * frd, ours, atol=1e-9)
@@ -113,7 +113,7 @@ def test_a_compass_with_the_printed_sign_counts_the_heading_twice():
 def test_an_arctangent_of_a_quotient_takes_south_for_north():
     """Ma (1) and AIEZ (25): even with its sign right, the quotient forgets which way round the sensor is."""
     field, acc = sensed(tilted())
-    level = compass.rotate_to_level(field, acc)
+    level = footfall_field.rotate_to_level(field, acc)
     quotient = off_deg(np.arctan(level[:, 1] / level[:, 0]))
     behind = np.abs(HEADINGS) > np.pi / 2
     np.testing.assert_allclose(quotient[behind], 180.0)

@@ -10,7 +10,7 @@ from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
-from fg_nav.samples.coning import compensate_coning
+from fg_nav.samples.gaps import compensate_coning
 
 TURNS_RAD_S = 2 * np.pi * 2.0
 """Two cones a second."""

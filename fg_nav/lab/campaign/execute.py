@@ -23,7 +23,7 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.walk import WalkCalibrationParameters
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.evaluation.consistency import whiten_errors
+from fg_nav.evaluation.metrics import whiten_errors
 from fg_nav.evaluation.walked import (
     AS_STARTED,
     BEST_YAW,

@@ -31,7 +31,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fg_nav.calibration.file import Calibration, read_calibration
+from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.changes import SCALARS, Changes, Scalar
 from fg_nav.errors import CampaignError, FgNavError
 from fg_nav.io import FORMATS

@@ -44,7 +44,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.ellipse_fit import calibrate_on_loop
-from fg_nav.calibration.file import Calibration
+from fg_nav.calibration.of_recording import Calibration
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError, CampaignError

@@ -2,7 +2,7 @@
 
 A result holds as long as its settings are the same: the parameters of the method, of the walk, of the stances and of
 the calibration. Code that differs does not make it invalid: each result has the sum over the code that made it
-(`fg_nav.lab.store.code`), so that it can be shown, or made again.
+(`fg_nav.lab.store.entries`), so that it can be shown, or made again.
 
 Positions are rounded to the centimetre, errors are exact to the last bit.
 
@@ -176,7 +176,7 @@ class Result:
     errors : by alignment (`fg_nav.evaluation.walked`).
     landmark : names, one a crossing.
     landmark_m : error at each crossing, by alignment.
-    whitened : errors of position and heading over their sigma, by part (`fg_nav.evaluation.consistency`).
+    whitened : errors of position and heading over their sigma, by part (`fg_nav.evaluation.metrics`).
     estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment.
     every : whether the truth is that of every footfall.
     used : (K,) whether the method used the field.

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration.file import Calibration, write_calibration
+from fg_nav.calibration.of_recording import Calibration, write_calibration
 from fg_nav.errors import CampaignError
 from fg_nav.io import write_canonical
 from fg_nav.lab.campaign.execute import run_task

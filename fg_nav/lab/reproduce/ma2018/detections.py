@@ -56,8 +56,12 @@ from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
-from fg_nav.magnetic.compass import compute_field_heading, compute_inclination, rotate_to_level
-from fg_nav.magnetic.footfall_field import integrate_attitude
+from fg_nav.magnetic.footfall_field import (
+    compute_field_heading,
+    compute_inclination,
+    integrate_attitude,
+    rotate_to_level,
+)
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.stances import Stances

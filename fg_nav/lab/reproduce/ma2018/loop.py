@@ -41,7 +41,7 @@ from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, ma_table_1, ma
 from fg_nav.lab.simulation.walk import Streams
 from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.magnetic.compass import compute_field_heading, compute_level_R_body, rotate_to_level
+from fg_nav.magnetic.footfall_field import compute_field_heading, compute_level_R_body, rotate_to_level
 from fg_nav.recording import TrajectoryTruth
 
 LOOP = "calibration-loop"
