@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from fg_nav.commands import TUNED, Target, run_methods, simulate_walk
-from fg_nav.commands.simulate import write_simulation
 from fg_nav.errors import EstimationError
 from fg_nav.estimators import DEFAULT_METHOD, find_estimator
 from fg_nav.navigate import navigate, prepare_walk
@@ -71,6 +70,8 @@ def compare(recording: Path, methods: str, options: Options, format: str | None,
 
 def demo(seed: int, out: Path | None, force: bool) -> None:
     """Simulate one minute of walking, and compare the methods on it."""
+    from fg_nav.commands.simulate import write_simulation  # loads the simulator, which no other of these needs
+
     target = Target(out, force, "demo", DEMO_FILES)
     simulated = simulate_walk("demo", seed)
     with target.open() as folder:
