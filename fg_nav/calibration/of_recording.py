@@ -23,11 +23,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Strict, ValidationError, create_model
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.at_rest import (
@@ -144,9 +145,11 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
         return _restore(kind, part)
     except CalibrationError as error:
         raise CalibrationError(f"{path.name}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        where = f" at {error}" if isinstance(error, KeyError) else ""
+    except ValidationError as error:
+        where = "".join(f" at '{key}'" for key in error.errors()[0]["loc"][:1])
         raise CalibrationError(f"{path.name} is damaged in its part '{name}'{where}: calibrate again.") from None
+    except (ValueError, OverflowError):
+        raise CalibrationError(f"{path.name} is damaged in its part '{name}': calibrate again.") from None
 
 
 def _check_at_rest(path: Path, name: str, part: AtRest) -> AtRest:
@@ -159,44 +162,26 @@ def _check_at_rest(path: Path, name: str, part: AtRest) -> AtRest:
     return part
 
 
-def _restore(kind: type[Part], part: Mapping[str, Any]) -> Part:
-    """Build a dataclass of numbers, arrays and texts from what JSON made of it."""
-    hints = get_type_hints(kind)
-    return kind(**{item.name: _value(hints[item.name], part[item.name]) for item in fields(kind)})  # type: ignore[arg-type]
+def _restore(kind: type[Part], part: object) -> Part:
+    """Build a dataclass of numbers, arrays and texts from what JSON made of it; raises `ValidationError`."""
+    types: dict[str, Any] = {name: (_AS_JSON[hint], ...) for name, hint in get_type_hints(kind).items()}
+    return kind(**dict(create_model(kind.__name__, **types).model_validate(part)))
 
 
-def _value(kind: object, value: Any) -> object:
-    """A value as its type hint has it; null is an infinite sigma."""
-    if kind is str:
-        return _text(value)
-    if kind == tuple[str, ...]:
-        return tuple(_text(item) for item in value)
-    if kind is int or kind is bool:
-        return _whole(value, kind)
-    return _number(value) if kind is float else np.array(_numbers(value), dtype=np.float64)
+_Number: TypeAlias = Annotated[float, Strict(), BeforeValidator(lambda value: np.inf if value is None else value)]
+"""Null is an infinite sigma."""
 
-
-def _numbers(value: Any) -> Any:
-    """Numbers in lists of any depth."""
-    return [_numbers(item) for item in value] if isinstance(value, list) else _number(value)
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError(value)
-    return value
-
-
-def _whole(value: object, kind: type[int]) -> int:
-    if not isinstance(value, int):
-        raise TypeError(value)
-    return kind(value)
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, str | bool):
-        raise TypeError(value)
-    return float("inf") if value is None else float(value)
+_AS_JSON: Mapping[object, object] = {
+    str: Annotated[str, Strict()],
+    int: Annotated[int, Strict()],
+    bool: Annotated[bool, Strict()],
+    float: _Number,
+    Floats: Annotated[
+        list[_Number] | list[list[_Number]], AfterValidator(lambda rows: np.array(rows, dtype=np.float64))
+    ],
+    tuple[str, ...]: tuple[Annotated[str, Strict()], ...],
+}
+"""What each type of a part is in JSON."""
 
 
 ON_FOOT = ("walk", "levelled")
