@@ -284,3 +284,12 @@ def test_an_optimizer_finds_the_heading():
     result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     assert np.degrees(result.atPose3(X(0)).rotation().yaw()) == pytest.approx(0.0, abs=1.5)
     assert result.atVector(M(0))[IRON][2] == pytest.approx(8.0, abs=2.0)
+
+
+def test_climbing_through_the_vertical_field_adds_nothing() -> None:
+    t, up = np.linspace(0.0, 1.0, 11), 44.0
+    position = np.outer(t, [1.0, 0.5, 2.0])
+    R, field = np.tile(np.eye(3), (11, 1, 1)), np.tile([3.0, 20.0, up], (11, 1))
+    ends = np.array([0.0, 1.0])
+    left = np.diff(integrate_field(t, R, position, field, ends, vertical_uT=up).u)[0]
+    assert left == pytest.approx(3.0 * 1.0 + 20.0 * 0.5)
