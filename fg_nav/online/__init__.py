@@ -1,8 +1,9 @@
 """Navigating while the walk goes on: samples in, an estimate for each footfall out, and at the end the whole walk.
 
-The data's way: `judge` (which samples of a stream to take) with `overlap` (which of a resumed stream are new),
-`fg_nav.detection.causal` (footfalls), `navigator` (hands them to `fg_nav.online.smoother`), `store` (the samples so
-far), `checkpoint` (save and resume).
+The data's way: `sources` (rows as they come), `judge` (which of them to take) with `overlap` (which of a resumed stream
+are new), `buffer` (the samples so far), `fg_nav.detection.causal` (footfalls), `navigator`, which hands them to
+`smoother` (`strides`, `field`; `isam2` or `fixed_lag`), `estimates` (lines of JSON), `checkpoint` (save and resume);
+`follow` calls them until the stream ends.
 """
 
 from fg_nav.online.checkpoint import load, save
