@@ -14,11 +14,10 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -31,6 +30,7 @@ from fg_nav.online.checkpoint import collect_content, write_content
 from fg_nav.online.estimates import LineServer, StanceEstimate, format_estimate
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.online.sources import RowReader, Source, open_source
+from fg_nav.signals import catch_signals
 from fg_nav.text import to_json
 
 Say = Callable[[str], None]
@@ -66,30 +66,6 @@ class StreamOptions:
     stalled_s: float = 5.0
     until_silent_s: float | None = None
     calibration: Calibration | None = None
-
-
-class Stop(threading.Event):
-    """Set by a signal; made by `on_signals`."""
-
-
-@contextmanager
-def on_signals() -> Iterator[Stop]:
-    """Yield an event that SIGINT or SIGTERM sets; a second one of them interrupts as usual."""
-    stop = Stop()
-    before: dict[int, Any] = {}
-
-    def set_stop(number: int, frame: FrameType | None) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    if threading.current_thread() is threading.main_thread():
-        before = {number: signal.signal(number, set_stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def follow_source(
@@ -291,7 +267,10 @@ def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
         until_silent_s=_check_positive(request.silence_s, "--silence"),
         calibration=calibration,
     )
-    with on_signals() as stop, closing(open_source(request.source, request.baud)) as source:
+    with (
+        catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
+        closing(open_source(request.source, request.baud)) as source,
+    ):
         if request.serve is None:
             return StreamedWalk(follow_source(source, options, emit, remark, stop), source.name, calibration)
         with closing(LineServer(request.serve)) as server:

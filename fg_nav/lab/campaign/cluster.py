@@ -8,7 +8,8 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from time import monotonic, sleep
+from threading import Event
+from time import monotonic
 from typing import Any, TypeAlias
 
 from fg_nav.errors import CampaignError
@@ -142,14 +143,21 @@ class Cluster:
                 yield local.scheduler_address
 
 
-def connect(address: str, patience_s: float = 0.0) -> Client | None:
-    """Return a client of a scheduler, or None if it does not answer for so long."""
+def connect(address: str, stop: Event, patience_s: float = 0.0) -> Client | None:
+    """Return a client of a scheduler, or None if it does not answer for so long; interrupted if `stop` is set."""
     end = monotonic() + patience_s
     client = _connect_once(address)
     while client is None and monotonic() < end:
-        sleep(RETRY_S)
+        stop.wait(RETRY_S)
+        check_stop(stop)
         client = _connect_once(address)
     return client
+
+
+def check_stop(stop: Event) -> None:
+    """Raise `KeyboardInterrupt` if Ctrl-C was pressed: here it cannot get lost."""
+    if stop.is_set():
+        raise KeyboardInterrupt
 
 
 def _connect_once(address: str) -> Client | None:

@@ -12,6 +12,8 @@ the scheduler is gone        what has not come back is sent again when it is the
 there is no worker           it is reported, and waited for as long
 scheduler or workers have    the campaign stops: what they would bring is of another program
 other code, or none
+Ctrl-C                       the campaign stops before the next outcome, within a second or two; a second Ctrl-C
+                             interrupts at once
 ============================ ========================================================================================
 
 An outcome that comes twice is the same files again.
@@ -19,13 +21,16 @@ An outcome that comes twice is the same files again.
 
 from __future__ import annotations
 
+import signal
 import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from queue import Empty, Queue
+from threading import Event
 from time import monotonic
 from typing import Any, TypeAlias
 
@@ -39,6 +44,7 @@ from fg_nav.lab.campaign.cluster import (
     Notify,
     Workers,
     check_code,
+    check_stop,
     connect,
     disconnect,
     is_of_other_code,
@@ -48,6 +54,7 @@ from fg_nav.lab.campaign.execute import Task, TaskResults, WorkerError, describe
 from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result
+from fg_nav.signals import catch_signals
 
 KILLED = "it ended its worker, again and again: out of memory, or a crash"
 """Why there is nothing of a result that ended too many workers."""
@@ -77,27 +84,37 @@ def dispatch(
     ------
     CampaignError
         If scheduler or workers are gone for longer than the cluster's patience, or have other code.
+    KeyboardInterrupt
+        After Ctrl-C.
     """
     queue = TaskQueue(tasks)
-    with cluster.start(tasks) as address:
-        client = connect(address)
-        if client is None:
-            raise CampaignError(
-                f"no Dask scheduler answers at {address}: start one with `dask scheduler`, or leave --scheduler out."
-            )
-        while client is not None:
-            try:
-                Dispatcher(client, cluster, queue, take, notify, show).run()
-                return
-            except LostError:
-                notify(f"the scheduler at {address} is gone: trying again for {cluster.patience_s:.0f} s")
-            finally:
-                disconnect(client)
-            client = connect(address, cluster.patience_s)
+    with catch_signals(signal.SIGINT) as stop:
+        with cluster.start(tasks) as address:
+            begin = partial(Dispatcher, cluster=cluster, queue=queue, take=take, notify=notify, show=show)
+            _run_at(address, cluster, notify, stop, begin)
+        check_stop(stop)
+
+
+def _run_at(address: str, cluster: Cluster, notify: Notify, stop: Event, begin: Callable[[Client], Dispatcher]) -> None:
+    """Let dispatchers work at this scheduler, one after the other while it is lost and found again."""
+    client = connect(address, stop)
+    if client is None:
         raise CampaignError(
-            f"the scheduler at {address} has been gone for {cluster.patience_s:.0f} s: "
-            "what is done is stored, and the same command goes on from there."
+            f"no Dask scheduler answers at {address}: start one with `dask scheduler`, or leave --scheduler out."
         )
+    while client is not None:
+        try:
+            begin(client).run(stop)
+            return
+        except LostError:
+            notify(f"the scheduler at {address} is gone: trying again for {cluster.patience_s:.0f} s")
+        finally:
+            disconnect(client)
+        client = connect(address, stop, cluster.patience_s)
+    raise CampaignError(
+        f"the scheduler at {address} has been gone for {cluster.patience_s:.0f} s: "
+        "what is done is stored, and the same command goes on from there."
+    )
 
 
 class TaskQueue:
@@ -144,10 +161,11 @@ class Dispatcher:
         self._troubles: Counter[Key] = Counter()
         self._workers = Workers(client, cluster, notify)
 
-    def run(self) -> None:
-        """Run the queue; what has not come back when the connection is lost is put back."""
+    def run(self, stop: Event) -> None:
+        """Run the queue until it is empty or `stop` is set; what has not come back is put back."""
         try:
             while self._queue or self._sent:
+                check_stop(stop)
                 self._workers.look(idle=not self._sent)
                 while task := self._queue.next(len(self._sent), len(self._workers.able)):
                     self._send(task)
@@ -155,7 +173,9 @@ class Dispatcher:
                 with suppress(Empty):
                     self._receive(self._done.get(timeout=LOOK_S))
                     while True:
+                        check_stop(stop)
                         self._receive(self._done.get_nowait())
+            check_stop(stop)
             self._show(len(self._workers.able))
         finally:
             for sent in self._sent.values():

@@ -1,4 +1,4 @@
-"""Work for a cluster that takes no time, and kills whoever does it where it is told to."""
+"""Work for a cluster that takes no time, kills whoever does it where it is told to, or never ends."""
 
 import os
 import signal
@@ -7,7 +7,10 @@ from pathlib import Path
 
 import psutil
 
-from fg_nav.lab.campaign.execute import Task, TaskResults
+from fg_nav import cli
+from fg_nav.lab.campaign import command
+from fg_nav.lab.campaign.cluster import Cluster
+from fg_nav.lab.campaign.execute import Task, TaskResults, run_task
 from fg_nav.lab.campaign.walks import Simulated
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
@@ -36,6 +39,24 @@ def work(asked: Task) -> TaskResults:
     if asked.group == "slow":
         time.sleep(0.3)
     return TaskResults(results(asked), code_sum(), 0.01)
+
+
+LAST = "108"
+"""The walk that `hold` does not make."""
+
+
+def hold(asked: Task) -> TaskResults:
+    """Make the results as a worker does, but those of the last walk only when the campaign is gone."""
+    campaign = os.getppid()
+    while asked.walk == LAST and os.getppid() == campaign:
+        time.sleep(0.05)
+    return run_task(asked)
+
+
+def run_held():
+    """The command line, whose campaigns hold the last walk."""
+    command.choose_cluster = lambda request: Cluster(None, request.workers, work=hold)
+    cli.main()
 
 
 def until_gone(group):

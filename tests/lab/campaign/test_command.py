@@ -352,22 +352,30 @@ def test_a_word_that_is_no_address_is_refused_without_a_traceback_of_dask(tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+def start_held(plan, *words):
+    """A campaign in a process of its own, once it has its first result; it never makes those of the last walk."""
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
+    code = "from tests.lab.campaign.fakes import run_held; run_held()"
+    line = [sys.executable, "-c", code, *words]
+    paths = os.pathsep.join(map(str, (ROOT, Path(__file__).parents[3])))
+    variables = os.environ | {"PYTHONPATH": paths}
+    process = subprocess.Popen(line, env=variables, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    results = Path(words[words.index("--out") + 1]) / RESULTS_FOLDER
+    while process.poll() is None and not any(results.glob("*.json")):
+        time.sleep(0.01)
+    return process, results
+
+
 def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     """The program itself, with its own cluster, is killed with a cell done; its workers go with it."""
-    plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
-    cells = tmp_path / "out" / RESULTS_FOLDER
-    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
-    variables = os.environ | {"PYTHONPATH": str(ROOT)}
-    first = subprocess.Popen([sys.executable, "-m", "fg_nav.cli", *words], env=variables, start_new_session=True)
-    while first.poll() is None and not (cells.is_dir() and any(cells.glob("*.json"))):
-        time.sleep(0.01)
+    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "2"]
+    first, cells = start_held(plan, *words)
     first.send_signal(signal.SIGKILL)
-    first.wait()
-    there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
-    assert 0 < len(there) < 16
+    first.communicate()
     assert not (tmp_path / "out" / RESULTS).exists()
     fakes.until_gone(first.pid)
     there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
+    assert 0 < len(there) < 16
     second = in_a_process(*words)
     assert (second.code, second.err) == (0, "")
     assert f"16 results, {len(there)} of them from before" in second.out
@@ -379,14 +387,7 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
 
 def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(tmp_path, plan, made):
     """All processes of a terminal get the signal; only the campaign says a word."""
-    plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
-    results = tmp_path / "out" / RESULTS_FOLDER
-    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "2"]
-    line = [sys.executable, "-m", "fg_nav.cli", *words]
-    variables = os.environ | {"PYTHONPATH": str(ROOT)}
-    first = subprocess.Popen(line, env=variables, start_new_session=True, stderr=subprocess.PIPE, text=True)
-    while first.poll() is None and not (results.is_dir() and any(results.glob("*.json"))):
-        time.sleep(0.01)
+    first, results = start_held(plan, "campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "2")
     os.killpg(first.pid, signal.SIGINT)
     _, said = first.communicate(timeout=90.0)
     assert first.returncode == 130
