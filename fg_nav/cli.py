@@ -359,6 +359,10 @@ def simulate(
     calibrated: Annotated[
         bool, typer.Option("--calibrated", help="A perfectly calibrated magnetometer: only noise is left.")
     ] = False,
+    rests: Annotated[
+        Literal["still", "rocking", "none"] | None,
+        typer.Option(help="What the foot does where the person stands; none: there is no standing."),
+    ] = None,
     out: OutDir = None,
     force: Force = False,
 ) -> None:
@@ -366,7 +370,8 @@ def simulate(
     from fg_nav.commands.simulate import simulate
     from fg_nav.lab.simulation import Choices
 
-    simulate(scenario, seed, Choices(sensor, site, field, worn, rate, turn, calibrated), out, force)
+    choices = Choices(sensor, site, field, worn, rate, turn, calibrated, rests=rests)
+    simulate(scenario, seed, choices, out, force)
 
 
 @app.command()

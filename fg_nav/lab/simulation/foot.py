@@ -17,10 +17,11 @@ Pivot and angles are sums of ramps, their shocks bursts (`fg_nav.lab.simulation.
 
 * the foot rolls slowly forward about the pivot, so that the sensor moves by w x r and does not stand still;
 * the sole gives way under the load and springs back in the next push-off; a foot that stands on stays pressed;
-* the foot slips a little, mostly forward, in one stride much as in the last; the next swing makes up for it.
+* the foot slips a little, mostly forward, in one stride much as in the last; the next swing makes up for it;
+* a sensor in the heel rocks on it to and fro (`fg_nav.lab.simulation.rocking`).
 
-Between strides the foot stands and sways. Every stride differs in vigour; short strides are gentler, fast ones hit
-harder.
+Between strides the foot stands and sways, or rocks on. Every stride differs in vigour; short strides are gentler, fast
+ones hit harder.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, average_over_period
 from fg_nav.lab.simulation.mount import Mount, draw_shocks
 from fg_nav.lab.simulation.person import Person
+from fg_nav.lab.simulation.rocking import draw_rocking
 from fg_nav.lab.simulation.steps import (
     ASIDE,
     DROP,
@@ -115,7 +117,9 @@ class FootMotion:
         return average_over_period(self, t, period_s, nodes=int(np.ceil(1 + period_s / NODE_S)))
 
 
-def build_foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.random.Generator) -> FootMotion:
+def build_foot_motion(
+    strides: Strides, person: Person, mount: Mount, rng: np.random.Generator, restless: bool = False
+) -> FootMotion:
     """Motion of a sensor on the foot that makes these strides.
 
     Parameters
@@ -124,6 +128,7 @@ def build_foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.ra
     person : how.
     mount : where the sensor sits; drawn here where it still has scatter.
     rng : draws what varies from stride to stride.
+    restless : the foot rocks in standing as it walks, wherever the sensor is.
 
     Raises `SimulationError` if strides overlap, last no time, or are not finite.
     """
@@ -131,14 +136,20 @@ def build_foot_motion(strides: Strides, person: Person, mount: Mount, rng: np.ra
     steps = draw_steps(strides, person, drawn.unrest, rng)
     leans = drawn.unrest * (1 + rng.standard_normal((2, len(steps))))
     east, north = _move_level(steps)
+    tracks: dict[str, Track] = {
+        "east": east,
+        "north": north,
+        "up": _move_up(steps),
+        "roll": _move_roll(steps, leans[0], rng),
+        "pitch": _move_pitch(steps, rng),
+        "yaw": _move_yaw(steps, leans[1], rng),
+    }
+    bursts = draw_shocks(steps, drawn, rng)
+    rate, standing = person.rocking_rad_s, float(restless)
+    rocking = draw_rocking(steps, drawn.rocking * rate, standing * rate, drawn.lever_m[:2], rng)
     return FootMotion(
-        east=_make_ramps(east),
-        north=_make_ramps(north),
-        up=_make_ramps(_move_up(steps)),
-        roll=_make_ramps(_move_roll(steps, leans[0], rng)),
-        pitch=_make_ramps(_move_pitch(steps, rng)),
-        yaw=_make_ramps(_move_yaw(steps, leans[1], rng)),
-        bursts=draw_shocks(steps, drawn, rng),
+        **{name: _make_ramps((begun, [*moves, rocking[name]])) for name, (begun, moves) in tracks.items()},
+        bursts=bursts,
         lever_m=np.array(drawn.lever_m),
         foot_R_body=drawn.foot_R_body,
         flat=steps.flat,

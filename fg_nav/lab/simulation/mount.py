@@ -45,6 +45,7 @@ class Mount:
     tilt_rad, tilt_sd_rad : roll, pitch and yaw of the sensor's axes in the foot frame, mean and scatter over mountings.
     shock : strength of the gait's shocks at this place, the instep being 1.
     unrest : how much of what a foot turns and trembles in stance reaches this place, the instep being 1.
+    rocking : how much of a foot's rocking to and fro in stance (`fg_nav.lab.simulation.rocking`) reaches this place.
     ringing : of the sensor on its mounting, after each heel strike.
     shock_seed : draws in which direction and phase shocks move this sensor; None before it is mounted.
     """
@@ -54,12 +55,13 @@ class Mount:
     tilt_sd_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shock: float = 1.0
     unrest: float = 1.0
+    rocking: float = 0.0
     ringing: Shock = NO_RINGING
     lever_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shock_seed: int | None = None
 
     def __post_init__(self) -> None:
-        checks.not_negative(self, "shock", "unrest")
+        checks.not_negative(self, "shock", "unrest", "rocking")
         for name in ("lever_m", "lever_sd_m", "tilt_rad", "tilt_sd_rad"):
             checks.vector(self, name)
         for name in ("lever_sd_m", "tilt_sd_rad"):
@@ -104,11 +106,13 @@ HEEL = Mount(
     tilt_sd_rad=(to_radians(2.0), to_radians(2.0), to_radians(3.0)),
     shock=1.6,
     unrest=0.15,
+    rocking=1.0,
     ringing=Shock(5.0, to_radians(10.0), 55.0, 0.08),
 )
 """A module in the heel of the shoe (Ma et al. 2018): low, firmly held, and where the heel hits the ground. In stance
-the body's weight stands on it, while the instep goes along with the shin; how much less it turns (`unrest`) is assumed,
-as is `shock`: there is no recording of a heel with a truth to measure it on, and the drift in height hangs on it."""
+the body's weight stands on it, while the instep goes along with the shin. How much less it turns with the shin
+(`unrest`), that it rocks on the heel's pad instead (`rocking`), and `shock` are assumed: there is no recording of a
+heel with a truth to measure them on, and the drift in height hangs on the last."""
 
 MOUNTS = {"instep": INSTEP, "heel": HEEL}
 

@@ -77,7 +77,7 @@ class Variety:
     height : clearance and height of the heel, and again that in mid-swing (gdin: rise of the sensor of 7.6-12 cm, in
         which the mount has a part).
     swing_share : added to it (gdin: 0.22-0.30 of a stride detected as stance, in which the pace has a part).
-    turning : pitch, roll and yaw in stance (gdin: 7-18 deg/s at the stillest instant).
+    turning : pitch, roll and yaw in stance, and of rocking (gdin: 7-18 deg/s at the stillest instant).
     sole : by how much it gives way (Vicon: sinking at 1 to 14 mm/s).
     slip : of its mean, which is anything from 1 - slip to 1 + slip of the gait's (assumed: shoes from none to twice).
     shock : of the logarithm of the strength, of each shock by itself (gdin: peaks of 32-60 m/s^2, half of it by pace).
@@ -257,6 +257,8 @@ class Person:
         of the foot, as people take them; a stair is met with the forefoot, going down with the toe first.
     sway_rad, sway_s : while standing the shin sways: standard deviation and duration of one sway, as it reaches the
         foot (a loaded foot turns by hundredths of a degree; posturography: sway of 0.3 to 1 Hz).
+    rocking_rad_s : rms rate at which a foot that does not come to rest rocks on its sole (assumed; with what it turns
+        besides, 4 to 9 deg/s in a heel).
     """
 
     walk: Gait = Gait()
@@ -330,9 +332,10 @@ class Person:
     )
     sway_rad: float = to_radians(0.04)
     sway_s: float = 1.5
+    rocking_rad_s: float = to_radians(5.5)
 
     def __post_init__(self) -> None:
-        checks.not_negative(self, "sway_rad")
+        checks.not_negative(self, "sway_rad", "rocking_rad_s")
         checks.positive_finite(self, "sway_s")
 
     def gait(self, style: Style) -> Gait:
@@ -350,7 +353,8 @@ class Person:
         trodden = {name: by for name, by in factors.items() if name != "stride_m"}
         walks = {name: getattr(self, name).scaled(factors, longer_swing) for name in ("walk", "run")}
         others = {name: getattr(self, name).scaled(trodden, longer_swing) for name in _PLANNED}
-        return replace(self, **walks, **others)
+        rocking = self.rocking_rad_s * float(np.exp(variety.turning * draw_usual(rng)))
+        return replace(self, **walks, **others, rocking_rad_s=rocking)
 
 
 _PLANNED = ("stairs_up", "stairs_down", "turn")

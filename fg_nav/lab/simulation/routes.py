@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Path, Pose, arc, closed_curve, open_curve, polyline, straight
 from fg_nav.lab.simulation.person import Person
@@ -22,6 +23,9 @@ from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk,
 REST_S = 5.0
 LONG_REST_S = 10.0
 """Rests at both ends; the longer one for walks of more than ten minutes."""
+
+STANCE_S = 0.35
+"""What a walk without rests begins and ends with: the stance of a usual stride."""
 
 CORNER_M = 1.2
 """Radius at which people take a corner of a corridor."""
@@ -150,6 +154,17 @@ def demo() -> list[Section]:
 def at_rest() -> list[Section]:
     """An hour in one place: only for a sensor on a table."""
     return [Stand(3600.0)]
+
+
+def remove_rests(sections: Sequence[Section]) -> list[Section]:
+    """Leave out all standing but a stance before the first stride and after the last.
+
+    Raises `SimulationError` if there is nothing but standing.
+    """
+    moving: list[Section] = [section for section in sections if not isinstance(section, Stand)]
+    if not moving:
+        raise SimulationError("nothing is left of a course without its rests: choose one that goes somewhere.")
+    return [Stand(STANCE_S), *moving, Stand(STANCE_S)]
 
 
 def rotate(sections: Sequence[Section], angle: float) -> list[Section]:

@@ -2,6 +2,7 @@
 
     like = "office"                     # where worn, sensor, site and field come from; all of them can be given too
     field = "smooth"
+    rests = "none"                      # the foot stands still, rocking, or not at all ("none")
     magnets = [[1.5, 10.0, 0.0]]        # east, north, up of permanent magnets, m
 
     [course]
@@ -37,7 +38,7 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Path, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
-from fg_nav.lab.simulation.scenarios import Scenario, Worn, scenario
+from fg_nav.lab.simulation.scenarios import Rests, Scenario, Worn, scenario
 from fg_nav.lab.simulation.sensors import SensorPrior
 
 SUFFIX = ".toml"
@@ -106,6 +107,7 @@ class ScenarioTable(BaseModel):
     field: str | None = None
     magnets: tuple[tuple[Number, Number, Number], ...] = ()
     aligned: bool | None = None
+    rests: Rests | None = None
     sensor: Any = Field(default_factory=dict)
 
 
@@ -158,6 +160,7 @@ def _make_scenario(name: str, content: Mapping[str, Any]) -> Scenario:
         like.field if table.field is None else table.field,
         table.magnets,
         like.aligned if table.aligned is None else table.aligned,
+        table.rests or like.rests,
     )
 
 

@@ -38,6 +38,9 @@ from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, preset
 Worn: TypeAlias = Literal["heel", "instep", "pocket", "table"]
 WORN: tuple[Worn, ...] = get_args(Worn)
 
+Rests: TypeAlias = Literal["still", "rocking", "none"]
+RESTS: tuple[Rests, ...] = get_args(Rests)
+
 Route: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
 
 STREET_FIELDS: Mapping[str, tuple[tuple[tuple[float, float, float], ...], float]] = {
@@ -69,6 +72,8 @@ class Scenario:
     magnets : positions (3,) m of permanent magnets on the floor, with `FLOOR_MAGNET_MOMENT`.
     aligned : a sensor in a pocket sits as the thigh does, x forward and z along the bone, as strapped to it; otherwise
         it is turned as drawn by the seed. Nothing to sensors elsewhere.
+    rests : whether the foot stands still between paths, rocks there, or does not stand at all: the recording then
+        begins in a stance of the first stride and ends in one of the last.
     """
 
     name: str
@@ -80,6 +85,7 @@ class Scenario:
     field: str = "indoor"
     magnets: tuple[tuple[float, float, float], ...] = ()
     aligned: bool = False
+    rests: Rests = "still"
 
     @property
     def prior(self) -> SensorPrior:
@@ -93,7 +99,7 @@ class Choices:
 
     Attributes
     ----------
-    sensor, site, field, worn : see `Scenario`.
+    sensor, site, field, worn, rests : see `Scenario`.
     rate_hz : of the recording; None for the sensor's own.
     turned_deg : the whole course, clockwise.
     calibrated : leave out the magnetometer's hard and soft iron.
@@ -108,16 +114,18 @@ class Choices:
     turned_deg: float = 0.0
     calibrated: bool = False
     aligned: bool = False
+    rests: Rests | None = None
 
     def apply_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with what was chosen in place of its defaults.
 
-        Raises `SimulationError` for a sensor or a place to wear it that does not exist, a rate or turn that cannot be,
-        or the calibration of a magnetometer that the sensor has not.
+        Raises `SimulationError` for a sensor, a place to wear it or a kind of rests that does not exist, a rate or turn
+        that cannot be, or the calibration of a magnetometer that the sensor has not.
         """
-        chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn")}
+        chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn", "rests")}
         changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
         _check_worn(changed.worn)
+        _check_rests(changed.rests)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
         prior = _remove_iron(prior) if self.calibrated else prior
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
@@ -127,6 +135,11 @@ class Choices:
 def _check_worn(worn: str) -> None:
     if worn not in WORN:
         raise SimulationError(f"a sensor cannot be worn at '{worn}': choose one of {', '.join(WORN)}.")
+
+
+def _check_rests(rests: str) -> None:
+    if rests not in RESTS:
+        raise SimulationError(f"rests cannot be '{rests}': choose one of {', '.join(RESTS)}.")
 
 
 def _remove_iron(prior: SensorPrior) -> SensorPrior:

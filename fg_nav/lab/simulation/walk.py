@@ -33,6 +33,7 @@ from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
 from fg_nav.lab.simulation.mount import find_mount
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Crossing, Section, Stand, plan_with_landmarks
+from fg_nav.lab.simulation.routes import remove_rests
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
 from fg_nav.lab.simulation.sensors import SensorRun
 from fg_nav.lab.simulation.thigh import Pocket, build_thigh_motion
@@ -202,6 +203,7 @@ def _check_size(end_s: float, rate_hz: float) -> None:
 
 def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
     sections = chosen.route(streams.of_this_walk("course"))
+    sections = remove_rests(sections) if chosen.rests == "none" else sections
     if chosen.worn == "table":
         return make_no_strides(sections), ()
     return plan_with_landmarks(sections, person, streams.of_this_walk("strides"))
@@ -215,7 +217,7 @@ def _make_motion(chosen: Scenario, strides: Strides, person: Person, streams: St
         pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
         return build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
     mount = find_mount(chosen.worn).draw(streams.lasting("mount"))
-    foot = build_foot_motion(strides, person, mount, streams.of_this_walk("foot"))
+    foot = build_foot_motion(strides, person, mount, streams.of_this_walk("foot"), chosen.rests != "still")
     return foot, foot.flat
 
 
