@@ -31,16 +31,19 @@ horizontal field E, to the right of it, is the deviation of the place and of its
 
     e = (n_E E_N - n_N E_E) / |E| - delta - rho.
 
-A pose that is turned too far counter-clockwise sees the field turned to the left of E by as much. About up,
+A field indoors is no plumb line and must not tilt the attitude: about the horizontal axes n would change by the
+vertical field, more than twice the horizontal one in Europe. So the field is levelled by an attitude nav_R_level that
+is held, and only the turn psi about up from there to R counts (`rotation.turn_from`), Rz(psi) the rotation by it:
 
-    de/dpose = [-(n . E) / |E| e_z^T R, 0],     de/dE = -(n . E) / |E|^2 c,     de/dh = -L R_h^T c,
+    n = Rz(psi) nav_R_level (y - L^T h).
 
-c the unit vector across E and R_h the two horizontal rows of R.
+A pose that is turned too far counter-clockwise sees the field turned to the left of E by as much:
 
-Tilt. The field is levelled by `nav_R_level`, and only a turn about up from there counts: a field indoors is no plumb
-line and must not tilt the attitude. Here nav_R_level is the attitude at hand, whose tilt the derivative leaves out:
-about the horizontal axes e would change by the vertical field, more than twice the horizontal one in Europe. The error
-of the tilt belongs in the noise.
+    de/dpose = [-(n . E) / |E| dpsi/dpose, 0],     de/dE = -(n . E) / |E|^2 c,     de/dh = -L nav_R_level^T Rz^T c,
+
+c the unit vector across E. With the tilt of nav_R_level dpsi/dpose is e_z^T R: no pose is tilted. (No function of the
+attitude has that derivative at every tilt, for turns about level axes do not commute.) nav_R_level is the attitude of
+the solution before; the error of its tilt belongs in the noise.
 
 With an innovation of none, delta is one unknown for a whole stretch (field differences); with a spread of none, the
 field is known everywhere (absolute heading). A magnet moves delta where it lies, and not the heading.
@@ -61,14 +64,13 @@ over the displacements of the body frame, R^T dp, which an inertial trajectory k
 
 A turn of the whole trajectory about up changes neither u nor s. So the residual of the stride from footfall k to k + 1,
 
-    e = E_h . (R_k d_k)_h + h . s_k + phi_k - phi_k+1 - u_k     (uT m),     d_k = R_k^T (p_k+1 - p_k),
+    e = E_h . n_h + h . s_k + phi_k - phi_k+1 - u_k     (uT m),     n = Rz(psi_k) nav_R_level d_k,
 
-shows the heading of R_k. d_k, s_k and u_k are all from one trajectory, and held while the attitude moves:
+shows the heading of R_k: psi_k is its turn about up from nav_R_level, as above. d_k = nav_R_level^T (p_k+1 - p_k), s_k
+and u_k are all from one trajectory, and held while the attitude moves:
 
-    de/dpose_k = [(n_E E_N - n_N E_E) e_z^T R_k, 0],     n = R_k d_k,
+    de/dpose_k = [(n_E E_N - n_N E_E) dpsi/dpose, 0],
     de/dE_h = n_h,     de/dh = s_k,     de/dphi_k = 1,     de/dphi_k+1 = -1.
-
-Only turns about up count, with the tilt of `nav_R_level` as above: the field is no plumb line.
 
 What d_k is wrong by, u_k is wrong by as well. Where the path is false by a course of f(t), from f_k to f_k+1,
 
@@ -110,6 +112,7 @@ from typing import ClassVar
 import numpy as np
 
 from .residual import Array
+from .rotation import turn_from
 
 SIZE = 8
 """Numbers of a state."""
@@ -182,7 +185,7 @@ def across_field(nav_field: Array, horizontal: Array) -> Array:
 class MagneticHeading:
     """Compass at a footfall; variables nav_T_body and the state m of the field.
 
-    `body_field` (..., 3) uT; `level_R_body` (..., 3, 3); `sigma_uT` (...).
+    `body_field` (..., 3) uT; `level_R_body`, `nav_R_level` (..., 3, 3); `sigma_uT` (...).
     """
 
     name: ClassVar[str] = "magnetic heading"
@@ -191,16 +194,18 @@ class MagneticHeading:
 
     body_field: Array
     level_R_body: Array
+    nav_R_level: Array
     sigma_uT: Array
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
         """Return the residual (..., 1) and its Jacobians by pose and state."""
         nav_T_body, m = variables
-        nav_R_level = nav_T_body[..., :3, :3]
         east, north = m[..., EAST], m[..., NORTH]
         strength = np.sqrt(east * east + north * north)
         body_field = self.body_field - (m[..., None, IRON] @ self.level_R_body)[..., 0, :]
-        n = (nav_R_level[..., :2, :] @ body_field[..., None])[..., 0]
+        turn, by_turn = _level_turn(self.nav_R_level, nav_T_body)
+        level = turn @ self.nav_R_level[..., :2, :]
+        n = (level @ body_field[..., None])[..., 0]
         across = (n[..., 0] * north - n[..., 1] * east) / strength
         e = ((across - m[..., DELTA] - m[..., RHO]) / self.sigma_uT)[..., None]
         if not with_jacobians:
@@ -210,12 +215,21 @@ class MagneticHeading:
         right = np.empty(n.shape)
         right[..., 0], right[..., 1] = north / strength, -east / strength
         by_pose, by_state = np.zeros((*e.shape, 6)), np.zeros((*e.shape, SIZE))
-        by_pose[..., 0, :3] = -along[..., None] * nav_R_level[..., 2, :]
+        by_pose[..., 0, :3] = -along[..., None] * by_turn
         by_state[..., 0, DELTA] = by_state[..., 0, RHO] = -weight
         by_state[..., 0, E_H] = -(along / strength)[..., None] * right
-        across_body = right[..., None, :] @ nav_R_level[..., :2, :]
+        across_body = right[..., None, :] @ level
         by_state[..., 0, IRON] = -weight[..., None] * (self.level_R_body @ np.swapaxes(across_body, -1, -2))[..., 0]
         return e, [by_pose, by_state]
+
+
+def _level_turn(nav_R_level: Array, nav_T_body: Array) -> tuple[Array, Array]:
+    """Rz(psi) over ground (..., 2, 2), and the derivative of psi by the pose's turn (..., 3)."""
+    c, s, by_turn = turn_from(nav_R_level, nav_T_body[..., :3, :3])
+    turn = np.empty((*c.shape, 2, 2))
+    turn[..., 0, 0] = turn[..., 1, 1] = c
+    turn[..., 0, 1], turn[..., 1, 0] = -s, s
+    return turn, by_turn
 
 
 @dataclass(frozen=True)
@@ -277,7 +291,7 @@ class FieldPotential:
     """Line integral of the field over a stride; variables nav_T_body at the footfall before it, and m before and after.
 
     `u` (...) uT m and `level_path` (..., 3) m of the stride, the latter in the axes of the iron; `body_move` (..., 3)
-    m, d in the body frame of the footfall before; `sigma_uT_m` (...).
+    m, d in the body frame of the footfall before; `nav_R_level` (..., 3, 3); `sigma_uT_m` (...).
     """
 
     name: ClassVar[str] = "field potential"
@@ -287,13 +301,14 @@ class FieldPotential:
     u: Array
     level_path: Array
     body_move: Array
+    nav_R_level: Array
     sigma_uT_m: Array
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
         """Return the residual (..., 1) and its Jacobians by pose and both states."""
         nav_T_body, before, after = variables
-        nav_R_level = nav_T_body[..., :3, :3]
-        n = (nav_R_level[..., :2, :] @ self.body_move[..., None])[..., 0]
+        turn, by_turn = _level_turn(self.nav_R_level, nav_T_body)
+        n = (turn @ self.nav_R_level[..., :2, :] @ self.body_move[..., None])[..., 0]
         east, north = before[..., EAST], before[..., NORTH]
         of_iron = (before[..., None, IRON] @ self.level_path[..., None])[..., 0, 0]
         expected = east * n[..., 0] + north * n[..., 1] + of_iron + before[..., PHI] - after[..., PHI]
@@ -303,7 +318,7 @@ class FieldPotential:
         weight = 1.0 / self.sigma_uT_m
         by_pose, by_before, by_after = (np.zeros((*e.shape, d)) for d in self.dims)
         about_up = (n[..., 0] * north - n[..., 1] * east) * weight
-        by_pose[..., 0, :3] = about_up[..., None] * nav_R_level[..., 2, :]
+        by_pose[..., 0, :3] = about_up[..., None] * by_turn
         by_before[..., 0, PHI] = weight
         by_before[..., 0, E_H] = n * weight[..., None]
         by_before[..., 0, IRON] = self.level_path * weight[..., None]

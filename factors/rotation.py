@@ -64,6 +64,21 @@ def turn_about_up(turn: Array) -> Array:
     return np.asarray(np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1]))
 
 
+def turn_from(nav_R_level: Array, nav_R_body: Array) -> tuple[Array, Array, Array]:
+    """Turn psi about up from attitudes (..., 3, 3) to others: cos psi, sin psi (...), derivative of psi (..., 3).
+
+    psi is the twist about up of D = nav_R_body nav_R_level^T, the angle of `turn_about_up`; its derivative is that by
+    the tangent space of nav_R_body. It is e_z^T nav_R_body where both have the same tilt.
+    """
+    D = nav_R_body @ np.swapaxes(nav_R_level, -1, -2)
+    c, s = D[..., 0, 0] + D[..., 1, 1], D[..., 1, 0] - D[..., 0, 1]
+    east, north = D[..., 2, 0], D[..., 2, 1]
+    square = c * c + s * s
+    by_nav = np.stack([s * north - c * east, -(s * east + c * north), square], axis=-1) / square[..., None]
+    length = np.sqrt(square)
+    return c / length, s / length, (by_nav[..., None, :] @ nav_R_body)[..., 0, :]
+
+
 def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array) -> tuple[Array, Array]:
     """Rotations of each sample of each stretch to its first, and their derivatives by the gyro bias.
 

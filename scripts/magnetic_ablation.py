@@ -108,13 +108,9 @@ VARIANTS: Mapping[str, Variant] = {
     **turn_switches(),
     "noise of the first solution": vary_magnetic(rounds=1),
     "one round more": vary_magnetic(rounds=DEFAULT.magnetic.rounds + 1),
-    "gate qsf-stance": vary_magnetic(gate="qsf-stance"),
-    "gate ma2018": vary_magnetic(gate="ma2018"),
-    "gate ma2018, hard": vary_magnetic(gate="ma2018", outside_gate=math.inf),
-    "gate aiez": vary_magnetic(gate="aiez"),
+    **{f"gate {name}": vary_magnetic(gate=name) for name in ("none", "aiez", "qsf", "iqsf", "qsf-stance")},
     "gyro noise as for short walks": Variant(replace(DEFAULT, **SWING)),
     "gyro noise x 0.25": Variant(replace(DEFAULT, **SWING, gyr_relative_density=0.25 * DEFAULT.gyr_relative_density)),
-    "no outliers": vary_magnetic(outlier_sigmas=1e6),
 }
 """By name. More are added here."""
 

@@ -36,7 +36,7 @@ has the wrong sign, half of the circle, and for AIEZ the declination's sign. doc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -121,6 +121,15 @@ class FootfallField:
 
     def __len__(self) -> int:
         return len(self.sample)
+
+    def select(self, rows: slice) -> FootfallField:
+        """Return some of its footfalls."""
+        return FootfallField(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    def join(self, other: FootfallField) -> FootfallField:
+        """Return its footfalls and those of another, in this order."""
+        both = (np.concatenate([getattr(self, one.name), getattr(other, one.name)]) for one in fields(self))
+        return FootfallField(*both)
 
     @cached_property
     def level_field(self) -> Floats:

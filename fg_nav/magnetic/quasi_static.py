@@ -23,7 +23,13 @@ from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, HEADING_DRIFT, Channel
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.text import format_count
 
-__all__ = ["DEFAULT", "DETECTORS", "Detector", "FieldVerdicts", "find_detector", "judge_field"]
+__all__ = ["DEFAULT", "DETECTORS", "GATES", "NO_GATE", "Detector", "FieldVerdicts", "find_detector", "judge_field"]
+
+NO_GATE = "none"
+"""The gate that every field passes."""
+
+GATES = (*DETECTORS, NO_GATE)
+"""Names of what decides whether the heading at a footfall is used."""
 
 NO_FIELD, TOO_LITTLE = "no field was measured at this footfall", "too little of the field was measured at this footfall"
 """Reasons; the second where a mean could be taken, and not what else a detector asks for."""
@@ -88,11 +94,28 @@ def find_detector(name: str) -> Detector:
     return DETECTORS[name]
 
 
+def apply_gate(field: FootfallField, gate: str) -> FieldVerdicts:
+    """Judge the field by the gate of this name, one of `GATES`; raises `MagneticError` as `find_detector`."""
+    if gate != NO_GATE:
+        return judge_field(field, gate)
+    seen = np.isfinite(field.strength)
+    reasons = tuple("there is no gate" if one else NO_FIELD for one in seen)
+    return FieldVerdicts(NO_GATE, np.where(seen, 0.0, np.nan), np.inf, reasons)
+
+
+def count_needed(gate: str) -> int | None:
+    """Latest footfalls that a verdict of this gate depends on; None for all so far, which align a heading offset."""
+    if gate == NO_GATE:
+        return 1
+    detector = find_detector(gate)
+    return _longest_span(detector) + 1 if detector.offset_column is None else None
+
+
 def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> FieldVerdicts:
     """Judge the field at each footfall by it and those before it.
 
-    One footfall after the other, the last `Detector.rows` that have a field are enough; with a heading offset, whose
-    alignment depends on earlier verdicts, all of them are needed.
+    One footfall after the other, the latest (`count_needed`) are enough; with a heading offset, whose alignment depends
+    on earlier verdicts, all of them are needed.
 
     Parameters
     ----------
@@ -136,9 +159,15 @@ def _find_complete(measured: Ints, detector: Detector) -> Bools:
     """(M,) True where the window that ends there has all its footfalls and they are near enough to each other."""
     complete = np.zeros(len(measured), dtype=bool)
     strides = detector.rows - 1
-    complete[strides:] = measured[strides:] - measured[: max(len(measured) - strides, 0)] <= 2 * strides
+    span = measured[strides:] - measured[: max(len(measured) - strides, 0)]
+    complete[strides:] = span <= _longest_span(detector)
     complete[: detector.alignment_footfalls] = False
     return complete
+
+
+def _longest_span(detector: Detector) -> int:
+    """Strides that a window may span, those without a field included."""
+    return 2 * (detector.rows - 1)
 
 
 def _cut_windows(values: Floats, ends: Ints, rows: int) -> Floats:

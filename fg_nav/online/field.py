@@ -1,8 +1,9 @@
 """The field of a walk in progress: the batch's states and residuals, one footfall at a time.
 
-How rough the field is, what disturbs it, and the stance's axes follow from the walk so far: at each re-solve from the
-batch's own rounds (`smoother.field`), in between from the last `RECENT` footfalls, each as it was seen at its time.
-Unlike in batch a verdict stays as it was given, and so does the noise of a footfall that is in the graph already.
+How rough the field is, and the stance's axes, follow from the walk so far: at each re-solve from the batch's own rounds
+(`smoother.field`), in between from the last `RECENT` footfalls, each as it was seen at its time. The gate judges a
+footfall by it and those before it, as in batch, with the attitudes known at the time. Unlike in batch a verdict stays
+as it was given, and so does the noise of a footfall that is in the graph already.
 """
 
 from __future__ import annotations
@@ -19,24 +20,23 @@ from fg_nav.errors import MagneticError
 from fg_nav.factors.magnetic_field import E_H, PHI, SIZE, FieldPotential, MagneticHeading
 from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.quasi_static import QUASI_STATIC, apply_gate, count_needed
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import COMPASS_SIGMA_UT, FieldSolution, judge_footfall
+from fg_nav.smoother.field import COMPASS_SIGMA_UT, FieldSolution, choose_steady
 from fg_nav.smoother.field_factors import (
     FieldRoughness,
     field_deviation,
     integrate_path,
     measure_roughness,
-    over_threshold,
     transition,
     usual_deviation,
 )
 from fg_nav.smoother.graph import Trajectory
-from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.stances import Stances
 
 RECENT = 4000
-"""Footfalls whose deviations show what is usual. A robust sigma needs a tenth of them; how regions differ, which are
-fifteen footfalls long, all."""
+"""Footfalls whose deviations show how rough the field is. A robust sigma needs a tenth of them; how regions differ,
+which are fifteen footfalls long, all. And the most that a gate judges a footfall by."""
 
 ROUGH_EVERY = 10
 """Footfalls after which the roughness is measured again."""
@@ -46,14 +46,15 @@ ROUGH_EVERY = 10
 class StrideField:
     """What a stride showed of the field.
 
-    `body_field` (3,) uT at its footfall, NaN where there was none; of the stride to it, as in `FieldPath`: `u` uT m,
-    `body_path` (3,) m in the body's axes, `body_move` (3,) m, `sigma_uT_m`, `distance_m`.
+    `footfall` is the field at its one footfall, NaN where there was none; of the stride to it, as in `FieldPath`: `u`
+    uT m, `body_path` (3,) m in the body's axes, `body_move` (3,) m, `nav_R_level` (3, 3), `sigma_uT_m`, `distance_m`.
     """
 
-    body_field: Floats
+    footfall: FootfallField
     u: float
     body_path: Floats
     body_move: Floats
+    nav_R_level: Floats
     sigma_uT_m: float
     distance_m: float
 
@@ -79,8 +80,10 @@ class OnlineField:
         nav = np.einsum("kij,kj->ki", nav_R_body, field.body_field)
         raw = field_deviation(nav, found.states[:, E_H])
         distance = np.append(0.0, factors.path.distance_m)
-        self._recent = deque(np.column_stack([raw, found.states[:, PHI], distance]), maxlen=RECENT)
-        self._disturbed = bool(factors.readings.disturbed[-1])
+        passed = np.array([word == QUASI_STATIC for word in found.verdict.words])
+        self._recent = deque(np.column_stack([raw, found.states[:, PHI], distance, passed]), maxlen=RECENT)
+        self._needed = min(count_needed(self._p.gate) or RECENT, RECENT)
+        self._judged = replace(field, nav_R_body=nav_R_body)
         self._rough, self._age = self._measure_roughness(), 0
         self.up_uT = float(np.nanmedian(nav[:, 2]))
 
@@ -107,50 +110,47 @@ class OnlineField:
         tuple
             The state (8,) to begin from, and the verdict.
         """
-        nav = pose.rotation().matrix() @ seen.body_field
-        raw = field_deviation(nav[None], before[None, E_H])[0]
-        statistic, verdict = self._judge(raw)
-        disturbed = statistic >= 1.0
-        about = np.array(disturbed or self._disturbed)
-        change = transition(np.array(seen.distance_m), about, self._rough, self._p)
-        if statistic < 1.0 and self._p.compass:
-            sigma = np.array(COMPASS_SIGMA_UT)
-            compass = MagneticHeading(seen.body_field, self._level_R_body, sigma)
+        nav_R_body, body_field = pose.rotation().matrix(), seen.footfall.body_field[0]
+        raw = field_deviation((nav_R_body @ body_field)[None], before[None, E_H])[0]
+        verdict = self._judge(seen.footfall, nav_R_body)
+        passed = verdict.word == QUASI_STATIC
+        change = transition(np.array(seen.distance_m), self._rough)
+        if passed and self._p.compass:
+            compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(COMPASS_SIGMA_UT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
         if self._p.potential and np.isfinite(seen.sigma_uT_m):
-            u, sigma = np.array(seen.u), np.array(seen.sigma_uT_m)
-            integral = FieldPotential(u, self._level_R_body @ seen.body_path, seen.body_move, sigma)
+            level_path = self._level_R_body @ seen.body_path
+            integral = FieldPotential(
+                np.array(seen.u), level_path, seen.body_move, seen.nav_R_level, np.array(seen.sigma_uT_m)
+            )
             graph.push_back(factor_of(integral, [X(node_before), M(k - 1), M(k)]))
         graph.push_back(linear_factor_of(change, [M(k - 1), M(k)]))
         state = change.keep * before
-        self._recent.append(np.append(raw, [state[PHI], seen.distance_m]))
-        self._disturbed = bool(disturbed)
+        self._recent.append(np.append(raw, [state[PHI], seen.distance_m, passed]))
         self._age += 1
         if self._age % ROUGH_EVERY == 0:
             self._rough = self._measure_roughness()
         return state, verdict
 
-    def _judge(self, raw: Floats) -> tuple[float, Verdict]:
-        """Deviation over its threshold, NaN where it was not seen, and the verdict."""
-        known = np.array(self._recent)[:, :3]
-        known = known[np.isfinite(known[:, 0])]
-        usual = usual_deviation(known)
-        statistic = float(over_threshold((raw - usual)[None], known - usual, self._p)[0])
-        return statistic, Verdict(*judge_footfall(raw - usual, statistic))
+    def _judge(self, footfall: FootfallField, nav_R_body: Floats) -> Verdict:
+        """Verdict of the gate on the newest footfall, by it and those before."""
+        newest = replace(footfall, nav_R_body=nav_R_body[None])
+        self._judged = self._judged.join(newest).select(slice(-self._needed, None))
+        verdicts = apply_gate(self._judged, self._p.gate)
+        return Verdict(verdicts.words[-1], verdicts.reason[-1])
 
     def _measure_roughness(self) -> FieldRoughness:
         """Roughness of the field at the footfalls that are remembered."""
         rows = np.array(self._recent)
         seen = np.isfinite(rows[:, 0])
-        deviation = rows[:, :3] - usual_deviation(rows[seen, :3])
+        steady = choose_steady(seen, rows[:, 5] > 0.0)
+        deviation = rows[:, :3] - usual_deviation(rows[steady, :3])
         states = np.zeros((len(rows), SIZE))
         states[:, PHI] = rows[:, 3]
-        return measure_roughness(deviation, states, seen, rows[1:, 4], self._p)
+        return measure_roughness(deviation, states, seen, steady, rows[1:, 4])
 
 
-def measure_field(
-    recording: Recording, stances: Stances, track: Trajectory, up_uT: float, p: FieldParameters
-) -> StrideField:
+def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_uT: float) -> StrideField:
     """Return what the second of two footfalls and the stride to it show of the field, as the batch measures it.
 
     Parameters
@@ -160,19 +160,24 @@ def measure_field(
     up_uT : vertical field of the walk.
     """
     sample = stances.stillest(recording.gyr)
-    move = track.position[sample[1]] - track.position[sample[0]]
-    body_move, distance = track.nav_R_body[sample[0]].T @ move, float(np.linalg.norm(move))
-    nothing = StrideField(np.full(3, np.nan), 0.0, np.zeros(3), body_move, np.inf, distance)
+    move, nav_R_level = track.position[sample[1]] - track.position[sample[0]], track.nav_R_body[sample[0]]
+    distance = float(np.linalg.norm(move))
+    footfall = _measure_at_footfall(recording, stances, track, int(sample[1]))
     if recording.mag is None or not np.isfinite(recording.mag[:, 0]).any():
-        return nothing
-    path = integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, sample, up_uT, p)
+        return StrideField(footfall, 0.0, np.zeros(3), nav_R_level.T @ move, nav_R_level, np.inf, distance)
+    path = integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, sample, up_uT)
     body_path = path.level_path[0] @ path.level_R_body
-    body_field = _measure_at_footfall(recording, stances, track)
-    return StrideField(body_field, float(path.u[0]), body_path, path.body_move[0], float(path.sigma_uT_m[0]), distance)
+    sigma = float(path.sigma_uT_m[0])
+    return StrideField(footfall, float(path.u[0]), body_path, path.body_move[0], nav_R_level, sigma, distance)
 
 
-def _measure_at_footfall(recording: Recording, stances: Stances, track: Trajectory) -> Floats:
+def _measure_at_footfall(recording: Recording, stances: Stances, track: Trajectory, sample: int) -> FootfallField:
+    """Field at the second of two footfalls; NaN where there was none."""
     try:
-        return np.asarray(average_footfall_field(recording, stances, nav_R_body=track.nav_R_body).body_field[1])
+        return average_footfall_field(recording, stances, nav_R_body=track.nav_R_body).select(slice(1, 2))
     except MagneticError:
-        return np.full(3, np.nan)
+        unknown, nowhere = np.full(1, np.nan), np.full((1, 3), np.nan)
+        none = np.zeros(1, dtype=np.int64)
+        at, attitude = np.array([sample]), track.nav_R_body[[sample]]
+        t = recording.t[at]
+        return FootfallField(at, t, nowhere, nowhere, attitude, none, unknown, unknown, unknown)

@@ -281,7 +281,7 @@ class OnlineSmoother:
         recording = window.recording.slice(begins, len(window.recording))
         stances = self._walk.cut_stances(window.before.number, window.first_sample + begins)
         track = self._track(recording, window, begins, p.gravity)
-        seen = measure_field(recording, stances, track, field.up_uT, p.magnetic)
+        seen = measure_field(recording, stances, track, field.up_uT)
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         k, pose = window.place.number, self._backend.pose(X(window.place.result))
         state, verdict = field.add(

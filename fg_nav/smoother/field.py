@@ -3,12 +3,14 @@
     trajectory         -> line integrals of the field over the strides, which no heading changes
     repeat a few times
         attitudes      -> field at each footfall, in nav
-        its deviations -> roughness of the field, and which footfalls are disturbed
+        gate           -> footfalls whose compass is used: the detector's statistic is below its threshold
+        deviations     -> roughness of the field
         walk and field -> solution
 
-The first trajectory is that of the walk without the field. Its heading has drifted, so the first verdicts rest on
-strength and inclination alone, and strength stands in for the deviation across; from the second round on the smoothed
-heading is used as well, but never alone, so that it cannot talk itself into a wrong field.
+The gate (`FieldParameters.gate`) is a detector of `magnetic.detectors`, judged with the attitudes of the round. It is
+hard: a heading it rejects is not in the graph. On a rough floor it may reject all of them; what needs a mean field is
+then taken from all footfalls. The first trajectory is that of the walk without the field. Its heading has drifted, so
+in the first round strength stands in for the deviation across.
 
 Where the heading at the start was given, the field's direction is estimated. Where it was not, north is where the field
 points, and the walk is turned there first. A long walk's line integrals then show which field is the building's: its
@@ -29,11 +31,11 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, judge_field
+from fg_nav.magnetic.quasi_static import UNKNOWN, FieldVerdicts, apply_gate
 from fg_nav.smoother.field_factors import (
     REGIONAL_LENGTH_M,
     CompassReadings,
@@ -44,7 +46,6 @@ from fg_nav.smoother.field_factors import (
     field_deviation,
     integrate_path,
     measure_roughness,
-    over_threshold,
     usual_deviation,
 )
 from fg_nav.smoother.graph import (
@@ -85,7 +86,7 @@ LEAST_STRENGTH_UT = 3.0
 """Horizontal strength below which there is no compass."""
 
 FEWEST_SEEN = 4
-"""Footfalls with a field without which it is not used."""
+"""Footfalls with a field without which it is not used, and that have to pass the gate to stand for the walk."""
 
 LEAST_PATH_M = 0.1
 """Length of the path of a person who stands all the time."""
@@ -130,12 +131,12 @@ class FieldSolution:
 class FieldResiduals:
     """The field along a walk against its mean.
 
-    Deviations (F, 3) across, along and up, uT, NaN where it was not seen; the largest of them over its threshold (F,);
-    roughness; attitudes (F, 3, 3); and the horizontal field (F, 2) that the deviations are taken from.
+    Verdicts of the gate; the footfalls (F,) that stand for the walk's compass, which are those that passed, or all that
+    were seen where these are too few; roughness; attitudes (F, 3, 3); and the walk's horizontal field (F, 2).
     """
 
-    deviation: Floats
-    statistic: Floats
+    verdicts: FieldVerdicts
+    steady: Bools
     rough: FieldRoughness
     nav_R_body: Floats
     reference: Floats
@@ -174,7 +175,7 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
         sigma = float(unknown) if p.potential else GAUGE_SIGMA
         problem = replace(problem, start=StartPrior(values.atPose3(X(0)).rotation().matrix(), sigma))
     # The first round has residuals without the heading, and finds the direction in which the field is expected.
-    path = _integrate_path(problem, field, values, p)
+    path = _integrate_path(problem, field, values)
     residuals = _compare_field(problem, field, values, path, None, p)
     direction = _expect_direction(problem, field, residuals, p)
     problem = _with_field(problem, field, residuals, path, direction, p)
@@ -194,7 +195,8 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
         north_sigma = _mean_field_sigma(residuals, path, p)
     assert problem.field is not None
     states = _states(problem, field, solved.values, residuals, path, p)
-    verdict = _judge(residuals, states, north_sigma)
+    verdicts = residuals.verdicts
+    verdict = FieldVerdict(verdicts.words, verdicts.reason, _write_notes(residuals, states), north_sigma)
     return FieldSolution(problem, solved, problem.field.states(solved.values), verdict)
 
 
@@ -254,12 +256,10 @@ def _mean_field(
     residuals: FieldResiduals,
     path: FieldPath,
 ) -> Floats:
-    """(3,) in nav, uT, over the footfalls that are not disturbed, without the hard iron that was found."""
+    """(3,) in nav, uT, over the footfalls that stand for the walk, without the hard iron that was found."""
     nav_R_body = _attitudes(problem, values)
     iron = np.einsum("kij,kj->ki", nav_R_body, states[:, IRON] @ path.level_R_body)
-    without_iron = _nav_field(field, nav_R_body) - iron
-    undisturbed = residuals.statistic < 1.0
-    return np.asarray(np.nanmean(without_iron[undisturbed] if undisturbed.any() else without_iron, axis=0))
+    return np.asarray((_nav_field(field, nav_R_body) - iron)[residuals.steady].mean(axis=0))
 
 
 def _mean_field_sigma(residuals: FieldResiduals, path: FieldPath, p: FieldParameters) -> float:
@@ -279,13 +279,13 @@ def _nav_field(field: FootfallField, nav_R_body: Floats) -> Floats:
     return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
 
 
-def _integrate_path(problem: WalkProblem, field: FootfallField, values: gtsam.Values, p: FieldParameters) -> FieldPath:
+def _integrate_path(problem: WalkProblem, field: FootfallField, values: gtsam.Values) -> FieldPath:
     recording, nodes = problem.recording, problem.nodes
     assert recording.mag is not None
     track = trajectory_of(recording, nodes, values, problem.parameters.gravity)
     up_uT = float(np.nanmedian(_nav_field(field, _attitudes(problem, values))[:, 2]))
     footfall = nodes.sample[nodes.result]
-    return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT, p)
+    return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT)
 
 
 def _compare_field(
@@ -301,19 +301,23 @@ def _compare_field(
     nav_field = _nav_field(field, nav_R_body)
     seen = np.isfinite(nav_field[:, 0])
     level = np.hypot(nav_field[:, 0], nav_field[:, 1])
+    verdicts = apply_gate(replace(field, nav_R_body=nav_R_body), p.gate)
+    steady = choose_steady(seen, verdicts.quasi_static)
     if states is None:
         reference = np.tile([0.0, float(np.median(level[seen]))], (len(nav_field), 1))
         deviation = np.stack([level, level, nav_field[:, 2]], axis=1)
         deviation = deviation - np.nanmedian(deviation, axis=0)
-        used = slice(1, None)
     else:
         reference = states[:, E_H]
         deviation = field_deviation(nav_field, reference)
-        deviation = deviation - usual_deviation(deviation[seen])
-        used = slice(None)
-    statistic = over_threshold(deviation[:, used], deviation[seen, used], p)
-    rough = measure_roughness(deviation, states, seen, path.distance_m, p)
-    return FieldResiduals(deviation, statistic, rough, nav_R_body, reference)
+        deviation = deviation - usual_deviation(deviation[steady])
+    rough = measure_roughness(deviation, states, seen, steady, path.distance_m)
+    return FieldResiduals(verdicts, steady, rough, nav_R_body, reference)
+
+
+def choose_steady(seen: Bools, passed: Bools) -> Bools:
+    """Return the footfalls (F,) that stand for the walk's compass: those that passed, or all where too few did."""
+    return passed if passed.sum() >= FEWEST_SEEN else seen
 
 
 def _with_field(
@@ -325,22 +329,14 @@ def _with_field(
     p: FieldParameters,
 ) -> WalkProblem:
     """Add the factors of the field to a walk, in place of those of the round before."""
-    readings = _read_compass(problem, field, residuals, p)
+    readings = _read_compass(problem, field, residuals)
     factors = FieldFactors(readings, path, _expect_field(residuals, direction, p), residuals.rough, p)
     return replace(problem, field=factors)
 
 
-def _read_compass(
-    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, p: FieldParameters
-) -> CompassReadings:
-    usable = np.isfinite(residuals.statistic)
-    disturbed = usable & (residuals.statistic >= 1.0)
-    sigma = np.where(usable & ~disturbed, COMPASS_SIGMA_UT, np.inf)
-    if p.gate is not None:
-        passed = judge_field(replace(field, nav_R_body=residuals.nav_R_body), p.gate).quasi_static
-        sigma = np.where(passed, sigma, p.outside_gate * sigma)
-    body_field = np.where(usable[:, None], field.body_field, 0.0)
-    return CompassReadings(problem.nodes.result, body_field, sigma, disturbed)
+def _read_compass(problem: WalkProblem, field: FootfallField, residuals: FieldResiduals) -> CompassReadings:
+    sigma = np.where(residuals.verdicts.quasi_static, COMPASS_SIGMA_UT, np.inf)
+    return CompassReadings(problem.nodes.result, field.body_field, residuals.nav_R_body, sigma)
 
 
 def _expect_direction(
@@ -353,8 +349,8 @@ def _expect_direction(
     """
     if not problem.heading_known:
         return 0.0, np.radians(DECLINATION_SIGMA_DEG if p.potential else FOUND_SIGMA_DEG)
-    first = _nav_field(field, residuals.nav_R_body)[residuals.statistic < 1.0][:FIRST_FOOTFALLS]
-    east, north, _ = first.mean(axis=0) if len(first) else (0.0, 1.0, 0.0)
+    first = _nav_field(field, residuals.nav_R_body)[residuals.steady][:FIRST_FOOTFALLS]
+    east, north, _ = first.mean(axis=0)
     strength = np.linalg.norm(np.median(residuals.reference, axis=0))
     deviations = np.hypot(residuals.rough.across.sigma, residuals.rough.regional.sigma) / strength
     sigma, found = np.radians(REFERENCE_SIGMA_DEG), float(np.arctan2(east, north))
@@ -382,29 +378,13 @@ def _expect_field(residuals: FieldResiduals, direction: tuple[float, float], p: 
     return FieldPrior(np.array([0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
 
 
-def _judge(residuals: FieldResiduals, states: Floats, north_sigma: float) -> FieldVerdict:
-    both = [judge_footfall(*one) for one in zip(residuals.deviation, residuals.statistic, strict=True)]
-    words, reasons = zip(*both, strict=True)
-    used = (residuals.statistic < 1.0).mean()
-    return FieldVerdict(words, reasons, _write_notes(residuals, states, used), north_sigma)
-
-
-def judge_footfall(deviation: Floats, statistic: float) -> tuple[str, str]:
-    """Return verdict and reason for a footfall: deviation (3,) across, along and up, uT, and over its threshold."""
-    if not np.isfinite(statistic):
-        return str(UNKNOWN), NO_FIELD
-    across, along, up = deviation
-    off = f"{across:+.1f} uT across the mean field, {along:+.1f} along, {up:+.1f} up"
-    return str(QUASI_STATIC if statistic < 1.0 else DISTURBED), f"{off}; {statistic:.2g} times the threshold"
-
-
-def _write_notes(residuals: FieldResiduals, states: Floats, used: float) -> tuple[str, ...]:
+def _write_notes(residuals: FieldResiduals, states: Floats) -> tuple[str, ...]:
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
-    rough = residuals.rough
+    rough, verdicts = residuals.rough, residuals.verdicts
     return (
         f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
-        f"{100 * used:.0f} % of the footfalls are used",
+        f"the compass of {100 * verdicts.coverage:.0f} % of the footfalls is used (gate {verdicts.detector})",
         f"it deviates by {_write(rough.across, 'uT')}, by region {_write(rough.regional, 'uT')}, "
         f"its potential by {_write(rough.potential, 'uT m')}",
         f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",

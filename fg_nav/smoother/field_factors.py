@@ -1,6 +1,6 @@
 """All factors of the magnetic field of a walk, whose state m (`factors.magnetic_field`) is a variable at each footfall.
 
-    magnetic heading   (X_k, M_k)              compass, where the field at the footfall is used
+    magnetic heading   (X_k, M_k)              compass, where the gate passes the field at the footfall
     field potential    (X_k, M_k, M_k+1)       line integral of the field over the stride
     transition         (M_k, M_k+1)            by how rough the field is
     prior              (M_0)                   by direction and strength
@@ -201,25 +201,29 @@ def usual_deviation(deviation: Floats) -> Floats:
     return np.asarray(np.median(deviation, axis=0) * [0.0, 1.0, 1.0])
 
 
-def over_threshold(deviation: Floats, usual: Floats, p: FieldParameters) -> Floats:
-    """(F,) the largest component of deviations (F, c) over what the spread of the walk's usual ones (K, c) allows."""
-    spread = np.array([max(robust_sigma(column), LEAST_SIGMA_UT) for column in usual.T])
-    return np.asarray(np.abs(deviation / (p.outlier_sigmas * spread)).max(axis=1))
-
-
 def measure_roughness(
-    deviation: Floats, states: Floats | None, seen: Bools, distance_m: Floats, p: FieldParameters
+    deviation: Floats, states: Floats | None, seen: Bools, passed: Bools, distance_m: Floats
 ) -> FieldRoughness:
-    """Of deviations (F, 3) across, along and up, and of the potential where it is known from a round before."""
+    """Measure the roughness of a walk's field.
+
+    Parameters
+    ----------
+    deviation : (F, 3) uT, across, along and up.
+    states : (F, 8) of the round before, which know the potential; None where there was none.
+    seen : (F,) footfalls with a field: they show how far the potential reaches.
+    passed : (F,) those whose heading is used: they show what it deviates by.
+    distance_m : (F-1,) from footfall to footfall.
+    """
     deviation = np.nan_to_num(deviation)
-    across = roughness_of(deviation[:, 0], seen, distance_m, LEAST_SIGMA_UT)
+    everywhere = roughness_of(deviation[:, 0], seen, distance_m, LEAST_SIGMA_UT)
+    across = roughness_of(deviation[:, 0], passed, distance_m, LEAST_SIGMA_UT)
     # Along and up no heading can hide: they stand for the deviation across as well.
     steady = deviation[:, 1:]
-    own = np.array([max(robust_sigma(column[seen]), LEAST_SIGMA_UT) for column in steady.T])
+    own = np.array([max(robust_sigma(column[passed]), LEAST_SIGMA_UT) for column in steady.T])
     beyond_sensor = np.sqrt(max(across.sigma**2 - LEAST_SIGMA_UT**2, LEAST_REGIONAL_UT**2))
     assumed = Roughness(REGIONAL_SHARE * float(beyond_sensor), REGIONAL_LENGTH_M)
-    region = roughness_of_regions(steady, own, seen, distance_m, assumed, across.length_m, REGIONAL_WEIGHT)
-    return FieldRoughness(_measure_potential(states, across, distance_m), across, region)
+    region = roughness_of_regions(steady, own, passed, distance_m, assumed, across.length_m, REGIONAL_WEIGHT)
+    return FieldRoughness(_measure_potential(states, everywhere, distance_m), across, region)
 
 
 def _measure_potential(states: Floats | None, across: Roughness, distance_m: Floats) -> Roughness:
@@ -243,9 +247,6 @@ PATH_SIGMA_UT_M = 0.1
 COARSEST_M = 0.4
 """Longest move between two samples of the field that a line integral passes over: the floor's steel is as near."""
 
-DISTURBED_FACTOR = 30.0
-"""By how much more than usual deviation and potential may change into a disturbed footfall and out of it."""
-
 
 @dataclass(frozen=True)
 class CompassReadings:
@@ -254,15 +255,15 @@ class CompassReadings:
     ================ ======= =========================================================================
     node             (F,)    of the graph, at the footfall
     body_field       (F, 3)  uT; anything where it was not seen
+    nav_R_level      (F, 3, 3) attitude whose tilt levels it
     sigma_uT         (F,)    noise of the compass; infinite where it is not used
-    disturbed        (F,)    where potential and deviation are not those of the walk
     ================ ======= =========================================================================
     """
 
     node: Ints
     body_field: Floats
+    nav_R_level: Floats
     sigma_uT: Floats
-    disturbed: Bools
 
 
 @dataclass(frozen=True)
@@ -273,6 +274,7 @@ class FieldPath:
     u              (F-1,)       uT m, line integral of the body field less the vertical part
     level_path     (F-1, 3)     m, the path in the stance's axes
     body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
+    nav_R_level    (F-1, 3, 3)  attitude at the first
     sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
     distance_m     (F-1,)       from footfall to footfall
     level_R_body   (3, 3)       stance's axes from the body's
@@ -282,6 +284,7 @@ class FieldPath:
     u: Floats
     level_path: Floats
     body_move: Floats
+    nav_R_level: Floats
     sigma_uT_m: Floats
     distance_m: Floats
     level_R_body: Floats
@@ -303,14 +306,14 @@ class FieldFactors:
         self._states = state
         used = np.flatnonzero(np.isfinite(readings.sigma_uT) & p.compass)
         level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
-        compass = MagneticHeading(readings.body_field[used], level, readings.sigma_uT[used])
+        compass = MagneticHeading(readings.body_field[used], level, readings.nav_R_level[used], readings.sigma_uT[used])
         self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
         seen = np.flatnonzero(np.isfinite(path.sigma_uT_m) & p.potential)
-        integrals = FieldPotential(path.u[seen], path.level_path[seen], path.body_move[seen], path.sigma_uT_m[seen])
+        integrals = FieldPotential(
+            path.u[seen], path.level_path[seen], path.body_move[seen], path.nav_R_level[seen], path.sigma_uT_m[seen]
+        )
         self.potential = ResidualBlock(integrals, [(pose[k], state[k], state[k + 1]) for k in seen])
-        about = readings.disturbed[1:] | readings.disturbed[:-1]
-        changes = transition(path.distance_m, about, rough, p)
-        self.transition = ResidualBlock(changes, list(pairwise(state)))
+        self.transition = ResidualBlock(transition(path.distance_m, rough), list(pairwise(state)))
 
     def insert(self, values: gtsam.Values) -> None:
         """Put the first state at all footfalls."""
@@ -354,19 +357,18 @@ class FieldFactors:
         return other
 
 
-def transition(distance_m: Floats, disturbed: Bools, rough: FieldRoughness, p: FieldParameters) -> FieldTransition:
-    """Change of the state over strides (...) of these lengths, m, that begin or end at a disturbed footfall or not."""
+def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
+    """Change of the state over strides (...) of these lengths, m."""
     keep, new = np.ones((*distance_m.shape, SIZE)), np.empty((*distance_m.shape, SIZE))
     new[..., E_H], new[..., IRON] = MEAN_WALK_UT, HARD_IRON_WALK_UT
     for column, one in ((PHI, rough.potential), (DELTA, rough.across), (RHO, rough.regional)):
         keep[..., column] = one.left(distance_m)
         new[..., column] = one.innovation(distance_m)
-    new[..., [PHI, DELTA]] *= np.where(disturbed, DISTURBED_FACTOR, 1.0)[..., None]
     return FieldTransition(keep, new)
 
 
 def integrate_path(
-    t: Floats, mag: Floats, position: Floats, nav_R_body: Floats, footfall: Ints, up_uT: float, p: FieldParameters
+    t: Floats, mag: Floats, position: Floats, nav_R_body: Floats, footfall: Ints, up_uT: float
 ) -> FieldPath:
     """Integrate the field along a walk.
 
@@ -386,6 +388,7 @@ def integrate_path(
         u=np.diff(integral.u),
         level_path=np.diff(integral.s, axis=0) @ level.T,
         body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
+        nav_R_level=nav_R_body[footfall[:-1]],
         sigma_uT_m=np.where(_coarsest(move, row, footfall) <= COARSEST_M, PATH_SIGMA_UT_M, np.inf),
         distance_m=np.linalg.norm(straight, axis=1),
         level_R_body=level,

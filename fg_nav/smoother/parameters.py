@@ -24,15 +24,9 @@ class FieldParameters:
     rounds: int = 2
     """How often noise and verdicts are taken again from the smoothed walk: the first time from a walk without the
     field, whose heading has drifted."""
-    gate: str | None = None
-    """A detector of a quasi-static field (`fg_nav.magnetic.quasi_static`) that a footfall has to pass; None for the
-    walk's own spread alone."""
-    outside_gate: float = 3.0
-    """By how much larger the compass's noise is where the detector does not pass the field; infinite: not used."""
-    outlier_sigmas: float = 5.0
-    """A footfall is disturbed where its field is off by more than this many robust sigmas of the walk's own spread: of
-    a field with the heavy tails of real ones (kurtosis 6) one in a thousand."""
-
+    gate: str = "ma2018"
+    """Detector of a quasi-static field (`fg_nav.magnetic.quasi_static.GATES`): a footfall's compass is used exactly
+    where it passes the field; `none` passes all."""
     potential_least_path_m: float = 300.0
     """Shorter walks do without the line integral: they cannot tell how far the building's potential reaches, and take
     too little for it (ten real walks of 35 to 150 m, `scripts/real_walks.py`)."""

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fg_nav.factors.rotation import left_jacobian, relative_rotations, rotation_exp, skew
+from fg_nav.factors.rotation import left_jacobian, relative_rotations, rotation_exp, skew, turn_about_up, turn_from
 from tests.factors.attitudes import vectors
 
 scales = st.sampled_from([1e-9, 1e-4, 0.02, 0.03, 1.0])
@@ -93,3 +93,17 @@ def test_stretches_together_are_each_by_itself():
         alone, by_bias = relative_rotations(rates[mine], np.full(count, PERIOD), none, bias[s])
         np.testing.assert_allclose(R[mine], alone, atol=1e-12)
         np.testing.assert_allclose(J[mine], by_bias, atol=1e-10)
+
+
+@given(level=vectors, turn=vectors)
+@settings(max_examples=20, deadline=None)
+def test_the_turn_from_a_held_attitude_and_its_derivative(level, turn):
+    """Its angle is the twist about up; the derivative is the finite difference on the whole attitude."""
+    R0 = rotation_exp(level)
+    R = rotation_exp(0.4 * turn) @ R0
+    c, s, by_turn = turn_from(R0, R)
+    psi = lambda A: turn_about_up(A @ R0.T)  # noqa: E731
+    np.testing.assert_allclose(np.arctan2(s, c), psi(R), atol=1e-12)
+    h = 1e-6
+    slopes = [(psi(R @ rotation_exp(h * e)) - psi(R @ rotation_exp(-h * e))) / (2 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(by_turn, slopes, atol=1e-7 / max(c, 0.05))

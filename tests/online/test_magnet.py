@@ -5,11 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import M
 
 from fg_nav.detection import detect_stances
-from fg_nav.factors.magnetic_field import PHI
 from fg_nav.frames import compute_heading
+from fg_nav.magnetic.quasi_static import DEFAULT, find_detector
 from fg_nav.online import OnlineNavigator, isam2, smoother
 from fg_nav.online.buffer import rows_of
 from tests.online.walks import NORTH, push, short_walk
@@ -62,10 +61,10 @@ def headings(navigator: OnlineNavigator) -> np.ndarray:
     return np.degrees(compute_heading(navigator.causal().nav_R_body))
 
 
-def test_the_footfall_at_the_magnet_is_disturbed_and_no_other():
-    field = past_a_magnet().causal().field
-    assert field[AT] == "disturbed"
-    assert set(field[SOLVED_AGAIN[-1] : AT] + field[AT + 1 :]) == {"quasi-static"}
+def test_the_window_of_the_gate_that_holds_the_magnet_is_disturbed_and_no_other():
+    field, window = past_a_magnet().causal().field, slice(AT, AT + find_detector(DEFAULT).rows)
+    assert set(field[window]) == {"disturbed"}
+    assert set(field[SOLVED_AGAIN[-1] : AT] + field[window.stop :]) == {"quasi-static"}
     assert "disturbed" not in without_magnet().causal().field
 
 
@@ -79,23 +78,8 @@ def test_its_compass_is_not_used():
 
 
 def test_the_heading_stays():
-    np.testing.assert_allclose(headings(past_a_magnet()), headings(without_magnet()), atol=0.1)
+    np.testing.assert_allclose(headings(past_a_magnet()), headings(without_magnet()), atol=0.15)
     np.testing.assert_allclose(past_a_magnet().causal().position, without_magnet().causal().position, atol=0.05)
-
-
-def potential_variances(navigator: OnlineNavigator) -> np.ndarray:
-    """Variance of the field's potential at each footfall, uT^2 m^2."""
-    backend = navigator._smoother._backend
-    return np.array([backend.covariance(M(k))[PHI, PHI] for k in range(len(navigator.footfalls))])
-
-
-def test_the_field_may_change_by_much_into_the_magnet_and_out_of_it():
-    """By thirty times the usual innovation on both strides, of which little is left a stride later, and on no other."""
-    usual, disturbed = (potential_variances(n) for n in (without_field_there(), past_a_magnet()))
-    np.testing.assert_allclose(disturbed[:AT], usual[:AT], rtol=1e-3)
-    assert disturbed[AT] == pytest.approx(900.0 * usual[AT], rel=0.2)
-    assert disturbed[AT + 1] == pytest.approx(900.0 * usual[AT + 1], rel=0.2)
-    assert disturbed[AT + 2] < 0.2 * disturbed[AT + 1]
 
 
 @pytest.mark.parametrize("lag_s", [None, 6.0])

@@ -93,7 +93,7 @@ def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch
     printed = capsys.readouterr().out
     assert "demo, smooth, magnetometer loop" in printed
     default, bare = (json.loads((tmp_path / f"demo_smooth_loop_{n}_1.json").read_text()) for n in ablation.VARIED)
-    assert default["used"].count("u") > 20
+    assert default["used"].count("u") > 10  # what the gate passes of a smooth field
     assert "u" not in bare["used"]
     assert default["errors"]["origin"]["rmse_m"] != bare["errors"]["origin"]["rmse_m"]
     assert len(default["whitened"]["position"]) == 4

@@ -11,9 +11,7 @@ from fg_nav.frames import level_attitude, yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.smoother import field_factors
 from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, FieldPath, integrate_path
-from fg_nav.smoother.parameters import FieldParameters
 
-P = FieldParameters()
 EARTH = np.array([3.0, 20.0, -43.0])
 STRIDES, STRIDE_M, STRIDE_S, STANDS = 12, 1.3, 1.1, 0.4
 MOUNT = Rotation.from_euler("xyz", [6.0, -15.0, 20.0], degrees=True).as_matrix()
@@ -56,8 +54,8 @@ def round_a_circle(rate_hz: float = 200.0, clearance_m: float = 0.15, mount: Flo
     return Trodden(t, position, attitude.as_matrix(), footfall)
 
 
-def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2], p: FieldParameters = P) -> FieldPath:
-    return integrate_path(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT, p)
+def along(trodden: Trodden, mag: Floats, up_uT: float = EARTH[2]) -> FieldPath:
+    return integrate_path(trodden.t, mag, trodden.position, trodden.nav_R_body, trodden.footfall, up_uT)
 
 
 def moves(trodden: Trodden) -> Floats:
@@ -70,7 +68,7 @@ def test_a_homogeneous_field_integrates_to_itself_times_the_move() -> None:
     np.testing.assert_allclose(way.u, moves(trodden)[:, :2] @ EARTH[:2], atol=1e-9)
     assert np.ptp(way.u) > 40.0  # there and back
     np.testing.assert_allclose(way.distance_m, np.linalg.norm(moves(trodden), axis=1))
-    in_body = np.einsum("nij,nj->ni", trodden.nav_R_body[trodden.footfall[:-1]], way.body_move)
+    in_body = np.einsum("nij,nj->ni", way.nav_R_level, way.body_move)
     np.testing.assert_allclose(in_body, moves(trodden), atol=1e-12)
     np.testing.assert_array_equal(way.sigma_uT_m, PATH_SIGMA_UT_M)
 
