@@ -23,6 +23,7 @@ from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.walked import WalkErrors, measure_walk
 from fg_nav.io import read, read_fixes, read_truth
+from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, find_detector, judge_field
 from fg_nav.recording import Fix, Recording, Truth
@@ -49,6 +50,8 @@ class Options:
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
     field_detector : detector of a quasi-static field whose verdicts are reported (`fg_nav.magnetic.detectors`).
     calibration_path : file with a calibration to apply; None to take the recording as it is.
+    mag_axes : of the magnetometer in those of the gyroscope, where they are not the same; None for the same, if the
+        recording does not show that they are others.
     preset : of the filters (`fg_nav.ekf.presets`).
     fixes_path : file with fixes of the position for the smoother; None without.
     mount : where the sensor is worn, checked against the recording; None for a foot, unchecked.
@@ -69,6 +72,7 @@ class Options:
     step_constant_m: float | None = None
     known_distance_m: float | None = None
     changes: Changes = ()
+    mag_axes: MagAxes | None = None
 
     @property
     def heading_rad(self) -> float | None:
@@ -95,6 +99,7 @@ class Walk:
     unjudged : why the field was not judged; empty where it was, or before `measure_field`.
     calibration : that was given; None without.
     applied : what the calibration corrected, in words.
+    magnetometer : its delay and its axes, as `correct_walk` found them; None before, and where it is not used.
     fixes : positions known from elsewhere; used by the smoother only.
     """
 
@@ -108,6 +113,7 @@ class Walk:
     unjudged: str = ""
     calibration: Calibration | None = None
     applied: tuple[str, ...] = ()
+    magnetometer: AlignedMagnetometer | None = None
     fixes: tuple[Fix, ...] = ()
 
     @classmethod
@@ -122,6 +128,8 @@ class Walk:
         notes = []
         if self.calibration is not None:
             notes.append(f"corrected by the calibration: {', '.join(self.applied) or 'nothing'}")
+        if self.magnetometer is not None:
+            notes += self.magnetometer.notes
         if self.unjudged and self.recording.mag is not None:
             notes.append(f"the field was not judged: {self.unjudged}")
         return tuple(notes)
@@ -174,23 +182,32 @@ def read_walk(path: Path, options: Options = Options(), format: str | None = Non
 
 
 def correct_walk(walk: Walk) -> Walk:
-    """Apply the calibration, and take the magnetometer away if it is not to be used.
+    """Correct the samples, and take the magnetometer away if it is not to be used or has wrong axes.
 
     Raises
     ------
     CalibrationError
         If the calibration is of a magnetometer and the recording has none.
     """
+    options = walk.options
+    if not options.use_magnetometer:
+        return _apply_calibration(replace(walk, recording=replace(walk.recording, mag=None)))
+    if options.mag_axes is not None:
+        walk = replace(walk, recording=options.mag_axes.apply_to(walk.recording))
+    walk = _apply_calibration(walk)
+    found = align_magnetometer(walk.recording, options.mag_axes is not None)
+    return replace(walk, recording=found.recording, magnetometer=found)
+
+
+def _apply_calibration(walk: Walk) -> Walk:
     seen, calibration, with_mag = walk.recording, walk.calibration, walk.options.use_magnetometer
-    seen = seen if with_mag else replace(seen, mag=None)
     if calibration is None:
-        return replace(walk, recording=seen)
-    applied = calibration.corrects(with_mag)
+        return walk
     if calibration.magnetometer is not None and with_mag:
         seen = calibration.magnetometer.apply_to(seen)
     if calibration.accelerometer is not None and calibration.accelerometer.separable:
         seen = calibration.accelerometer.apply_to(seen)
-    return replace(walk, recording=seen, applied=applied)
+    return replace(walk, recording=seen, applied=calibration.corrects(with_mag))
 
 
 def find_stances(walk: Walk) -> Walk:
@@ -220,6 +237,8 @@ def measure_field(walk: Walk) -> Walk:
     options = walk.options
     if not options.use_magnetometer:
         return replace(walk, unjudged="the magnetometer was left out, as asked")
+    if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
+        return replace(walk, unjudged=walk.magnetometer.notes[0])
     find_detector(options.field_detector)
     try:
         field = average_footfall_field(walk.recording, walk.stances, options.heading_rad or 0.0)

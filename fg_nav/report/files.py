@@ -82,7 +82,9 @@ def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> 
     for name in outcomes:
         (folder / name).mkdir()
     summaries = [write_result(folder / name, walk, outcome) for name, outcome in outcomes.items()]
-    rows = [{key: value for key, value in row.items() if key != "notes"} for row in summaries]
+    rows = [
+        {key: value for key, value in row.items() if key not in ("notes", "magnetometer_delay")} for row in summaries
+    ]
     pd.DataFrame(rows).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
     write_json(folder / "comparison.json", summaries)
     return summaries
@@ -130,16 +132,25 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         at_moment = (outcome.moment.rmse_m, outcome.moment.end_m, outcome.moment.max_m)
         figures |= dict(zip(MOMENT_KEYS, at_moment, strict=True))
     notes = [*collect_remarks(walk), *solution.notes, *metrics.notes]
-    return figures | {"magnetometer": describe_magnetometer(walk, outcome), "notes": notes}
+    about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
+    return figures | about | {"notes": notes}
 
 
 def describe_magnetometer(walk: Walk, outcome: Outcome) -> str:
     """Say in words whether the magnetic field had a part in this solution."""
     if outcome.field_used:
         return "used"
+    if walk.magnetometer is not None and walk.magnetometer.wrong_axes is not None:
+        return "not used (its axes are not the gyroscope's)"
     if walk.recording.mag is not None or not walk.options.use_magnetometer:
         return "not used"
     return "not used (none given)"
+
+
+def describe_delay(walk: Walk) -> dict[str, object] | None:
+    """Return how late the magnetometer is, and whether that was taken off; None where it was not seen."""
+    delay = None if walk.magnetometer is None else walk.magnetometer.delay
+    return None if delay is None else {**asdict(delay), "taken_off": delay.taken_off}
 
 
 def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
@@ -174,6 +185,7 @@ def describe_recording(walk: Walk) -> dict[str, object]:
         "truth": _text(options.truth_path) or ("in the recording" if walk.truth is not None else None),
         "heading_deg": options.heading_deg,
         "use_magnetometer": options.use_magnetometer,
+        "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
         "calibration": describe_calibration(walk),
     }
 

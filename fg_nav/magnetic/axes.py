@@ -1,0 +1,220 @@
+"""Whether the magnetometer's axes are those of the gyroscope: dm/dt = -w x m holds with the right ones only.
+
+A magnetometer is a chip of its own, and is often soldered on turned or with an axis the other way. Of the 48 signed
+permutations P two each, P and -P, satisfy dR P (y_2 - h) = P (y_1 - h) alike (`fg_nav.magnetic.turning_pairs`), so that
+24 are compared. With h' = P h the residual is linear,
+
+    r = dR P y_2 - P y_1 - (dR - I) h',
+
+and h' is solved for each P with robust weights. The loss of each is summed over blocks of the recording; another P than
+the identity is accepted where the loss of the identity is `LEAST_RATIO` times as large, and larger by `LEAST_SIGMAS` of
+the scatter of that difference over the blocks, each with the delay that it finds itself. A foot turns about one axis
+above all, about which half a turn of the magnetometer would hardly show, but it also rolls and turns into curves.
+
+Between P and -P the gyroscope cannot decide: the one is taken whose field points down where the foot is slow, as on the
+northern hemisphere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import permutations, product
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import MagneticError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.magnetic.delay import MagnetometerDelay, estimate_delay, remove_delay
+from fg_nav.magnetic.turning_pairs import (
+    HARD_IRON_SIGMA_UT,
+    TURNING_RAD_S,
+    TurningPairs,
+    compute_weights,
+    find_pairs,
+)
+from fg_nav.recording import Recording
+
+SPAN_S = 0.2
+"""Between the readings of a pair: a swing turns the foot by a radian in it, and a delay is a small part of it."""
+
+MOST_PAIRS = 1000
+"""Enough for any walk."""
+
+FEWEST_BLOCKS, FEWEST_PAIRS = 8, 40
+"""Fewer do not accuse."""
+
+LEAST_RATIO, LEAST_SIGMAS = 1.3, 5.0
+"""Of the losses; on 17 real walks and 90 simulated ones the identity is never worse than any other."""
+
+ROUNDS = 4
+"""Of reweighting: the loss of a wrong P need not be exact."""
+
+SLOW_M_S2 = 1.0
+"""Of the specific force about gravity, where it shows which way is up."""
+
+
+@dataclass(frozen=True)
+class MagAxes:
+    """Axes of a magnetometer: `P` (3, 3), a signed permutation, turns its readings into the gyroscope's axes."""
+
+    P: Floats
+
+    @classmethod
+    def parse(cls, words: str) -> MagAxes:
+        """Read axes such as `-y,x,z`: x of the gyroscope is -y of the magnetometer. Raises `MagneticError` if none."""
+        P = np.zeros((3, 3))
+        named = [word.strip() for word in words.split(",")]
+        for row, word in zip(P, named, strict=False):
+            axis = word.lstrip("+-")
+            if axis in ("x", "y", "z") and len(word) - len(axis) <= 1:
+                row["xyz".index(axis)] = -1.0 if word.startswith("-") else 1.0
+        if len(named) != 3 or not (np.abs(P).sum(axis=0) == 1.0).all():
+            raise MagneticError(f"'{words}' names no axes: give x, y and z once each, with signs, such as -y,x,z.")
+        return cls(P)
+
+    def __str__(self) -> str:
+        """Write them as `parse` reads them."""
+        words = ("xyz"[int(np.flatnonzero(row)[0])] for row in self.P)
+        return ",".join(("-" if row.sum() < 0 else "") + word for row, word in zip(self.P, words, strict=True))
+
+    @cached_property
+    def is_mirrored(self) -> bool:
+        """Whether no rotation makes them."""
+        return bool(np.linalg.det(self.P) < 0)
+
+    def apply_to(self, recording: Recording) -> Recording:
+        """Return the recording with its magnetometer in the axes of the gyroscope."""
+        return recording if recording.mag is None else replace(recording, mag=recording.mag @ self.P.T)
+
+    @property
+    def warning(self) -> str:
+        """Say to the user that the magnetometer has these axes, and what to do."""
+        kind = "mirrored" if self.is_mirrored else "turned"
+        south = MagAxes(-self.P)
+        return (
+            f"the magnetometer's axes are {kind}, as the gyroscope shows: give --mag-axes={self} if its {self} are the "
+            f"gyroscope's x,y,z ({south} on the southern hemisphere)"
+        )
+
+
+@dataclass(frozen=True)
+class AlignedMagnetometer:
+    """A recording with its field in the axes of the gyroscope and at its stamps.
+
+    `delay` is what was found and maybe taken off, `wrong_axes` those the magnetometer has; None where it shows nothing,
+    or they are right. With wrong axes that were not given the recording is without magnetometer.
+    """
+
+    recording: Recording
+    delay: MagnetometerDelay | None = None
+    wrong_axes: MagAxes | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for the user."""
+        notes = []
+        if self.wrong_axes is not None:
+            use = "was not used" if self.recording.mag is None else "was used all the same"
+            notes.append(f"the magnetometer {use}: {self.wrong_axes.warning}")
+        if self.delay is not None and (self.delay.taken_off or self.delay.held):
+            notes.append(str(self.delay))
+        return tuple(notes)
+
+
+def align_magnetometer(recording: Recording, axes_given: bool = False) -> AlignedMagnetometer:
+    """Check the axes of the magnetometer and take its delay off.
+
+    Parameters
+    ----------
+    recording : with the magnetometer in the axes of the gyroscope, as far as that is known.
+    axes_given : by the user: the magnetometer is then used whatever its axes look like.
+    """
+    if recording.mag is None:
+        return AlignedMagnetometer(recording)
+    wrong = find_wrong_axes(recording)
+    if wrong is not None and not axes_given:
+        return AlignedMagnetometer(replace(recording, mag=None), wrong_axes=wrong)
+    delay = estimate_delay(recording)
+    return AlignedMagnetometer(remove_delay(recording, delay), delay, wrong)
+
+
+def find_wrong_axes(recording: Recording) -> MagAxes | None:
+    """Find the axes of a magnetometer that are clearly not those of the gyroscope; None where they may well be."""
+    pairs = find_pairs(recording, SPAN_S, MOST_PAIRS)
+    if len(pairs) < FEWEST_PAIRS or pairs.n_blocks < FEWEST_BLOCKS:
+        return None
+    size, _ = _solve_sizes(pairs, _PROPER, 0.0)
+    best = int(np.argmin(_sum_losses(size, pairs).sum(axis=1)))
+    if best == 0:
+        return None
+    # each with its own delay
+    sizes = []
+    for P in (np.eye(3), _PROPER[best]):
+        delay = estimate_delay(MagAxes(P).apply_to(recording))
+        size, hard_iron = _solve_sizes(pairs, P[None], 0.0 if delay is None else delay.tau_s)
+        sizes.append(size[0])
+    loss, other = _sum_losses(np.array(sizes), pairs)
+    excess = loss - other
+    sigma = float(np.sqrt(((excess - excess.mean()) ** 2).sum()))
+    if loss.sum() < LEAST_RATIO * other.sum() or excess.sum() < LEAST_SIGMAS * sigma:
+        return None
+    return MagAxes(_point_down(recording, _PROPER[best], hard_iron[0]))
+
+
+def field_points_up(recording: Recording) -> bool:
+    """Whether the field points up where the sensor is slow: on the southern hemisphere, or with all axes reversed."""
+    return bool(_measure_down(recording, np.eye(3), np.zeros(3)) < 0.0)
+
+
+def _point_down(recording: Recording, P: Floats, hard_iron: Floats) -> Floats:
+    return P if _measure_down(recording, P, hard_iron) >= 0.0 else -P
+
+
+def _measure_down(recording: Recording, P: Floats, hard_iron: Floats) -> float:
+    """Median of the field along down, uT, where the sensor is slow; `hard_iron` in the gyroscope's axes."""
+    assert recording.mag is not None
+    force, strength = recording.acc, np.linalg.norm(recording.acc, axis=1)
+    slow = (np.abs(strength - GRAVITY_M_S2) < SLOW_M_S2) & (np.linalg.norm(recording.gyr, axis=1) < TURNING_RAD_S)
+    chosen = slow & np.isfinite(recording.mag).all(axis=1)
+    if not chosen.any():
+        return 0.0
+    along_up = ((recording.mag[chosen] @ P.T - hard_iron) * force[chosen]).sum(axis=1) / strength[chosen]
+    return -float(np.median(along_up))
+
+
+def _solve_sizes(pairs: TurningPairs, P: Floats, tau: float) -> tuple[Floats, Floats]:
+    """Lengths (A, K) uT of the residuals of axes P (A, 3, 3), each with its own hard iron (A, 3)."""
+    dR, _ = pairs.rotations(tau)
+    m = np.einsum("aij,knj->akni", P, pairs.readings)
+    difference = np.einsum("kij,akj->aki", dR, m[:, :, 1]) - m[:, :, 0]
+    by_iron = dR - np.eye(3)
+    squares = np.swapaxes(by_iron, 1, 2) @ by_iron
+    right = np.einsum("kij,aki->akj", by_iron, difference)
+    weight, size = np.ones(difference.shape[:2]), np.linalg.norm(difference, axis=2)
+    hard_iron = np.zeros((len(P), 3))
+    for _ in range(ROUNDS):
+        weight /= np.maximum((weight * size**2).sum(axis=1) / (3.0 * weight.sum(axis=1)), 1e-6)[:, None]
+        normal = np.tensordot(weight, squares, axes=1) + np.eye(3) / HARD_IRON_SIGMA_UT**2
+        hard_iron = np.linalg.solve(normal, np.einsum("ak,akj->aj", weight, right)[..., None])[..., 0]
+        size = np.linalg.norm(difference - np.einsum("kij,aj->aki", by_iron, hard_iron), axis=2)
+        weight = compute_weights(size)
+    return size, hard_iron
+
+
+def _sum_losses(size: Floats, pairs: TurningPairs) -> Floats:
+    """Pseudo-Huber loss (A, B) of each block, scaled alike for all axes by the best of them."""
+    scale = float(np.median(size, axis=1).min()) + 1e-9
+    loss = np.sqrt(1.0 + (size / scale) ** 2) - 1.0
+    return np.array([np.bincount(pairs.block, one, pairs.n_blocks) for one in loss])
+
+
+def _list_proper() -> Floats:
+    """List the 24 proper signed permutations (24, 3, 3), the identity first."""
+    rows = [np.eye(3)[list(order)] * np.array(sign)[:, None] for order in permutations(range(3)) for sign in _SIGNS]
+    return np.array([P for P in rows if np.linalg.det(P) > 0])
+
+
+_SIGNS = tuple(product((1.0, -1.0), repeat=3))
+_PROPER = _list_proper()
