@@ -58,6 +58,7 @@ from fg_nav.smoother.graph import (
     turn_walk,
 )
 from fg_nav.smoother.parameters import FieldParameters
+from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.solver import Solved
 
 FIRST_CONVERGENCE = 0.05
@@ -182,12 +183,16 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
     assert problem.field is not None
     problem.field.insert(values)
     solved = solve(replace(problem, values=values))
+    problem, solved = free_jumps(problem, solved)
     # Later rounds take noise and verdicts from the smoothed walk.
     for _ in range(p.rounds - 1):
         states = _states(problem, field, solved.values, residuals, path, p)
+        assert problem.field is not None
+        path = problem.field.path
         residuals = _compare_field(problem, field, solved.values, path, states, p)
         problem = _with_field(problem, field, residuals, path, direction, p)
         solved = solve(replace(problem, values=solved.values))
+        problem, solved = free_jumps(problem, solved)
     # Where only the mean field shows north, the solved walk is turned there as one piece.
     north_sigma = 0.0
     if _north_is_open(problem, p):
@@ -196,7 +201,8 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
     assert problem.field is not None
     states = _states(problem, field, solved.values, residuals, path, p)
     verdicts = residuals.verdicts
-    verdict = FieldVerdict(verdicts.words, verdicts.reason, _write_notes(residuals, states), north_sigma)
+    notes = (*_write_notes(residuals, states), *describe_jumps(problem, solved))
+    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, north_sigma)
     return FieldSolution(problem, solved, problem.field.states(solved.values), verdict)
 
 

@@ -278,6 +278,7 @@ class FieldPath:
     sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
     distance_m     (F-1,)       from footfall to footfall
     level_R_body   (3, 3)       stance's axes from the body's
+    jumps          (F-1,)       where the potential jumps, so that u says nothing (`potential`)
     ============== ============ =============================================================================
     """
 
@@ -288,6 +289,7 @@ class FieldPath:
     sigma_uT_m: Floats
     distance_m: Floats
     level_R_body: Floats
+    jumps: Bools
 
 
 class FieldFactors:
@@ -301,19 +303,41 @@ class FieldFactors:
         rough: FieldRoughness,
         p: FieldParameters,
     ) -> None:
-        self.readings, self.path, self.prior = readings, path, prior
+        self.readings, self.path, self.prior, self._rough, self._p = readings, path, prior, rough, p
         pose, state = [X(int(j)) for j in readings.node], [M(k) for k in range(len(readings.node))]
         self._states = state
         used = np.flatnonzero(np.isfinite(readings.sigma_uT) & p.compass)
         level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
         compass = MagneticHeading(readings.body_field[used], level, readings.nav_R_level[used], readings.sigma_uT[used])
         self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
-        seen = np.flatnonzero(np.isfinite(path.sigma_uT_m) & p.potential)
-        integrals = FieldPotential(
-            path.u[seen], path.level_path[seen], path.body_move[seen], path.nav_R_level[seen], path.sigma_uT_m[seen]
-        )
-        self.potential = ResidualBlock(integrals, [(pose[k], state[k], state[k + 1]) for k in seen])
+        self.strides = np.flatnonzero(np.isfinite(path.sigma_uT_m) & ~path.jumps & p.potential)
+        self.potential = self._integrals_over(self.strides)
         self.transition = ResidualBlock(transition(path.distance_m, rough), list(pairwise(state)))
+
+    def _integrals_over(self, stride: Ints) -> ResidualBlock:
+        path, node = self.path, self.readings.node
+        integrals = FieldPotential(
+            path.u[stride],
+            path.level_path[stride],
+            path.body_move[stride],
+            path.nav_R_level[stride],
+            path.sigma_uT_m[stride],
+        )
+        return ResidualBlock(integrals, [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride])
+
+    def mark_jumps(self, stride: Ints, jump: bool) -> FieldFactors:
+        """Return them with the potential free to jump at these strides, whose line integrals are left out, or not."""
+        jumps = self.path.jumps.copy()
+        jumps[stride] = jump
+        return FieldFactors(self.readings, replace(self.path, jumps=jumps), self.prior, self._rough, self._p)
+
+    def compute_jumps(self, values: gtsam.Values) -> Floats:
+        """(J,) uT m, by how much the integrals of the strides that were left out differ from what was expected."""
+        stride = np.flatnonzero(self.path.jumps)
+        if not len(stride):
+            return np.zeros(0)
+        e, _ = self._integrals_over(stride).evaluate(values, with_jacobians=False)
+        return np.asarray(-e[:, 0] * self.path.sigma_uT_m[stride])
 
     def insert(self, values: gtsam.Values) -> None:
         """Put the first state at all footfalls."""
@@ -392,6 +416,7 @@ def integrate_path(
         sigma_uT_m=np.where(_coarsest(move, row, footfall) <= COARSEST_M, PATH_SIGMA_UT_M, np.inf),
         distance_m=np.linalg.norm(straight, axis=1),
         level_R_body=level,
+        jumps=np.zeros(len(footfall) - 1, dtype=np.bool_),
     )
 
 

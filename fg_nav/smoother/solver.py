@@ -105,11 +105,15 @@ def time_order(nodes: Nodes, with_field: bool = False, floors: int = 0) -> gtsam
 
 @dataclass(frozen=True)
 class Solved:
-    """Values at the minimum, the Bayes tree of the last linearization, and the number of linearizations."""
+    """Values at the minimum, the Bayes tree of the last linearization, and the number of linearizations.
+
+    `linearized_at` are the values of that linearization, one step before the minimum.
+    """
 
     values: gtsam.Values
     tree: gtsam.GaussianBayesTree
     steps: int
+    linearized_at: gtsam.Values
 
 
 def minimize(
@@ -134,12 +138,13 @@ def minimize(
     """
     error = np.inf
     for steps in range(1, largest_steps + 1):
+        linearized_at = values
         tree, step, promised = _solve_linear(graph, blocks, values, ordering)
         values, error = _descend(graph, blocks, values, step, error)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * ordering.size():
-            return Solved(values, tree, steps)
+            return Solved(values, tree, steps, linearized_at)
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
         "units of the recording are wrong; look at it with 'fg-nav inspect'."
@@ -194,14 +199,14 @@ _LETTER_SHIFT = 56
 def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dict[int, Floats]:
     """Covariance of each wanted key in its tangent space, from a tree eliminated by QR."""
     found: dict[int, Floats] = {}
-    for rows, covariance in _clique_covariances(tree):
+    for rows, covariance in clique_covariances(tree):
         for key in wanted.intersection(rows).difference(found):
             first, last = rows[key]
             found[key] = covariance[first:last, first:last].copy()
     return found
 
 
-def _clique_covariances(
+def clique_covariances(
     tree: gtsam.GaussianBayesTree,
 ) -> Iterator[tuple[dict[int, tuple[int, int]], Floats]]:
     """Yield the rows of each key and the joint covariance of every clique, parents first."""

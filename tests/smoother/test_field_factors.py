@@ -67,6 +67,7 @@ def path_of(
         sigma_uT_m=np.full(len(move), PATH_SIGMA_UT_M),
         distance_m=np.linalg.norm(move, axis=1),
         level_R_body=level,
+        jumps=np.zeros(len(move), dtype=np.bool_),
     )
 
 
