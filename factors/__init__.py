@@ -16,6 +16,7 @@ an optimizer of gtsam such a factor is handed a copy of all values at each call,
 linearize with `graph.linearize(values)` from Python instead, which makes no copy.
 """
 
+from .differential_field import DifferentialField
 from .magnetic_field import FieldPotential, FieldPrior, FieldTransition, LineIntegral, MagneticHeading, integrate_field
 from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear_factor_of
 from .walk_constraints import (
@@ -29,6 +30,7 @@ from .walk_constraints import (
 from .zero_velocity import StanceVelocity, zero_rate_factor
 
 __all__ = [
+    "DifferentialField",
     "FieldPotential",
     "FieldPrior",
     "FieldTransition",

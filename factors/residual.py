@@ -81,8 +81,16 @@ def _check(name: str, what: str, array: object, shape: tuple[int, ...]) -> None:
 POSE = 6
 """A variable of this tangent-space dimension is a pose, passed as its matrix (..., 4, 4) of nav_T_body.
 
-All others are vectors (..., d), so a gtsam.imuBias.ConstantBias cannot be one.
+All others but `BIAS` are vectors (..., d).
 """
+
+
+class _Bias(int):
+    """Dimension of a bias, distinguished from that of a pose by its type."""
+
+
+BIAS = _Bias(6)
+"""A gtsam.imuBias.ConstantBias, passed as its vector (..., 6): accelerometer, then gyroscope."""
 
 
 class Residual(Protocol):
@@ -103,6 +111,8 @@ R = TypeVar("R", bound=Residual)
 
 
 def _read(values: gtsam.Values, key: int, dim: int) -> Array:
+    if isinstance(dim, _Bias):
+        return values.atConstantBias(key).vector()
     return values.atPose3(key).matrix() if dim == POSE else values.atVector(key)
 
 
@@ -117,11 +127,11 @@ def factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.CustomFactor:
 
 
 def linear_factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.LinearContainerFactor:
-    """Make a factor that runs in C++ of one residual that is linear in vectors."""
+    """Make a factor that runs in C++ of one residual that is linear in vectors and biases."""
     zero = [np.zeros(d) for d in residual.dims]
     at = gtsam.Values()
-    for key, x in zip(keys, zero, strict=True):
-        at.insert(key, x)
+    for key, x, dim in zip(keys, zero, residual.dims, strict=True):
+        at.insert(key, gtsam.imuBias.ConstantBias() if isinstance(dim, _Bias) else x)
     return gtsam.LinearContainerFactor(_linear(keys, *residual.evaluate(zero, True)), at)
 
 

@@ -6,6 +6,7 @@ solve         Gauss-Newton: the first solution (`solver`)
 fixes         known positions, added to the first solution (`constraints`)
 constraints   straight stretches and floors, found on the first solution, where they are asked for
 solve again   where there are fixes or constraints
+differential  field while the foot stands: factors on the gyro bias (`differential`)
 field         the magnetic field, in rounds, each of which solves again (`field`)
 solution      marginals -> sigmas (`solver`); nodes -> dense trajectory (`graph`)
 """
@@ -25,6 +26,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.constraints import add_constraints, add_fixes
+from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.field import FIRST_CONVERGENCE, FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
@@ -97,11 +99,16 @@ def _smooth(
         problem = add_constraints(problem, solved.values)
     if problem is not inertial:
         solved = solve(replace(problem, values=solved.values), near_enough)
+    # While the foot stands the field shows the gyro bias, also where it shows no heading.
+    if field is not None and parameters.magnetic.differential:
+        problem = add_differential_field(problem, solved.values)
+        if obstacle and problem.differential is not None:
+            solved = solve(replace(problem, values=solved.values))
     # The field is compared along the solution, and joins it.
     verdict = ignore_field(problem, obstacle)
     if field is not None and not obstacle:
         with_field = solve_with_field(problem, solved, field)
-        solved, verdict = with_field.solved, with_field.verdict
+        problem, solved, verdict = with_field.problem, with_field.solved, with_field.verdict
     solution = _solution_of(problem, solved, verdict, stances, perf_counter() - began)
     if progress is not None:
         progress(1.0)
@@ -125,7 +132,7 @@ def _solution_of(
         stances=stance_table(recording.t, problem.nodes, solved, verdict),
         runtime_s=runtime_s,
         parameters=asdict(p),
-        notes=(*problem.known.notes, steps, *verdict.notes, *tails),
+        notes=(*problem.known.notes, steps, *write_note(problem.differential), *verdict.notes, *tails),
     )
 
 

@@ -35,6 +35,7 @@ from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.factors.residual import ResidualBlock, join_blocks
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, rotate_in_body, rotation_vector, strapdown
 from fg_nav.recording import Recording
+from fg_nav.smoother.differential_factors import DifferentialFactors
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import (
@@ -99,6 +100,7 @@ class WalkProblem:
     velocities : of the stances.
     constraints : factors of fixes, straight stretches and floors, and the number of floors.
     field : factors of the magnetic field, where it is used.
+    differential : those of the differential field on the gyro bias, where the magnetometer is used.
     values : of all variables, to start from.
     """
 
@@ -114,12 +116,13 @@ class WalkProblem:
     constraints: tuple[LinearizableBlock, ...] = ()
     floors: int = 0
     field: FieldFactors | None = None
+    differential: DifferentialFactors | None = None
 
     @property
     def blocks(self) -> tuple[LinearizableBlock, ...]:
         """What is linearized next to the graph."""
-        field = () if self.field is None else (self.field,)
-        return (self.velocities, GtsamFactors(self.start.factor(self.parameters)), *field, *self.constraints)
+        magnetic = (block for block in (self.field, self.differential) if block is not None)
+        return (self.velocities, GtsamFactors(self.start.factor(self.parameters)), *magnetic, *self.constraints)
 
     def factors(self) -> gtsam.NonlinearFactorGraph:
         """Return all of it but the constraints as factors of gtsam, one by one."""
@@ -127,8 +130,9 @@ class WalkProblem:
         for factor in self.velocities.factors():
             graph.push_back(factor)
         graph.push_back(self.start.factor(self.parameters))
-        for field_factor in () if self.field is None else self.field.factors():
-            graph.push_back(field_factor)
+        for block in (self.field, self.differential):
+            for magnetic_factor in () if block is None else block.factors():
+                graph.push_back(magnetic_factor)
         return graph
 
 

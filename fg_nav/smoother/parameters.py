@@ -21,6 +21,8 @@ class FieldParameters:
     """Use the direction of the field at each footfall."""
     potential: bool = True
     """Use the line integral of the field over the strides."""
+    differential: bool = True
+    """Use what the field shows of the gyro bias while the foot stands."""
     rounds: int = 2
     """How often noise and verdicts are taken again from the smoothed walk: the first time from a walk without the
     field, whose heading has drifted."""

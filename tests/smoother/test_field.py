@@ -330,14 +330,14 @@ def test_too_few_fields_are_left_alone() -> None:
     stances = demo().stances
     last = stances.stop[np.flatnonzero(stances.footfall < FEWEST_SEEN - 1)[-1]]
     recording = unseen(plain(), np.arange(len(plain().t)) >= last)
-    found = smoothed(recording)
+    found = smoothed(recording, p=replace_field(differential=False))
     assert set(found.stances.field) == {UNKNOWN}
     assert set(found.stances.field_reason) == {f"the field was seen at {FEWEST_SEEN - 1} footfalls only"}
     assert_same(found, inertial(plain()))
 
 
 def test_near_the_magnetic_pole_there_is_no_compass() -> None:
-    found = smoothed(in_field(np.array([1.0, 2.0, -58.0])))
+    found = smoothed(in_field(np.array([1.0, 2.0, -58.0])), p=replace_field(differential=False))
     (reason,) = set(found.stances.field_reason)
     assert reason == "the field is 2.2 uT over ground, which is too little for a compass"
     assert set(found.stances.field) == {UNKNOWN}

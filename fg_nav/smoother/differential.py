@@ -1,0 +1,71 @@
+"""What the differential field of a walk shows of its gyro bias (`differential_factors`).
+
+a solution   -> place at every sample, gyro bias to linearize at
+swings       -> variogram of the field
+stances      -> information on each bias variable -> factors
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B
+
+from fg_nav.arrays import Floats
+from fg_nav.factors.differential_field import FieldNoise
+from fg_nav.smoother.differential_factors import (
+    IRON_UT,
+    DifferentialFactors,
+    find_stretches,
+    fit_variogram,
+    measure_noise,
+    measure_stretches,
+    sum_stretches,
+    turn_stretches,
+)
+from fg_nav.smoother.graph import WalkProblem, trajectory_of
+from fg_nav.text import format_count
+
+
+def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
+    """Return the problem with the factors of its differential field, by its last solution; in place of earlier ones."""
+    recording, nodes = problem.recording, problem.nodes
+    assert recording.mag is not None
+    stretches = find_stretches(recording, nodes, problem.known.rests)
+    if len(stretches.start) == 0:
+        return replace(problem, differential=None)
+    track = trajectory_of(recording, nodes, values, problem.parameters.gravity)
+    biases = _gyro_biases(values, int(nodes.bias[-1]) + 1)
+    turned = turn_stretches(recording, stretches, track.position, biases[stretches.bias])
+    sigma_uT = measure_noise(turned)
+    variogram = fit_variogram(recording.mag, track.position, track.nav_R_body, nodes, sigma_uT)
+    if variogram is None:
+        return replace(problem, differential=None)
+    noise = FieldNoise(variogram, sigma_uT, IRON_UT)
+    information, used = measure_stretches(turned, noise)
+    stances, standings = (
+        sum_stretches(information, stretches.bias, used & those, len(biases))
+        for those in (~stretches.is_standing, stretches.is_standing)
+    )
+    return replace(problem, differential=DifferentialFactors(stances, standings, noise))
+
+
+def _gyro_biases(values: gtsam.Values, count: int) -> Floats:
+    return np.array([values.atConstantBias(B(k)).gyroscope() for k in range(count)])
+
+
+def write_note(differential: DifferentialFactors | None) -> tuple[str, ...]:
+    """Say by how many stances and standings the gyro bias was observed, and how well."""
+    if differential is None or len(differential) == 0:
+        return ()
+    stances, standings = (int(one.count.sum()) for one in (differential.stances, differential.standings))
+    values = np.linalg.eigvalsh(differential.information.matrix)
+    values = values[values[:, -1] > 0.0]
+    worst, best = np.degrees(1.0 / np.sqrt(np.maximum(np.median(values, axis=0), 1.0)))[[0, -1]]
+    where = f"{format_count(stances, 'stance')} and {format_count(standings, 'standing')}"
+    return (
+        f"gyro bias by the differential field of {where}: to {best:.2g} deg/s in the best direction and "
+        f"{worst:.2g} in the worst of each variable, median",
+    )

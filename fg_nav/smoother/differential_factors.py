@@ -1,0 +1,264 @@
+"""The differential field of a walk: which stretches show the gyro bias, how the field drifts in them, and the factors.
+
+A stretch is a stance, or a standing in which no rest was found: all samples of the field from the first node of a
+footfall to its last. A long standing is cut into pieces. From each follows what it shows of the gyro bias
+(`factors.differential_field`), with what this walk shows of its field and its magnetometer:
+
+    sigma_n      third differences of z_t in the stretches, whose variance is 20 sigma_n^2
+    gamma(r)     half the mean square per axis of differences of the field, in nav, between two samples of one swing
+                 that are r apart, less sigma_n^2; median for mean; fitted by sigma^2 (1 - exp(-(r / l)^a))
+
+The information of a stretch is divided by max(1, chi^2 / freedom); beyond `MOST_CHI_SQUARE` the model is wrong, and the
+stretch is left out. The stretches of a bias variable are added, and limited by what is common to all of them. Stances
+and standings have each a limit of their own: a foot that rolls turns faster than one that stands, and what is wrong
+with the magnetometer's axes, its delay and the gyroscope's scale grows with that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection import Rest
+from fg_nav.factors.differential_field import (
+    BiasInformation,
+    FieldNoise,
+    FieldStretches,
+    StretchInformation,
+    Variogram,
+    measure_bias,
+)
+from fg_nav.factors.residual import linear_factor_of, one_of
+from fg_nav.factors.rotation import relative_rotations
+from fg_nav.recording import Recording
+from fg_nav.smoother.strides import STANDS_S, Nodes
+
+SHORTEST_S = 0.2
+"""A shorter stance turns the foot by too little to tell a bias from noise."""
+
+LONGEST_S = 10.0
+"""Of a piece of a standing: in it a bias of 0.3 deg/s turns the sensor by 3 deg, of which half the square is 1e-3."""
+
+FEWEST_SAMPLES = 5
+"""Of the field in a stretch."""
+
+MOST_SAMPLES = 64
+"""Beyond, neighbours are averaged."""
+
+MOST_CHI_SQUARE = 25.0
+"""Per degree of freedom: the field of such a stretch changed by something that is not in the model."""
+
+STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.2, 0.03
+"""Error that the stances, or the standings, of one bias variable have in common: a rolling foot turns at 5 deg/s, and
+one per cent of that is the scale of a gyroscope or the soft iron of a magnetometer."""
+
+IRON_UT = 3.0
+"""Hard iron that a calibration leaves, per axis; soft iron of five per cent in the field of the Earth is as much."""
+
+LEAST_NOISE_UT = 0.05
+"""Of a magnetometer: quantization and filters make third differences smaller than the noise."""
+
+LEAST_VARIOGRAM_UT2 = 1e-3
+"""Below, a difference of the field is the attitude's error."""
+
+MOST_SWINGS, MOST_OF_SWING = 60, 40
+"""Swings, spread over the walk, and samples of each, of which all pairs are compared."""
+
+DISTANCES_M = np.geomspace(0.005, 1.0, 17)
+"""Limits of the classes of distance: from what a foot rolls to most of a stride."""
+
+FEWEST_PAIRS, FEWEST_CLASSES = 30, 4
+"""In a class, and classes, without which there is no variogram."""
+
+LENGTHS_M, EXPONENTS = np.geomspace(0.02, 5.0, 40), np.linspace(0.6, 2.0, 15)
+"""Of the variogram: tried by turns."""
+
+MEDIAN_OF_CHI_SQUARE = 2.366
+"""Of the square of a normal vector of three components with unit variance each."""
+
+MAD_TO_SIGMA = 1.4826
+"""Median absolute deviation to standard deviation, of a normal distribution."""
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Samples `start <= i < stop` (S,) of each, the bias variable (S,) it belongs to, and whether it is a standing."""
+
+    start: Ints
+    stop: Ints
+    bias: Ints
+    is_standing: Bools
+
+    def keep(self, those: Bools) -> Stretches:
+        """Return some of them."""
+        return Stretches(self.start[those], self.stop[those], self.bias[those], self.is_standing[those])
+
+
+def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) -> Stretches:
+    """Find the stances and standings in which the field is seen and no rest was found."""
+    start, stop = nodes.sample[nodes.first[:-1]], nodes.sample[nodes.first[1:] - 1] + 1
+    duration = recording.t[stop - 1] - recording.t[start]
+    stretches = _cut(start, stop, nodes.bias, duration)
+    long_enough = recording.t[stretches.stop - 1] - recording.t[stretches.start] >= SHORTEST_S
+    rested = np.zeros(len(long_enough), dtype=np.bool_)
+    for rest in rests:
+        rested |= (stretches.start < rest.stop) & (stretches.stop > rest.start)
+    return stretches.keep(long_enough & ~rested & (_count_fields(recording, stretches) >= FEWEST_SAMPLES))
+
+
+def _cut(start: Ints, stop: Ints, bias: Ints, duration: Floats) -> Stretches:
+    """Cut standings into pieces of `LONGEST_S` at most."""
+    pieces = np.maximum(np.ceil(duration / LONGEST_S).astype(np.int64), 1)
+    of = np.repeat(np.arange(len(start)), pieces)
+    number = np.arange(len(of)) - np.searchsorted(of, of)
+    size = (stop - start)[of]
+    return Stretches(
+        start[of] + number * size // pieces[of],
+        start[of] + (number + 1) * size // pieces[of],
+        bias[of],
+        (duration > STANDS_S)[of],
+    )
+
+
+def _count_fields(recording: Recording, stretches: Stretches) -> Ints:
+    assert recording.mag is not None
+    total = np.concatenate([[0], np.cumsum(np.isfinite(recording.mag[:, 0]))])
+    return np.asarray(total[stretches.stop] - total[stretches.start])
+
+
+def turn_stretches(recording: Recording, stretches: Stretches, position: Floats, gyro_bias: Floats) -> FieldStretches:
+    """Turn the field of all samples to the first of their stretch.
+
+    Parameters
+    ----------
+    position : (N, 3) m, at every sample.
+    gyro_bias : (S, 3) rad/s, at which it is linearized.
+    """
+    assert recording.mag is not None
+    count = stretches.stop - stretches.start
+    stretch = np.repeat(np.arange(len(count)), count)
+    sample = np.arange(len(stretch)) - np.searchsorted(stretch, stretch) + stretches.start[stretch]
+    periods = np.append(np.diff(recording.t), recording.period_s)[sample]
+    rotation, jacobian = relative_rotations(recording.integrable[1][sample], periods, stretch, gyro_bias)
+    seen = np.isfinite(recording.mag[sample, 0])
+    sample, stretch = sample[seen], stretch[seen]
+    return FieldStretches(recording.mag[sample], rotation[seen], jacobian[seen], position[sample], stretch, gyro_bias)
+
+
+def measure_noise(turned: FieldStretches) -> float:
+    """White noise of the magnetometer, uT, by third differences within the stretches."""
+    third = np.diff(turned.in_first_frame(), n=3, axis=0)
+    whole = turned.stretch[3:] == turned.stretch[:-3]
+    if not whole.any():
+        return LEAST_NOISE_UT
+    return float(max(MAD_TO_SIGMA * np.median(np.abs(third[whole])) / np.sqrt(20.0), LEAST_NOISE_UT))
+
+
+def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes, sigma_uT: float) -> Variogram | None:
+    """Fit the variogram of the field in the swings, by the trajectory at all samples; None where too little is seen."""
+    square, distance = _compare_pairs(mag, position, nav_R_body, nodes)
+    number = np.digitize(distance, DISTANCES_M)
+    found = []
+    for k in range(1, len(DISTANCES_M)):
+        inside = number == k
+        if inside.sum() >= FEWEST_PAIRS:
+            gamma = float(np.median(square[inside])) / MEDIAN_OF_CHI_SQUARE / 2.0 - sigma_uT**2
+            found.append((float(np.median(distance[inside])), max(gamma, LEAST_VARIOGRAM_UT2)))
+    if len(found) < FEWEST_CLASSES:
+        return None
+    return _fit_classes(*np.array(found).T)
+
+
+def _compare_pairs(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes) -> tuple[Floats, Floats]:
+    """Squares (P,) uT^2 of differences of the field between samples of one swing, and how far they are apart (P,) m."""
+    begins, ends = nodes.sample[nodes.first[1:-1] - 1], nodes.sample[nodes.first[1:-1]]
+    chosen = np.unique(np.linspace(0, len(begins) - 1, min(MOST_SWINGS, len(begins))).astype(np.int64))
+    squares, distances = [np.empty(0)], [np.empty(0)]
+    for k in chosen:
+        sample = np.arange(begins[k], ends[k] + 1)
+        sample = sample[np.isfinite(mag[sample, 0])]
+        sample = sample[:: -(-max(len(sample), 1) // MOST_OF_SWING)]
+        i, j = np.triu_indices(len(sample), 1)
+        nav_field = np.einsum("nij,nj->ni", nav_R_body[sample], mag[sample])
+        squares.append(((nav_field[i] - nav_field[j]) ** 2).sum(axis=1))
+        distances.append(np.linalg.norm(position[sample[i]] - position[sample[j]], axis=1))
+    return np.concatenate(squares), np.concatenate(distances)
+
+
+def _fit_classes(distance: Floats, gamma: Floats) -> Variogram:
+    """Least squares of log gamma over the classes."""
+    length, exponent = (grid.ravel() for grid in np.meshgrid(LENGTHS_M, EXPONENTS))
+    shape = -np.expm1(-((distance / length[:, None]) ** exponent[:, None]))
+    off = np.log(gamma) - np.log(shape)
+    level = off.mean(axis=1)
+    best = int(np.argmin(((off - level[:, None]) ** 2).sum(axis=1)))
+    return Variogram(float(np.exp(level[best] / 2.0)), float(length[best]), float(exponent[best]))
+
+
+@dataclass(frozen=True)
+class StretchSum:
+    """What the stretches of one kind show of each of K bias variables: information (K, 3, 3), and how many (K,)."""
+
+    information: BiasInformation
+    count: Ints
+
+
+class DifferentialFactors:
+    """The factors of a walk: one of three rows on each bias variable that a stretch shows."""
+
+    def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise) -> None:
+        self.stances, self.standings, self.noise = stances, standings, noise
+        limited = limit_information(stances.information, standings.information)
+        residual = limited.residual()
+        seen = np.flatnonzero(stances.count + standings.count)
+        self._factors = [linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen]
+        self.information = limited
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        return float(sum(factor.error(values) for factor in self._factors))
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
+        """Yield its factors, linearized at these values."""
+        return (factor.linearize(values) for factor in self._factors)
+
+    def factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """Yield the same as factors of gtsam, in order of the bias variables."""
+        return iter(self._factors)
+
+    def __len__(self) -> int:
+        return len(self._factors)
+
+
+def limit_information(stances: BiasInformation, standings: BiasInformation) -> BiasInformation:
+    """Limit the information of stances and of standings by what is common to each, and add them."""
+    of_stances = stances.limit(float(np.radians(STANCE_SIGMA_DEG_S)))
+    return of_stances + standings.limit(float(np.radians(STANDING_SIGMA_DEG_S)))
+
+
+def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasInformation, Bools]:
+    """What each of S stretches shows of the bias by the noise of the walk; and which of them are used."""
+    found = measure_bias(turned, noise, MOST_SAMPLES)
+    return _inflate(found)
+
+
+def _inflate(found: StretchInformation) -> tuple[BiasInformation, Bools]:
+    ratio = found.chi_square / np.maximum(found.freedom, 1.0)
+    used = (found.freedom > 0.0) & (ratio <= MOST_CHI_SQUARE)
+    weight = np.where(used, 1.0 / np.maximum(ratio, 1.0), 0.0)
+    return BiasInformation(
+        found.information.matrix * weight[:, None, None], found.information.vector * weight[:, None]
+    ), used
+
+
+def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variables: int) -> StretchSum:
+    """Add what those of the stretches (S,) show of each bias variable."""
+    matrix, vector = np.zeros((variables, 3, 3)), np.zeros((variables, 3))
+    np.add.at(matrix, bias[those], information.matrix[those])
+    np.add.at(vector, bias[those], information.vector[those])
+    return StretchSum(BiasInformation(matrix, vector), np.bincount(bias[those], minlength=variables))

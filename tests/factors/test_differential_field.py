@@ -1,0 +1,233 @@
+"""The gyro bias by the field of a sensor that stays in one place, on rotations, biases and fields that are known."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import B
+from scipy.spatial.transform import Rotation
+
+from fg_nav.factors import DifferentialField, ResidualBlock, factor_of, linear_factor_of
+from fg_nav.factors.differential_field import (
+    BiasInformation,
+    FieldNoise,
+    FieldStretches,
+    StretchInformation,
+    Variogram,
+    measure_bias,
+)
+from fg_nav.factors.residual import Array, one_of
+from fg_nav.factors.rotation import relative_rotations
+
+RATE_HZ, SAMPLES = 100.0, 50
+EARTH = np.array([5.0, 20.0, -43.0])
+BIAS = np.radians([0.4, -0.3, 0.6])
+NOISE = FieldNoise(Variogram(1e-6, 1.0, 1.0), 0.3, 0.0)
+"""White, and nothing else."""
+
+
+def rocking(seed: int, stretches: int = 40, amplitude_rad_s: float = 0.15) -> tuple[Array, Array]:
+    """True rates (T, 3) rad/s of a foot that rocks about all its axes, and the stretch (T,) of each sample."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(SAMPLES) / RATE_HZ
+    phase, cycles = rng.uniform(0.0, 2.0 * np.pi, (2, stretches, 3, 1))
+    rate = amplitude_rad_s * np.sin(2.0 * np.pi * (0.5 + 0.3 * cycles) * t + phase)
+    return np.swapaxes(rate, 1, 2).reshape(-1, 3), np.repeat(np.arange(stretches), SAMPLES)
+
+
+def measured(
+    seed: int,
+    white_uT: float = 0.3,
+    field: Array = EARTH,
+    drift: Array | None = None,
+    iron: Array = np.zeros(3),
+    bias: Array = BIAS,
+    about: Array = np.zeros(3),
+    amplitude_rad_s: float = 0.15,
+) -> FieldStretches:
+    """Stretches of a gyroscope with this bias, linearized about another; each begins at an attitude of its own."""
+    rate, stretch = rocking(seed, amplitude_rad_s=amplitude_rad_s)
+    rng = np.random.default_rng(seed + 1000)
+    period = np.full(len(rate), 1.0 / RATE_HZ)
+    true, _ = relative_rotations(rate, period, stretch, np.zeros(3))
+    nav_R_first = Rotation.random(stretch[-1] + 1, rng=rng).as_matrix()
+    there = field + (np.zeros((len(rate), 3)) if drift is None else drift)
+    y = np.einsum("tji,tj->ti", nav_R_first[stretch] @ true, there) + iron + rng.normal(0.0, white_uT, (len(rate), 3))
+    about = np.broadcast_to(about, (stretch[-1] + 1, 3))
+    rotation, jacobian = relative_rotations(rate + bias, period, stretch, np.ascontiguousarray(about))
+    return FieldStretches(y, rotation, jacobian, np.zeros((len(rate), 3)), stretch, about)
+
+
+def total(found: StretchInformation) -> tuple[Array, Array]:
+    """Bias (3,) and covariance (3, 3) of all stretches together."""
+    covariance = np.linalg.inv(found.information.matrix.sum(axis=0))
+    return covariance @ found.information.vector.sum(axis=0), covariance
+
+
+def whitened(found: StretchInformation) -> float:
+    """Square of the error over its covariance, of three degrees of freedom."""
+    bias, covariance = total(found)
+    return float((bias - BIAS) @ np.linalg.solve(covariance, bias - BIAS))
+
+
+def test_without_noise_the_bias_is_found() -> None:
+    bias, _ = total(measure_bias(measured(0, white_uT=0.0, about=BIAS * 0.9), NOISE, 64))
+    np.testing.assert_allclose(bias, BIAS, atol=np.radians(1e-3))
+
+
+@pytest.mark.parametrize("most", [64, 10], ids=["all samples", "averaged"])
+def test_sigma_and_chi_square_are_true(most: int) -> None:
+    found = [measure_bias(measured(seed), NOISE, most) for seed in range(40)]
+    assert 3.0 - 3.0 * np.sqrt(6.0 / 40) < np.mean([whitened(one) for one in found]) < 3.0 + 3.0 * np.sqrt(6.0 / 40)
+    ratio = [one.chi_square.sum() / one.freedom.sum() for one in found]
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_few_stances_show_the_bias_about_all_axes_to_a_tenth_of_a_degree() -> None:
+    _, covariance = total(measure_bias(measured(0), NOISE, 64))
+    sigma_deg_s = np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)))
+    assert (sigma_deg_s < 0.25).all()
+    assert sigma_deg_s[0] > 0.01
+
+
+def test_averages_lose_little() -> None:
+    all_samples, averaged = (measure_bias(measured(0), NOISE, most).information.matrix.sum(axis=0) for most in (64, 10))
+    assert np.trace(averaged) > 0.95 * np.trace(all_samples)
+
+
+def test_no_information_about_the_field_itself() -> None:
+    still = measure_bias(measured(0, white_uT=0.0, bias=np.zeros(3), amplitude_rad_s=0.0), NOISE, 64)
+    values = np.linalg.eigvalsh(still.information.matrix)
+    assert (values[:, 0] < 1e-9 * values[:, -1]).all()
+
+
+def test_turned_body_axes_turn_the_bias() -> None:
+    here = measured(3)
+    turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    there = replace(
+        here,
+        body_field=here.body_field @ turn.T,
+        rotation=turn @ here.rotation @ turn.T,
+        bias_jacobian=turn @ here.bias_jacobian @ turn.T,
+        position=here.position @ turn.T,
+        gyro_bias=here.gyro_bias @ turn.T,
+    )
+    noise = replace(NOISE, iron_uT=1.0)
+    one, other = (measure_bias(some, noise, 64) for some in (here, there))
+    np.testing.assert_allclose(other.information.matrix, turn @ one.information.matrix @ turn.T, rtol=1e-6)
+    np.testing.assert_allclose(other.information.vector, one.information.vector @ turn.T, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
+
+
+def test_a_stronger_field_with_as_much_more_noise_shows_the_same() -> None:
+    here = measured(4)
+    there = replace(here, body_field=3.0 * here.body_field)
+    noise = replace(NOISE, iron_uT=1.0)
+    more = FieldNoise(replace(NOISE.variogram, sigma_uT=3e-6), 0.9, 3.0)
+    one, other = measure_bias(here, noise, 64), measure_bias(there, more, 64)
+    np.testing.assert_allclose(other.information.matrix, one.information.matrix, rtol=1e-6)
+    np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
+
+
+def test_it_does_not_matter_where_it_is_linearized() -> None:
+    here, there = (measure_bias(measured(5, about=about), NOISE, 64) for about in (np.zeros(3), BIAS * 0.5))
+    bias, covariance = total(here)
+    again, _ = total(there)
+    assert (np.abs(again - bias) < 0.05 * np.sqrt(np.diagonal(covariance))).all()
+
+
+def wandering(seed: int, variogram: Variogram, speed_m_s: float) -> tuple[Array, Array]:
+    """Place (T, 3) of a sensor that creeps through each stretch, and the field there off its mean (T, 3)."""
+    rng = np.random.default_rng(seed + 2000)
+    stretches = rocking(seed)[1][-1] + 1
+    place = np.zeros((stretches, SAMPLES, 3))
+    place[:, :, 0] = speed_m_s * np.arange(SAMPLES) / RATE_HZ
+    square = (place[0, :, None, 0] - place[0, None, :, 0]) ** 2
+    root = np.linalg.cholesky(variogram.covariance(square) + 1e-10 * np.eye(SAMPLES))
+    off = np.einsum("ts,nsa->nta", root, rng.normal(size=(stretches, SAMPLES, 3)))
+    return place.reshape(-1, 3), off.reshape(-1, 3)
+
+
+def test_a_field_that_drifts_is_not_taken_for_a_bias() -> None:
+    variogram = Variogram(5.0, 0.5, 1.0)
+    squares, white, ratio = [], [], []
+    for seed in range(40):
+        place, off = wandering(seed, variogram, 0.02)
+        seen = replace(measured(seed, drift=off), position=place)
+        found = measure_bias(seen, FieldNoise(variogram, 0.3, 0.0), 64)
+        squares.append(whitened(found))
+        ratio.append(found.chi_square.sum() / found.freedom.sum())
+        white.append(whitened(measure_bias(seen, NOISE, 64)))
+    assert 3.0 - 3.0 * np.sqrt(6.0 / 40) < np.mean(squares) < 3.0 + 3.0 * np.sqrt(6.0 / 40)
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(white) > 10.0
+
+
+def test_iron_on_the_body_is_not_taken_for_a_bias() -> None:
+    squares, ignored = [], []
+    for seed in range(40):
+        iron = np.random.default_rng(seed).normal(0.0, 3.0, 3)
+        seen = measured(seed, iron=iron, amplitude_rad_s=0.4)
+        squares.append(whitened(measure_bias(seen, replace(NOISE, iron_uT=3.0), 64)))
+        ignored.append(whitened(measure_bias(seen, NOISE, 64)))
+    assert np.mean(squares) < 4.0
+    assert np.mean(ignored) > 10.0
+
+
+# ------------------------------------------------------------------------------------------------------- information
+
+
+def random_information(seed: int, count: int = 5) -> BiasInformation:
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(count, 3, 3)) * 1e3
+    return BiasInformation(np.swapaxes(root, 1, 2) @ root, rng.normal(size=(count, 3)) * 1e4)
+
+
+def test_a_common_error_limits_what_is_known_and_keeps_the_mean() -> None:
+    one, sigma = random_information(0), np.radians(0.05)
+    limited = one.limit(sigma)
+    covariance = np.linalg.inv(one.matrix) + sigma**2 * np.eye(3)
+    np.testing.assert_allclose(np.linalg.inv(limited.matrix), covariance, rtol=1e-8)
+    means = [np.linalg.solve(some.matrix, some.vector[..., None]) for some in (one, limited)]
+    np.testing.assert_allclose(means[1], means[0], rtol=1e-8)
+    nothing = BiasInformation(np.zeros((1, 3, 3)), np.zeros((1, 3))).limit(sigma)
+    assert not nothing.matrix.any()
+
+
+def test_the_residual_has_the_information() -> None:
+    one = random_information(1)
+    residual = one.residual()
+    root, target = residual.root, residual.target
+    np.testing.assert_allclose(np.swapaxes(root, 1, 2) @ root, one.matrix, rtol=1e-9)
+    np.testing.assert_allclose((np.swapaxes(root, 1, 2) @ target[..., None])[..., 0], one.vector, rtol=1e-9)
+
+
+def test_where_nothing_is_known_there_is_a_row_of_zeros() -> None:
+    residual = BiasInformation(np.diag([4.0, 0.0, 1.0])[None], np.array([[2.0, 0.0, 3.0]])).residual()
+    assert (np.abs(residual.root).sum(axis=2) == 0.0).sum() == 1
+    assert np.isfinite(residual.target).all()
+    assert not BiasInformation(np.zeros((1, 3, 3)), np.zeros((1, 3))).residual().root.any()
+
+
+def test_its_jacobian_is_the_derivative() -> None:
+    residual = random_information(2).residual()
+    bias = np.random.default_rng(0).normal(size=(5, 6)) * 0.01
+    _, (H,) = residual.evaluate([bias], True)
+    step = 1e-4
+    for column in range(6):
+        change = step * np.eye(6)[column]
+        ahead, behind = (residual.evaluate([bias + sign * change], False)[0] for sign in (1.0, -1.0))
+        np.testing.assert_allclose(H[..., column], (ahead - behind) / (2.0 * step), atol=1e-6 * np.abs(H).max())
+
+
+def test_block_custom_and_native_factor_are_one() -> None:
+    residual: DifferentialField = random_information(3).residual()
+    values = gtsam.Values()
+    for k in range(5):
+        values.insert(B(k), gtsam.imuBias.ConstantBias(np.full(3, 0.1), np.array([0.01, -0.02, 0.03]) * k))
+    block = ResidualBlock(residual, [(B(k),) for k in range(5)])
+    for k, linear in enumerate(block.linearize(values)):
+        for factor in (factor_of(one_of(residual, k), [B(k)]), linear_factor_of(one_of(residual, k), [B(k)])):
+            np.testing.assert_allclose(factor.linearize(values).information(), linear.information(), rtol=1e-9)
+            assert factor.error(values) == pytest.approx(0.5 * float((block.evaluate(values)[0][k] ** 2).sum()))
