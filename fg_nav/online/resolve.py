@@ -1,8 +1,8 @@
 """The scheduled batch re-solve of a walk in progress, which hands all of it to a graph that goes on from there.
 
-Lever, swing noise, the bias to linearize at, and the roughness of the field are estimated on the walk. In its first
-minutes they still change by much, so at the footfalls `RESOLVE_AT` the batch's own functions estimate them again on
-what there is, and the graph is built again around the batch's solution. From the last of these on they stay.
+Lever, swing noise, the bias to linearize at, its random walk, and the roughness of the field are estimated on the walk.
+In its first minutes they still change by much, so at the footfalls `RESOLVE_AT` the batch's own functions estimate them
+again on what there is, and the graph is built again around the batch's solution. From the last of these on they stay.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class WalkSolution:
 
     @property
     def parameters(self) -> SmootherParameters:
-        """With the swing noise that was chosen."""
+        """With swing noise and bias walk that were chosen."""
         return self.problem.parameters
 
     @property

@@ -6,9 +6,10 @@
     solution             -> where the foot is now, and the estimates of all footfalls so far
 
 At a few early footfalls (`resolve.RESOLVE_AT`) the walk so far is solved again in batch, with lever, swing noise, gyro
-bias and roughness of the field estimated on it. After the last re-solve lever, swing noise and the gyro bias to
-linearize at stay fixed, so the optimum differs slightly from the batch's: `OnlineNavigator.finish` solves the whole
-walk in batch. The roughness of the field is measured again every `field.ROUGH_EVERY` footfalls.
+bias, its random walk and the roughness of the field estimated on it. After the last re-solve lever, swing noise, bias
+walk and the gyro bias to linearize at stay fixed, so the optimum differs slightly from the batch's:
+`OnlineNavigator.finish` solves the whole walk in batch. The roughness of the field is measured again every
+`field.ROUGH_EVERY` footfalls.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The smoother: a whole walk at once.
 
-problem       rests, lever, swing noise; nodes, factors and initial values (`problem.walk_problem`, which calls
-              `graph.build_problem`)
+problem       rests, lever, swing noise; nodes, factors and initial values; bias walk (`problem.walk_problem`, which
+              calls `graph.build_problem`)
 solve         Gauss-Newton: the first solution (`solver`)
 fixes         known positions, added to the first solution (`constraints`)
 constraints   straight stretches and floors, found on the first solution, where they are asked for
@@ -27,11 +27,11 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.differential import add_differential_field, write_note
-from fg_nav.smoother.field import FIRST_CONVERGENCE, FieldVerdict, find_obstacle, ignore_field, solve_with_field
+from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import CONVERGENCE, Solved, stance_table
+from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_count

@@ -61,10 +61,6 @@ from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.solver import Solved
 
-FIRST_CONVERGENCE = 0.05
-"""How near its minimum the walk without the field has to be to look at the field along it, as `convergence` of the
-smoother: by then it is millimetres and thousandths of a degree a stride from there."""
-
 COMPASS_SIGMA_UT = 0.3
 """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
 

@@ -93,7 +93,7 @@ class WalkProblem:
 
     Attributes
     ----------
-    recording, nodes, known, parameters : of the walk; with the swing noise that was chosen.
+    recording, nodes, known, parameters : of the walk; with swing noise and bias walk that were chosen.
     heading_known : whether the heading at the start was given, or fixes show it.
     start : prior on the first pose.
     graph : inertial factors, and those on biases and settling.

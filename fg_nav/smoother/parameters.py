@@ -83,6 +83,11 @@ class SmootherParameters:
 
     gyro_bias_sigma_deg_s: float = 0.15
     """Gyro bias of a factory-calibrated sensor before a rest has shown it, deg/s."""
+    gyro_bias_walk_deg_s: float = 6e-4
+    """Random walk of the gyro bias, deg/s/sqrt(s): 0.04 deg/s in an hour."""
+    choose_bias_walk: bool = True
+    """Choose `gyro_bias_walk_deg_s` by the evidence of the walk (`bias_walk`); the value above is for walks that do not
+    show another."""
     tilt_sigma_deg: float = 1.0
     """Tilt after levelling in the first stance, deg."""
     rest: RestParameters = field(default_factory=RestParameters)

@@ -5,8 +5,9 @@
     estimate_lever       -> lever of the rolling foot
     choose_swing_noise   -> noise of a swing, by the evidence below
     graph.build_problem  -> nodes, factors and initial values
+    choose_bias_walk     -> random walk of the gyro bias (`bias_walk`), and values near the minimum
 
-`walk_problem` is all five steps: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
+`walk_problem` is all six steps: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
 walk adds `strides.stride_graph`. The evidence calls the last step alone, on pieces of the walk.
 
 `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
@@ -43,8 +44,10 @@ from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
+from fg_nav.smoother.bias_walk import MOST_NATS, choose_bias_walk
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.solver import log_root
 from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -66,9 +69,6 @@ FEWEST_STRIDES = 8
 
 INERTIAL_KEYS = 5
 """An inertial factor joins two poses, two velocities and a bias; none other joins as many."""
-
-MOST_NATS = 3.0
-"""Twenty to one: what counts as strong evidence (Kass and Raftery 1995)."""
 
 
 @dataclass(frozen=True)
@@ -178,21 +178,11 @@ class _Piece:
         solved = solve(self._problem)
         self._problem = replace(self._problem, values=solved.values)
         error = graph.error(solved.values) + sum(block.error(solved.values) for block in blocks)
-        return float(error + _log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
+        return float(error + log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
 
 
 _BASE = (0.0, 1e-3)
 """The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some."""
-
-
-def _log_root(tree: gtsam.GaussianBayesTree) -> float:
-    """log|R|, half the logarithm of the determinant of the information."""
-    total, stack = 0.0, list(tree.roots())
-    while stack:
-        clique = stack.pop()
-        total += float(np.log(np.abs(np.diagonal(clique.conditional().R()))).sum())
-        stack += [clique[i] for i in range(clique.nrChildren())]
-    return total
 
 
 def walk_problem(
@@ -217,7 +207,8 @@ def walk_problem(
     rests = _whole_rests(start.rests, recording, p) if in_progress else start.rests
     known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
-    return build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
+    problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
+    return choose_bias_walk(problem) if p.choose_bias_walk else problem
 
 
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:

@@ -41,6 +41,10 @@ CONVERGENCE = 5e-4
 """The solver stops when the error differs from what the linear model promised by less than this per variable: by
 then the nodes of an hour's walk move by millimetres, at a sigma of metres."""
 
+FIRST_CONVERGENCE = 0.05
+"""The same where the walk is looked at and solved again: it is then millimetres and thousandths of a degree a stride
+from the minimum."""
+
 LARGEST_STEPS = 25
 """And gives up after so many."""
 
@@ -159,10 +163,7 @@ def _solve_linear(
 ) -> tuple[gtsam.GaussianBayesTree, gtsam.VectorValues, float]:
     """Bayes tree of the linearized graph, its minimum, and the error there."""
     try:
-        linear = graph.linearize(values)
-        for block in blocks:
-            for factor in block.linearize(values):
-                linear.push_back(factor)
+        linear = linearize(graph, blocks, values)
         tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
         step = tree.optimize()
     except RuntimeError as error:
@@ -170,6 +171,27 @@ def _solve_linear(
             "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
         ) from error
     return tree, step, linear.error(step)
+
+
+def linearize(
+    graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
+) -> gtsam.GaussianFactorGraph:
+    """Linearize the graph and its blocks at these values."""
+    linear = graph.linearize(values)
+    for block in blocks:
+        for factor in block.linearize(values):
+            linear.push_back(factor)
+    return linear
+
+
+def log_root(tree: gtsam.GaussianBayesTree) -> float:
+    """log|R|, half the logarithm of the determinant of the information."""
+    total, stack = 0.0, list(tree.roots())
+    while stack:
+        clique = stack.pop()
+        total += float(np.log(np.abs(np.diagonal(clique.conditional().R()))).sum())
+        stack += [clique[i] for i in range(clique.nrChildren())]
+    return total
 
 
 def _descend(

@@ -142,9 +142,6 @@ SETTLING_WALK_M = 2e-5
 SETTLING_TIME_S = 0.3
 """Shortest time in which a sole settles."""
 
-GYRO_BIAS_WALK_DEG_S = 6e-4
-"""Random walk of the gyro bias, deg/s/sqrt(s): 0.04 deg/s in an hour."""
-
 ACC_BIAS_SIGMA = 0.02
 """Accelerometer bias, m/s^2 (2 mg)."""
 
@@ -245,7 +242,7 @@ def _add_inertial(graph: gtsam.NonlinearFactorGraph, stride: Stride) -> None:
 def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
     """Add the random walk of bias and settling where a new one begins, and the rests."""
     if stride.bias != stride.bias_before:
-        walk = np.repeat([ACC_BIAS_WALK, np.radians(GYRO_BIAS_WALK_DEG_S)], 3)
+        walk = np.repeat([ACC_BIAS_WALK, np.radians(p.gyro_bias_walk_deg_s)], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
         change = _one_sigma(SETTLING_WALK_M * np.sqrt(stride.bias_age_s))

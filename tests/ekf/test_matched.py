@@ -29,12 +29,12 @@ def test_it_assumes_what_the_graph_assumes():
         "roll_sigma_m",
         "unsteady_s",
         "gyro_bias_sigma_deg_s",
+        "gyro_bias_walk_deg_s",
         "tilt_sigma_deg",
         "gravity",
         "rest",
     )
     assert {name: getattr(MATCHED, name) for name in same} == {name: getattr(THERE, name) for name in same}
-    assert MATCHED.gyro_bias_walk_deg_s == strides.GYRO_BIAS_WALK_DEG_S
     assert MATCHED.gyr_density_deg == THERE.gyr_density_deg_s
     assert MATCHED.acc_relative_density == FORCE_SHARE * THERE.acc_relative_density
     assert MATCHED.tilt_sigma_rest_deg == THERE.tilt_sigma_deg

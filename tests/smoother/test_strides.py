@@ -15,7 +15,7 @@ from fg_nav.arrays import Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import PLAIN
-from fg_nav.smoother.strides import GYRO_BIAS_WALK_DEG_S, VELOCITY_SIGMA, place_nodes
+from fg_nav.smoother.strides import VELOCITY_SIGMA, place_nodes
 from fg_nav.stances import Stances
 from tests.real_data import needs_data
 from tests.simulated import LEVER, RIGID
@@ -227,7 +227,7 @@ def test_bias_walks_from_variable_to_variable() -> None:
     variance = sum(f.noiseModel().sigmas()[3] ** 2 for f in between)
     t = walk.recording.t[nodes.sample[nodes.result]]
     last = t[np.flatnonzero(np.diff(nodes.bias))[-1] + 1]
-    assert np.sqrt(variance) == pytest.approx(np.radians(GYRO_BIAS_WALK_DEG_S) * np.sqrt(last - t[0]), rel=1e-6)
+    assert np.sqrt(variance) == pytest.approx(np.radians(DEFAULT.gyro_bias_walk_deg_s) * np.sqrt(last - t[0]), rel=1e-6)
 
 
 def test_inertial_factors_chain_the_nodes_each_with_the_bias_of_its_start() -> None:

@@ -1,0 +1,126 @@
+"""The random walk of the gyroscope's bias, chosen by the evidence of the walk.
+
+q (deg/s/sqrt(s)) is the density of the walk: from one bias variable to the next, t seconds later, each axis changes by
+q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold, and a shoe that warms up walks on top. Too small a q makes
+the sigmas of bias, heading and position too small, too large a q loses what the minutes before have shown.
+
+Only the noise S_i(q) of these changes depends on q, so the graph is linearized once, at the minimum with the q that is
+assumed, and eliminated for each level. With all that does not depend on q left out,
+
+    -log p(z | q) = E(q) + log|R(q)| + 1/2 sum_i log|S_i(q)|                 (Laplace; MacKay 2003, section 27)
+
+E the error at the minimum of the linear graph, R the triangle of its square-root information. As for the noise of a
+swing (`problem`) the largest q is taken whose evidence is within `MOST_NATS` of the best, because noise of the graph
+that is assumed larger than it is hides a walk of the bias. But a larger q than the one assumed is taken only where the
+walk could have refuted it: where log|R| + 1/2 sum log|S|, what remains of the evidence of a bias that does not walk,
+grows by more than `MOST_NATS`. So short walks keep the q assumed.
+
+The evidence is that of the inertial graph. With the magnetic field it is larger, and chooses the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import gtsam
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, linearize, log_root, time_order
+
+LEVELS_DEG_S = (2e-4, 6e-4, 2e-3, 6e-3)
+"""deg/s/sqrt(s), half a decade apart: 0.01 to 0.4 deg/s in an hour."""
+
+MOST_NATS = 3.0
+"""Twenty to one: what counts as strong evidence (Kass and Raftery 1995)."""
+
+Change = gtsam.BetweenFactorConstantBias
+"""From one bias variable to the next."""
+
+GYRO = slice(3, 6)
+"""Of the tangent space of a bias."""
+
+
+def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
+    """Return the problem with the random walk of its gyro bias chosen, and values near the minimum."""
+    unchanging, changes = _split(problem.graph)
+    assumed = problem.parameters.gyro_bias_walk_deg_s
+    if not changes:
+        return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
+    # The linear graph without the changes of the bias, at the minimum.
+    problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
+    linear = linearize(unchanging, problem.blocks, problem.values)
+    # The evidence of each level.
+    levels = np.union1d(LEVELS_DEG_S, assumed)
+    graphs = [_scale_changes(changes, level / assumed) for level in levels]
+    ordering = time_order(problem.nodes)
+    error, volume = np.transpose([_eliminate(linear, graph, problem.values, ordering) for graph in graphs])
+    level = choose_level(levels, error, volume, assumed)
+    # The problem with the level chosen.
+    unchanging.push_back(graphs[int(np.searchsorted(levels, level))])
+    chosen = replace(problem.parameters, gyro_bias_walk_deg_s=level)
+    problem = replace(problem, graph=unchanging, parameters=chosen)
+    why = "as assumed" if level == assumed else f"the evidence of {len(changes)} changes of the bias"
+    return _with_note(problem, f"gyro bias walk {_write(level)}, {why}")
+
+
+def choose_level(levels: Floats, error: Floats, volume: Floats, assumed: float) -> float:
+    """Choose one of the levels, ascending, from error E and volume log|R| + 1/2 sum log|S| of each: see above."""
+    evidence = error + volume
+    accepted = evidence <= evidence.min() + MOST_NATS
+    if accepted[levels == assumed].all():
+        accepted &= (levels <= assumed) | (volume > volume[levels == assumed] + MOST_NATS)
+    return float(levels[accepted].max())
+
+
+def _split(graph: gtsam.NonlinearFactorGraph) -> tuple[gtsam.NonlinearFactorGraph, list[Change]]:
+    """Take the graph apart: all but the changes of the bias, and these."""
+    unchanging, changes = gtsam.NonlinearFactorGraph(), []
+    for factor in map(graph.at, range(graph.size())):
+        if isinstance(factor, Change):
+            changes.append(factor)
+        else:
+            unchanging.push_back(factor)
+    return unchanging, changes
+
+
+def _scale_changes(changes: list[Change], by: float) -> gtsam.NonlinearFactorGraph:
+    """Return the changes of the bias with the sigmas of the gyroscope so many times as large."""
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in changes:
+        sigmas = _sigmas(factor)
+        sigmas[GYRO] *= by
+        noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+        before, after = factor.keys()
+        graph.push_back(Change(before, after, factor.measured(), noise))
+    return graph
+
+
+def _sigmas(factor: Change) -> Floats:
+    return np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
+
+
+def _eliminate(
+    unchanging: gtsam.GaussianFactorGraph,
+    changes: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    ordering: gtsam.Ordering,
+) -> tuple[float, float]:
+    """Error and volume of a linear graph with these changes of the bias."""
+    linear = gtsam.GaussianFactorGraph()
+    linear.push_back(unchanging)
+    linear.push_back(changes.linearize(values))
+    tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+    factors = map(changes.at, range(changes.size()))
+    noise = sum(np.log(_sigmas(cast("Change", factor))).sum() for factor in factors)
+    return linear.error(tree.optimize()), float(log_root(tree) + noise)
+
+
+def _with_note(problem: WalkProblem, note: str) -> WalkProblem:
+    return replace(problem, known=replace(problem.known, notes=(*problem.known.notes, note)))
+
+
+def _write(level: float) -> str:
+    return f"{level:g} deg/s/sqrt(s)"

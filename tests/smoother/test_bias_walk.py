@@ -1,0 +1,108 @@
+"""The random walk of the gyro bias chosen from a walk: it follows the one that is there, and its evidence is right."""
+
+from dataclasses import replace
+from functools import cache
+from typing import cast
+
+import gtsam
+import numpy as np
+import pytest
+
+from fg_nav.arrays import Floats
+from fg_nav.smoother import bias_walk
+from fg_nav.smoother.bias_walk import LEVELS_DEG_S, choose_level
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.solver import linearize, time_order
+from tests.smoother.walks import DEFAULT, Walk, demo, part
+
+GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4)
+
+
+def walking(walk: Walk, density: float, seed: int = 0) -> Walk:
+    """The walk with a gyro bias that walks besides, deg/s/sqrt(s)."""
+    r = walk.recording
+    steps = np.random.default_rng(seed).standard_normal(r.gyr.shape) * np.sqrt(r.period_s)
+    return Walk(replace(r, gyr=r.gyr + np.radians(density) * np.cumsum(steps, axis=0)), walk.stances)
+
+
+@cache
+def problem(density: float) -> WalkProblem:
+    walk = walking(demo(), density)
+    return walk_problem(walk.recording, walk.stances, 0.0, GIVEN)
+
+
+def sigmas(of: WalkProblem) -> list[Floats]:
+    """Of the changes of the biases."""
+    factors = map(of.graph.at, range(of.graph.size()))
+    models = [f.noiseModel() for f in factors if isinstance(f, gtsam.BetweenFactorConstantBias)]
+    return [cast(gtsam.noiseModel.Diagonal, model).sigmas() for model in models]
+
+
+def test_a_bias_that_walks_far_is_found() -> None:
+    assert problem(0.02).parameters.gyro_bias_walk_deg_s == LEVELS_DEG_S[-1]
+    assert f"gyro bias walk {LEVELS_DEG_S[-1]:g} deg/s/sqrt(s), the evidence" in problem(0.02).known.notes[-1]
+
+
+def test_a_minute_without_a_walk_keeps_what_is_assumed() -> None:
+    assert problem(0.0).parameters.gyro_bias_walk_deg_s == DEFAULT.gyro_bias_walk_deg_s
+    assert problem(0.0).known.notes[-1] == "gyro bias walk 0.0006 deg/s/sqrt(s), as assumed"
+
+
+def test_a_walk_with_one_bias_keeps_what_is_assumed() -> None:
+    walk = part(demo(), 4)
+    short = walk_problem(walk.recording, walk.stances, 0.0, GIVEN)
+    assert short.nodes.bias[-1] == 0
+    assert short.parameters == GIVEN
+
+
+def test_the_graph_has_the_walk_that_was_chosen() -> None:
+    by = problem(0.02).parameters.gyro_bias_walk_deg_s / DEFAULT.gyro_bias_walk_deg_s
+    for found, before in zip(sigmas(problem(0.02)), sigmas(problem(0.0)), strict=True):
+        np.testing.assert_allclose(found[3:], by * before[3:])
+        np.testing.assert_allclose(found[:3], before[:3])
+    assert len(sigmas(problem(0.02))) == problem(0.02).nodes.bias[-1]
+
+
+@pytest.mark.parametrize(
+    ("error", "volume", "level"),
+    [
+        ((1.0, 1.0, 1.0, 1.0), (0.0, 0.1, 0.9, 4.6), 6e-4),  # a short walk, which tells none from the next
+        ((1.0, 1.0, 1.0, 1.0), (0.0, 0.9, 6.0, 20.0), 6e-4),  # a long one without a walk of the bias
+        ((6.0, 5.0, 2.0, 1.0), (0.0, 0.9, 6.0, 20.0), 2e-3),
+        ((6.0, 5.0, 2.0, 1.0), (0.0, 0.1, 0.9, 4.6), 6e-3),
+        ((1.0, 1.0, 1.0, 1.0), (0.0, 4.0, 16.0, 50.0), 2e-4),
+        ((80.0, 30.0, 9.0, 1.0), (0.0, 0.1, 0.9, 2.5), 6e-3),  # large enough to be seen on a short one
+    ],
+)
+def test_the_largest_is_chosen_that_could_be_refuted_and_is_not(
+    error: tuple[float, ...], volume: tuple[float, ...], level: float
+) -> None:
+    assert choose_level(np.array(LEVELS_DEG_S), np.array(error), np.array(volume), 6e-4) == level
+
+
+def test_evidence_is_that_of_the_gaussian(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a dense linear model: E + 1/2 log|A^T A| + log of the sigmas, the differences between levels."""
+    found: list[Floats] = []
+
+    def keep(levels: Floats, error: Floats, volume: Floats, assumed: float) -> float:
+        found.append(error + volume)
+        return assumed
+
+    monkeypatch.setattr(bias_walk, "choose_level", keep)
+    walk = walking(part(demo(), 20), 0.02)
+    one = walk_problem(walk.recording, walk.stances, 0.0, GIVEN)
+    expected = [dense_evidence(walk, one.values, level) for level in LEVELS_DEG_S]
+    assert np.diff(found[0]) == pytest.approx(np.diff(expected), abs=1e-4)
+    assert abs(np.diff(expected)).max() > 0.1
+
+
+def dense_evidence(walk: Walk, values: gtsam.Values, level: float) -> float:
+    p = replace(GIVEN, choose_bias_walk=False, gyro_bias_walk_deg_s=level)
+    of = walk_problem(walk.recording, walk.stances, 0.0, p)
+    A, b = linearize(of.graph, of.blocks, values).jacobian(time_order(of.nodes))
+    scale = np.linalg.norm(A, axis=0)
+    left, singular, _ = np.linalg.svd(A / scale, full_matrices=False)
+    error = 0.5 * (b @ b - ((left.T @ b) ** 2).sum())
+    noise = sum(np.log(one).sum() for one in sigmas(of))
+    return float(error + np.log(singular).sum() + np.log(scale).sum() + noise)
