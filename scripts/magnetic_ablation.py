@@ -1,69 +1,63 @@
-"""What each magnetic factor of the smoother contributes: each one left out, and each one alone, on the same walks.
+"""What each magnetic factor and each gate of the smoother contributes, on simulated walks and on real ones.
 
-    python scripts/magnetic_ablation.py --out DIR [--variants NAME ...] [--scenarios NAME ...] [--fields LEVEL ...]
-        [--seeds N] [--first SEED] [--magnetometer loop|perfect] [--jobs N] [--list]
+    python scripts/magnetic_ablation.py --out DIR [--full] [--courses NAME ...] [--fields NAME ...]
+        [--variants NAME ...] [--seeds N] [--first SEED] [--data DIR] [--no-real] [--jobs N]
 
-`inertial` is without the field, `default` the smoother as it comes. From there each switch is turned the other way
-(`without X`, `with X`), and from all switches off each one is turned on (`only X`); `VARIANTS` has some more. All
-variants of a walk share recording, stances, field and the true heading at the start.
+`inertial` is without the field, `default` the smoother as it comes. From there each switch of the magnetic field is
+turned off (`without X`), and the gate is another detector or none (`gate X`). All variants of a walk share recording,
+stances and field; no heading is given. Every result is a file in DIR, and holds as long as its parameters and the code
+are the same: what was stopped goes on.
 
-Seeds below 100 are for choosing defaults, and are the default here; `--first 101` is for reports. Every result is a
-file in DIR, and holds as long as its parameters are the same; results of other code are joined with a remark.
+Simulated (`magnetic_walks.py`), medians over the seeds (5 % to 95 %), footfalls aligned by yaw and position:
 
-=============== =====================================================================================================
-landmarks       mean and largest error over the ground, as started, m
-rmse, heading   over the footfalls, m and deg; `end` over the ground, m. Medians over the seeds (5 % to 95 %)
-NEES            of place and heading at the last footfall over its expectation, mean over the seeds: 1 for an honest
-                claim (`fg_nav.evaluation.metrics`); where the claim has no cross terms, that of the two parts
-used            share of footfalls whose field was used
-cost            runtime over that of `inertial` on the same walk, median
-over default    rmse over the default's on the same walk, geometric mean; in the summary over all scenarios and fields
-=============== =====================================================================================================
+================ ====================================================================================================
+rmse, end        over the ground, m
+heading          rms, deg
+bias 30, 60, 120 error of the gyro bias about up, deg/s, size, as known so many seconds after the start
+over inertial    rmse over that of `inertial` on the same walk, geometric mean
+cost             runtime over that of `inertial`, median
+================ ====================================================================================================
+
+Real: footprint rmse (gdin) or closure (openshoe) over that of `inertial` on the same walk, geometric mean (largest);
+then the same where no rest is looked for and 0.3 deg/s were added about the vertical of the first stance.
+
+The whole table: `--full`, all courses up to 2.5 km.
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import harness
+import magnetic_walks
 import numpy as np
-from compare_ekf import (
-    END,
-    HEADING_RMSE,
-    LANDMARK_MAX,
-    LANDMARK_MEAN,
-    RMSE,
-    SCENARIOS,
-    group_cases,
-    print_remarks,
-    values_of,
-    whitened_errors,
-)
+import walks
 from harness import option, spread
+from magnetic_walks import COURSES, FIELDS, Case
 
+from fg_nav.detection import RestParameters
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.metrics import PARTS
-from fg_nav.lab.campaign.execute import evaluate_outcome
-from fg_nav.lab.campaign.walks import LOOP, PERFECT, Simulated
-from fg_nav.lab.simulation import scenario
+from fg_nav.evaluation.walked import measure_walk
+from fg_nav.lab.simulation import SimulatedWalk
 from fg_nav.lab.store.code import code_sum
-from fg_nav.lab.store.results import USED, Key, Result, read_result, write_result
-from fg_nav.report.terminal import console
+from fg_nav.navigate import prepare_walk
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution
 from fg_nav.text import to_json
-from fg_nav.walk import Outcome, Walk
-
-VARIED = ("default", "inertial")
-"""Always there: the one all are compared with, and the one without the field."""
+from fg_nav.walk import Options, Walk, read_walk
 
 DEFAULT = SmootherParameters()
+BIAS_AT_S = (30, 60, 120)
+NO_RESTS = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
+ADDED_DEG_S = 0.3
 
 
 @dataclass(frozen=True)
@@ -73,46 +67,34 @@ class Variant:
     parameters: SmootherParameters = DEFAULT
     field: bool = True
 
+    def solve(self, walk: Walk) -> Solution:
+        """Run the smoother on what the walk shows."""
+        heading, field = walk.options.heading_rad, walk.field if self.field else None
+        return smooth(walk.recording, walk.stances, self.parameters, heading=heading, field=field)
+
 
 def vary_magnetic(**changes: Any) -> Variant:
     """Return the smoother as it comes but for these magnetic parameters."""
     return Variant(replace(DEFAULT, magnetic=replace(DEFAULT.magnetic, **changes)))
 
 
-def list_switches(parameters: Any) -> dict[str, bool]:
-    """Parameters that are on or off."""
-    values = {one.name: getattr(parameters, one.name) for one in fields(parameters)}
-    return {name: value for name, value in values.items() if isinstance(value, bool)}
+def list_factors() -> list[str]:
+    """Magnetic factors that can be left out."""
+    values = {one.name: getattr(DEFAULT.magnetic, one.name) for one in fields(DEFAULT.magnetic)}
+    return [name for name, value in values.items() if value is True]
 
 
-def turn_switches() -> dict[str, Variant]:
-    """Each magnetic switch turned, from the default and from nothing; those of the walk from the default."""
-    magnetic, walk = list_switches(DEFAULT.magnetic), list_switches(DEFAULT.walk)
-    off = dict.fromkeys(magnetic, False)
-    turned = {name: "without" if on else "with" for name, on in {**magnetic, **walk}.items()}
-    return {
-        **{f"{turned[name]} {name}": vary_magnetic(**{name: not on}) for name, on in magnetic.items()},
-        **{f"only {name}": vary_magnetic(**{**off, name: True}) for name in off},
-        **{
-            f"{turned[name]} {name}": Variant(replace(DEFAULT, walk=replace(DEFAULT.walk, **{name: not on})))
-            for name, on in walk.items()
-        },
-    }
+GATES = ("ma2018", "aiez", "qsf", "iqsf", "none")
 
-
-SWING = {"choose_swing_noise": False}
+INERTIAL, AS_IT_COMES = "inertial", "default"
 
 VARIANTS: Mapping[str, Variant] = {
-    "default": Variant(),
-    "inertial": Variant(field=False),
-    **turn_switches(),
-    "noise of the first solution": vary_magnetic(rounds=1),
-    "one round more": vary_magnetic(rounds=DEFAULT.magnetic.rounds + 1),
-    **{f"gate {name}": vary_magnetic(gate=name) for name in ("none", "aiez", "qsf", "iqsf", "qsf-stance")},
-    "gyro noise as for short walks": Variant(replace(DEFAULT, **SWING)),
-    "gyro noise x 0.25": Variant(replace(DEFAULT, **SWING, gyr_relative_density=0.25 * DEFAULT.gyr_relative_density)),
+    INERTIAL: Variant(field=False),
+    AS_IT_COMES: Variant(),
+    **{f"without {name}": vary_magnetic(**{name: False}) for name in list_factors()},
+    **{f"gate {name}": vary_magnetic(gate=name) for name in GATES if name != DEFAULT.magnetic.gate},
 }
-"""By name. More are added here."""
+"""By name."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -121,164 +103,196 @@ def main(arguments: Sequence[str] | None = None) -> None:
         __doc__,
         arguments,
         out=None,
+        courses=option(["140 m", "360 m"], "of the simulated walks", nargs="*", choices=tuple(COURSES), metavar="NAME"),
+        fields=FIELDS,
         variants=option(list(VARIANTS), "of the smoother", nargs="+", choices=tuple(VARIANTS), metavar="NAME"),
-        scenarios=SCENARIOS,
-        fields=("smooth", "indoor"),
-        seeds=6,
-        first=1,
-        magnetometer=option(LOOP, "what is known of the iron", choices=(LOOP, PERFECT)),
+        seeds=4,
+        first=harness.FIRST_SEED,
+        full=option(False, "take all courses"),
+        data=None,
+        no_real=option(False, "leave the real walks out"),
         jobs=2,
-        list=option(False, "print the variants and what differs, and stop"),
     )
-    if chosen.list:
-        for name, variant in VARIANTS.items():
-            console().print(f"{name}: {describe(variant)}")
-        return
-    harness.check_folder(chosen.out)
-    for name in chosen.scenarios:
-        scenario(name)
-    keys = [
-        Key(group, level, str(seed), chosen.magnetometer, name)
-        for group in chosen.scenarios
-        for level in chosen.fields
-        for name in dict.fromkeys((*VARIED, *chosen.variants))
-        for seed in harness.seeds_of(chosen)
+    store = Store(harness.check_folder(chosen.out), code_sum())
+    names = tuple(dict.fromkeys((INERTIAL, AS_IT_COMES, *chosen.variants)))
+    cases = list_cases(tuple(COURSES) if chosen.full else chosen.courses, chosen.fields)
+    tasks: list[Callable[[], None]] = [
+        partial(make_simulated, store, case, seed, names) for case in cases for seed in harness.seeds_of(chosen)
     ]
-    missing: dict[tuple[str, str, str], list[Key]] = {}
-    for key in keys:
-        if read_result(chosen.out, key, settings_of(key)) is None:
-            missing.setdefault((key.group, key.field, key.walk), []).append(key)
-    if missing:
-        harness.map_walks(partial(make_walk, chosen.out, code_sum()), missing.values(), chosen.jobs)
-    results = [found for key in keys if (found := read_result(chosen.out, key, settings_of(key))) is not None]
-    print_all(results)
-    print_remarks(results)
+    real = [] if chosen.no_real else [(group, one) for group, some in walks.REAL_WALKS.items() for one in some]
+    data = walks.data_folder(chosen.data) if real else Path()
+    tasks += [partial(make_real, store, group, one, data, names) for group, one in real]
+    harness.map_walks(_call, tasks, chosen.jobs)
+    for case in cases:
+        slugs = [name_simulated(case, seed) for seed in harness.seeds_of(chosen)]
+        results = {name: [store.read(slug, name) for slug in slugs] for name in names}
+        harness.print_heading(f"{case.name}: {chosen.seeds} walks")
+        harness.print_table(*make_table(results))
+    if real:
+        print_real(store, names, real)
 
 
-def describe(variant: Variant) -> str:
-    """What is not as in the default, in words."""
-    if not variant.field:
-        return "the field is not given"
-    ours, theirs = (
-        {**vars(p), **vars(p.magnetic), **vars(p.walk), "magnetic": None, "walk": None}
-        for p in (variant.parameters, DEFAULT)
-    )
-    changed = [name for name in ours if ours[name] != theirs[name]]
-    return ", ".join(f"{name} {ours[name]!r}" for name in changed) or "as it comes"
+def list_cases(courses: Sequence[str], levels: Sequence[str]) -> list[Case]:
+    """List all combinations; the corridor has its magnet in each field."""
+    return [Case(course, level, rests) for course in courses for level in levels for rests in (True, False)]
 
 
-def settings_of(key: Key) -> dict[str, Any]:
-    """What a result is made with."""
-    variant = VARIANTS[key.method]
-    return dict(to_json({"parameters": variant.parameters, "field": variant.field}))
+def _call(task: Callable[[], None]) -> None:
+    task()
 
 
-def make_walk(folder: Path, code: str, keys: Sequence[Key]) -> None:
-    """Simulate one walk and keep what each variant makes of it."""
-    first = keys[0]
-    source = Simulated(first.group, first.field, int(first.walk))
-    walk = source.prepare(first.magnetometer)
-    for key in keys:
-        blank = Result(key, settings_of(key), code)
+# --- results ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder with one file a walk and variant; what other code made is made again."""
+
+    folder: Path
+    code: str
+
+    def read(self, walk: str, variant: str) -> dict[str, float] | None:
+        """Return the figures; None if there are none of this code and these parameters."""
+        path = self._path(walk, variant)
+        content = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        return content["figures"] if content.get("settings") == self._describe(variant) else None
+
+    def write(self, walk: str, variant: str, figures: Mapping[str, float]) -> None:
+        """Keep the figures; an empty mapping says that the variant failed."""
+        harness.write_json(self._path(walk, variant), {"settings": self._describe(variant), "figures": dict(figures)})
+
+    def _path(self, walk: str, variant: str) -> Path:
+        return self.folder / (re.sub(r"[^\w.-]+", "_", f"{walk} {variant}") + ".json")
+
+    def _describe(self, variant: str) -> dict[str, Any]:
+        one = VARIANTS[variant]
+        return {"code": self.code, **dict(to_json({"parameters": one.parameters, "field": one.field}))}
+
+
+def name_simulated(case: Case, seed: int) -> str:
+    """Name a walk in the store."""
+    return f"{case.name} {seed}"
+
+
+def make_simulated(store: Store, case: Case, seed: int, names: Iterable[str]) -> None:
+    """Simulate a walk and keep what each variant makes of it."""
+    slug = name_simulated(case, seed)
+    missing = [name for name in names if store.read(slug, name) is None]
+    if not missing:
+        return
+    walk = magnetic_walks.make_walk(case, seed, magnetic_walks.make_sensor())
+    prepared = magnetic_walks.prepare(walk)
+    for name in missing:
         try:
-            solution = smooth_variant(walk, VARIANTS[key.method])
-            outcome = Outcome(solution, evaluate(solution), None, field_used=True)
-            result = evaluate_outcome(blank, source, walk, outcome)
-        except FgNavError as error:
-            result = replace(blank, failed=str(error))
-        write_result(folder, result)
+            figures = measure_simulated(walk, prepared, VARIANTS[name])
+        except FgNavError:
+            figures = {}
+        store.write(slug, name, figures)
 
 
-def smooth_variant(walk: Walk, variant: Variant) -> Solution:
-    """Run the smoother on what the walk shows."""
-    degrees = walk.options.heading_deg
-    return smooth(
-        walk.recording,
-        walk.stances,
-        variant.parameters,
-        heading=None if degrees is None else float(np.deg2rad(degrees)),
-        field=walk.field if variant.field else None,
-    )
+def measure_simulated(walk: SimulatedWalk, prepared: Walk, variant: Variant) -> dict[str, float]:
+    """Errors of a walk, and of the bias as it was known early on."""
+    solution = variant.solve(prepared)
+    errors = measure_walk(solution, walk.recording.truth, "yaw")
+    assert errors.heading_rmse_deg is not None
+    early = [after for after in BIAS_AT_S if after < walk.recording.duration_s]
+    biases = {f"bias {after}": abs(magnetic_walks.measure_early_bias(walk, variant.solve, after)[0]) for after in early}
+    return {
+        "rmse": errors.rmse_m,
+        "end": errors.end_m,
+        "heading": errors.heading_rmse_deg,
+        **biases,
+        "runtime": solution.runtime_s,
+    }
+
+
+def make_real(store: Store, group: str, number: str, data: Path, names: Iterable[str]) -> None:
+    """Read a real walk and keep what each variant makes of it, as it is and spoiled."""
+    slug = f"{group} {number}"
+    missing = [name for name in names if store.read(slug, name) is None]
+    if not missing:
+        return
+    walk = read_walk(walks.real_path(group, number, data), Options())
+    as_is, spoiled = prepare_walk(walk), prepare_walk(spoil(walk))
+    for name in missing:
+        variant = VARIANTS[name]
+        without = replace(variant, parameters=replace(variant.parameters, rest=NO_RESTS))
+        try:
+            figures = {"merit": measure_real(as_is, variant), "spoiled": measure_real(spoiled, without)}
+        except FgNavError:
+            figures = {}
+        store.write(slug, name, figures)
+
+
+def spoil(walk: Walk) -> Walk:
+    """Add a bias about the vertical of the first stance."""
+    prepared = prepare_walk(walk)
+    first = slice(int(prepared.stances.start[0]), int(prepared.stances.stop[0]))
+    up = walk.recording.acc[first].mean(axis=0)
+    added = np.deg2rad(ADDED_DEG_S) * up / np.linalg.norm(up)
+    return replace(walk, recording=replace(walk.recording, gyr=walk.recording.gyr + added))
+
+
+def measure_real(walk: Walk, variant: Variant) -> float:
+    """Footprint rmse in m where there is a truth, else the closure in m."""
+    metrics = evaluate(variant.solve(walk), walk.truth)
+    return metrics.closure_m if metrics.rmse_2d_m is None else metrics.rmse_2d_m
 
 
 # --- tables ----------------------------------------------------------------------------------------------------------
 
+Results = Mapping[str, Sequence[Mapping[str, float] | None]]
+"""By variant, those of the walks in order; None or empty: failed."""
 
-def print_all(results: Sequence[Result]) -> None:
-    """Print a table for each scenario and field, and the summary."""
-    cases = group_cases(results)
-    for name, case in cases.items():
-        harness.print_heading(f"{name}: {max(map(len, case.values()))} walks, median (5 % to 95 %)")
-        harness.print_table(*make_table(case))
-    harness.print_heading("Geometric mean of the rmse over the default's")
-    harness.print_table(("variant", "all", *cases), summarize(cases))
-
-
-COLUMNS = (
-    replace(LANDMARK_MEAN, head="landmarks, mean (m)"),
-    replace(LANDMARK_MAX, head="max (m)"),
-    replace(RMSE, head="rmse (m)"),
-    HEADING_RMSE,
-    replace(END, head="end (m)"),
-)
+COLUMNS: Mapping[str, str] = {
+    "rmse": "rmse (m)",
+    "end": "end (m)",
+    "heading": "heading (deg)",
+    **{f"bias {after}": f"bias {after} s (deg/s)" for after in BIAS_AT_S},
+}
 
 
-def make_table(case: Mapping[str, Sequence[Result]]) -> tuple[list[str], list[list[str]]]:
+def make_table(results: Results) -> tuple[list[str], list[list[str]]]:
     """Head and one row a variant."""
-    values = {column: {name: values_of(column, some, {}) for name, some in case.items()} for column in COLUMNS}
-    shown = [column for column in COLUMNS if any(len(some) for some in values[column].values())]
     rows = []
-    for name, some in case.items():
-        ratios = [nees_ratio(some), used_share(some), cost_ratio(case, name)]
-        words = [*map(_number, ratios), _number(over_default(case, name), 3)]
-        rows.append([name, *(spread(values[column][name]) for column in shown), *words])
-    return ["variant", *(column.head for column in shown), "NEES", "used", "cost", "over default"], rows
+    for name, some in results.items():
+        cells = [spread(list_figures(some, key), "{:.3f}") for key in COLUMNS]
+        mean, _ = compare_walks(some, results[INERTIAL], "rmse")
+        times = [a["runtime"] / b["runtime"] for a, b in zip(some, results[INERTIAL], strict=True) if a and b]
+        rows.append([name, *cells, f"{mean:.2f}", f"{np.median(times):.2f}" if times else "-"])
+    return ["variant", *COLUMNS.values(), "over inertial", "cost"], rows
 
 
-def summarize(cases: Mapping[str, Mapping[str, Sequence[Result]]]) -> list[list[str]]:
-    """One row a variant, best first."""
-    names = dict.fromkeys(name for case in cases.values() for name in case)
-    each = {name: [over_default(case, name) for case in cases.values()] for name in names}
-    overall = {name: float(np.exp(np.mean(np.log(ratios)))) for name, ratios in each.items()}
-    return [
-        [name, _number(overall[name], 3), *(_number(one, 3) for one in each[name])]
-        for name in sorted(names, key=lambda name: overall[name])
-    ]
+def list_figures(some: Sequence[Mapping[str, float] | None], key: str) -> list[float]:
+    """List a figure of the walks that have it; infinite where one failed."""
+    return [one[key] if one else math.inf for one in some if not one or key in one]
 
 
-def nees_ratio(some: Sequence[Result]) -> float:
-    """NEES of place and heading at the last footfall over its expectation, mean over the walks."""
-    z = whitened_errors(some)
-    parts = [part for part in (("pose",) if "pose" in z else ("position", "heading")) if part in z]
-    squares = sum((z[part][:, -1] ** 2).sum(axis=1) for part in parts)
-    return float(np.mean(squares) / sum(PARTS[part] for part in parts)) if parts else math.nan
+def compare_walks(
+    ours: Sequence[Mapping[str, float] | None], theirs: Sequence[Mapping[str, float] | None], key: str
+) -> tuple[float, float]:
+    """Geometric mean and largest of a figure over another's on the same walk; infinite where one of ours failed."""
+    ratios = [(a[key] / b[key] if a else math.inf) for a, b in zip(ours, theirs, strict=True) if b]
+    return (float(np.exp(np.mean(np.log(ratios)))), max(ratios)) if ratios else (math.nan, math.nan)
 
 
-def used_share(some: Sequence[Result]) -> float:
-    """Share of footfalls whose field was used."""
-    marks = "".join(result.used for result in some)
-    return marks.count(USED) / len(marks) if marks else math.nan
-
-
-def cost_ratio(case: Mapping[str, Sequence[Result]], name: str) -> float:
-    """Runtime over that without the field on the same walk, median."""
-    bare = {result.key.walk: result.runtime_s for result in case.get("inertial", ()) if not result.failed}
-    some = [result for result in case[name] if not result.failed and result.key.walk in bare]
-    return float(np.median([result.runtime_s / bare[result.key.walk] for result in some])) if some else math.nan
-
-
-def over_default(case: Mapping[str, Sequence[Result]], name: str) -> float:
-    """Rmse over the default's on the same walk, geometric mean; infinite where a walk failed."""
-    default = {result.key.walk: RMSE.value(result) for result in case.get("default", ())}
-    logs = []
-    for result in case.get(name, ()):
-        ours, theirs = RMSE.value(result), default.get(result.key.walk)
-        logs.append(math.log(ours / theirs) if ours and theirs else math.inf)
-    return math.exp(math.fsum(logs) / len(logs)) if logs else math.nan
-
-
-def _number(value: float, digits: int = 2) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+def print_real(store: Store, names: Sequence[str], real: Sequence[tuple[str, str]]) -> None:
+    """Print one row a variant."""
+    groups = tuple(dict.fromkeys(group for group, _ in real))
+    found = {
+        name: {group: [store.read(f"{g} {n}", name) for g, n in real if g == group] for group in groups}
+        for name in names
+    }
+    rows = []
+    for name in names:
+        cells = []
+        for group in groups:
+            for key in ("merit", "spoiled"):
+                mean, worst = compare_walks(found[name][group], found[INERTIAL][group], key)
+                cells.append(f"{mean:.3f} ({worst:.2f})")
+        rows.append([name, *cells])
+    harness.print_heading(f"Real walks, over inertial, mean (largest); bias: no rests, {ADDED_DEG_S} deg/s added")
+    harness.print_table(("variant", *(f"{group}{more}" for group in groups for more in ("", ", bias"))), rows)
 
 
 if __name__ == "__main__":

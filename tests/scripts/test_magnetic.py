@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,15 @@ from tests.scripts import load_script
 
 compare = load_script("compare_ekf")
 ablation = load_script("magnetic_ablation")
+honest = load_script("consistency")
+walks = ablation.magnetic_walks
 real = load_script("real_fields")
+
+
+@pytest.fixture
+def short_course(monkeypatch):
+    """Make the shortest course shorter."""
+    monkeypatch.setitem(walks.COURSES, "140 m", walks.make_round(walks.SMALL, 50.0))
 
 
 def result(method="smoother", walk="1", rmse_m=1.0, runtime_s=1.0, whitened=None, used="uu--", failed=""):
@@ -30,79 +39,130 @@ def result(method="smoother", walk="1", rmse_m=1.0, runtime_s=1.0, whitened=None
 # --- ablation --------------------------------------------------------------------------------------------------------
 
 
-def test_each_switch_is_turned_once_from_the_default_and_once_from_nothing():
-    for name in ablation.list_switches(ablation.DEFAULT.magnetic):
-        on = getattr(ablation.DEFAULT.magnetic, name)
-        turned = ablation.VARIANTS[f"{'without' if on else 'with'} {name}"].parameters.magnetic
-        assert turned == replace(ablation.DEFAULT.magnetic, **{name: not on})
-        alone = ablation.VARIANTS[f"only {name}"].parameters.magnetic
-        assert [other for other in ablation.list_switches(ablation.DEFAULT.magnetic) if getattr(alone, other)] == [name]
-    assert len(ablation.list_switches(ablation.DEFAULT.magnetic)) >= 2
+def test_each_factor_is_left_out_once_and_each_gate_is_tried():
+    magnetic = ablation.DEFAULT.magnetic
+    assert len(ablation.list_factors()) >= 2
+    for name in ablation.list_factors():
+        assert ablation.VARIANTS[f"without {name}"].parameters.magnetic == replace(magnetic, **{name: False})
+    gates = {one.parameters.magnetic.gate for one in ablation.VARIANTS.values()}
+    assert gates == set(ablation.GATES)
     assert not ablation.VARIANTS["inertial"].field
-
-
-def test_no_two_variants_are_the_same_but_for_their_name():
-    described = [ablation.describe(variant) for variant in ablation.VARIANTS.values()]
-    assert described[0] == "as it comes"
-    twins = {words for words in described if described.count(words) > 1}
-    assert all(words.count(" ") <= 3 for words in twins)  # with two switches, without the one is only the other
-    files = {Key("office", "smooth", "1", "loop", name).file for name in ablation.VARIANTS}
-    assert len(files) == len(ablation.VARIANTS)
+    assert len({repr(one) for one in ablation.VARIANTS.values()}) == len(ablation.VARIANTS)
 
 
 def test_an_ablation_counts_walk_by_walk():
-    case = {
-        "default": [result(walk="1", rmse_m=1.0, runtime_s=3.0), result(walk="2", rmse_m=4.0, runtime_s=8.0)],
-        "inertial": [result(walk="1", rmse_m=2.0, runtime_s=2.0), result(walk="2", rmse_m=2.0, runtime_s=4.0)],
-        "broken": [result(walk="1", rmse_m=1.0), result(walk="2", failed="no such walk.")],
+    def walk(rmse, runtime):
+        return {"rmse": rmse, "end": rmse, "heading": 1.0, "bias 30": 0.1, "runtime": runtime}
+
+    results = {
+        "inertial": [walk(2.0, 2.0), walk(2.0, 4.0)],
+        "default": [walk(1.0, 3.0), walk(4.0, 8.0)],
+        "broken": [walk(1.0, 3.0), {}],
     }
-    assert ablation.over_default(case, "inertial") == pytest.approx(1.0)  # twice, and half
-    assert ablation.over_default(case, "broken") == math.inf
-    assert ablation.cost_ratio(case, "default") == pytest.approx(1.75)
-    assert ablation.used_share(case["default"]) == 0.5
-    heads, rows = ablation.make_table(case)
-    assert heads[1] == "rmse (m)"  # there are no landmarks
+    assert ablation.compare_walks(results["default"], results["inertial"], "rmse") == (pytest.approx(1.0), 2.0)
+    assert ablation.compare_walks(results["broken"], results["inertial"], "rmse") == (math.inf, math.inf)
+    heads, rows = ablation.make_table(results)
+    assert rows[1][heads.index("cost")] == "1.75"
+    assert rows[1][heads.index("over inertial")] == "1.00"
+    assert rows[1][heads.index("bias 60 s (deg/s)")] == "-"  # a walk that is too short has none
     assert "failed" in rows[2][1]
-    assert [row[0] for row in ablation.summarize({"case": case})][-1] == "broken"
 
 
-def test_the_nees_of_an_ablation_is_over_its_expectation_at_the_last_footfall():
-    apart = {"position": [[9.0, 9.0, 9.0], [1.0, 1.0, 1.0]], "heading": [[9.0], [1.0]]}
-    assert ablation.nees_ratio([result(whitened=apart)]) == pytest.approx(1.0)
-    joint = {**apart, "pose": [[9.0] * 4, [2.0] * 4]}
-    assert ablation.nees_ratio([result(whitened=joint), result(whitened=joint)]) == pytest.approx(4.0)
-    assert math.isnan(ablation.nees_ratio([result()]))
-
-
-def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch):
-    given = [
-        "--out",
-        str(tmp_path),
-        "--scenarios",
-        "demo",
-        "--fields",
-        "smooth",
-        "--seeds",
-        "1",
-        "--variants",
-        "default",
-        "--jobs",
-        "1",
-    ]
+def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch, short_course):
+    given = ["--out", str(tmp_path), "--courses", "140 m", "--fields", "smooth", "--seeds", "1", "--jobs", "1"]
+    given += ["--variants", "default", "--no-real"]
     ablation.main(given)
     printed = capsys.readouterr().out
-    assert "demo, smooth, magnetometer loop" in printed
-    default, bare = (json.loads((tmp_path / f"demo_smooth_loop_{n}_1.json").read_text()) for n in ablation.VARIED)
-    assert default["used"].count("u") > 10  # what the gate passes of a smooth field
-    assert "u" not in bare["used"]
-    assert default["errors"]["origin"]["rmse_m"] != bare["errors"]["origin"]["rmse_m"]
-    assert len(default["whitened"]["position"]) == 4
-    monkeypatch.setattr(ablation, "make_walk", None)  # nothing is left to be made
+    assert "140 m, smooth, no rests: 1 walks" in printed
+    assert len(list(tmp_path.glob("*.json"))) == 4  # two variants, with rests and without
+    kept = json.loads((tmp_path / "140_m_smooth_no_rests_101_default.json").read_text())
+    assert 0 < kept["figures"]["rmse"] < 5.0
+    monkeypatch.setattr(ablation.magnetic_walks, "make_walk", None)  # nothing is left to be made
     ablation.main(given)
+    assert capsys.readouterr().out == printed
     with pytest.raises(OutputError, match="make it"):
         ablation.main(["--out", str(tmp_path / "nowhere")])
-    ablation.main(["--list"])
-    assert "inertial: the field is not given" in capsys.readouterr().out
+
+
+@needs_data
+def test_an_ablation_of_a_real_walk_as_it_is_and_spoiled(tmp_path):
+    store = ablation.Store(tmp_path, "code")
+    ablation.make_real(store, "openshoe", "7", DATA, ("inertial",))
+    found = store.read("openshoe 7", "inertial")
+    assert found is not None
+    assert found["spoiled"] > found["merit"] > 0
+    assert ablation.Store(tmp_path, "other code").read("openshoe 7", "inertial") is None
+
+
+# --- walks for it ----------------------------------------------------------------------------------------------------
+
+
+def test_the_potential_jumps_by_the_current_of_a_frame():
+    """Ampere: the line integral of the field through a frame and back round it is mu_0 I."""
+    frame = walks.make_frame(np.array([3.0, 2.0, 0.0]), np.array([3.0, 3.3, 0.0]))
+    ways = [[3.0, -60.0, 0.1], [3.0, 60.0, 0.1], [90.0, 60.0, 0.1], [90.0, -60.0, 0.1], [3.0, -60.0, 0.1]]
+    total = 0.0
+    for start, end in pairwise(ways):
+        share = (np.arange(20000)[:, None] + 0.5) / 20000
+        step = (np.array(end) - start) / 20000
+        total += float((frame.at(np.array(start) + share * (np.array(end) - start)) @ step).sum())
+    assert abs(total) == pytest.approx(4 * np.pi * 0.1 * walks.CABLE_A, rel=1e-3)
+
+
+def test_cables_change_the_magnetometer_alone(short_course):
+    bare, cables = (
+        walks.make_walk(walks.Case("140 m", field, rests=False), 3, walks.make_sensor())
+        for field in ("indoor", "cables")
+    )
+    np.testing.assert_array_equal(bare.recording.gyr, cables.recording.gyr)
+    added = np.linalg.norm(cables.recording.mag - bare.recording.mag, axis=1)
+    assert np.median(added) < 2.0
+    assert added.max() > 10.0
+
+
+def test_the_bias_is_that_of_the_beginning(short_course):
+    """A rest shows it; what comes after does not count."""
+    walk = walks.make_walk(walks.Case("140 m", "homogeneous", rests=True), 3, walks.make_sensor())
+    error, sigma = walks.measure_early_bias(walk, ablation.Variant().solve, 30.0)
+    assert abs(error) < 0.05
+    assert 0.001 < sigma < 0.05
+    assert walks.prepare(walk, until_s=30.0).recording.t[-1] < 30.0
+
+
+# --- honest sigmas ---------------------------------------------------------------------------------------------------
+
+
+def test_true_sigmas_are_found_true_and_small_ones_are_not(capsys):
+    rng = np.random.default_rng(5)
+    conditions = [honest.Condition(bool(k % 2), True, 6e-4, 0.0, "indoor") for k in range(400)]
+    parts = [{part: rng.standard_normal(n) for part, n in honest.PARTS.items()} for _ in conditions]
+    marks = {f.mark for f in honest.judge_nees(conditions, parts)}
+    assert marks == {"ok"}
+    sure = [{part: 2 * z for part, z in one.items()} for one in parts]
+    assert {f.mark for f in honest.judge_nees(conditions, sure)} == {"missed"}
+    failed = [one if k % 10 > 2 else {} for k, one in enumerate(parts)]  # of every ten walks three
+    assert {f.mark for f in honest.judge_nees(conditions, failed)} == {"missed"}
+    assert "heading not given" in capsys.readouterr().out
+
+
+def test_a_bias_is_judged_by_its_size_and_its_sigma():
+    fields = ["homogeneous"] * 200
+    rng = np.random.default_rng(5)
+    true = [{"error": 0.01 * z, "sigma": 0.01} for z in rng.standard_normal(200)]
+    assert [f.mark for f in honest.judge_bias(fields, true)] == ["ok", "ok"]
+    large = [{"error": 5 * one["error"], "sigma": 0.05} for one in true]
+    assert [f.mark for f in honest.judge_bias(fields, large)] == ["missed", "ok"]
+    sure = [{**one, "sigma": 0.005} for one in true]
+    assert [f.mark for f in honest.judge_bias(fields, sure)] == ["ok", "missed"]
+
+
+def test_it_whitens_the_errors_of_a_walk_and_keeps_them(tmp_path, monkeypatch, short_course):
+    what = honest.Condition(heading=True, rests=True, bias_walk_deg_s=6e-4, scale=0.0, field="smooth")
+    found = honest.measure_kept(tmp_path, "code", "140 m", (what, 101))
+    assert {part: len(z) for part, z in found.items()} == honest.PARTS
+    assert np.abs(np.concatenate(list(found.values()))).max() < 6.0
+    monkeypatch.setattr(honest, "measure_walk", None)
+    assert honest.measure_kept(tmp_path, "code", "140 m", (what, 101)) == found
 
 
 # --- consistency -----------------------------------------------------------------------------------------------------
