@@ -42,6 +42,14 @@ NoMag = Annotated[
     bool,
     typer.Option("--no-mag", help="Ignore the magnetometer: no verdicts on the field, and no filter with a compass."),
 ]
+MagAxesWords = Annotated[
+    str | None,
+    typer.Option(
+        "--mag-axes",
+        metavar="X,Y,Z",
+        help="Axes of the magnetometer that are the gyroscope's x, y and z, such as --mag-axes=-y,x,z.",
+    ),
+]
 CalibrationPath = Annotated[
     Path | None,
     typer.Option("--calibration", metavar="FILE", help="Calibration to apply, from `fg-nav calibrate`."),
@@ -166,6 +174,7 @@ def run(
     heading: Heading = None,
     truth: TruthPath = None,
     calibration: CalibrationPath = None,
+    mag_axes: MagAxesWords = None,
     detector: Detector = None,
     preset: Preset = "tuned",
     fixes: FixesPath = None,
@@ -180,7 +189,7 @@ def run(
 
     lengths_m = (step_constant, known_distance)
     check_mount(mount, lengths_m, detector, preset)
-    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset, fixes)
+    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset, fixes, mag_axes)
     run(recording, method, mount, options, lengths_m, format, out, force)
 
 
@@ -194,6 +203,7 @@ def compare(
     heading: Heading = None,
     truth: TruthPath = None,
     calibration: CalibrationPath = None,
+    mag_axes: MagAxesWords = None,
     detector: Detector = None,
     preset: Preset = "tuned",
     format: FormatName = None,
@@ -205,7 +215,7 @@ def compare(
     from fg_nav.commands import choose_options
     from fg_nav.commands.run import compare
 
-    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset)
+    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset, mag_axes=mag_axes)
     compare(recording, methods, options, format, out, force)
 
 
@@ -233,13 +243,14 @@ def calibrate(
         float | None, typer.Option(metavar="UT", help="Of the field, if known: for a sensor turned over.")
     ] = None,
     place: PlaceWords = None,
+    mag_axes: MagAxesWords = None,
     format: FormatName = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older calibration.")] = False,
 ) -> None:
     """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration."""
     from fg_nav.commands.calibrate import calibrate
 
-    calibrate(file, out, method, strength, place, format, force)
+    calibrate(file, out, method, strength, place, mag_axes, format, force)
 
 
 @app.command()
@@ -254,6 +265,7 @@ def detect(
         ),
     ] = None,
     calibration: CalibrationPath = None,
+    mag_axes: MagAxesWords = None,
     heading: Heading = None,
     place: PlaceWords = None,
     truth: TruthPath = None,
@@ -269,7 +281,7 @@ def detect(
     from fg_nav.commands import choose_options
     from fg_nav.commands.detect import detect
 
-    options = choose_options(True, heading, alignment, truth, None, calibration)
+    options = choose_options(True, heading, alignment, truth, None, calibration, mag_axes=mag_axes)
     detect(file, detectors, options, place, format, out, force)
 
 

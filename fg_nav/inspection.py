@@ -6,7 +6,7 @@ Broken files are its purpose: what cannot be measured is NaN. Whether a recordin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from fg_nav.detection import detect_stances, find_rests
 from fg_nav.detection.mount import measure_turning
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_points_up
 from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, find_usable_samples
 from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import GravityTransport
@@ -65,11 +66,16 @@ class Rest:
 
 @dataclass(frozen=True)
 class MagneticField:
-    """Field strength: median and standard deviation in uT, and the samples a second."""
+    """Field strength: median and standard deviation in uT, and the samples a second.
+
+    `aligned` has its delay and its axes, None where the recording is refused; `points_up` as south of the equator.
+    """
 
     strength_uT: float
     spread_uT: float
     rate_hz: float
+    aligned: AlignedMagnetometer | None = None
+    points_up: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,7 +146,7 @@ def inspect(raw: RawRecording) -> Inspection:
         gyr_range=_measure_range(gyr),
         rest=_measure_rest(raw, rising),
         gravity=plausibility.measure_gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
-        field=None if raw.mag is None else _measure_field(raw.mag, duration),
+        field=None if raw.mag is None else _measure_field(raw.mag, duration, recording),
         stance=_measure_stances(recording),
         wearing=None if recording is None else measure_turning(recording).wearing,
         truth=_describe_truth(raw.truth),
@@ -209,13 +215,16 @@ def _measure_rest(raw: RawRecording, rising: Ints) -> Rest:
     return Rest(float(weight.sum()), float(np.average(acc_at_rest, weights=weight)), np.rad2deg(rate_at_rest))
 
 
-def _measure_field(mag: Floats, duration: float) -> MagneticField:
+def _measure_field(mag: Floats, duration: float, recording: Recording | None) -> MagneticField:
     strength = plausibility.measure_field_strength(mag)
     strength = strength[np.isfinite(strength)]
     if not strength.size:
         return MagneticField(np.nan, np.nan, 0.0)
     rate = len(strength) / duration if duration > 0 else np.nan
-    return MagneticField(float(np.median(strength)), float(np.std(strength)), rate)
+    found = MagneticField(float(np.median(strength)), float(np.std(strength)), rate)
+    if recording is None or recording.mag is None:
+        return found
+    return replace(found, aligned=align_magnetometer(recording), points_up=field_points_up(recording))
 
 
 def _measure_stances(recording: Recording | None) -> StanceShare:
@@ -310,10 +319,25 @@ def _field_problems(facts: Inspection) -> list[str]:
         return ["There is no magnetometer: the heading is that of the gyroscope alone."]
     if np.isnan(field.strength_uT):
         return ["The magnetometer has no sample."]
+    said = _alignment_problems(field)
     if field.spread_uT > _SPREAD_SHARE * field.strength_uT:
         spread = f"{field.strength_uT:.0f} uT with a standard deviation of {field.spread_uT:.0f} uT"
-        return [f"The field is disturbed: {spread}."]
-    return []
+        said.append(f"The field is disturbed: {spread}.")
+    return said
+
+
+def _alignment_problems(field: MagneticField) -> list[str]:
+    """Wrong axes, delay, and a field that points up."""
+    aligned = field.aligned
+    if aligned is None:
+        return []
+    if aligned.wrong_axes is not None:
+        warning = aligned.wrong_axes.warning
+        return [f"{warning[0].upper()}{warning[1:]}."]
+    said = [f"{note[0].upper()}{note[1:]} in a run." for note in aligned.notes]
+    if field.points_up:
+        said.append("The field points up, as on the southern hemisphere: elsewhere all axes are the other way round.")
+    return said
 
 
 def _stance_problems(facts: Inspection) -> list[str]:

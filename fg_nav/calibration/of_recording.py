@@ -45,6 +45,7 @@ from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.recording import Recording
 from fg_nav.text import find_version, to_json
 
@@ -212,14 +213,22 @@ class Effect:
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """A calibration, why its method was taken, and what it does to its own readings."""
+    """A calibration, why its method was taken, and what it does to its own readings.
+
+    `axes` of the magnetometer where they were given: the calibration is of readings in those of the gyroscope.
+    `remarks` are on its axes and its delay.
+    """
 
     calibration: Calibration
     choice: str
     effect: Effect
+    axes: MagAxes | None = None
+    remarks: tuple[str, ...] = ()
 
 
-def calibrate(recording: Recording, method: str | None = None, strength_uT: float | None = None) -> CalibrationResult:
+def calibrate(
+    recording: Recording, method: str | None = None, strength_uT: float | None = None, axes: MagAxes | None = None
+) -> CalibrationResult:
     """Calibrate what can be calibrated from a recording.
 
     Parameters
@@ -227,10 +236,11 @@ def calibrate(recording: Recording, method: str | None = None, strength_uT: floa
     recording : with a magnetometer.
     method : one of `METHODS`; None to choose by the recording.
     strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
+    axes : of the magnetometer in those of the gyroscope; None for the same.
 
-    Raises `CalibrationError` without a magnetometer, for a method that is none, a strength that the method cannot use,
-    or where the recording does not show the magnetometer's errors; raises `DetectionError` and `MagneticError` for a
-    method on foot, where there are no footfalls or none with a field.
+    Raises `CalibrationError` without a magnetometer or with wrong axes that were not given, for a method that is none,
+    a strength that the method cannot use, or where the recording does not show the magnetometer's errors; raises
+    `DetectionError` and `MagneticError` for a method on foot, where there are no footfalls or none with a field.
     """
     name, choice = _choose_method(recording, method)
     if strength_uT is not None and name in ON_FOOT:
@@ -238,6 +248,12 @@ def calibrate(recording: Recording, method: str | None = None, strength_uT: floa
             f"the method '{name}' has no use for the strength of the field: leave it out, or take "
             f"{' or '.join(TUMBLED)}."
         )
+    recording = recording if axes is None else axes.apply_to(recording)
+    aligned = align_magnetometer(recording, axes is not None)
+    if aligned.recording.mag is None:
+        raise CalibrationError(f"{aligned.notes[0]}.")
+    # strengths need no stamps: of a sensor that was turned over the readings stay as they are
+    recording, remarks = (aligned.recording, aligned.notes) if name in ON_FOOT else (recording, ())
     magnetometer, effect = (
         _calibrate_on_foot(recording, name) if name in ON_FOOT else _calibrate_tumbled(recording, name, strength_uT)
     )
@@ -248,7 +264,7 @@ def calibrate(recording: Recording, method: str | None = None, strength_uT: floa
         calibrate_gyroscope(recording),
         calibrate_accelerometer(recording),
     )
-    return CalibrationResult(calibration, choice, effect)
+    return CalibrationResult(calibration, choice, effect, axes, remarks)
 
 
 def check_method(method: str) -> None:

@@ -74,8 +74,10 @@ def choose_options(
     calibration: Path | None = None,
     preset: str = TUNED,
     fixes: Path | None = None,
+    mag_axes: str | None = None,
 ) -> Options:
     """Return the options of a walk; refuse a preset or a detector that there is not, or that has nothing to judge."""
+    from fg_nav.magnetic.axes import MagAxes
     from fg_nav.magnetic.quasi_static import DEFAULT, find_detector
     from fg_nav.walk import Options
 
@@ -86,8 +88,10 @@ def choose_options(
         check_preset(preset)
     if not use_magnetometer and detector is not None:
         raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")
-    chosen = detector or DEFAULT
-    return Options(use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes)
+    if not use_magnetometer and mag_axes is not None:
+        raise MagneticError("--no-mag leaves --mag-axes nothing to turn: give one of them.")
+    chosen, axes = detector or DEFAULT, None if mag_axes is None else MagAxes.parse(mag_axes)
+    return Options(use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes, mag_axes=axes)
 
 
 def find_earth_field(place: str | None) -> EarthField | None:

@@ -20,6 +20,7 @@ from fg_nav.calibration.of_recording import calibrate as calibrate_recording
 from fg_nav.commands import find_earth_field
 from fg_nav.errors import CalibrationError
 from fg_nav.io import read
+from fg_nav.magnetic.axes import MagAxes
 from fg_nav.report.folder import check_file_free, result_file
 from fg_nav.report.terminal import console, listing, ruled_table
 
@@ -33,6 +34,7 @@ def calibrate(
     method: str | None,
     strength_uT: float | None,
     place: str | None,
+    mag_axes: str | None,
     format: str | None,
     force: bool,
 ) -> None:
@@ -40,7 +42,8 @@ def calibrate(
     if method is not None:
         check_method(method)
     check_file_free(out, is_calibration, force)
-    found = calibrate_recording(read(file, format), method, _choose_strength(strength_uT, place))
+    axes = None if mag_axes is None else MagAxes.parse(mag_axes)
+    found = calibrate_recording(read(file, format), method, _choose_strength(strength_uT, place), axes)
     with result_file(out, is_calibration, force) as fresh:
         write_calibration(fresh, found.calibration)
     print_calibration(found, out)
@@ -64,7 +67,9 @@ def print_calibration(found: CalibrationResult, place: Path) -> None:
         table.add_row(*row)
     out.print(table)
     out.print()
-    rows = [*effect_rows(found), ("file", str(place)), ("to use it", f"fg-nav run RECORDING --calibration {place}")]
+    axes = "" if found.axes is None else f" --mag-axes={found.axes}"
+    use = f"fg-nav run RECORDING --calibration {place}{axes}"
+    rows = [*effect_rows(found), ("file", str(place)), ("to use it", use)]
     out.print(listing(rows), soft_wrap=True)
 
 
@@ -86,6 +91,7 @@ def effect_rows(found: CalibrationResult) -> list[tuple[str, str]]:
     if np.isfinite(effect.heading_before_deg):
         words = _change(effect.heading_before_deg, effect.heading_after_deg, "deg")
         rows.append(("compass - gyroscope, circular sd", words))
+    rows += [("magnetometer" if i == 0 else "", remark) for i, remark in enumerate(found.remarks)]
     if magnetometer is not None:
         rows.append(("residual", f"{magnetometer.residual_uT:.3g} uT over {magnetometer.samples} readings"))
         rows += [("notes" if i == 0 else "", note) for i, note in enumerate(magnetometer.notes)]

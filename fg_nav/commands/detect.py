@@ -79,6 +79,8 @@ def detect(
 
 def _detect_in_samples(file: Path, options: Options, format: str | None, target: Target) -> None:
     walk = correct_walk(read_walk(file, options, format))
+    if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
+        raise MagneticError(f"{walk.magnetometer.notes[0]}.")
     survey = survey_samples(walk.recording)
     with target.open() as folder:
         write_samples(folder, walk, survey)

@@ -1,0 +1,68 @@
+"""A magnetometer with axes of its own: said by every verb, used only with `--mag-axes`."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fg_nav.calibration.of_recording import read_calibration
+from fg_nav.io import write_canonical
+from fg_nav.magnetic.axes import MagAxes
+from tests.command_line import FgNav
+from tests.magnetic.turning_walks import minute
+
+AXES = "-y,-x,z"
+"""A mirror."""
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recordings") / "turned.csv"
+    recording = replace(minute(5, 0.022), truth=None)
+    write_canonical(MagAxes(MagAxes.parse(AXES).P.T).apply_to(recording), path)
+    return path
+
+
+def summary(folder: str) -> dict[str, object]:
+    content = json.loads((Path(folder) / "summary.json").read_text())
+    assert isinstance(content, dict)
+    return content
+
+
+def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav, turned: Path) -> None:
+    assert fg_nav("run", turned, "--method", "iez", "--out", "plain").code == 0
+    said = summary("plain")
+    assert "axes" in str(said["magnetometer"])
+    assert f"--mag-axes={AXES}" in str(said["notes"])
+    assert said["magnetometer_delay"] is None
+    assert fg_nav("run", turned, "--method", "iez", f"--mag-axes={AXES}", "--out", "given").code == 0
+    said = summary("given")
+    assert "mag-axes" not in str(said["notes"])
+    assert "ms late" in str(said["notes"])
+    delay = said["magnetometer_delay"]
+    assert isinstance(delay, dict)
+    assert delay["tau_s"] == pytest.approx(0.022, abs=0.001)
+    assert json.loads(Path("given/config.json").read_text())["mag_axes"] == AXES
+
+
+def test_inspect_and_detect_say_it(fg_nav: FgNav, turned: Path) -> None:
+    assert f"--mag-axes={AXES}" in "".join(fg_nav("inspect", turned).out.split("\n")).replace(" ", "")
+    for detectors in ("ma2018", "munoz-diaz"):
+        assert fg_nav("detect", turned, "--detector", detectors).refused(f"--mag-axes={AXES}")
+        assert fg_nav("detect", turned, "--detector", detectors, f"--mag-axes={AXES}").code == 0
+
+
+def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav, turned: Path) -> None:
+    assert fg_nav("calibrate", turned, "--out", "c.json", "--method", "levelled").refused(f"--mag-axes={AXES}")
+    ran = fg_nav("calibrate", turned, "--out", "c.json", "--method", "ellipsoid", f"--mag-axes={AXES}")
+    if ran.code == 0:
+        assert f"--mag-axes={AXES}" in ran.out.replace("\n", "")
+        assert read_calibration(Path("c.json")).magnetometer is not None
+    else:
+        assert "mag-axes" not in ran.err
+
+
+def test_axes_that_are_none_are_refused(fg_nav: FgNav, turned: Path) -> None:
+    assert fg_nav("run", turned, "--mag-axes=x,y").refused("'x,y' names no axes")
+    assert fg_nav("run", turned, "--mag-axes=y,x,z", "--no-mag").refused("--mag-axes")
