@@ -7,7 +7,7 @@ again on what there is, and the graph is built again around the batch's solution
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 
@@ -15,6 +15,7 @@ from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.online.field import OnlineField
 from fg_nav.recording import Recording
+from fg_nav.smoother.differential import add_differential_field
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import Known, WalkProblem, solve
 from fg_nav.smoother.parameters import SmootherParameters
@@ -85,6 +86,10 @@ def solve_so_far(
     solved = solve(problem)
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     obstacle = unseen or find_obstacle(field, p.magnetic)
+    if field is not None:
+        problem = add_differential_field(problem, solved.values)
+        if obstacle and problem.differential is not None:
+            solved = solve(replace(problem, values=solved.values))
     if field is None or obstacle:
         return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle))
     found = solve_with_field(problem, solved, field)

@@ -29,6 +29,7 @@ from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.backend import Backend
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar
+from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table, propagate_strapdown
 from fg_nav.online.field import Verdict, measure_field
 from fg_nav.online.fixed_lag import FixedLagBackend
@@ -94,6 +95,7 @@ class OnlineSmoother:
         self._latest: StanceEstimate | None = None
         self._batch: WalkSolution | None = None
         self._rests = RestLedger()
+        self._biases: BiasLedger | None = None
 
     def add_footfall(self, footfall: Footfall, until: int) -> StanceEstimate:
         """Add a complete footfall.
@@ -219,6 +221,7 @@ class OnlineSmoother:
         self._t_first = places[0].t
         self._verdicts = [Verdict(*both) for both in zip(batch.verdict.words, batch.verdict.reason, strict=True)]
         self._rests = RestLedger.from_rests(batch.known.rests)
+        self._biases = BiasLedger.from_factors(batch.problem.differential)
         return True
 
     def _extend_or_recover(self) -> None:
@@ -231,17 +234,17 @@ class OnlineSmoother:
             return
         known = len(self._places)
         try:
-            rests = self._extend()
+            rests, biases = self._extend()
             check_solution(self._backend, self._places[-1])
         except UNSOLVED:
             del self._places[known:], self._verdicts[known:]
             if self._walk.n_steps >= self._schedule[-1] or not self._solve_again():
                 self._recover()
         else:
-            self._rests = rests  # the old ledger is kept if the update failed: its rests are not in the graph
+            self._rests, self._biases = rests, biases  # the old ledgers are kept if the update failed
 
-    def _extend(self) -> RestLedger:
-        """Add the newest stride to the graph, first its motion, then its field; return the ledger with its rests."""
+    def _extend(self) -> tuple[RestLedger, BiasLedger | None]:
+        """Add the newest stride to the graph, first its motion, then its field; return the ledgers with its rests."""
         assert self._batch is not None
         known, p = self._batch.known, self._batch.parameters
         before = self._places[-1]
@@ -250,14 +253,23 @@ class OnlineSmoother:
         rests, ledger = self._rests.collect(window, self._options.parameters.rest)
         stride = measure_stride(window, known.gyro_bias, known.lever.lever, rests, p)
         graph = stride_graph(stride, p)
+        # The bias variable before is complete when another begins.
+        biases = self._biases
+        if biases is not None and window.place.bias != before.bias:
+            graph.push_back(biases.complete(before.bias))
+            biases = biases.begin()
         # Initial values of its variables, and the solution with them.
         linearized, bias = self._backend.linearization_point(), self._backend.bias(B(before.bias))
         values = initialize_stride(window, graph, linearized, bias, p)
         self._places.append(window.place)
         self._backend.add(graph, values, self._places, more=self._batch.field is not None)
         # The field is compared along the path of the stride in that solution.
-        self._verdicts.append(self._add_field(window))
-        return ledger
+        stride_path = self._cut_stride(window)
+        self._verdicts.append(self._add_field(window, *stride_path))
+        if biases is not None:
+            gyro_bias = self._backend.bias(B(window.place.bias)).gyroscope()
+            biases = biases.add(window, *stride_path, gyro_bias, ledger.counted)
+        return ledger, biases
 
     def _recover(self) -> None:
         """Go on from the last footfall, without the graph."""
@@ -271,17 +283,21 @@ class OnlineSmoother:
         self._backend.take_marginalized()
         self._frozen += self._causal[len(self._frozen) :]
         self._places, self._verdicts = [window.place], [Verdict(str(UNKNOWN), REASON)]
+        self._biases = None if self._biases is None else self._biases.begin()
 
-    def _add_field(self, window: StrideWindow) -> Verdict:
-        """Add the field at the newest footfall and along its stride; the verdict on it."""
-        assert self._batch is not None
-        field, p = self._batch.field, self._batch.parameters
-        if field is None:
-            return self._verdicts[-1]
+    def _cut_stride(self, window: StrideWindow) -> tuple[Recording, int, Trajectory]:
+        """Samples of the stride, the first of them in the window, and the path through the estimates of its nodes."""
         begins = max(0, min(int(window.stances.start[0]), len(window.recording) - MIN_SAMPLES))
         recording = window.recording.slice(begins, len(window.recording))
+        return recording, begins, self._track(recording, window, begins, self._options.parameters.gravity)
+
+    def _add_field(self, window: StrideWindow, recording: Recording, begins: int, track: Trajectory) -> Verdict:
+        """Add the field at the newest footfall and along its stride; the verdict on it."""
+        assert self._batch is not None
+        field = self._batch.field
+        if field is None:
+            return self._verdicts[-1]
         stances = self._walk.cut_stances(window.before.number, window.first_sample + begins)
-        track = self._track(recording, window, begins, p.gravity)
         seen = measure_field(recording, stances, track, field.up_uT)
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         k, pose = window.place.number, self._backend.pose(X(window.place.result))

@@ -100,7 +100,7 @@ def _smooth(
     if problem is not inertial:
         solved = solve(replace(problem, values=solved.values), near_enough)
     # While the foot stands the field shows the gyro bias, also where it shows no heading.
-    if field is not None and parameters.magnetic.differential:
+    if field is not None:
         problem = add_differential_field(problem, solved.values)
         if obstacle and problem.differential is not None:
             solved = solve(replace(problem, values=solved.values))

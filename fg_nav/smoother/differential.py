@@ -30,19 +30,24 @@ from fg_nav.text import format_count
 
 
 def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
-    """Return the problem with the factors of its differential field, by its last solution; in place of earlier ones."""
+    """Return the problem with the factors of its differential field, by its first solution, where they are asked for.
+
+    Its biases are good to some tenths of a degree per second, so the factors are linearized once: in a stance the
+    remainder is a thousandth of the correction, in ten seconds of standing three hundredths.
+    """
     recording, nodes = problem.recording, problem.nodes
-    assert recording.mag is not None
+    if not problem.parameters.magnetic.differential or recording.mag is None:
+        return problem
     stretches = find_stretches(recording, nodes, problem.known.rests)
     if len(stretches.start) == 0:
-        return replace(problem, differential=None)
+        return problem
     track = trajectory_of(recording, nodes, values, problem.parameters.gravity)
     biases = _gyro_biases(values, int(nodes.bias[-1]) + 1)
     turned = turn_stretches(recording, stretches, track.position, biases[stretches.bias])
     sigma_uT = measure_noise(turned)
     variogram = fit_variogram(recording.mag, track.position, track.nav_R_body, nodes, sigma_uT)
     if variogram is None:
-        return replace(problem, differential=None)
+        return problem
     noise = FieldNoise(variogram, sigma_uT, IRON_UT)
     information, used = measure_stretches(turned, noise)
     stances, standings = (
