@@ -60,7 +60,8 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
 
     recording, field, heading = walk.recording, walk.field, walk.options.heading_rad
     parameters = change_parameters(SmootherParameters(), walk.options.changes)
-    navigator = OnlineNavigator(OnlineOptions(heading, field is not None, parameters=parameters))
+    axes_given = walk.options.mag_axes is not None
+    navigator = OnlineNavigator(OnlineOptions(heading, field is not None, None, parameters, axes_given))
     rows = rows_of(recording)
     for start in range(0, len(recording), BLOCK):
         navigator.add_rows(rows[start : start + BLOCK])  # they were judged as a recording

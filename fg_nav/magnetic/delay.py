@@ -30,7 +30,8 @@ from fg_nav.magnetic.turning_pairs import (
     TurningPairs,
     compute_weights,
     find_pairs,
-    find_readings,
+    holds_readings,
+    list_readings,
     rotate_between,
 )
 from fg_nav.recording import Recording
@@ -89,7 +90,6 @@ def estimate_delay(recording: Recording) -> MagnetometerDelay | None:
     pairs = find_pairs(recording, SPAN_S, MOST_PAIRS)
     if len(pairs) < FEWEST_PAIRS or pairs.n_blocks < FEWEST_BLOCKS:
         return None
-    _, held = find_readings(recording)
     unknowns = np.zeros(4 + len(_TRACELESS))
     for _ in range(MOST_STEPS):
         H, scores = _linearize(pairs, unknowns)
@@ -101,14 +101,16 @@ def estimate_delay(recording: Recording) -> MagnetometerDelay | None:
             break
     H, scores = _linearize(pairs, unknowns)
     variance = np.linalg.solve(H, np.linalg.solve(H, scores.T @ scores).T)[0, 0]
-    return MagnetometerDelay(float(unknowns[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)), held)
+    return MagnetometerDelay(float(unknowns[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)), holds_readings(recording))
 
 
 def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recording:
     """Return the recording with its field at its stamps, where a delay is to be taken off or readings are held."""
     if delay is None or recording.mag is None or not (delay.taken_off or delay.held):
         return recording
-    rows, _ = find_readings(recording)
+    rows = list_readings(recording, delay.held)
+    if len(rows) < 2:
+        return recording
     tau = delay.tau_s if delay.taken_off else 0.0
     return replace(recording, mag=_read_at(recording, rows, tau, delay.held))
 

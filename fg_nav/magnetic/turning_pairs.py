@@ -79,21 +79,31 @@ class TurningPairs:
         return rotate_between(self.t, self.gyr, self.stamps - tau)
 
 
-def find_readings(recording: Recording) -> tuple[Ints, bool]:
-    """Rows (M,) with a new reading of the magnetometer, and whether it holds its readings in the rows between."""
-    mag = recording.mag
-    if mag is None:
-        return np.zeros(0, dtype=np.int64), False
-    measured = np.flatnonzero(np.isfinite(mag).all(axis=1))
-    new: Bools = np.append(True, (np.diff(mag[measured], axis=0) != 0.0).any(axis=1))[: len(measured)]
+def list_readings(recording: Recording, held: bool) -> Ints:
+    """Rows (M,) with a reading of the magnetometer; where it holds them, with a new one."""
+    if recording.mag is None:
+        return np.zeros(0, dtype=np.int64)
+    measured = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
+    return measured[_differs(recording.mag[measured])] if held else measured
+
+
+def holds_readings(recording: Recording) -> bool:
+    """Whether the rows between two readings of the magnetometer repeat the older one."""
+    if recording.mag is None:
+        return False
+    measured = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
     turns = (recording.gyr[measured] ** 2).sum(axis=1) > TURNING_RAD_S**2
-    held = bool(turns.any() and np.mean(~new[turns]) > HELD_SHARE)
-    return (measured[new] if held else measured), held
+    return bool(turns.any() and np.mean(~_differs(recording.mag[measured])[turns]) > HELD_SHARE)
+
+
+def _differs(mag: Floats) -> Bools:
+    """(N,) True where a reading is not the one before."""
+    return np.append(True, (np.diff(mag, axis=0) != 0.0).any(axis=1))[: len(mag)]
 
 
 def find_pairs(recording: Recording, span_s: float, most: int) -> TurningPairs:
     """Find pairs of readings about `span_s` apart while the sensor turns, evenly thinned to `most`."""
-    rows, _ = find_readings(recording)
+    rows = list_readings(recording, holds_readings(recording))
     if len(rows) < 2:
         return TurningPairs(recording.t, recording.gyr, np.zeros((0, 2)), np.zeros((0, 2, 3)), np.zeros(0, np.int64))
     t, spacing = recording.t[rows], float(np.median(np.diff(recording.t[rows])))

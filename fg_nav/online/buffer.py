@@ -5,16 +5,21 @@ smoother uses of it: the footfalls, and the samples up to one behind the newest.
 are counted from the first of the walk; what is discarded leaves the count as it is.
 
 A part of the walk does not show everything about its sensor. The sample period and the levels at which the sensor clips
-are those of the walk when it was last cut out as a whole.
+are those of the walk when it was last cut out as a whole. So are the delay and the axes of its magnetometer, until the
+delay is known well: what is cut out has its field at its stamps, and none in the last `tau`, or none at all.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
+from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
+from fg_nav.magnetic.delay import remove_delay
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
@@ -26,6 +31,12 @@ CHUNK = 1 << 12
 
 AT_END = 0.97
 """Share of the largest reading, from which on a level may be that of a range: calibration smears it."""
+
+SETTLED_S = 5e-4
+"""Sigma of a delay that is not estimated again."""
+
+LEAD_S = 0.25
+"""Readings so long before a part of the walk are used for the field at its first samples."""
 
 _BEFORE = 40
 """Samples before a node that are cut out with those after it: enough for a recording."""
@@ -90,10 +101,12 @@ class WalkSoFar:
     ----------
     buffer : filled by its owner.
     with_mag : whether recordings are cut out with the magnetometer.
+    axes_given : whether it is used whatever its axes look like.
     """
 
-    def __init__(self, buffer: SampleBuffer, with_mag: bool = True) -> None:
-        self._buffer, self._with_mag = buffer, with_mag
+    def __init__(self, buffer: SampleBuffer, with_mag: bool = True, axes_given: bool = False) -> None:
+        self._buffer, self._with_mag, self._axes_given = buffer, with_mag, axes_given
+        self._magnetometer: AlignedMagnetometer | None = None
         self.stop = 0
         self.n_steps = 0
         self._footfalls: list[Footfall] = []
@@ -138,15 +151,26 @@ class WalkSoFar:
         self._discarded = max(self._discarded, footfalls)
         self._buffer.discard(samples)
 
+    def align_magnetometer(self) -> None:
+        """Find delay and axes of the magnetometer on all samples, unless its delay is known well."""
+        found = self._magnetometer
+        if self._with_mag and (found is None or found.delay is None or found.delay.sigma_s > SETTLED_S):
+            self._magnetometer = align_magnetometer(self._cut(self._buffer.first, self.stop), self._axes_given)
+
+    @property
+    def magnetometer(self) -> AlignedMagnetometer | None:
+        """Delay and axes of the magnetometer as last found."""
+        return self._magnetometer
+
     def cut_whole(self) -> Recording:
         """Cut out all samples."""
-        recording = self._cut(self._buffer.first, self.stop)
+        recording = self._cut_aligned(self._buffer.first)
         self._sensor = recording.period_s, recording.clipping
         return recording
 
     def cut_recording(self, first: int) -> Recording:
         """Cut out the samples from one on."""
-        return self._of_sensor(self._cut(first, self.stop))
+        return self._of_sensor(self._cut_aligned(first))
 
     def cut_stances(self, first_footfall: int, first: int) -> Stances:
         """Cut out the footfalls from one on, for the recording from sample `first` on; earlier intervals are cut.
@@ -165,6 +189,17 @@ class WalkSoFar:
         """Cut out some samples before one and all up to `until`; and where in them that sample is."""
         first = max(sample - _BEFORE, self._buffer.first)
         return self._of_sensor(self._cut(first, until)), sample - first
+
+    def _cut_aligned(self, first: int) -> Recording:
+        """Samples from one on, with the field at their stamps."""
+        recording, found = self._cut(first, self.stop), self._magnetometer
+        if found is None:
+            return recording
+        if found.recording.mag is None:
+            return replace(recording, mag=None)
+        lead = self._buffer.find_since(float(recording.t[0]) - LEAD_S, first)
+        mag = remove_delay(self._cut(lead, self.stop), found.delay).mag
+        return recording if mag is None else replace(recording, mag=mag[first - lead :])
 
     def _cut(self, first: int, stop: int) -> Recording:
         rows = self._buffer.between(first, stop)

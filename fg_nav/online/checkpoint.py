@@ -32,7 +32,7 @@ from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.text import to_json
 
-VERSION = 3
+VERSION = 4
 """Of the arrays in a checkpoint."""
 
 BLOCK = 1 << 14
@@ -137,7 +137,7 @@ def _stops(navigator: OnlineNavigator) -> Ints:
 
 
 def _read_options(words: Mapping[str, Any]) -> OnlineOptions:
-    return OnlineOptions(words["heading_rad"], bool(words["use_field"]), words["lag_s"])
+    return OnlineOptions(words["heading_rad"], bool(words["use_field"]), words["lag_s"], axes_given=words["axes_given"])
 
 
 def _write_atomically(path: Path, content: Mapping[str, Any]) -> None:

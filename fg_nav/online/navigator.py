@@ -25,6 +25,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
+from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track, interpolate_stances
 from fg_nav.online.judge import SampleJudge
@@ -69,7 +70,7 @@ class OnlineNavigator:
         self.detection = detection
         self._stances = CausalStances(detection)
         self._smoother = OnlineSmoother(options, self.buffer)
-        self._remark, self._waits = remark, False
+        self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
         self._closed = False
         self._busy_s = 0.0
@@ -128,7 +129,8 @@ class OnlineNavigator:
         progress
             Given from time to time the fraction that is done.
         stances, field
-            Of `recording()`, where they are known; with `stances` no field is looked for.
+            Of `recording()` without the magnetometer's delay, where they are known; with `stances` no field is looked
+            for.
 
         Raises
         ------
@@ -138,16 +140,18 @@ class OnlineNavigator:
         began = perf_counter()
         self.close()
         if self.options.lag_s is None:
-            recording = self.recording()
+            found_mag = self._align(self.recording())
+            recording, notes = found_mag.recording, found_mag.notes if stances is None else ()
             if stances is None:
                 stances = detect_stances(recording, self.detection.stance)
                 field, _ = measure_walk_field(recording, stances, self.options.heading_rad, self.options.use_field)
             found = self._solve_whole(recording, stances, field, progress)
         else:
             self.stances()  # or there was no walk
+            notes = ()
             found = self._lagged_solution()
         busy = self._busy_s + perf_counter() - began
-        notes = (*found.notes, *self.judge.notes)
+        notes = (*notes, *found.notes, *self.judge.notes)
         return replace(found, method=METHOD, runtime_s=busy, notes=notes, moment=self._moment())
 
     def recording(self) -> Recording:
@@ -157,6 +161,11 @@ class OnlineNavigator:
         rows = self.buffer.between(0, self.buffer.stop)
         mag = rows[:, 7:] if np.isfinite(rows[:, 7:]).all(axis=1).any() else None
         return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag)
+
+    def _align(self, recording: Recording) -> AlignedMagnetometer:
+        if not self.options.use_field:
+            return AlignedMagnetometer(recording)
+        return align_magnetometer(recording, self.options.axes_given)
 
     def stances(self) -> Stances:
         """Return the stances so far; raises `DetectionError` if there is none."""
@@ -216,6 +225,9 @@ class OnlineNavigator:
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
         estimate = self._smoother.add_footfall(_end_before(footfall, until), until)
         self._handed = until
+        if self._smoother.wrong_axes is not None and not self._warned:
+            self._remark(self._smoother.wrong_axes.warning)
+            self._warned = True
         self.footfalls.append(footfall)
         return estimate
 

@@ -25,6 +25,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading
+from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.backend import Backend
@@ -66,12 +67,14 @@ class OnlineOptions:
     use_field : whether the magnetometer is used. Samples without one are then allowed.
     lag_s : how far back the past is still corrected, s; None for the whole walk (full mode).
     parameters : of the smoother.
+    axes_given : whether the magnetometer is used whatever its axes look like.
     """
 
     heading_rad: float | None = 0.0
     use_field: bool = True
     lag_s: float | None = None
     parameters: SmootherParameters = field(default_factory=SmootherParameters)
+    axes_given: bool = False
 
 
 class OnlineSmoother:
@@ -85,7 +88,7 @@ class OnlineSmoother:
 
     def __init__(self, options: OnlineOptions, buffer: SampleBuffer) -> None:
         self._options = options
-        self._walk = WalkSoFar(buffer, options.use_field)
+        self._walk = WalkSoFar(buffer, options.use_field, options.axes_given)
         self._backend: Backend
         self._backend = ISAM2Backend() if options.lag_s is None else FixedLagBackend(options.lag_s)
         self._places: list[Place] = []
@@ -140,7 +143,15 @@ class OnlineSmoother:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks for the user."""
-        return () if self._batch is None else (*self._batch.known.notes, *self._batch.verdict.notes)
+        if self._batch is None:
+            return ()
+        found = self._walk.magnetometer
+        return (*self._batch.known.notes, *self._batch.verdict.notes, *(() if found is None else found.notes))
+
+    @property
+    def wrong_axes(self) -> MagAxes | None:
+        """Axes of the magnetometer where they are not the gyroscope's."""
+        return None if self._walk.magnetometer is None else self._walk.magnetometer.wrong_axes
 
     def causal(self) -> StanceTable:
         """Return one row a footfall: what `add_footfall` returned at the time."""
@@ -205,6 +216,7 @@ class OnlineSmoother:
         """Solve the walk so far in batch and go on from there; False where that finds no solution."""
         options, before = self._options, copy(self._backend)
         try:
+            self._walk.align_magnetometer()
             recording, stances = self._walk.cut_whole(), self._walk.cut_stances(0, 0)
             batch = solve_so_far(recording, stances, options.heading_rad, options.use_field, options.parameters)
             places = list_places(batch.nodes, recording.t)

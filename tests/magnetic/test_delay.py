@@ -10,7 +10,7 @@ import pytest
 from fg_nav.factors.rotation import rotation_exp
 from fg_nav.io import read
 from fg_nav.magnetic.delay import MagnetometerDelay, estimate_delay, remove_delay
-from fg_nav.magnetic.turning_pairs import find_readings
+from fg_nav.magnetic.turning_pairs import holds_readings
 from fg_nav.navigate import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.report.files import describe_delay
@@ -58,8 +58,7 @@ def test_the_sigma_is_true():
 def test_a_slow_magnetometer_is_given_where_it_was_measured_or_between(held):
     """Held readings are up to a period old: what is taken off is that as well."""
     recording, slow = minute(3, 0.0, "smooth"), minute(3, 0.012, "smooth", chip_hz=50.0, held=held)
-    _, holds = find_readings(slow)
-    assert holds == held
+    assert holds_readings(slow) == held
     found = estimate_delay(slow)
     assert found.tau_s == pytest.approx(0.012, abs=0.002)
     field = remove_delay(slow, found).mag

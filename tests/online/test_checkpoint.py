@@ -310,7 +310,7 @@ def test_a_checkpoint_is_arrays_with_a_version(tmp_path):
     push(navigator, rows_of(short_walk())[:900])
     save(navigator, tmp_path / "walk.npz")
     with np.load(tmp_path / "walk.npz", allow_pickle=False) as content:
-        assert int(content["version"]) == 3
+        assert int(content["version"]) == 4
         assert content["samples"].shape == (900, 10)
         assert len(content["footfall_stop"]) == len(navigator.footfalls) > 3
         assert json.loads(str(content["facts"]))["options"]["heading_rad"] == 0.0
