@@ -14,17 +14,16 @@ ellipsoid
     field points into one half of the sphere; "outliers": all ways, 3 % of the readings wrong by 20 uT per axis.
 
 walk
-    Calibration from an ordinary walk. Strides, headings and field are the simulator's: its courses, its levels `indoor`
-    and `smooth`, at Munich, a building a seed. The footfalls are made from them without sensing every sample: the foot
-    stands flat to 1.5 deg, the sensor sits turned on it by up to 20 deg, the field is read to 0.2 uT, and the inertial
-    heading drifts by a constant rate (0.02 deg/s) and a walk (1 deg per root of a minute). Iron: drawn as the preset
-    `mpu-9250x8` has it (9.5 uT per axis, soft 0.06), or Ma's Table 1.
+    Calibration from an ordinary walk against the iron of the simulated sensor and its chips' own errors.
+    Courses: four times round a circle to one side (25 deg a stride), two rounds of a rectangle of 20 m by 14, one loop
+    through the office, and a straight; fields of the simulator at Munich, a building a seed. Sensors: `mpu-9250x8` in
+    the heel, for the rectangle `lord-gx5-900` on the instep, at 200 Hz.
     found           share of the walks on which it does not refuse
-    error           of h over the ground, uT per axis, rms over the walks on which it is found; with what soft iron
-                    makes of the vertical field, which a level floor cannot tell from it
-    standardised    that error by its own covariance, rms, over all walks: 1 is honest; and the same of h alone
-    compass         minus true heading, circular sd over the footfalls, median over the walks on which it is found: as
-                    it is, calibrated, and free of iron
+    error, sigma    of h in x, y and z of the sensor, uT, rms over all walks
+    over sigma      error by its own sigma, rms over all walks: h in x, y and z, all three, and the six of C
+    median          of |error| over sigma of h, by that of a Gaussian (0.67): 1 is honest
+    compass         minus true heading, circular sd over the footfalls, median over the walks: as it is, calibrated, and
+                    free of iron
 
 noise
     What an Allan deviation finds of sensors that lie on a table for an hour (`at-rest`). Found over true, median (least
@@ -46,15 +45,16 @@ from dataclasses import dataclass, replace
 import harness
 import numpy as np
 from harness import option, spread
-from scipy.spatial.transform import Rotation
+from numpy.linalg import inv
+from scipy.linalg import polar
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration import (
+    StrideReadings,
     WalkCalibrationParameters,
     calibrate_on_walk,
     circular_sd_deg,
-    correct_field,
-    find_level_iron,
+    read_strides,
 )
 from fg_nav.calibration.allan import NoiseFit
 from fg_nav.calibration.at_rest import SensorNoise, measure_recording_noise
@@ -62,17 +62,17 @@ from fg_nav.calibration.ellipsoid import fit_ellipsoid, symmetric
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.frames import GRAVITY_M_S2, wrap_angle, yaw_rotation
-from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
-from fg_nav.lab.simulation.fields import SITES, draw_environment
-from fg_nav.lab.simulation.path import straight
+from fg_nav.frames import wrap_angle
+from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, scenario, simulate
+from fg_nav.lab.simulation.path import Path, arc, polyline, straight
 from fg_nav.lab.simulation.person import Person
-from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
-from fg_nav.lab.simulation.sensors import Iron, IronPrior, ma_table_1, preset
+from fg_nav.lab.simulation.plan import Section, Stand, Walk
+from fg_nav.lab.simulation.sensors import preset
 from fg_nav.lab.simulation.sensors.triad import TriadPrior
-from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.detectors import SIGNALS
-from fg_nav.magnetic.footfall_field import compute_level_R_body
+from fg_nav.recording import TrajectoryTruth
+from fg_nav.stances import Stances
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -168,136 +168,118 @@ def _rms_row(errors: Sequence[Floats | None]) -> list[str]:
 
 # --- walk ------------------------------------------------------------------------------------------------------------
 
-EARTH = SITES["munich"]
-SENSOR_M = np.array([0.0, 0.0, 0.1])
-STANDS_FLAT_RAD, SITS_TURNED_RAD = np.radians(1.5), np.radians(20.0)
-READ_TO_UT = 0.2
-DRIFT_RATE_DEG_S, DRIFT_WALK_DEG_SQRT_MIN = 0.02, 1.0
+LOOP = polyline([(0, 0), (0, 7), (20, 7), (20, -7), (0, -7), (0, 0)], 1.2)
+IN_HEEL, ON_INSTEP = scenario("calibration-loop"), scenario("demo")
 
-COURSES: dict[str, Callable[[np.random.Generator], Sequence[Section]]] = {
-    "demo": SCENARIOS["demo"].route,
-    "office": SCENARIOS["office"].route,
-    "mall": SCENARIOS["mall"].route,
-    "straight": lambda _: [Walk(straight(80.0))],
+
+def _rest_about(path: Path) -> list[Section]:
+    return [Stand(5.0), Walk(path), Stand(5.0)]
+
+
+def _circle(_: np.random.Generator) -> list[Section]:
+    return _rest_about(arc(Person().walk.stride_m / np.deg2rad(25.0), 2 * np.pi).repeat(4))
+
+
+def _office(rng: np.random.Generator) -> list[Section]:
+    """One of the three loops of the office."""
+    walk = SCENARIOS["office"].route(rng)[1]
+    assert isinstance(walk, Walk)
+    return _rest_about(walk.path.part(0.0, walk.path.length_m / 3))
+
+
+COURSES: Mapping[str, Scenario] = {
+    "circle": replace(IN_HEEL, name="circle", route=_circle),
+    "loop": replace(ON_INSTEP, name="loop", route=lambda _: _rest_about(LOOP.repeat(2))),
+    "office": replace(IN_HEEL, name="office", route=_office),
+    "straight": replace(IN_HEEL, name="straight", route=lambda _: _rest_about(straight(80.0))),
 }
-
-CASES = (
-    ("demo", "indoor", "preset"),
-    ("demo", "smooth", "preset"),
-    ("office", "indoor", "preset"),
-    ("mall", "indoor", "preset"),
-    ("straight", "indoor", "preset"),
-)
-IRON = {"preset": IronPrior(hard_sd_uT=9.5, soft_sd=0.06), "Ma": ma_table_1(), "none": IronPrior()}
-
-
-@dataclass(frozen=True)
-class Walked:
-    """Footfalls of a made-up walk, with iron; `free` is the field (F, 3) uT in the body frame without it."""
-
-    field: FootfallField
-    free: Floats
-    iron: Iron
-    drift: Floats
-
-    @property
-    def level_iron(self) -> Floats:
-        """True (2,) uT over the ground in levelled axes: what `fg_nav.calibration.walk.level_iron` estimates."""
-        up = self.field.nav_R_body[:, 2].mean(axis=0)
-        added = self.iron.hard_uT + EARTH.vector[2] * (self.iron.soft - np.eye(3)) @ up
-        return np.asarray(compute_level_R_body(up)[:2] @ added)
-
-    def spread_deg(self, body_field: Floats) -> float:
-        """Circular sd of compass minus true heading."""
-        return circular_sd_deg(replace(self.field, body_field=body_field).heading_difference + self.drift)
+WALK_FIELDS = ("homogeneous", "smooth", "indoor")
+RATE_HZ = 200.0
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one walk; `standardised` (2,) over the ground, `hard` (3,) of h alone; spreads before, after, without iron."""
+    """Of a walk: errors and sigmas (9,) of h (uT) and C; spreads of the compass, deg, before, after, without iron."""
 
     refused: str
-    error_uT: Floats
-    standardised: Floats
-    hard: Floats
+    error: Floats
+    sigma: Floats
     spread_deg: tuple[float, float, float]
 
 
 def print_walks(chosen: argparse.Namespace) -> None:
-    """Print one row a course, field and iron."""
-    cases = [case for case in CASES if chosen.course in (None, case[0])]
+    """Print one row a course and field, and one for each field without the straight."""
+    courses = [name for name in COURSES if chosen.course in (None, name)]
     seeds = harness.seeds_of(chosen)
+    cases = [(course, level) for level in WALK_FIELDS for course in courses]
+    found = {case: [calibrate_walk(*case, seed) for seed in seeds] for case in cases}
     harness.print_heading(f"Calibration from a walk, {len(seeds)} walks a row")
-    results = {case: [calibrate_walk(make_walk(*case, seed)) for seed in seeds] for case in cases}
-    spreads = ("compass: is", "calibrated", "iron-free")
-    header = ("course", "field", "iron", "found", "error", "standardised", "h", *spreads)
-    harness.print_table(header, [[*case, *_walk_row(found)] for case, found in results.items()])
+    header = ("course", "field", "found", "error", "sigma", "over sigma: h", "all", "C", "median", "compass")
+    rows = [[*case, *_walk_row(outcomes)] for case, outcomes in found.items()]
+    for level in WALK_FIELDS:
+        together = [o for case in cases if case[1] == level and case[0] != "straight" for o in found[case]]
+        rows += [["all", level, *_walk_row(together)]] if together else []
+    harness.print_table(header, rows)
     harness.print_heading("Refused because")
-    for case, found in results.items():
-        refused = [o.refused for o in found if o.refused]
+    for case, outcomes in found.items():
+        refused = [o.refused for o in outcomes if o.refused]
         if refused:
-            print(f"{' '.join(case)}: {len(refused)} of {len(found)}, such as: {refused[0]}")
+            print(f"{' '.join(case)}: {len(refused)} of {len(outcomes)}, such as: {refused[0]}")
 
 
-def make_walk(course: str, level: str, iron: str, seed: int) -> Walked:
-    """Make a walk: every seed another walker, building, sensor and drift."""
-    rng = np.random.default_rng([seed, len(course)])
-    strides = plan(COURSES[course](rng), Person().draw(rng), rng)
-    environs = draw_environment(level, EARTH, strides.footprint, rng)
-    t = np.append(strides.start, strides.start[-1] + strides.duration[-1])
-    tilt = Rotation.from_rotvec(STANDS_FLAT_RAD * rng.standard_normal((len(t), 3)) * [1, 1, 0])
-    mount = Rotation.from_rotvec(SITS_TURNED_RAD * rng.uniform(-1, 1, 3)).as_matrix()
-    truth = np.array([yaw_rotation(np.pi / 2 - angle) for angle in strides.heading]) @ tilt.as_matrix() @ mount
-    felt = environs.at(strides.footprint + SENSOR_M)
-    free = np.einsum("nji,nj->ni", truth, felt)
-    drawn = IRON[iron].draw(rng)
-    drift = _draw_drift(t, rng)
-    drifted = np.array([yaw_rotation(angle) for angle in -drift]) @ truth
-    reading = drawn.bend(free) + READ_TO_UT * rng.standard_normal(free.shape)
-    count, none = np.full(len(t), 20), np.zeros(len(t))
-    force = GRAVITY_M_S2 * drifted[:, 2]
-    field = FootfallField(np.arange(len(t)), t, reading, force, drifted, count, none, none, none)
-    return Walked(field, free, drawn, drift)
-
-
-def _draw_drift(t: Floats, rng: np.random.Generator) -> Floats:
-    """Of the inertial heading (F,) rad, clockwise."""
-    step = np.diff(t, prepend=t[0])
-    walk = DRIFT_WALK_DEG_SQRT_MIN * np.sqrt(step / 60) * rng.standard_normal(len(t))
-    return np.asarray(np.radians(np.cumsum(walk) + DRIFT_RATE_DEG_S * rng.standard_normal() * (t - t[0])))
-
-
-def calibrate_walk(walk: Walked) -> Outcome:
-    """Calibrate on a walk, refused or not, and compare with the truth."""
-    willing = replace(WalkCalibrationParameters(), largest_sigma_uT=np.inf, must_gain=False)
-    refused = ""
-    try:
-        calibrate_on_walk(walk.field)
-    except CalibrationError as error:
-        refused = str(error)
-    found = calibrate_on_walk(walk.field, willing)
-    offset, covariance = find_level_iron(found, walk.field)
-    wrong = offset - walk.level_iron
-    after = correct_field(walk.field, found).body_field
+def calibrate_walk(course: str, level: str, seed: int) -> Outcome:
+    """Simulate a walk, calibrate on it, refused or not, and compare with the truth."""
+    walk = simulate(COURSES[course], seed, Choices(field=level, rate_hz=RATE_HZ))
+    drawn = walk.drawn["sensor"]
+    hard, soft = np.array(drawn["hard_iron_uT"]), np.array(drawn["soft_iron"])
+    stances = detect_stances(walk.recording)
+    strides = read_strides(walk.recording, stances)
+    willing = WalkCalibrationParameters(largest_sigma_uT=np.inf, must_gain=False)
+    found = calibrate_on_walk(strides, willing)
     return Outcome(
-        refused,
-        wrong,
-        np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), wrong)),
-        (found.hard_iron_uT - walk.iron.hard_uT) / found.sigma[:3],
-        (walk.spread_deg(walk.field.body_field), walk.spread_deg(after), walk.spread_deg(walk.free)),
+        _find_refusal(strides),
+        found.parameters - np.concatenate([hard, polar(np.linalg.inv(soft))[1][UPPER]]),
+        found.sigma,
+        _spread_compass(walk, stances, (lambda read: read, found.correct, lambda read: (read - hard) @ inv(soft).T)),
     )
 
 
+def _find_refusal(strides: StrideReadings) -> str:
+    try:
+        calibrate_on_walk(strides)
+    except CalibrationError as error:
+        return str(error)
+    return ""
+
+
+def _spread_compass(
+    walk: SimulatedWalk, stances: Stances, corrections: Sequence[Callable[[Floats], Floats]]
+) -> tuple[float, float, float]:
+    truth = walk.recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    field = average_footfall_field(walk.recording, stances, nav_R_body=truth.nav_R_body)
+    after = [replace(field, body_field=correct(field.body_field)) for correct in corrections]
+    raw, calibrated, free = (circular_sd_deg(one.heading_difference) for one in after)
+    return raw, calibrated, free
+
+
 def _walk_row(found: Sequence[Outcome]) -> list[str]:
-    good = [o for o in found if not o.refused]
-    spreads = np.median([o.spread_deg for o in good or found], axis=0)
+    error, sigma = np.array([o.error for o in found]), np.array([o.sigma for o in found])
+    over = error / sigma
+    axes = [" ".join(f"{_rms(axis):.2f}" for axis in values[:, :3].T) for values in (error, sigma, over)]
+    spreads = np.median([o.spread_deg for o in found], axis=0)
     return [
-        f"{len(good)}/{len(found)}",
-        f"{_rms([o.error_uT for o in good or found]):.2f}",
-        f"{_rms([o.standardised for o in found]):.2f}",
-        f"{_rms([o.hard for o in found]):.2f}",
-        *(f"{one:.1f}" for one in spreads),
+        f"{sum(not o.refused for o in found)}/{len(found)}",
+        *axes,
+        f"{_rms(over[:, :3]):.2f}",
+        f"{_rms(over[:, 3:]):.2f}",
+        f"{np.median(np.abs(over[:, :3])) / MEDIAN_OF_GAUSSIAN:.2f}",
+        " / ".join(f"{one:.1f}" for one in spreads),
     ]
+
+
+MEDIAN_OF_GAUSSIAN = 0.6745
+"""Of its absolute value, in sigmas."""
 
 
 # --- noise -----------------------------------------------------------------------------------------------------------

@@ -48,12 +48,14 @@ from walks import GDIN, OPENSHOE, REAL_WALKS
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration import (
     Spread,
+    StrideReadings,
     WalkCalibrationParameters,
     calibrate_on_walk,
     circular_sd_deg,
     correct_field,
     find_level_iron,
     measure_spread,
+    read_strides,
 )
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
@@ -162,10 +164,11 @@ ANYWAY = WalkCalibrationParameters(must_gain=False, largest_sigma_uT=float("inf"
 
 @dataclass(frozen=True)
 class FieldWalk:
-    """A walk, its field with the inertial attitude of the IEZ filter, and what each detector says."""
+    """A walk, its field and strides with the inertial attitude of the IEZ filter, and what each detector says."""
 
     name: str
     field: FootfallField
+    strides: StrideReadings
     verdicts: Mapping[str, FieldVerdicts]
 
     @cached_property
@@ -204,7 +207,8 @@ def _judge(walk: walks.Walk) -> FieldWalk:
     stances = detect_stances(recording)
     inertial = run_iez(walk.recording, walk.stances).nav_R_body
     field = average_footfall_field(recording, stances, nav_R_body=inertial)
-    return FieldWalk(walk.name, field, {name: judge_field(field, name) for name in DETECTORS})
+    strides = read_strides(recording, stances, inertial)
+    return FieldWalk(walk.name, field, strides, {name: judge_field(field, name) for name in DETECTORS})
 
 
 def print_coverage(found: Sequence[FieldWalk]) -> None:
@@ -286,13 +290,13 @@ def calibrate(walk: FieldWalk) -> Calibrated:
     """Calibrate on the walk, refused or not."""
     refused = ""
     try:
-        calibrate_on_walk(walk.field)
+        calibrate_on_walk(walk.strides)
     except CalibrationError as error:
         refused = str(error)
-    found = calibrate_on_walk(walk.field, ANYWAY)
+    found = calibrate_on_walk(walk.strides, ANYWAY)
     itself = circular_sd_deg(correct_field(walk.field, found).heading_difference)
     return Calibrated(
-        found, refused, circular_sd_deg(walk.field.heading_difference), itself, measure_spread(walk.field)
+        found, refused, circular_sd_deg(walk.field.heading_difference), itself, measure_spread(walk.strides)
     )
 
 

@@ -9,6 +9,7 @@ from fg_nav.calibration.ellipse_fit import calibrate_on_loop
 from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
 from fg_nav.calibration.of_recording import METHODS, Calibration, calibrate, read_calibration, write_calibration
+from fg_nav.calibration.stride_readings import StrideReadings, read_strides
 from fg_nav.calibration.walk import (
     Spread,
     WalkCalibrationParameters,
@@ -24,6 +25,7 @@ __all__ = [
     "Ellipse",
     "MagnetometerCalibration",
     "Spread",
+    "StrideReadings",
     "WalkCalibrationParameters",
     "calibrate",
     "calibrate_on_loop",
@@ -35,5 +37,6 @@ __all__ = [
     "fit_unit_sphere",
     "measure_spread",
     "read_calibration",
+    "read_strides",
     "write_calibration",
 ]

@@ -41,6 +41,7 @@ from fg_nav.calibration.ellipse_fit import calibrate_on_loop
 from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
 from fg_nav.calibration.quadric import is_near
+from fg_nav.calibration.stride_readings import read_strides
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
@@ -294,8 +295,9 @@ def mean_direction_of_up(recording: Recording) -> float:
 
 
 def _calibrate_on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
-    field = average_footfall_field(recording, detect_stances(recording))
-    found = calibrate_on_walk(field) if name == "walk" else calibrate_on_loop(field)[1]
+    stances = detect_stances(recording)
+    field = average_footfall_field(recording, stances)
+    found = calibrate_on_walk(read_strides(recording, stances)) if name == "walk" else calibrate_on_loop(field)[1]
     after = correct_field(field, found)
     return found, Effect(_scatter(field.strength), _scatter(after.strength), _spread(field), _spread(after))
 

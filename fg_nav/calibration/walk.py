@@ -1,13 +1,12 @@
 """Hard and soft iron from an ordinary walk: what turns with the foot is the sensor's, what stays is the building's.
 
-The model is in `fg_nav.calibration.walk_model`. The fit is Gauss-Newton steps with the Student weights of the last one;
-the scale of d is found on the way.
+The model is in `fg_nav.calibration.walk_model`, the covariance in `fg_nav.calibration.walk_covariance`. The fit is
+Gauss-Newton steps with the Student weights and the covariance of d of the last one.
 
-What a level floor cannot show: h along the vertical is one with b, and what S makes of the vertical field is one with
-h over the ground. Both keep their priors, and the covariance says so; the heading of a foot that stands flat needs
-neither. The swings, whose pitch goes round by 80 deg, show the vertical part: on 8 simulated demos to 5 uT, but they
-would claim 3, for their samples feel one field after another along the path, and over the ground h is no better for
-them. They are not used.
+What shows: h along and across the axis about which the foot pitches, forward and up, in each swing; along that axis,
+to the side, only between headings. A straight walk does not show it. What S makes of the vertical field is one with h
+over the ground where the foot stands; the swings tell the two apart. The size of S is one with the strength of the
+field, and keeps its prior.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.magnetometer import (
     LEVEL_FIELD_UT,
     UPPER,
@@ -29,21 +28,25 @@ from fg_nav.calibration.magnetometer import (
     matrix_of,
     mean_up,
 )
+from fg_nav.calibration.stride_readings import PHASES, StrideReadings
+from fg_nav.calibration.walk_covariance import Linearization, compute_covariance
 from fg_nav.calibration.walk_model import (
     DRIFT_RATE_DEG_S,
-    FEWEST_FOOTFALLS,
+    FIELD,
     IRON,
     SOFT_IRON_SIGMA,
     WITHOUT_IRON,
     Walk,
-    compute_covariance,
-    compute_jacobian,
-    compute_residual,
     compute_weights,
+    find_whitening,
+    learn_spread,
+    linearize,
     prior_precision,
+    start_unknowns,
+    whiten,
 )
 from fg_nav.errors import CalibrationError
-from fg_nav.frames import wrap_angle
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField, compute_level_R_body
 from fg_nav.text import format_count
 
@@ -58,6 +61,9 @@ DRIFT_SIGMAS, LINE_STEP_RAD = 3.0, 0.1
 """How fast a drift is looked for where spreads are compared, and in what steps at the end of the walk."""
 
 
+FEWEST_STRIDES = 20
+"""One stride shows h to 10 uT, twenty to 2 uT."""
+
 BLOCKS = 8
 """The walk is cut into so many for the trial out of sample: seven eighths show almost what all show."""
 
@@ -69,8 +75,8 @@ class WalkCalibrationParameters:
     largest_sigma_uT: float = 4.0
     """Of h over the ground: 11 deg of heading at 21 uT; a compass that is worse than that is no use."""
     must_gain: bool = True
-    """Refuse where the field is none of Earth's, no iron shows, or the spread out of sample is not less than before;
-    False to study walks."""
+    """Refuse where the field is none of Earth's, no iron shows, or it explains nothing out of sample; False to study
+    walks."""
 
 
 @dataclass(frozen=True)
@@ -82,17 +88,15 @@ class Spread:
 
 
 def calibrate_on_walk(
-    field: FootfallField, parameters: WalkCalibrationParameters = WalkCalibrationParameters()
+    strides: StrideReadings, parameters: WalkCalibrationParameters = WalkCalibrationParameters()
 ) -> MagnetometerCalibration:
-    """Find the iron from the field at the footfalls of any walk that turns.
+    """Find the iron from the readings of any walk that turns.
 
-    `field` is that of the walk, not calibrated; footfalls without a field are left out.
-
-    Raises `CalibrationError` with the reason: too few footfalls, headings that do not go round, no field that Earth
+    Raises `CalibrationError` with the reason: too few strides, headings that do not go round, no field that Earth
     has, no iron, iron that no shoe carries, or nothing gained out of sample.
     """
     p = parameters
-    walk = Walk.of(field)
+    walk = Walk.of(strides)
     _check_count(walk)
     fit = fit_iron(walk)
     _check_known(walk, fit, p)
@@ -101,13 +105,13 @@ def calibrate_on_walk(
         check_strength(float(np.linalg.norm(fit.b[:2])), LEVEL_FIELD_UT)
         _check_seen(walk, fit)
         _check_bending(fit)
-        _check_gain(spread)
+        _check_gain(walk, fit)
     return _build_calibration(fit, walk, spread)
 
 
-def measure_spread(field: FootfallField) -> Spread:
+def measure_spread(strides: StrideReadings) -> Spread:
     """Cut the walk into blocks and correct each by a calibration on the others, refused or not."""
-    walk = Walk.of(field)
+    walk = Walk.of(strides)
     return _spread_blocks(walk, fit_iron(walk))
 
 
@@ -125,7 +129,7 @@ def find_level_iron(calibration: MagnetometerCalibration, field: FootfallField) 
     the level strength, once to either side in a turn.
     """
     S = np.linalg.inv(calibration.correction)
-    by_correction = np.eye(IRON)
+    by_correction = np.eye(len(WITHOUT_IRON))
     by_correction[3:, 3:] = differentiate_inverse(calibration.correction)
     up = mean_up(field.nav_R_body)
     added = level_sum(up, float(np.nanmean(correct_field(field, calibration).nav_field[:, 2])))
@@ -135,17 +139,17 @@ def find_level_iron(calibration: MagnetometerCalibration, field: FootfallField) 
 
 
 def _check_count(walk: Walk) -> None:
-    if len(walk) < FEWEST_FOOTFALLS:
+    if len(walk) < FEWEST_STRIDES:
         raise CalibrationError(
-            f"{format_count(len(walk), 'footfall')} with a field cannot tell the shoe's iron from the building's: "
-            f"walk {FEWEST_FOOTFALLS} strides or more, with turns."
+            f"{format_count(len(walk), 'stride')} with a field cannot tell the shoe's iron from the building's: "
+            f"walk {FEWEST_STRIDES} strides or more, with turns."
         )
 
 
 def _check_known(walk: Walk, fit: Fit, p: WalkCalibrationParameters) -> None:
     if fit.level_sigma > p.largest_sigma_uT:
         raise CalibrationError(
-            f"after {len(walk)} footfalls the hard iron would be known to {fit.level_sigma:.1f} uT only, for "
+            f"after {len(walk)} strides the hard iron would be known to {fit.level_sigma:.1f} uT only, for "
             f"{_describe_headings(walk)}: walk longer and through all headings, such as a round or a figure of eight, "
             "or calibrate on a loop."
         )
@@ -155,7 +159,7 @@ def _check_seen(walk: Walk, fit: Fit) -> None:
     if fit.seen < SEEN:
         raise CalibrationError(
             f"no iron shows against the building: over the ground {np.linalg.norm(fit.level_iron):.1f} uT were found, "
-            f"and {len(walk)} footfalls show it to {fit.level_sigma:.1f} uT per axis; go on without a calibration, or "
+            f"and {len(walk)} strides show it to {fit.level_sigma:.1f} uT per axis; go on without a calibration, or "
             "walk longer."
         )
 
@@ -170,37 +174,66 @@ def _check_bending(fit: Fit) -> None:
         )
 
 
-def _check_gain(spread: Spread) -> None:
-    if not spread.after_deg < spread.before_deg:
+def _check_gain(walk: Walk, fit: Fit) -> None:
+    if not _measure_gain(walk, fit) > 0.0:
         raise CalibrationError(
-            "the iron found in one part of the walk does not help in the others: compass minus inertial heading would "
-            f"spread by {spread.after_deg:.1f} deg instead of {spread.before_deg:.1f}; go on without a calibration, "
-            "or walk longer."
+            "the iron found in one part of the walk does not help in the others, whose readings it explains worse than "
+            "none; go on without a calibration, or walk longer."
         )
 
 
-def _spread_blocks(walk: Walk, fit: Fit) -> Spread:
-    """Spread before, and after a calibration on the other blocks of the walk."""
+def _measure_gain(walk: Walk, fit: Fit) -> float:
+    """By how many squared sigmas the iron found in the other blocks explains a block better than none, all together."""
+    last, iron = fit.linearization, np.arange(walk.unknowns) < IRON.stop
+    information, pull = last.information, last.pull
+    none = WITHOUT_IRON - fit.unknowns[IRON]
+    gain = 0.0
+    for held in _cut_blocks(walk):
+        others, own = information[~held].sum(axis=0) + last.prior, information[held].sum(axis=0)
+        slope = pull[held].sum(axis=0)
+        found, without = -np.linalg.solve(others, slope), np.zeros(walk.unknowns)
+        without[iron] = none
+        without[~iron] = np.linalg.solve(
+            others[np.ix_(~iron, ~iron)], -slope[~iron] - others[np.ix_(~iron, iron)] @ none
+        )
+        gain += sum(sign * (step @ own @ step - 2 * slope @ step) for sign, step in ((-1, found), (1, without)))
+    return float(gain)
+
+
+def _cut_blocks(walk: Walk) -> list[Bools]:
     block = np.arange(len(walk)) * BLOCKS // len(walk)
-    corrected = np.empty_like(walk.reading)
-    for held in (block == k for k in range(BLOCKS)):
-        others = find_from(walk.part(~held), fit.unknowns, fit.sigma_d)
-        corrected[held] = others.correct(walk.reading[held])
-    after = replace(walk.field, body_field=corrected)
-    return Spread(*(_least_spread(field) for field in (walk.field, after)))
+    return [block == k for k in range(BLOCKS)]
 
 
-def _least_spread(field: FootfallField) -> float:
-    """Circular sd, deg, of compass minus inertial heading about the line in time that leaves least."""
-    t = field.t - field.t[0]
+def _spread_blocks(walk: Walk, fit: Fit) -> Spread:
+    """Spread before, and after a calibration on the other blocks of the walk: one step from that on all of them."""
+    last = fit.linearization
+    information, pull = last.information, last.pull
+    reading = walk.strides.reading[:, 0]
+    corrected = np.empty_like(reading)
+    for held in _cut_blocks(walk):
+        others = information[~held].sum(axis=0) + last.prior
+        # At the fit the pull of all strides and of the prior is none: what is left is that of those held back.
+        at = fit.unknowns - np.linalg.solve(others, pull[held].sum(axis=0))
+        corrected[held] = replace(fit, unknowns=at).correct(reading[held])
+    return Spread(*(_find_least_spread(walk, readings) for readings in (reading, corrected)))
+
+
+def _find_least_spread(walk: Walk, standing: Floats) -> float:
+    """Circular sd, deg, of compass minus inertial heading about the line in time that leaves least.
+
+    `standing` (S, 3) uT is the field of each footfall in the body.
+    """
+    east, north, _ = np.einsum("kij,kj->ik", walk.strides.standing_R, standing)
+    difference, t = np.arctan2(north, east), walk.strides.start_s - walk.strides.start_s[0]
     most = DRIFT_SIGMAS * np.radians(DRIFT_RATE_DEG_S)
     rates = np.linspace(-most, most, 2 * max(1, int(np.ceil(most * t[-1] / LINE_STEP_RAD))) + 1)
-    return min(circular_sd_deg(field.heading_difference - rate * t) for rate in rates)
+    return min(circular_sd_deg(difference - rate * t) for rate in rates)
 
 
 def _describe_headings(walk: Walk) -> str:
     """How far the headings go round, in words."""
-    heading = walk.field.gyro_heading
+    heading = compute_heading(walk.strides.standing_R)
     share = np.mean(np.abs(wrap_angle(heading - np.angle(np.exp(1j * heading).mean()))) < np.pi / 4)
     return f"{100 * share:.0f} % of them head within 45 deg of one direction"
 
@@ -208,7 +241,7 @@ def _describe_headings(walk: Walk) -> str:
 def _build_calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCalibration:
     correction = np.linalg.inv(fit.S)
     correction = (correction + correction.T) / 2
-    by_soft = np.eye(IRON)
+    by_soft = np.eye(len(WITHOUT_IRON))
     by_soft[3:, 3:] = differentiate_inverse(fit.S)
     return MagnetometerCalibration(
         method="walk",
@@ -216,12 +249,12 @@ def _build_calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCali
         correction=correction,
         covariance=by_soft @ fit.covariance @ by_soft.T,
         strength_uT=float(np.linalg.norm(fit.b)),
-        residual_uT=float(np.sqrt(np.mean(fit.sigma_d**2))),
-        samples=len(walk),
+        residual_uT=float(np.sqrt(np.mean(fit.linearization.residual**2))),
+        samples=PHASES * len(walk),
         notes=(
             f"hard iron over the ground, with what soft iron makes of the vertical field, is known to "
-            f"{fit.level_sigma:.1f} uT from {len(walk)} footfalls; what a walk on the level does not show keeps its "
-            "wide sigma",
+            f"{fit.level_sigma:.1f} uT, and the rest of it to {fit.worst_sigma:.1f} uT, from {len(walk)} strides; the "
+            "size of the soft iron keeps its wide sigma",
             f"compass minus inertial heading spreads by {spread.after_deg:.1f} deg instead of {spread.before_deg:.1f}, "
             f"each of its {BLOCKS} parts corrected by the others",
             "the residual is what the building adds to the field, typically, per axis",
@@ -229,8 +262,11 @@ def _build_calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCali
     )
 
 
-MOST_STEPS, CLOSE_UT = 30, 3e-3
-"""Of Gauss-Newton: it takes 5 to 15, and steps below this change nothing."""
+START_UT = 10.0
+"""Of d, before its covariance is learned."""
+
+MOST_STEPS, FEWEST_STEPS, CLOSE_UT = 30, 5, 3e-3
+"""Of Gauss-Newton: it takes 6 to 10, steps below this change nothing, and the covariance of d needs five."""
 
 
 @dataclass(frozen=True)
@@ -239,15 +275,15 @@ class Fit:
 
     Attributes
     ----------
-    unknowns : (P,) in the order of the Jacobian.
-    sigma_d : (3,) uT, scale of d in nav.
+    unknowns : (U,) in the order of the model.
     up : (3,) mean direction of up in the body.
-    covariance : (9, 9) of h and the six of S; NaN where it was not asked for.
+    linearization : about them.
+    covariance : (9, 9) of h and the six of S.
     """
 
     unknowns: Floats
-    sigma_d: Floats
     up: Floats
+    linearization: Linearization
     covariance: Floats
 
     @property
@@ -258,12 +294,12 @@ class Fit:
     @property
     def S(self) -> Floats:
         """(3, 3)."""
-        return matrix_of(self.unknowns[3:IRON])
+        return matrix_of(self.unknowns[3:9])
 
     @property
     def b(self) -> Floats:
         """(3,) uT."""
-        return self.unknowns[IRON:12]
+        return np.asarray(self.unknowns[FIELD])
 
     def correct(self, reading: Floats) -> Floats:
         """Field (N, 3) uT."""
@@ -278,13 +314,18 @@ class Fit:
     @property
     def level_iron(self) -> Floats:
         """What h and S add over the ground, (2,) uT."""
-        return np.asarray(level_sum(self.up, float(self.b[2])) @ (self.unknowns[:IRON] - WITHOUT_IRON))
+        return np.asarray(level_sum(self.up, float(self.b[2])) @ (self.unknowns[IRON] - WITHOUT_IRON))
 
     @property
     def seen(self) -> float:
         """Squared sigmas by which the sensor differs over the ground from one without iron; chi-square with two."""
         found = self.level_iron
         return float(found @ np.linalg.solve(self.level_covariance, found))
+
+    @property
+    def worst_sigma(self) -> float:
+        """Of h, in the worst direction, uT."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[2]))
 
     @property
     def level_sigma(self) -> float:
@@ -294,41 +335,25 @@ class Fit:
 
 def fit_iron(walk: Walk) -> Fit:
     """Find the iron from none on, with its covariance."""
-    start = np.concatenate([WITHOUT_IRON, _mean_field(walk), np.zeros(walk.knots.shape[1])])
-    found = find_from(walk, start, np.full(3, 10.0))
-    return replace(found, covariance=compute_covariance(walk, found.unknowns, found.sigma_d)[:IRON, :IRON])
-
-
-def find_from(walk: Walk, at: Floats, sigma_d: Floats) -> Fit:
-    """Find the iron from any unknowns (P,) and scale of d (3,) on, without covariance."""
-    prior, rest = prior_precision(walk), np.zeros(len(at))
-    rest[:IRON] = WITHOUT_IRON
-    for _ in range(MOST_STEPS):
-        residual = compute_residual(walk, at)
-        weight = compute_weights(residual, sigma_d)
-        sigma_d = np.sqrt(_estimate_scales(residual, weight))
-        scaled = compute_jacobian(walk, at) / sigma_d[:, None]
-        normal = np.einsum("n,nij,nik->jk", weight, scaled, scaled) + prior
-        right = np.einsum("n,nij,ni->j", weight, scaled, residual / sigma_d) - prior @ (at - rest)
-        step = np.linalg.solve(normal, right)
-        at = at + step
-        if np.abs(step[:3]).max() < CLOSE_UT:
+    at, spread = start_unknowns(walk), START_UT**2 * np.stack([np.eye(PHASES)] * 3)
+    prior, rest = prior_precision(walk), np.zeros(walk.unknowns)
+    rest[IRON] = WITHOUT_IRON
+    for step in range(MOST_STEPS):
+        residual, jacobian = linearize(walk, at)
+        whitening = find_whitening(spread)
+        weight = compute_weights(whiten(whitening, residual))
+        last = Linearization(residual, jacobian, weight, whitening, prior)
+        normal = last.information.sum(axis=0) + prior
+        change = np.linalg.solve(normal, last.pull.sum(axis=0) - prior @ (at - rest))
+        if step >= FEWEST_STEPS and np.abs(change[:3]).max() < CLOSE_UT:
             break
-    return Fit(at, sigma_d, mean_up(walk.nav_R_body), np.full((IRON, IRON), np.nan))
-
-
-def _mean_field(walk: Walk) -> Floats:
-    return np.asarray(np.einsum("nij,nj->ni", walk.nav_R_body, walk.reading).mean(axis=0))
+        at = at + change
+        spread = learn_spread(walk, residual - jacobian @ change, weight)
+    covariance = compute_covariance(walk, last)[IRON, IRON]
+    return Fit(at, mean_up(walk.strides.standing_R), last, covariance)
 
 
 def level_sum(up: Floats, vertical_uT: float) -> Floats:
     """(2, 9): what h and the six of S add up to over the ground, in levelled axes, where up is up in the body."""
     by_soft = np.stack([matrix_of(one) @ up for one in np.eye(6)], axis=1)
     return np.asarray(compute_level_R_body(up)[:2] @ np.hstack([np.eye(3), vertical_uT * by_soft]))
-
-
-def _estimate_scales(residual: Floats, weight: Floats) -> Floats:
-    """Squared scale (3,) of d: one over the ground, one upright."""
-    square = (weight[:, None] * residual**2).mean(axis=0) + 1e-6
-    level = square[:2].mean()
-    return np.array([level, level, square[2]])

@@ -45,6 +45,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration.ellipse_fit import calibrate_on_loop
 from fg_nav.calibration.of_recording import Calibration
+from fg_nav.calibration.stride_readings import read_strides
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError, CampaignError
@@ -176,7 +177,7 @@ def calibrate_on_itself(walk: Walk) -> Walk:
     if walk.field is None:
         return walk
     try:
-        calibration = Calibration(magnetometer=calibrate_on_walk(walk.field))
+        calibration = Calibration(magnetometer=calibrate_on_walk(read_strides(walk.recording, walk.stances)))
     except CalibrationError:
         return walk
     return prepare_walk(Walk.of(replace(walk.recording, truth=walk.truth), walk.options, calibration))
