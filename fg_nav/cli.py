@@ -318,6 +318,7 @@ def stream(
     heading: Heading = None,
     no_mag: NoMag = False,
     calibration: CalibrationPath = None,
+    mag_axes: MagAxesWords = None,
     serve: Annotated[
         int | None, typer.Option(metavar="PORT", help="Serve the lines on this port of 127.0.0.1, and print none.")
     ] = None,
@@ -337,7 +338,9 @@ def stream(
     from fg_nav.commands.stream import stream
     from fg_nav.online.follow import StreamRequest
 
-    request = StreamRequest(source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence)
+    request = StreamRequest(
+        source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence, mag_axes
+    )
     stream(request, out, force)
 
 

@@ -19,6 +19,7 @@ from fg_nav.calibration.of_recording import Calibration
 from fg_nav.commands import Target
 from fg_nav.estimators import Progress
 from fg_nav.evaluation import evaluate
+from fg_nav.magnetic.axes import MagAxes
 from fg_nav.navigate import prepare_walk
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.estimates import format_table
@@ -79,7 +80,7 @@ def write_end(folder: Path, walk: StreamedWalk) -> None:
     """Write what `fg-nav run` writes; with a lag, the table of footfalls and a summary only."""
     if walk.navigator.options.lag_s is None:
         with progress("online") as report:
-            solved, outcome = solve_stream(walk.navigator, walk.name, walk.calibration, report)
+            solved, outcome = solve_stream(walk.navigator, walk.name, walk.calibration, report, walk.mag_axes)
         write_run(folder, solved, outcome)
         return
     solution = _solution(walk)
@@ -101,11 +102,15 @@ def write_end(folder: Path, walk: StreamedWalk) -> None:
 def _solution(walk: StreamedWalk) -> Solution:
     if walk.navigator.options.lag_s is not None:
         return walk.navigator.finish()
-    return solve_stream(walk.navigator, walk.name, walk.calibration)[1].solution
+    return solve_stream(walk.navigator, walk.name, walk.calibration, mag_axes=walk.mag_axes)[1].solution
 
 
 def solve_stream(
-    navigator: OnlineNavigator, name: str, calibration: Calibration | None = None, progress: Progress | None = None
+    navigator: OnlineNavigator,
+    name: str,
+    calibration: Calibration | None = None,
+    progress: Progress | None = None,
+    mag_axes: MagAxes | None = None,
 ) -> tuple[Walk, Outcome]:
     """Solve the walk as a whole.
 
@@ -115,8 +120,8 @@ def solve_stream(
         Without a lag.
     name
         Of the source.
-    calibration
-        That was applied on the way; for the record only.
+    calibration, mag_axes
+        That were applied on the way; for the record only.
     progress
         Called from time to time with the fraction that is done.
 
@@ -127,6 +132,7 @@ def solve_stream(
     """
     recording = replace(navigator.recording(), provenance=Provenance(format=f"canonical rows from {name}"))
     walk = prepare_walk(Walk.of(recording, _options(navigator.options)))
+    walk = replace(walk, options=replace(walk.options, mag_axes=mag_axes))
     if calibration is not None:
         walk = replace(walk, calibration=calibration, applied=calibration.corrects(recording.mag is not None))
     solution = navigator.finish(progress, walk.stances, walk.field)
@@ -137,4 +143,5 @@ def solve_stream(
 
 def _options(options: OnlineOptions) -> Options:
     heading_deg = None if options.heading_rad is None else float(np.degrees(options.heading_rad))
-    return Options(use_magnetometer=options.use_field, heading_deg=heading_deg)
+    axes = MagAxes(np.eye(3)) if options.axes_given else None  # the rows have them already
+    return Options(use_magnetometer=options.use_field, heading_deg=heading_deg, mag_axes=axes)

@@ -25,6 +25,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
+from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.checkpoint import collect_content, write_content
 from fg_nav.online.estimates import LineServer, StanceEstimate, format_estimate
@@ -58,6 +59,7 @@ class StreamOptions:
     stalled_s : silence after which a remark says that the source stalls, s.
     until_silent_s : silence after which the walk ends, s; None to wait for ever.
     calibration : to apply; None without.
+    mag_axes : of the magnetometer in those of the gyroscope; None for the same.
     """
 
     online: OnlineOptions = field(default_factory=OnlineOptions)
@@ -66,6 +68,7 @@ class StreamOptions:
     stalled_s: float = 5.0
     until_silent_s: float | None = None
     calibration: Calibration | None = None
+    mag_axes: MagAxes | None = None
 
 
 def follow_source(
@@ -119,12 +122,19 @@ def _open_navigator(options: StreamOptions, remark: Say) -> OnlineNavigator:
     if path is None or not path.exists():
         navigator = OnlineNavigator(options.online, remark)
         navigator.source["calibration"] = to_json(options.calibration)
+        navigator.source["mag_axes"] = _name_axes(options)
         return navigator
     navigator = load(path, options.online, remark)
     if navigator.source.get("calibration") != to_json(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
+    if navigator.source.get("mag_axes") != _name_axes(options):
+        raise EstimationError(f"{path.name} was made with other --mag-axes: give the same, or name another.")
     remark(f"resumed from {path.name}: {len(navigator.footfalls)} stances, {navigator.buffer.stop} samples.")
     return navigator
+
+
+def _name_axes(options: StreamOptions) -> str | None:
+    return None if options.mag_axes is None else str(options.mag_axes)
 
 
 class _Walk:
@@ -182,8 +192,10 @@ class _Walk:
             self._saving.join()
 
     def _corrected(self, acc: Floats, mag: Floats) -> tuple[Floats, Floats]:
-        """Apply the calibration as to a recording (`fg_nav.walk`)."""
+        """Apply axes and calibration as to a recording (`fg_nav.walk`)."""
         found = self._options.calibration
+        if self._options.mag_axes is not None:
+            mag = mag @ self._options.mag_axes.P.T
         if found is None:
             return acc, mag
         if found.magnetometer is not None:
@@ -231,15 +243,17 @@ class StreamRequest:
     serve: int | None = None
     baud: int = 115200
     silence_s: float | None = None
+    mag_axes: str | None = None
 
 
 @dataclass(frozen=True)
 class StreamedWalk:
-    """A walk that has ended: its navigator, the name of its source, and the calibration that was applied."""
+    """A walk that has ended: its navigator, the name of its source, and the calibration and axes that were applied."""
 
     navigator: OnlineNavigator
     name: str
     calibration: Calibration | None
+    mag_axes: MagAxes | None = None
 
 
 def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
@@ -260,22 +274,26 @@ def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
         Where something that was asked for cannot be: the source, the checkpoint, the port, the rows.
     """
     calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
+    axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
     options = StreamOptions(
         online=_online_options(request),
         checkpoint=request.checkpoint,
         checkpoint_s=_check_positive(request.checkpoint_s, "--every") or 0.0,
         until_silent_s=_check_positive(request.silence_s, "--silence"),
         calibration=calibration,
+        mag_axes=axes,
     )
     with (
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
         closing(open_source(request.source, request.baud)) as source,
     ):
         if request.serve is None:
-            return StreamedWalk(follow_source(source, options, emit, remark, stop), source.name, calibration)
+            return StreamedWalk(follow_source(source, options, emit, remark, stop), source.name, calibration, axes)
         with closing(LineServer(request.serve)) as server:
             remark(f"lines are served on 127.0.0.1:{server.port}.")
-            return StreamedWalk(follow_source(source, options, server.send, remark, stop), source.name, calibration)
+            return StreamedWalk(
+                follow_source(source, options, server.send, remark, stop), source.name, calibration, axes
+            )
 
 
 def _online_options(request: StreamRequest) -> OnlineOptions:
@@ -291,6 +309,7 @@ def _online_options(request: StreamRequest) -> OnlineOptions:
         heading_rad=None if heading is None else float(np.radians(heading)),
         use_field=request.use_magnetometer,
         lag_s=lag_s,
+        axes_given=request.mag_axes is not None,
     )
 
 

@@ -66,3 +66,14 @@ def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav, turned: Path) -> None
 def test_axes_that_are_none_are_refused(fg_nav: FgNav, turned: Path) -> None:
     assert fg_nav("run", turned, "--mag-axes=x,y").refused("'x,y' names no axes")
     assert fg_nav("run", turned, "--mag-axes=y,x,z", "--no-mag").refused("--mag-axes")
+
+
+def test_a_stream_is_turned_row_by_row(fg_nav: FgNav, turned: Path) -> None:
+    short = Path("short.csv")
+    short.write_text("".join(turned.read_text().splitlines(keepends=True)[:4400]))
+    assert f"--mag-axes={AXES}" in fg_nav("stream", short, "--silence", "0.1", "--lag", "30").err
+    ran = fg_nav("stream", short, "--silence", "0.1", f"--mag-axes={AXES}", "--out", "out")
+    assert ran.code == 0
+    assert "mag-axes" not in ran.err
+    assert "ms late" in str(summary("out")["notes"])
+    assert json.loads(Path("out/config.json").read_text())["mag_axes"] == AXES
