@@ -22,16 +22,16 @@ from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import QUASI_STATIC, apply_gate, count_needed
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import COMPASS_SIGMA_UT, FieldSolution, choose_steady
-from fg_nav.smoother.field_factors import (
+from fg_nav.smoother.field import FieldSolution, choose_steady
+from fg_nav.smoother.field_factors import integrate_path, transition
+from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.roughness import (
     FieldRoughness,
     field_deviation,
-    integrate_path,
     measure_roughness,
-    transition,
+    neglect_deviation,
     usual_deviation,
 )
-from fg_nav.smoother.graph import Trajectory
 from fg_nav.stances import Stances
 
 RECENT = 4000
@@ -73,6 +73,7 @@ class OnlineField:
     def __init__(self, found: FieldSolution, field: FootfallField) -> None:
         factors, values = found.problem.field, found.solved.values
         assert factors is not None
+        self._noise_uT = found.compass_sigma_uT
         self._p = replace(found.problem.parameters.magnetic, potential=len(factors.potential) > 0)
         self._level_R_body = factors.path.level_R_body
         nodes = found.problem.nodes.result.tolist()
@@ -116,7 +117,7 @@ class OnlineField:
         passed = verdict.word == QUASI_STATIC
         change = transition(np.array(seen.distance_m), self._rough)
         if passed and self._p.compass:
-            compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(COMPASS_SIGMA_UT))
+            compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(self._noise_uT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
         if self._p.potential and np.isfinite(seen.sigma_uT_m):
             level_path = self._level_R_body @ seen.body_path
@@ -147,7 +148,8 @@ class OnlineField:
         deviation = rows[:, :3] - usual_deviation(rows[steady, :3])
         states = np.zeros((len(rows), SIZE))
         states[:, PHI] = rows[:, 3]
-        return measure_roughness(deviation, states, seen, steady, rows[1:, 4])
+        rough = measure_roughness(deviation, states, seen, steady, rows[1:, 4])
+        return rough if self._p.potential else neglect_deviation(rough)
 
 
 def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_uT: float) -> StrideField:

@@ -50,7 +50,7 @@ from fg_nav.online.strides import (
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.solver import UNSOLVED, in_nav, turn_covariance
+from fg_nav.smoother.solver import UNSOLVED, in_nav
 from fg_nav.smoother.strides import stride_graph
 from fg_nav.solution import StanceTable
 
@@ -290,8 +290,7 @@ class OnlineSmoother:
         last, batch, p = self._latest, self._batch, self._batch.parameters
         window = cut_window(self._walk, self._places[-1], self._t_first, p)
         stride = measure_stride(window, batch.known.gyro_bias, batch.known.lever.lever, (), p)
-        about_north = turn_covariance(last.position[None], batch.verdict.north_sigma)[0]
-        recover(self._backend, last, last.pose_cov - about_north, window, stride, p, batch.field is not None)
+        recover(self._backend, last, last.pose_cov, window, stride, p, batch.field is not None)
         self._backend.take_marginalized()
         self._frozen += self._causal[len(self._frozen) :]
         self._places, self._verdicts = [window.place], [Verdict(str(UNKNOWN), REASON)]
@@ -376,10 +375,8 @@ class OnlineSmoother:
         bias_cov: Floats,
         verdict: Verdict,
     ) -> StanceEstimate:
-        """Estimate of a footfall in navigation axes, with the uncertainty about north of the whole walk."""
-        assert self._batch is not None
+        """Estimate of a footfall in navigation axes."""
         position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
-        about_north = turn_covariance(position[None], self._batch.verdict.north_sigma)[0]
         return StanceEstimate(
             number=place.number,
             sample=place.sample,
@@ -389,7 +386,7 @@ class OnlineSmoother:
             heading=float(compute_heading(attitude)),
             velocity=velocity,
             gyro_bias=np.asarray(bias.gyroscope()),
-            pose_cov=in_nav(attitude[None], body_cov[None])[0] + about_north,
+            pose_cov=in_nav(attitude[None], body_cov[None])[0],
             gyro_bias_sigma=np.sqrt(np.diagonal(bias_cov)[3:]),
             field=verdict.word,
             field_reason=verdict.reason,

@@ -12,15 +12,18 @@ hard: a heading it rejects is not in the graph. On a rough floor it may reject a
 then taken from all footfalls. The first trajectory is that of the walk without the field. Its heading has drifted, so
 in the first round strength stands in for the deviation across.
 
-Where the heading at the start was given, the field's direction is estimated. Where it was not, north is where the field
-points, and the walk is turned there first. A long walk's line integrals then show which field is the building's: its
-direction is fixed, and the start is free. A short walk has nothing to tell a region's field from the building's, and
-an assumption on regions bends it or leaves no north. So it is smoothed as if its start had been given, with the field's
-direction free, and turned as one piece until its mean field points north. How far a mean can be off there,
+Where the heading at the start was given, the field's direction is estimated about it. Where it was not, north is where
+the field points: its direction is fixed, the start is free, and the walk is first turned there.
 
-    variance = sum over (footfalls, regions) of sigma^2 min(1, 2 length / path length),
+A walk's line integrals show how the field deviates from footfall to footfall, and from one region of the building to
+the next. A walk without them cannot tell a slow deviation from a drift of its heading. There the heading has one
+unknown north and white noise, of a sigma that each round takes from the footfalls that pass,
 
-goes into the sigmas of all its poses.
+    sigma^2 = noise^2 + max(robust(e)^2 - noise^2, 0) N / min(N, regions),
+
+e across the mean field, N footfalls that passed, in so many regions of `REGIONAL_LENGTH_M` of the path (`roughness`).
+Where too few pass to show north, all that were seen do, as one reading of their mean field at the footfall in the
+middle of the walk: it turns the walk as one piece, and bends nothing.
 """
 
 from __future__ import annotations
@@ -29,27 +32,15 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import M, X
+from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior
+from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior, across_field
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import UNKNOWN, FieldVerdicts, apply_gate
-from fg_nav.smoother.field_factors import (
-    REGIONAL_LENGTH_M,
-    CompassReadings,
-    FieldFactors,
-    FieldPath,
-    FieldRoughness,
-    Roughness,
-    field_deviation,
-    integrate_path,
-    measure_roughness,
-    usual_deviation,
-)
+from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath, integrate_path
 from fg_nav.smoother.graph import (
-    GAUGE_SIGMA,
     UNKNOWN_HEADING_DEG,
     StartPrior,
     WalkProblem,
@@ -59,6 +50,16 @@ from fg_nav.smoother.graph import (
 )
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.potential import describe_jumps, free_jumps
+from fg_nav.smoother.roughness import (
+    REGIONAL_LENGTH_M,
+    FieldRoughness,
+    Roughness,
+    field_deviation,
+    measure_roughness,
+    measure_white_noise,
+    neglect_deviation,
+    usual_deviation,
+)
 from fg_nav.smoother.solver import Solved
 
 COMPASS_SIGMA_UT = 0.3
@@ -76,8 +77,11 @@ HARD_IRON_LEVEL_UT = 0.3
 HARD_IRON_UP_UT = 15.0
 """The same upward: a calibration from footfalls cannot see it, and in a swing it turns forward."""
 
+SHORT_WALK_ROUNDS = 1
+"""More rounds without the line integral: noise and heading are found together."""
+
 REGIONAL_SHARE_OF_MEAN = 0.3
-"""What of that is left in the mean field of a short walk, from which north is taken where no heading is given."""
+"""By how much regions turn the mean field of a short walk, as a share of how the field differs between footfalls."""
 
 LEAST_STRENGTH_UT = 3.0
 """Horizontal strength below which there is no compass."""
@@ -103,25 +107,25 @@ DECLINATION_SIGMA_DEG = 0.05
 
 @dataclass(frozen=True)
 class FieldVerdict:
-    """What the smoother made of the field at the footfalls: `words` and `reason` as in a stance table, and notes.
-
-    `north_sigma` rad, by how much the whole walk may be turned beyond what its marginals say.
-    """
+    """What the smoother made of the field at the footfalls: `words` and `reason` as in a stance table, and notes."""
 
     words: tuple[str, ...]
     reason: tuple[str, ...]
     notes: tuple[str, ...]
-    north_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
 class FieldSolution:
-    """A walk solved with its field: the problem of the last round, its minimum, the states (F, 8), and the verdict."""
+    """A walk solved with its field: the problem of the last round, its minimum, the states (F, 8), and the verdict.
+
+    `compass_sigma_uT` is the noise of a footfall's compass.
+    """
 
     problem: WalkProblem
     solved: Solved
     states: Floats
     verdict: FieldVerdict
+    compass_sigma_uT: float
 
 
 @dataclass(frozen=True)
@@ -129,12 +133,14 @@ class FieldResiduals:
     """The field along a walk against its mean.
 
     Verdicts of the gate; the footfalls (F,) that stand for the walk's compass, which are those that passed, or all that
-    were seen where these are too few; roughness; attitudes (F, 3, 3); and the walk's horizontal field (F, 2).
+    were seen where these are too few; roughness; white noise of the compass, uT; attitudes (F, 3, 3); and the walk's
+    horizontal field (F, 2).
     """
 
     verdicts: FieldVerdicts
     steady: Bools
     rough: FieldRoughness
+    white_uT: float
     nav_R_body: Floats
     reference: Floats
 
@@ -163,18 +169,17 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
     p = problem.parameters.magnetic
     # A short walk does without the line integral.
     if _path_length(problem, solved.values) < p.potential_least_path_m:
-        p = replace(p, potential=False)
+        p = replace(p, potential=False, rounds=p.rounds + SHORT_WALK_ROUNDS)
     # Without a heading the walk is turned until its mean field points north.
     values = gtsam.Values(solved.values)
     if not problem.heading_known:
         _turn_to(problem, values, np.nanmean(_nav_field(field, _attitudes(problem, values)), axis=0))
-        unknown = np.radians(UNKNOWN_HEADING_DEG)
-        sigma = float(unknown) if p.potential else GAUGE_SIGMA
-        problem = replace(problem, start=StartPrior(values.atPose3(X(0)).rotation().matrix(), sigma))
+        unknown = float(np.radians(UNKNOWN_HEADING_DEG))
+        problem = replace(problem, start=StartPrior(values.atPose3(X(0)).rotation().matrix(), unknown))
     # The first round has residuals without the heading, and finds the direction in which the field is expected.
     path = _integrate_path(problem, field, values)
     residuals = _compare_field(problem, field, values, path, None, p)
-    direction = _expect_direction(problem, field, residuals, p)
+    direction = _expect_direction(problem, field, residuals, path, p)
     problem = _with_field(problem, field, residuals, path, direction, p)
     assert problem.field is not None
     problem.field.insert(values)
@@ -182,24 +187,17 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
     problem, solved = free_jumps(problem, solved)
     # Later rounds take noise and verdicts from the smoothed walk.
     for _ in range(p.rounds - 1):
-        states = _states(problem, field, solved.values, residuals, path, p)
         assert problem.field is not None
-        path = problem.field.path
+        states, path = problem.field.states(solved.values), problem.field.path
         residuals = _compare_field(problem, field, solved.values, path, states, p)
         problem = _with_field(problem, field, residuals, path, direction, p)
         solved = solve(replace(problem, values=solved.values))
         problem, solved = free_jumps(problem, solved)
-    # Where only the mean field shows north, the solved walk is turned there as one piece.
-    north_sigma = 0.0
-    if _north_is_open(problem, p):
-        problem = _turn_solution(problem, field, solved.values, residuals, path)
-        north_sigma = _mean_field_sigma(residuals, path, p)
     assert problem.field is not None
-    states = _states(problem, field, solved.values, residuals, path, p)
-    verdicts = residuals.verdicts
+    states, verdicts = problem.field.states(solved.values), residuals.verdicts
     notes = (*_write_notes(residuals, states), *describe_jumps(problem, solved))
-    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, north_sigma)
-    return FieldSolution(problem, solved, problem.field.states(solved.values), verdict)
+    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes)
+    return FieldSolution(problem, solved, states, verdict, _compass_sigma(residuals, p))
 
 
 def _path_length(problem: WalkProblem, values: gtsam.Values) -> float:
@@ -207,70 +205,10 @@ def _path_length(problem: WalkProblem, values: gtsam.Values) -> float:
     return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
 
 
-def _north_is_open(problem: WalkProblem, p: FieldParameters) -> bool:
-    """Whether only the walk's mean field shows north."""
-    return not problem.heading_known and not p.potential
-
-
-def _turn_solution(
-    problem: WalkProblem, field: FootfallField, values: gtsam.Values, residuals: FieldResiduals, path: FieldPath
-) -> WalkProblem:
-    """Turn a solved walk, in place, until its mean field points north; return its problem turned as well."""
-    assert problem.field is not None
-    states = problem.field.states(values)
-    turn = _turn_to(problem, values, _mean_field(problem, field, values, states, residuals, path))
-    states[:, E_H] = states[:, E_H] @ turn[:2, :2].T
-    for k, state in enumerate(states):
-        values.update(M(k), state)
-    start = replace(problem.start, nav_R_body=turn @ problem.start.nav_R_body)
-    return replace(problem, start=start, field=problem.field.turned(turn))
-
-
-def _turn_to(problem: WalkProblem, values: gtsam.Values, nav_north: Floats) -> Floats:
-    """Turn the walk about up, in place, so that what points along `nav_north` (3,) points north; return the turn."""
+def _turn_to(problem: WalkProblem, values: gtsam.Values, nav_north: Floats) -> None:
+    """Turn the walk about up, in place, so that what points along `nav_north` (3,) points north."""
     east, north, _ = nav_north
-    turn = yaw_rotation(float(np.arctan2(east, north)))
-    turn_walk(values, problem.nodes, turn)
-    return turn
-
-
-def _states(
-    problem: WalkProblem,
-    field: FootfallField,
-    values: gtsam.Values,
-    residuals: FieldResiduals,
-    path: FieldPath,
-    p: FieldParameters,
-) -> Floats:
-    """(F, 8); with the mean field for the building's where regions as wide as assumed leave that open."""
-    assert problem.field is not None
-    states = problem.field.states(values)
-    if _north_is_open(problem, p):
-        states[:, E_H] = _mean_field(problem, field, values, states, residuals, path)[:2]
-    return states
-
-
-def _mean_field(
-    problem: WalkProblem,
-    field: FootfallField,
-    values: gtsam.Values,
-    states: Floats,
-    residuals: FieldResiduals,
-    path: FieldPath,
-) -> Floats:
-    """(3,) in nav, uT, over the footfalls that stand for the walk, without the hard iron that was found."""
-    nav_R_body = _attitudes(problem, values)
-    iron = np.einsum("kij,kj->ki", nav_R_body, states[:, IRON] @ path.level_R_body)
-    return np.asarray((_nav_field(field, nav_R_body) - iron)[residuals.steady].mean(axis=0))
-
-
-def _mean_field_sigma(residuals: FieldResiduals, path: FieldPath, p: FieldParameters) -> float:
-    """How far the direction of a walk's mean field is from north, rad."""
-    own = residuals.rough.across
-    region = Roughness(REGIONAL_SHARE_OF_MEAN * own.sigma, REGIONAL_LENGTH_M)
-    path_m = max(float(path.distance_m.sum()), LEAST_PATH_M)
-    variance = sum(one.sigma**2 * min(1.0, 2.0 * one.length_m / path_m) for one in (own, region))
-    return float(np.sqrt(variance) / np.linalg.norm(np.median(residuals.reference, axis=0)))
+    turn_walk(values, problem.nodes, yaw_rotation(float(np.arctan2(east, north))))
 
 
 def _attitudes(problem: WalkProblem, values: gtsam.Values) -> Floats:
@@ -314,7 +252,11 @@ def _compare_field(
         deviation = field_deviation(nav_field, reference)
         deviation = deviation - usual_deviation(deviation[steady])
     rough = measure_roughness(deviation, states, seen, steady, path.distance_m)
-    return FieldResiduals(verdicts, steady, rough, nav_R_body, reference)
+    mean = np.broadcast_to(nav_field[steady, :2].mean(axis=0), reference.shape)
+    white_uT = measure_white_noise(
+        across_field(nav_field, mean), steady, path.distance_m, COMPASS_SIGMA_UT, states is None
+    )
+    return FieldResiduals(verdicts, steady, rough, white_uT, nav_R_body, reference)
 
 
 def choose_steady(seen: Bools, passed: Bools) -> Bools:
@@ -331,45 +273,68 @@ def _with_field(
     p: FieldParameters,
 ) -> WalkProblem:
     """Add the factors of the field to a walk, in place of those of the round before."""
-    readings = _read_compass(problem, field, residuals)
-    factors = FieldFactors(readings, path, _expect_field(residuals, direction, p), residuals.rough, p)
+    rough = residuals.rough if p.potential else neglect_deviation(residuals.rough)
+    readings = _read_compass(problem, field, residuals, path, p)
+    factors = FieldFactors(readings, path, _expect_field(residuals, rough, direction), rough, p)
     return replace(problem, field=factors)
 
 
-def _read_compass(problem: WalkProblem, field: FootfallField, residuals: FieldResiduals) -> CompassReadings:
-    sigma = np.where(residuals.verdicts.quasi_static, COMPASS_SIGMA_UT, np.inf)
-    return CompassReadings(problem.nodes.result, field.body_field, residuals.nav_R_body, sigma)
+def _read_compass(
+    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
+) -> CompassReadings:
+    passed, nav_R_body, body_field = residuals.verdicts.quasi_static, residuals.nav_R_body, field.body_field
+    sigma = np.where(passed, _compass_sigma(residuals, p), np.inf)
+    if not (problem.heading_known or p.potential or passed.sum() >= FEWEST_SEEN):
+        # Their mean as one reading in the middle of the walk.
+        middle, body_field = len(sigma) // 2, body_field.copy()
+        mean = _nav_field(field, nav_R_body)[residuals.steady].mean(axis=0)
+        body_field[middle] = nav_R_body[middle].T @ mean
+        sigma[middle] = np.hypot(COMPASS_SIGMA_UT, _average(residuals.rough.across, path))
+    return CompassReadings(problem.nodes.result, body_field, nav_R_body, sigma)
+
+
+def _compass_sigma(residuals: FieldResiduals, p: FieldParameters) -> float:
+    """Noise of a footfall's compass, uT."""
+    return COMPASS_SIGMA_UT if p.potential else residuals.white_uT
 
 
 def _expect_direction(
-    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, p: FieldParameters
+    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
 ) -> tuple[float, float]:
     """Direction of the mean field, rad clockwise from north, and its sigma.
 
     A given heading is taken to be from magnetic north, unless the first footfalls have the field where neither that nor
     its own deviations let it be: a heading of zero is often given where none is known.
     """
+    strength = np.linalg.norm(np.median(residuals.reference, axis=0))
+    region = Roughness(REGIONAL_SHARE_OF_MEAN * residuals.rough.across.sigma, REGIONAL_LENGTH_M)
+    of_regions = 0.0 if p.potential else _average(region, path) / strength
     if not problem.heading_known:
-        return 0.0, np.radians(DECLINATION_SIGMA_DEG if p.potential else FOUND_SIGMA_DEG)
+        return 0.0, float(np.hypot(np.radians(DECLINATION_SIGMA_DEG), of_regions))
     first = _nav_field(field, residuals.nav_R_body)[residuals.steady][:FIRST_FOOTFALLS]
     east, north, _ = first.mean(axis=0)
-    strength = np.linalg.norm(np.median(residuals.reference, axis=0))
     deviations = np.hypot(residuals.rough.across.sigma, residuals.rough.regional.sigma) / strength
-    sigma, found = np.radians(REFERENCE_SIGMA_DEG), float(np.arctan2(east, north))
+    sigma, found = float(np.hypot(np.radians(REFERENCE_SIGMA_DEG), of_regions)), float(np.arctan2(east, north))
     if abs(found) <= CONTRADICTED_SIGMAS * np.hypot(sigma, deviations):
         return 0.0, sigma
     return found, np.radians(FOUND_SIGMA_DEG)
 
 
-def _expect_field(residuals: FieldResiduals, direction: tuple[float, float], p: FieldParameters) -> FieldPrior:
+def _average(deviation: Roughness, path: FieldPath) -> float:
+    """Standard deviation of the mean of a deviation over the walk."""
+    path_m = max(float(path.distance_m.sum()), LEAST_PATH_M)
+    return deviation.sigma * float(np.sqrt(min(1.0, 2.0 * deviation.length_m / path_m)))
+
+
+def _expect_field(residuals: FieldResiduals, rough: FieldRoughness, direction: tuple[float, float]) -> FieldPrior:
     strength = float(np.linalg.norm(np.median(residuals.reference, axis=0)))
     azimuth, direction_sigma = direction
     east, north = strength * np.sin(azimuth), strength * np.cos(azimuth)
     sigma = np.array(
         [
-            residuals.rough.potential.sigma,
-            residuals.rough.across.sigma,
-            residuals.rough.regional.sigma,
+            rough.potential.sigma,
+            rough.across.sigma,
+            rough.regional.sigma,
             direction_sigma * strength,
             STRENGTH_SIGMA_UT,
             HARD_IRON_LEVEL_UT,

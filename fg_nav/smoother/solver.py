@@ -300,13 +300,6 @@ def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])
 
 
-def turn_covariance(position: Floats, sigma: float) -> Floats:
-    """Covariances (F, 4, 4) of place and yaw where a walk may be turned about its start by `sigma` rad."""
-    lever = np.zeros((len(position), 4))
-    lever[:, 0], lever[:, 1], lever[:, 3] = -position[:, 1], position[:, 0], 1.0
-    return np.asarray(sigma**2 * lever[:, :, None] * lever[:, None, :])
-
-
 def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
     pose_keys = [X(j) for j in nodes.result]
@@ -316,7 +309,7 @@ def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict)
     attitude = np.array([pose.rotation().matrix() for pose in poses])
     body = np.array([covariance[key] for key in pose_keys])
     position = np.array([pose.translation() for pose in poses])
-    pose_cov = in_nav(attitude, body) + turn_covariance(position, verdict.north_sigma)
+    pose_cov = in_nav(attitude, body)
     bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
     sample = nodes.sample[nodes.result]
     return StanceTable(

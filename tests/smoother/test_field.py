@@ -19,7 +19,7 @@ from fg_nav.lab.simulation.fields.sources import Dipoles
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_detector
 from fg_nav.recording import Recording, TrajectoryTruth
-from fg_nav.smoother import SmootherParameters, field_factors, smooth
+from fg_nav.smoother import SmootherParameters, roughness, smooth
 from fg_nav.smoother import field as smoother_field
 from fg_nav.smoother.field import FEWEST_SEEN
 from fg_nav.smoother.parameters import FieldParameters
@@ -126,7 +126,7 @@ def test_its_gyro_bias_is_found() -> None:
         np.einsum("ki,ki->k", found.stances.nav_R_body[:, 2], found.stances.gyro_bias)[30]
         for found in (smoothed(in_field(earth()), None, NOT_RESTED), smoothed(drifting, None, NOT_RESTED))
     ]
-    assert np.degrees(about_up[1] - about_up[0]) == pytest.approx(0.2, abs=0.02)
+    assert np.degrees(about_up[1] - about_up[0]) == pytest.approx(0.2, abs=0.03)
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 70.0, -135.0, 180.0])
@@ -217,7 +217,7 @@ def test_its_doubt_about_north_is_in_all_its_poses() -> None:
 def test_hard_iron_upward_is_found_in_the_swing(monkeypatch: pytest.MonkeyPatch) -> None:
     """The line integral sees it, and takes it for a part of the field where it may not be."""
     recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
-    monkeypatch.setattr(field_factors, "REGIONAL_SHARE", 1.0)
+    monkeypatch.setattr(roughness, "REGIONAL_SHARE", 1.0)
     asked = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_least_path_m=0.0))))
     monkeypatch.setattr(smoother_field, "HARD_IRON_UP_UT", 1e-3)
     none = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_least_path_m=0.0))))

@@ -22,17 +22,16 @@ from fg_nav.factors.magnetic_field import (
 )
 from fg_nav.factors.rotation import skew
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother import field_factors
+from fg_nav.smoother import field_factors, roughness
 from fg_nav.smoother.field import COMPASS_SIGMA_UT
 from fg_nav.smoother.field_factors import (
     PATH_SIGMA_UT_M,
     CompassReadings,
     FieldFactors,
     FieldPath,
-    FieldRoughness,
-    Roughness,
 )
 from fg_nav.smoother.parameters import FieldParameters
+from fg_nav.smoother.roughness import FieldRoughness, Roughness
 from tests.factors.attitudes import eliminated, pose, values_of
 
 P = FieldParameters()
@@ -385,7 +384,7 @@ def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
 @pytest.fixture
 def nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an endless deviation even the least that is new would be much."""
-    monkeypatch.setattr(field_factors, "LEAST_NEW", 0.0)
+    monkeypatch.setattr(roughness, "LEAST_NEW", 0.0)
 
 
 @pytest.mark.usefixtures("nothing_new", "steady")
@@ -477,9 +476,3 @@ def test_one_by_one_they_are_the_same(seed: int) -> None:
     (A, b), (C, d) = graph.linearize(values).jacobian(walked.order()), walked.linear(values).jacobian(walked.order())
     np.testing.assert_allclose(A.T @ A, C.T @ C, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(A.T @ b, C.T @ d, rtol=1e-9, atol=1e-6)
-
-
-def test_the_prior_turns_with_its_walk() -> None:
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    turned = Walked().factors.turned(quarter).prior
-    np.testing.assert_allclose(turned.mean[E_H], [-FIRST.mean[4], FIRST.mean[3]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.field_factors import (
+from fg_nav.smoother.roughness import (
     FEWEST,
     NOTHING_KNOWN_M,
     Roughness,
