@@ -24,6 +24,7 @@ METHOD_NAMES = (
 )
 POCKET_METHOD_NAMES = "pocket or munoz-diaz2017"
 PRESET_NAMES = "tuned, physical or as-printed"
+GATE_NAMES = "ma2018, aiez, qsf, iqsf or none, which passes all; `fg-nav detect` shows them"
 """In words for the help, which must not load the methods; a test holds both to those that there are."""
 
 app = typer.Typer(
@@ -54,9 +55,17 @@ CalibrationPath = Annotated[
     Path | None,
     typer.Option("--calibration", metavar="FILE", help="Calibration to apply, from `fg-nav calibrate`."),
 ]
-Detector = Annotated[
+GateName = Annotated[
     str | None,
-    typer.Option("--detector", metavar="NAME", help="What judges the magnetic field. \\[default: ma2018]"),
+    typer.Option(
+        "--gate",
+        metavar="NAME",
+        help=f"Detector that passes the field at a footfall, or not: {GATE_NAMES}. \\[default: ma2018]",
+    ),
+]
+Polish = Annotated[
+    bool,
+    typer.Option("--polish", help="Solve the walk in batch too at its end: trajectory_polished.tum."),
 ]
 Preset = Annotated[
     str,
@@ -175,9 +184,10 @@ def run(
     truth: TruthPath = None,
     calibration: CalibrationPath = None,
     mag_axes: MagAxesWords = None,
-    detector: Detector = None,
+    gate: GateName = None,
     preset: Preset = "tuned",
     fixes: FixesPath = None,
+    polish: Polish = False,
     format: FormatName = None,
     alignment: AlignmentMode = "yaw",
     out: OutDir = None,
@@ -185,11 +195,12 @@ def run(
 ) -> None:
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
     from fg_nav.commands import choose_options
-    from fg_nav.commands.run import check_mount, run
+    from fg_nav.commands.run import check_methods, check_mount, run
 
     lengths_m = (step_constant, known_distance)
-    check_mount(mount, lengths_m, detector, preset)
-    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset, fixes, mag_axes)
+    check_mount(mount, lengths_m, gate, preset)
+    check_methods([method], gate, polish)
+    options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish)
     run(recording, method, mount, options, lengths_m, format, out, force)
 
 
@@ -204,7 +215,7 @@ def compare(
     truth: TruthPath = None,
     calibration: CalibrationPath = None,
     mag_axes: MagAxesWords = None,
-    detector: Detector = None,
+    gate: GateName = None,
     preset: Preset = "tuned",
     format: FormatName = None,
     alignment: AlignmentMode = "yaw",
@@ -213,9 +224,10 @@ def compare(
 ) -> None:
     """Run several methods on the same recording and the same stances, and lay them side by side."""
     from fg_nav.commands import choose_options
-    from fg_nav.commands.run import compare
+    from fg_nav.commands.run import check_methods, compare
 
-    options = choose_options(not no_mag, heading, alignment, truth, detector, calibration, preset, mag_axes=mag_axes)
+    check_methods(methods.split(","), gate)
+    options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, mag_axes=mag_axes)
     compare(recording, methods, options, format, out, force)
 
 
@@ -256,10 +268,10 @@ def calibrate(
 @app.command()
 def detect(
     file: RecordingPath,
-    detectors: Annotated[
+    gates: Annotated[
         str | None,
         typer.Option(
-            "--detector",
+            "--gate",
             metavar="A,B",
             help="Detectors, with commas between, or `all`. \\[default: all but the printed]",
         ),
@@ -276,13 +288,13 @@ def detect(
 ) -> None:
     """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
 
-    `--detector munoz-diaz` alone needs no footfalls: it judges the samples, of a sensor in a pocket too.
+    `--gate munoz-diaz` alone needs no footfalls: it judges the samples, of a sensor in a pocket too.
     """
     from fg_nav.commands import choose_options
     from fg_nav.commands.detect import detect
 
     options = choose_options(True, heading, alignment, truth, None, calibration, mag_axes=mag_axes)
-    detect(file, detectors, options, place, format, out, force)
+    detect(file, gates, options, place, format, out, force)
 
 
 @app.command()
@@ -317,6 +329,7 @@ def stream(
     ] = None,
     heading: Heading = None,
     no_mag: NoMag = False,
+    gate: GateName = None,
     calibration: CalibrationPath = None,
     mag_axes: MagAxesWords = None,
     serve: Annotated[
@@ -329,6 +342,7 @@ def stream(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result at the end. \\[default: lines]")
     ] = None,
+    polish: Polish = False,
     force: Force = False,
 ) -> None:
     """Follow a sensor while it is walked with: one JSON line a footfall, and at the end the whole walk.
@@ -339,7 +353,7 @@ def stream(
     from fg_nav.online.follow import StreamRequest
 
     request = StreamRequest(
-        source, checkpoint, every, lag, heading, not no_mag, calibration, serve, baud, silence, mag_axes
+        source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish
     )
     stream(request, out, force)
 

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from fg_nav.changes import change_parameters
 from fg_nav.errors import EstimationError
 from fg_nav.solution import Solution
-from fg_nav.walk import Mount, Walk
+from fg_nav.walk import Mount, Options, Walk
+
+if TYPE_CHECKING:
+    from fg_nav.smoother import SmootherParameters
 
 Progress: TypeAlias = Callable[[float], None]
 """Called from time to time with the fraction of the work that is done."""
@@ -23,11 +26,16 @@ Estimator: TypeAlias = Callable[[Walk, Progress | None], Solution]
 WITH_FIXES = ("smoother", "inertial")
 """Those that make use of fixes."""
 
-SMOOTHERS = ("smoother", "inertial", "online")
+ONLINE = "online"
+
+SMOOTHERS = ("smoother", "inertial", ONLINE)
 """The factor graph with the magnetic field, without, and while the walk goes on."""
 
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 """Each also as `-rts`: with the way back over its pass."""
+
+WITH_OWN_DETECTOR = tuple(name + end for name in FILTERS if name != "iez" for end in ("", "-rts"))
+"""Filters with a compass: a detector of their preset judges the field."""
 
 POCKET_METHODS = ("pocket", "munoz-diaz2017")
 """For a sensor in a trouser pocket: orientation by the factor graph, and by the paper's filter."""
@@ -35,11 +43,17 @@ POCKET_METHODS = ("pocket", "munoz-diaz2017")
 DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
 
-def _smoother(walk: Walk, progress: Progress | None) -> Solution:
-    from fg_nav.smoother import SmootherParameters, smooth
+def choose_parameters(options: Options) -> SmootherParameters:
+    """Return the parameters of the smoother for these options: their gate, and what they change."""
+    from fg_nav.smoother import SmootherParameters
 
-    parameters = change_parameters(SmootherParameters(), walk.options.changes)
-    heading = walk.options.heading_rad
+    return change_parameters(SmootherParameters(), (("magnetic.gate", options.gate), *options.changes))
+
+
+def _smoother(walk: Walk, progress: Progress | None) -> Solution:
+    from fg_nav.smoother import smooth
+
+    parameters, heading = choose_parameters(walk.options), walk.options.heading_rad
     return smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, walk.fixes)
 
 
@@ -52,22 +66,21 @@ BLOCK = 64
 
 
 def _online(walk: Walk, progress: Progress | None) -> Solution:
-    """Push a recording through as if it were being walked; then solve it as a whole, with the stances it was given."""
+    """Push a recording through as if it were being walked; stances are found on the way."""
     from fg_nav.online import OnlineNavigator
     from fg_nav.online.buffer import rows_of
+    from fg_nav.online.navigator import finish_walk
     from fg_nav.online.smoother import OnlineOptions
-    from fg_nav.smoother import SmootherParameters
 
-    recording, field, heading = walk.recording, walk.field, walk.options.heading_rad
-    parameters = change_parameters(SmootherParameters(), walk.options.changes)
-    axes_given = walk.options.mag_axes is not None
-    navigator = OnlineNavigator(OnlineOptions(heading, field is not None, None, parameters, axes_given))
+    recording, field, options = walk.recording, walk.field, walk.options
+    given = (options.heading_rad, field is not None, None, choose_parameters(options), options.mag_axes is not None)
+    navigator = OnlineNavigator(OnlineOptions(*given))
     rows = rows_of(recording)
     for start in range(0, len(recording), BLOCK):
         navigator.add_rows(rows[start : start + BLOCK])  # they were judged as a recording
         if progress is not None:
             progress(start / len(recording))
-    return navigator.finish(progress, walk.stances, field)
+    return finish_walk(navigator, options.polish, progress, walk.stances, field)
 
 
 def _filter(method: str) -> Estimator:
@@ -104,7 +117,7 @@ def _pocket(method: str) -> Estimator:
 ESTIMATORS: dict[str, Estimator] = {
     "smoother": _smoother,
     "inertial": _inertial,
-    "online": _online,
+    ONLINE: _online,
     **{method: _filter(method) for method in FILTERS},
     **{method + "-rts": _filter(method + "-rts") for method in FILTERS},
 }

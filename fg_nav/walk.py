@@ -25,7 +25,7 @@ from fg_nav.evaluation.walked import WalkErrors, measure_walk
 from fg_nav.io import read, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
-from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, find_detector, judge_field
+from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
 from fg_nav.recording import Fix, Recording, Truth
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -48,7 +48,8 @@ class Options:
         then zero, or from the field in methods that use it.
     alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
-    field_detector : detector of a quasi-static field whose verdicts are reported (`fg_nav.magnetic.detectors`).
+    gate : passes the field at a footfall to the factor graph, or not, one of `fg_nav.magnetic.quasi_static.GATES`; a
+        filter with a compass has a detector of its own.
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     mag_axes : of the magnetometer in those of the gyroscope, where they are not the same; None for the same, if the
         recording does not show that they are others.
@@ -58,13 +59,14 @@ class Options:
     step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
         (`fg_nav.pocket.dead_reckoning`).
     changes : parameters to override, by dotted name; ignored for a pocket.
+    polish : whether the online method solves the walk in batch as well.
     """
 
     use_magnetometer: bool = True
     heading_deg: float | None = None
     alignment: str = "yaw"
     truth_path: Path | None = None
-    field_detector: str = DEFAULT
+    gate: str = DEFAULT
     calibration_path: Path | None = None
     preset: str = "tuned"
     fixes_path: Path | None = None
@@ -73,6 +75,7 @@ class Options:
     known_distance_m: float | None = None
     changes: Changes = ()
     mag_axes: MagAxes | None = None
+    polish: bool = False
 
     @property
     def heading_rad(self) -> float | None:
@@ -95,7 +98,7 @@ class Walk:
     truth, options : of this recording.
     detection : how the stances were found; None where they were given.
     field : at the footfalls; None where it is not known.
-    verdicts : on the field, for the report; None where it could not be judged.
+    verdicts : of the gate on the field, for the report of methods without a compass; None where there are none.
     unjudged : why the field was not judged; empty where it was, or before `measure_field`.
     calibration : that was given; None without.
     applied : what the calibration corrected, in words.
@@ -152,6 +155,7 @@ class Outcome:
     field_used : whether the method used the field, known from the verdicts in its own stance table.
     moment : errors of an online method's estimates at the moment of each footfall; None from others, and without a
         usable truth.
+    polished : what came of the batch solution next to an online one; None without.
     """
 
     solution: Solution
@@ -159,6 +163,7 @@ class Outcome:
     comparison: Comparison | None
     field_used: bool = False
     moment: WalkErrors | None = None
+    polished: Outcome | None = None
 
 
 def read_walk(path: Path, options: Options = Options(), format: str | None = None) -> Walk:
@@ -232,20 +237,20 @@ def measure_field(walk: Walk) -> Walk:
     Raises
     ------
     MagneticError
-        If there is no such detector. A field that cannot be judged is no error.
+        If there is no such gate. A field that cannot be judged is no error.
     """
     options = walk.options
     if not options.use_magnetometer:
         return replace(walk, unjudged="the magnetometer was left out, as asked")
     if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
         return replace(walk, unjudged=walk.magnetometer.notes[0])
-    find_detector(options.field_detector)
+    choose_gate(options.gate)
     try:
         field = average_footfall_field(walk.recording, walk.stances, options.heading_rad or 0.0)
     except MagneticError as error:
         return replace(walk, unjudged=str(error))
     try:
-        return replace(walk, field=field, verdicts=judge_field(field, options.field_detector), unjudged="")
+        return replace(walk, field=field, verdicts=apply_gate(field, options.gate), unjudged="")
     except MagneticError as error:
         return replace(walk, field=field, unjudged=str(error))
 
@@ -262,16 +267,18 @@ def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
     on_foot = walk.options.mount != "pocket"  # in a pocket "disturbed" is a stride without a sample that was used
     used = any(word == QUASI_STATIC or (word != UNKNOWN and on_foot) for word in solution.stances.field)
     solution = _with_verdicts(solution, walk)
+    polished = None if solution.polished is None else evaluate_solution(walk, solution.polished)
     if walk.truth is None:
-        return Outcome(solution, evaluate(solution), None, used)
+        return Outcome(solution, evaluate(solution), None, used, polished=polished)
     try:
-        return _compare_with_truth(solution, walk.truth, walk.options.alignment, used)
+        return replace(_compare_with_truth(solution, walk.truth, walk.options.alignment, used), polished=polished)
     except EvaluationError as error:
         if walk.options.truth_path is not None:
             raise
         metrics = evaluate(solution)
         left_out = f"truth left out: {error}"
-        return Outcome(solution, replace(metrics, notes=(*metrics.notes, left_out)), None, used)
+        metrics = replace(metrics, notes=(*metrics.notes, left_out))
+        return Outcome(solution, metrics, None, used, polished=polished)
 
 
 def _compare_with_truth(solution: Solution, truth: Truth, alignment: str, field_used: bool) -> Outcome:
@@ -284,12 +291,17 @@ def _compare_with_truth(solution: Solution, truth: Truth, alignment: str, field_
 
 
 def _with_verdicts(solution: Solution, walk: Walk) -> Solution:
-    """Write the verdicts on the field into the table of the stances; both have one row a footfall."""
-    rows, verdicts = len(solution.stances), walk.verdicts
-    if any(word != UNKNOWN for word in solution.stances.field):
-        return solution  # the method judged the field by its own detector
+    """Write the gate's verdicts, or why there are none, into the stances of a method that used no field."""
+    table, verdicts = solution.stances, walk.verdicts
+    if any(word != UNKNOWN for word in table.field) or (verdicts is not None and not ignores_field(solution.method)):
+        return solution  # the method judged the field along its own solution
     if verdicts is None:
-        words, reasons = (UNKNOWN,) * rows, (walk.unjudged or "the field was not judged",) * rows
+        words, reasons = table.field, (walk.unjudged or "the field was not judged",) * len(table)
     else:
         words, reasons = verdicts.words, verdicts.reason
-    return replace(solution, stances=replace(solution.stances, field=words, field_reason=reasons))
+    return replace(solution, stances=replace(table, field=words, field_reason=reasons))
+
+
+def ignores_field(method: str) -> bool:
+    """Whether a method makes no use of the magnetic field."""
+    return method in ("inertial", "iez", "iez-rts")

@@ -106,17 +106,17 @@ def estimate_online(walk: tuple[str, str, str, Path | None]) -> Walked:
     group, level, name, data = walk
     prepared = source_of(group, level, name, data).prepare(LOOP)
     navigator = push_blocks(prepared)
-    batch = replace(navigator.finish(), method="smoother")
+    found, batch = navigator.finish(), navigator.polish()
     hindsight = solve_by("smoother", replace(prepared, truth=None)).solution
-    past = navigator.smoothed()
+    past = found.stances
     gap, share = gap_between(past, batch.stances)
     after, _ = gap_between(batch.stances, hindsight.stances)
     truth = prepared.truth if level else None
     errors = [np.nan] * 4
     if truth is not None:
         filtered = solve_by("ma2018", replace(prepared, truth=None)).solution
-        assert batch.moment is not None
-        tables = (batch.moment, filtered.stances, past, batch.stances)
+        assert found.moment is not None
+        tables = (found.moment, filtered.stances, past, batch.stances)
         errors = [rms_error(batch, table, truth) for table in tables]
     return Walked(*errors, gap, after, share)
 

@@ -70,28 +70,27 @@ def choose_options(
     heading_deg: float | None = None,
     alignment: str = "yaw",
     truth: Path | None = None,
-    detector: str | None = None,
+    gate: str | None = None,
     calibration: Path | None = None,
     preset: str = TUNED,
     fixes: Path | None = None,
     mag_axes: str | None = None,
+    polish: bool = False,
 ) -> Options:
-    """Return the options of a walk; refuse a preset or a detector that there is not, or that has nothing to judge."""
+    """Return the options of a walk; refuse a preset or a gate that there is not, or that has nothing to judge."""
     from fg_nav.magnetic.axes import MagAxes
-    from fg_nav.magnetic.quasi_static import DEFAULT, find_detector
+    from fg_nav.magnetic.quasi_static import choose_gate
     from fg_nav.walk import Options
 
-    find_detector(detector or DEFAULT)
+    chosen = choose_gate(gate, use_magnetometer)
     if preset != TUNED:
         from fg_nav.ekf.presets import check_preset
 
         check_preset(preset)
-    if not use_magnetometer and detector is not None:
-        raise MagneticError("--no-mag leaves --detector nothing to judge: give one of them.")
     if not use_magnetometer and mag_axes is not None:
         raise MagneticError("--no-mag leaves --mag-axes nothing to turn: give one of them.")
-    chosen, axes = detector or DEFAULT, None if mag_axes is None else MagAxes.parse(mag_axes)
-    return Options(use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes, mag_axes=axes)
+    given = (use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes)
+    return Options(*given, mag_axes=None if mag_axes is None else MagAxes.parse(mag_axes), polish=polish)
 
 
 def find_earth_field(place: str | None) -> EarthField | None:

@@ -178,7 +178,7 @@ def _note_long_swing(walk: Walk) -> list[str]:
         return []
     return [
         f"no footfall for {swing_s[k]:.0f} s from {t[stances.stop[k] - 1]:.0f} s on: the shares are of the rest; a "
-        f"sensor in a pocket never stands, look at its samples with --detector {SAMPLEWISE}"
+        f"sensor in a pocket never stands, look at its samples with --gate {SAMPLEWISE}"
     ]
 
 

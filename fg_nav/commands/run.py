@@ -6,12 +6,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from fg_nav.commands import TUNED, Target, run_methods, simulate_walk
 from fg_nav.errors import EstimationError
-from fg_nav.estimators import DEFAULT_METHOD, find_estimator
+from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.navigate import navigate, prepare_walk
 from fg_nav.report.files import write_comparison
 from fg_nav.report.folder import DEMO_FILES
@@ -42,14 +43,25 @@ def run(
     print_results([summary], target.place)
 
 
-def check_mount(mount: Mount, lengths_m: tuple[float | None, float | None], detector: str | None, preset: str) -> None:
+def check_methods(methods: Sequence[str | None], gate: str | None, polish: bool = False) -> None:
+    """Refuse a gate where each of the methods has its own, and a batch solution next to one."""
+    names = [(name or DEFAULT_METHOD["foot"]).strip() for name in methods]
+    if gate is not None and set(names) <= set(WITH_OWN_DETECTOR):
+        raise EstimationError(f"{names[0]} judges the field by its own detector: leave --gate out.")
+    if polish and names != [ONLINE]:
+        raise EstimationError(
+            f"--polish is for --method {ONLINE}: leave it out, {names[0]} solves the walk as a whole."
+        )
+
+
+def check_mount(mount: Mount, lengths_m: tuple[float | None, float | None], gate: str | None, preset: str) -> None:
     """Refuse options that are for a sensor worn elsewhere."""
     if mount == "foot" and lengths_m != (None, None):
         raise EstimationError(
             "--step-constant and --known-distance are for a sensor in a pocket: add --mount pocket, or leave them out."
         )
-    if mount == "pocket" and (detector is not None or preset != TUNED):
-        raise EstimationError("--detector and --preset are for a sensor on a foot: leave them out with --mount pocket.")
+    if mount == "pocket" and (gate is not None or preset != TUNED):
+        raise EstimationError("--gate and --preset are for a sensor on a foot: leave them out with --mount pocket.")
 
 
 DEMO_METHODS = ("smoother", "iez")

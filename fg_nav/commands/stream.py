@@ -1,7 +1,8 @@
 """`fg-nav stream`: lines on standard output, remarks on standard error, and the result of the walk at the end.
 
-At the end the stances and the field are found again in all that was recorded, and the smoother is run on the whole
-walk. With a lag there is only what left it: one row a stance.
+The result is what the graph in progress has at the end: the path through its nodes, and one row a stance; with a lag
+one line of the trajectory a footfall. With `--polish` stances and field are found again in all that was recorded, and
+the batch smoother is run on the whole walk as well.
 """
 
 from __future__ import annotations
@@ -15,20 +16,18 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from fg_nav.calibration.of_recording import Calibration
 from fg_nav.commands import Target
 from fg_nav.estimators import Progress
 from fg_nav.evaluation import evaluate
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.navigate import prepare_walk
-from fg_nav.online import OnlineNavigator
-from fg_nav.online.estimates import format_table
+from fg_nav.online.estimates import POLISHED, format_table
 from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
+from fg_nav.online.navigator import finish_walk
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Provenance
-from fg_nav.report.files import write_json, write_run, write_strides
+from fg_nav.report.files import write_json, write_paths, write_run
 from fg_nav.report.terminal import progress
-from fg_nav.solution import Solution
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 
@@ -68,23 +67,27 @@ def line_printer() -> Callable[[str], None]:
 
 
 def print_end(walk: StreamedWalk, served: bool) -> None:
-    """Print the smoothed past, one line a footfall; nothing where the lines were served."""
+    """Print the past as it is known at the end, one line a footfall; nothing where the lines were served."""
     if served:
         return
-    print_line = line_printer()
-    for line in format_table(_solution(walk).stances, walk.navigator.judge.sensor_time):
+    print_line, sensor_time = line_printer(), walk.navigator.judge.sensor_time
+    solution = walk.navigator.finish() if _has_lag(walk) else finish_stream(walk)[1].solution
+    for line in format_table(solution.stances, sensor_time):
         print_line(line)
+    if solution.polished is not None:
+        for line in format_table(solution.polished.stances, sensor_time, POLISHED):
+            print_line(line)
 
 
 def write_end(folder: Path, walk: StreamedWalk) -> None:
-    """Write what `fg-nav run` writes; with a lag, the table of footfalls and a summary only."""
-    if walk.navigator.options.lag_s is None:
+    """Write what `fg-nav run` writes; with a lag, what needs no samples."""
+    if not _has_lag(walk):
         with progress("online") as report:
-            solved, outcome = solve_stream(walk.navigator, walk.name, walk.calibration, report, walk.mag_axes)
-        write_run(folder, solved, outcome)
+            prepared, outcome = finish_stream(walk, report)
+        write_run(folder, prepared, outcome)
         return
-    solution = _solution(walk)
-    write_strides(folder, solution)
+    solution = walk.navigator.finish()
+    write_paths(folder, solution)
     metrics = evaluate(solution)
     figures = {
         "method": solution.method,
@@ -99,49 +102,39 @@ def write_end(folder: Path, walk: StreamedWalk) -> None:
     write_json(folder / "summary.json", figures)
 
 
-def _solution(walk: StreamedWalk) -> Solution:
-    if walk.navigator.options.lag_s is not None:
-        return walk.navigator.finish()
-    return solve_stream(walk.navigator, walk.name, walk.calibration, mag_axes=walk.mag_axes)[1].solution
+def _has_lag(walk: StreamedWalk) -> bool:
+    return walk.navigator.options.lag_s is not None
 
 
-def solve_stream(
-    navigator: OnlineNavigator,
-    name: str,
-    calibration: Calibration | None = None,
-    progress: Progress | None = None,
-    mag_axes: MagAxes | None = None,
-) -> tuple[Walk, Outcome]:
-    """Solve the walk as a whole.
+def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple[Walk, Outcome]:
+    """End a walk without a lag, and measure it.
 
     Parameters
     ----------
-    navigator
-        Without a lag.
-    name
-        Of the source.
-    calibration, mag_axes
-        That were applied on the way; for the record only.
+    walk
+        That was followed to its end.
     progress
-        Called from time to time with the fraction that is done.
+        Called from time to time with the fraction of the batch solution that is done.
 
     Raises
     ------
-    RecordingError, DetectionError, EstimationError
+    RecordingError, DetectionError
         Where there was no walk.
     """
-    recording = replace(navigator.recording(), provenance=Provenance(format=f"canonical rows from {name}"))
-    walk = prepare_walk(Walk.of(recording, _options(navigator.options)))
-    walk = replace(walk, options=replace(walk.options, mag_axes=mag_axes))
+    navigator, calibration = walk.navigator, walk.calibration
+    recording = replace(navigator.recording(), provenance=Provenance(format=f"canonical rows from {walk.name}"))
+    # Stances and field as of a recording: for the pictures, and for the batch solution.
+    prepared = prepare_walk(Walk.of(recording, _options(navigator.options)))
+    prepared = replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))
     if calibration is not None:
-        walk = replace(walk, calibration=calibration, applied=calibration.corrects(recording.mag is not None))
-    solution = navigator.finish(progress, walk.stances, walk.field)
-    if len(solution.stances) != walk.stances.n_footfalls:  # it could not be solved, and has the rows of the way
-        walk = replace(walk, stances=navigator.stances(), field=None, verdicts=None)
-    return walk, evaluate_solution(walk, solution)
+        prepared = replace(prepared, calibration=calibration, applied=calibration.corrects(recording.mag is not None))
+    # The path through the graph, and the batch solution next to it where it was asked for.
+    solution = finish_walk(navigator, walk.polish, progress, prepared.stances, prepared.field)
+    return prepared, evaluate_solution(prepared, solution)
 
 
 def _options(options: OnlineOptions) -> Options:
     heading_deg = None if options.heading_rad is None else float(np.degrees(options.heading_rad))
     axes = MagAxes(np.eye(3)) if options.axes_given else None  # the rows have them already
-    return Options(use_magnetometer=options.use_field, heading_deg=heading_deg, mag_axes=axes)
+    gate = options.parameters.magnetic.gate
+    return Options(use_magnetometer=options.use_field, heading_deg=heading_deg, gate=gate, mag_axes=axes)

@@ -105,7 +105,9 @@ def parse_detectors(words: str | None) -> list[str]:
     wanted = [name.strip() for name in words.split(",")]
     for name in wanted:
         if name not in SURVEYED:
-            raise MagneticError(f"there is no detector '{name}': choose {ALL}, or some of {', '.join(SURVEYED)}.")
+            raise MagneticError(
+                f"there is no gate '{name}' to look at: choose {ALL}, or some of {', '.join(SURVEYED)}."
+            )
     return list(dict.fromkeys(wanted))
 
 
@@ -126,7 +128,7 @@ def survey_field(
     if len(field) < FEWEST_FOOTFALLS:
         raise MagneticError(
             f"the recording has {format_count(len(field), 'footfall')}, too few to compare: walk {FEWEST_FOOTFALLS} or "
-            f"more, or look at the samples with --detector {SAMPLEWISE}."
+            f"more, or look at the samples with --gate {SAMPLEWISE}."
         )
     ordered = [name for name in SURVEYED if name in detectors]
     verdicts = {name: _judge(name, recording, field) for name in ordered}

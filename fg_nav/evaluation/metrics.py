@@ -66,7 +66,7 @@ from scipy.stats import chi2
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.comparison import Comparison, align, compare, fit_scale, interpolate_truth
+from fg_nav.evaluation.comparison import Comparison, align, compare, fit_scale, interpolate_truth, yaw_between
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.solution import Solution, StanceTable
@@ -116,6 +116,23 @@ def evaluate(
     if isinstance(truth, FootprintTruth):
         return replace(measured, strides_true=truth.stride_count, footprints_surveyed=len(truth.stride))
     return measured
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far two solutions of a walk are apart: rms and largest over all samples, m; rms of the heading, deg."""
+
+    rms_m: float
+    max_m: float
+    heading_deg: float
+
+
+def measure_gap(one: Solution, other: Solution) -> Gap:
+    """Measure how far two solutions of the same samples are apart as they stand; the heading at the stances of one."""
+    apart = np.linalg.norm(one.position - other.position, axis=1)
+    sample = one.stances.sample
+    turned = yaw_between(one.nav_R_body[sample], other.nav_R_body[sample])
+    return Gap(_rms(apart), float(apart.max()), float(np.degrees(_rms(turned))))
 
 
 def _measure_path(stance_position: Floats) -> Metrics:

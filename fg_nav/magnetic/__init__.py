@@ -2,9 +2,9 @@
 
     Recording, Stances -> inertial attitude -> FootfallField -> detectors -> FieldVerdicts
 
-The footfall field is computed once a walk and shared by all estimators, of which this package knows nothing. The
-verdicts of a walk are for the report only (column `field` of `strides.csv`): a filter with a compass calls
-`judge_field` with a detector of its own, and the smoother judges the field along its own solution.
+The footfall field is computed once a walk and shared by all estimators, of which this package knows nothing. Each
+judges it along its own solution: the smoother by the gate (`apply_gate`), a filter with a compass by a detector of its
+own. The verdicts of the walk itself are for the report of methods without a compass.
 """
 
 from fg_nav.magnetic.disturbance import Disturbance, judge_samples

@@ -94,6 +94,15 @@ def find_detector(name: str) -> Detector:
     return DETECTORS[name]
 
 
+def choose_gate(name: str | None, use_magnetometer: bool = True) -> str:
+    """Return the gate that was asked for, or the default; raises `MagneticError` if it cannot be."""
+    if name is not None and name not in GATES:
+        raise MagneticError(f"there is no gate '{name}': choose one of {', '.join(GATES)}.")
+    if name is not None and not use_magnetometer:
+        raise MagneticError("--no-mag leaves --gate nothing to judge: give one of them.")
+    return DEFAULT if name is None else name
+
+
 def apply_gate(field: FootfallField, gate: str) -> FieldVerdicts:
     """Judge the field by the gate of this name, one of `GATES`; raises `MagneticError` as `find_detector`."""
     if gate != NO_GATE:

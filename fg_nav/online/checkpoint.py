@@ -30,6 +30,7 @@ from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.smoother import OnlineOptions
+from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from fg_nav.text import to_json
 
 VERSION = 4
@@ -98,7 +99,7 @@ def load(
     path
         Of the checkpoint.
     options
-        Of the walk, for comparison; None for those of the checkpoint, with the usual parameters.
+        Of the walk, for comparison; None for those of the checkpoint, with its gate and otherwise the usual parameters.
     remark
         As for `OnlineNavigator`.
     progress
@@ -137,7 +138,9 @@ def _stops(navigator: OnlineNavigator) -> Ints:
 
 
 def _read_options(words: Mapping[str, Any]) -> OnlineOptions:
-    return OnlineOptions(words["heading_rad"], bool(words["use_field"]), words["lag_s"], axes_given=words["axes_given"])
+    parameters = SmootherParameters(magnetic=FieldParameters(gate=words["parameters"]["magnetic"]["gate"]))
+    given = (words["heading_rad"], bool(words["use_field"]), words["lag_s"], parameters, words["axes_given"])
+    return OnlineOptions(*given)
 
 
 def _write_atomically(path: Path, content: Mapping[str, Any]) -> None:

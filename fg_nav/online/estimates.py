@@ -2,12 +2,12 @@
 
 StanceEstimate        a footfall, as known when it was complete; kept as a row of numbers, for a walk has thousands
 propagate_strapdown   from the last footfall to now: strapdown, standing still where the foot is seen to stand
-interpolate_stances   a walk that cannot be solved as a whole: straight from footfall to footfall
 
 As JSON an estimate is one object a line, and a server sends such lines.
 
 ========================= ======================================================================================
-kind                      "now": as known when the footfall was complete; "smoothed": as known at the end
+kind                      "now": as known when the footfall was complete; "smoothed": as the graph has it at the end;
+                          "polished": as the batch smoother has it then
 stance                    number of the row, from 0
 continues                 of "now": a further piece of a long standing, no new footfall
 t                         s, of its stillest sample
@@ -36,20 +36,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.spatial.transform import Rotation, Slerp
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import StreamError
 from fg_nav.frames import compute_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
-from fg_nav.solution import Solution, StanceTable
+from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
-
-UNSOLVED_NOTE = (
-    "the walk could not be solved as a whole; these are the estimates of the walk in progress, straight between the "
-    "footfalls"
-)
 
 
 @dataclass(frozen=True)
@@ -87,36 +81,61 @@ class StanceEstimate:
 
     def as_row(self) -> EstimateRow:
         """Return it as a row of numbers and its words."""
-        matrices = (self.position, self.nav_R_body, self.gyro_bias, self.pose_cov, self.gyro_bias_sigma)
+        matrices = (
+            self.position, self.velocity, self.nav_R_body, self.gyro_bias, self.pose_cov, self.gyro_bias_sigma
+        )  # fmt: skip
         numbers = np.concatenate([[self.sample, self.t], *(matrix.ravel() for matrix in matrices)])
         return EstimateRow(numbers, self.field, self.field_reason)
 
 
 class EstimateRow(NamedTuple):
-    """An estimate as one row of numbers (37,) and its words."""
+    """An estimate as one row of numbers (39,) and its words."""
 
     numbers: Floats
     field: str
     field_reason: str
 
 
+class RowColumns(NamedTuple):
+    """The numbers of K rows, as in `StanceEstimate`, each with a first axis (K,)."""
+
+    sample: Ints
+    t: Floats
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+    gyro_bias: Floats
+    pose_cov: Floats
+    gyro_bias_sigma: Floats
+
+
+_ENDS = (1, 2, 5, 8, 17, 20, 36)
+"""Columns of a row after which another part of it begins."""
+
+
+def split_rows(rows: Sequence[EstimateRow]) -> RowColumns:
+    """Return the numbers of some rows, part by part."""
+    numbers = np.array([row.numbers for row in rows]).reshape(len(rows), _ENDS[-1] + 3)
+    sample, t, position, velocity, attitude, bias, pose_cov, bias_sigma = np.split(numbers, _ENDS, axis=1)
+    matrices = attitude.reshape(-1, 3, 3), bias, pose_cov.reshape(-1, 4, 4), bias_sigma
+    return RowColumns(sample[:, 0].astype(np.int64), t[:, 0], position, velocity, *matrices)
+
+
 def build_table(rows: Sequence[EstimateRow]) -> StanceTable:
     """Return the stance table of some estimates."""
-    numbers = np.array([row.numbers for row in rows]).reshape(len(rows), -1)
-    sample, t, position, attitude, bias, pose_cov, bias_sigma = np.split(numbers, (1, 2, 5, 14, 17, 33), axis=1)
-    pose_cov = pose_cov.reshape(-1, 4, 4)
+    known = split_rows(rows)
     return StanceTable(
-        sample=sample[:, 0].astype(np.int64),
-        t=t[:, 0],
-        position=position,
-        nav_R_body=attitude.reshape(-1, 3, 3),
-        gyro_bias=bias,
-        position_cov=pose_cov[:, :3, :3],
-        heading_sigma=np.sqrt(pose_cov[:, 3, 3]),
-        gyro_bias_sigma=bias_sigma,
+        sample=known.sample,
+        t=known.t,
+        position=known.position,
+        nav_R_body=known.nav_R_body,
+        gyro_bias=known.gyro_bias,
+        position_cov=known.pose_cov[:, :3, :3],
+        heading_sigma=np.sqrt(known.pose_cov[:, 3, 3]),
+        gyro_bias_sigma=known.gyro_bias_sigma,
         field=tuple(row.field for row in rows),
         field_reason=tuple(row.field_reason for row in rows),
-        pose_cov=pose_cov,
+        pose_cov=known.pose_cov,
     )
 
 
@@ -154,28 +173,8 @@ def _propagate(
     return p, v, R
 
 
-def interpolate_stances(recording: Recording, table: StanceTable, why: str) -> Solution:
-    """Return a solution through the rows of a table: positions on a line, attitudes on the shortest arc.
-
-    Parameters
-    ----------
-    recording
-        Of the walk.
-    table
-        Of its footfalls, one or more, with samples of the recording.
-    why
-        The walk could not be solved, for the note.
-    """
-    t = recording.t
-    inside = np.clip(t, table.t[0], table.t[-1])
-    position = np.stack([np.interp(t, table.t, axis) for axis in table.position.T], axis=1)
-    if len(table) > 1:
-        attitude = Slerp(table.t, Rotation.from_matrix(table.nav_R_body))(inside).as_matrix()
-    else:
-        attitude = np.repeat(table.nav_R_body, len(t), axis=0)
-    velocity = np.gradient(position, t, axis=0)
-    return Solution("online", t, position, velocity, attitude, table, 0.0, notes=(f"{UNSOLVED_NOTE} ({why})",))
-
+SMOOTHED, POLISHED = "smoothed", "polished"
+"""Kinds of lines at the end: as the graph has it, and as the batch smoother has it."""
 
 SensorTime = Callable[[int, float], float]
 """The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleJudge.sensor_time`)."""
@@ -207,12 +206,12 @@ def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: Sens
     )
 
 
-def format_table(table: StanceTable, sensor_time: SensorTime = _same_time) -> Iterator[str]:
-    """Yield the lines of the smoothed past."""
+def format_table(table: StanceTable, sensor_time: SensorTime = _same_time, kind: str = SMOOTHED) -> Iterator[str]:
+    """Yield the lines of the past as it is known at the end."""
     heading = np.degrees(compute_heading(table.nav_R_body))
     for k in range(len(table)):
         yield _format_line(
-            "smoothed",
+            kind,
             k,
             {},
             (float(table.t[k]), sensor_time(int(table.sample[k]), float(table.t[k]))),

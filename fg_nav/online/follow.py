@@ -26,12 +26,14 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
 from fg_nav.magnetic.axes import MagAxes
+from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.checkpoint import collect_content, write_content
 from fg_nav.online.estimates import LineServer, StanceEstimate, format_estimate
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.online.sources import RowReader, Source, open_source
 from fg_nav.signals import catch_signals
+from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from fg_nav.text import to_json
 
 Say = Callable[[str], None]
@@ -239,21 +241,27 @@ class StreamRequest:
     lag_s: float | None = None
     heading_deg: float | None = None
     use_magnetometer: bool = True
+    gate: str | None = None
     calibration_path: Path | None = None
     serve: int | None = None
     baud: int = 115200
     silence_s: float | None = None
     mag_axes: str | None = None
+    polish: bool = False
 
 
 @dataclass(frozen=True)
 class StreamedWalk:
-    """A walk that has ended: its navigator, the name of its source, and the calibration and axes that were applied."""
+    """A walk that has ended: its navigator, the name of its source, and the calibration and axes that were applied.
+
+    `polish` asks for its batch solution as well.
+    """
 
     navigator: OnlineNavigator
     name: str
     calibration: Calibration | None
     mag_axes: MagAxes | None = None
+    polish: bool = False
 
 
 def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
@@ -288,12 +296,12 @@ def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
         closing(open_source(request.source, request.baud)) as source,
     ):
         if request.serve is None:
-            return StreamedWalk(follow_source(source, options, emit, remark, stop), source.name, calibration, axes)
+            navigator = follow_source(source, options, emit, remark, stop)
+            return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
         with closing(LineServer(request.serve)) as server:
             remark(f"lines are served on 127.0.0.1:{server.port}.")
-            return StreamedWalk(
-                follow_source(source, options, server.send, remark, stop), source.name, calibration, axes
-            )
+            navigator = follow_source(source, options, server.send, remark, stop)
+            return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
 
 
 def _online_options(request: StreamRequest) -> OnlineOptions:
@@ -302,6 +310,9 @@ def _online_options(request: StreamRequest) -> OnlineOptions:
         raise EstimationError("with --lag the samples are discarded, so there is no --checkpoint: give one of the two.")
     if lag_s is not None and lag_s < SHORTEST_LAG_S:
         raise EstimationError(f"a lag of {lag_s:g} s is too short: give {SHORTEST_LAG_S:g} or more.")
+    if lag_s is not None and request.polish:
+        raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
+    gate = choose_gate(request.gate, request.use_magnetometer)
     heading = request.heading_deg
     if heading is not None and not np.isfinite(heading):
         raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
@@ -309,6 +320,7 @@ def _online_options(request: StreamRequest) -> OnlineOptions:
         heading_rad=None if heading is None else float(np.radians(heading)),
         use_field=request.use_magnetometer,
         lag_s=lag_s,
+        parameters=SmootherParameters(magnetic=FieldParameters(gate=gate)),
         axes_given=request.mag_axes is not None,
     )
 

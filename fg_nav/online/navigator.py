@@ -4,10 +4,11 @@
 
 The smoother uses the samples up to one behind the footfall, so that nothing depends on how the samples came in blocks.
 An estimate is that of the moment when the footfall was complete, and is reported once; `smoothed` returns the present
-estimates of all of them. At the end the whole walk is solved once more: stances and field are detected in all samples,
-as for a recording, so a walk ends where the batch solution ends.
+estimates of all of them. At the end these are the result, with a path through the nodes of the graph. Where it is asked
+for, the whole walk is solved once more as well: stances and field are detected in all samples, as for a recording, and
+the batch smoother solves it (`polish`).
 
-With a lag the samples are discarded once no stride needs them, and the walk ends with the estimates as they are.
+With a lag the samples are discarded once no stride needs them, and the path is known at footfalls only.
 """
 
 from __future__ import annotations
@@ -27,12 +28,15 @@ from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.estimates import StanceEstimate, Track, interpolate_stances
+from fg_nav.online.estimates import StanceEstimate, Track
 from fg_nav.online.judge import SampleJudge
+from fg_nav.online.path import build_path
 from fg_nav.online.resolve import measure_walk_field
 from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
+from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 
@@ -118,11 +122,43 @@ class OnlineNavigator:
 
     def finish(
         self,
+    ) -> Solution:
+        """End the walk and return its estimates as they are then, with their path.
+
+        Raises
+        ------
+        RecordingError, DetectionError
+            Where there was no walk.
+        """
+        began = perf_counter()
+        self.close()
+        stances, (table, nodes) = self.stances(), self._smoother.solution()
+        p, table = self._smoother.parameters, _select_rows(table, self._is_new())
+        if self.options.lag_s is None:
+            recording = self.recording()
+            path, ends = build_path(recording, nodes, stances, p.gravity)
+            t = recording.t
+        else:
+            path, t = Trajectory(table.position, np.zeros_like(table.position), table.nav_R_body), table.t
+            ends = (f"the past was corrected for {self.options.lag_s:g} s, and is known at footfalls only",)
+        return Solution(
+            METHOD,
+            t,
+            *path,
+            stances=table,
+            runtime_s=self._busy_s + perf_counter() - began,
+            parameters=asdict(p),
+            notes=(*self._smoother.notes, *ends, *self.judge.notes),
+            moment=_select_rows(self.causal(), self._is_new()),
+        )
+
+    def polish(
+        self,
         progress: Callable[[float], None] | None = None,
         stances: Stances | None = None,
         field: FootfallField | None = None,
     ) -> Solution:
-        """End the walk and solve it as a whole; with a lag, return the estimates of the walk in progress.
+        """End the walk and solve it as a whole in batch; without its field where that fails.
 
         Parameters
         ----------
@@ -135,24 +171,24 @@ class OnlineNavigator:
         Raises
         ------
         RecordingError, DetectionError, EstimationError
-            Where there was no walk.
+            Where there was no walk, with a lag, or where it has no solution.
         """
-        began = perf_counter()
         self.close()
-        if self.options.lag_s is None:
-            found_mag = self._align(self.recording())
-            recording, notes = found_mag.recording, found_mag.notes if stances is None else ()
-            if stances is None:
-                stances = detect_stances(recording, self.detection.stance)
-                field, _ = measure_walk_field(recording, stances, self.options.heading_rad, self.options.use_field)
-            found = self._solve_whole(recording, stances, field, progress)
-        else:
-            self.stances()  # or there was no walk
-            notes = ()
-            found = self._lagged_solution()
-        busy = self._busy_s + perf_counter() - began
-        notes = (*notes, *found.notes, *self.judge.notes)
-        return replace(found, method=METHOD, runtime_s=busy, notes=notes, moment=self._moment())
+        aligned, options = self._align(self.recording()), self.options
+        recording, notes = aligned.recording, aligned.notes if stances is None else ()
+        if stances is None:
+            stances = detect_stances(recording, self.detection.stance)
+            field, _ = measure_walk_field(recording, stances, options.heading_rad, options.use_field)
+        why = ""
+        for used in (None,) if field is None else (field, None):
+            try:
+                found = smooth(recording, stances, options.parameters, options.heading_rad, progress, used)
+            except UNSOLVED as error:
+                why = why or str(error).strip().partition("\n")[0]
+                continue
+            left_out = (f"the field was left out: {why}",) if why else ()
+            return replace(found, notes=(*notes, *found.notes, *left_out))
+        raise EstimationError(f"the walk has no batch solution: {why}")
 
     def recording(self) -> Recording:
         """Return all samples; raises `EstimationError` with a lag, and `RecordingError` if there are too few."""
@@ -231,51 +267,26 @@ class OnlineNavigator:
         self.footfalls.append(footfall)
         return estimate
 
-    def _moment(self) -> StanceTable | None:
-        """One row a footfall, as it was reported first: without the further pieces of a long standing."""
-        return _select_rows(self.causal(), self._is_new()) if self.footfalls else None
-
     def _is_new(self) -> Bools:
         """(K,) True for the first piece of each footfall."""
         return np.array([not footfall.continues for footfall in self.footfalls], dtype=bool)
 
-    def _lagged_solution(self) -> Solution:
-        """Return the present estimates as a solution, without the further pieces of a long standing."""
-        table = _select_rows(self.smoothed(), self._is_new())
-        lag = f"the past was corrected for {self.options.lag_s:g} s, and is known at footfalls only"
-        return Solution(
-            method=METHOD,
-            t=table.t,
-            position=table.position,
-            velocity=np.zeros_like(table.position),
-            nav_R_body=table.nav_R_body,
-            stances=table,
-            runtime_s=0.0,
-            parameters=asdict(self.options.parameters),
-            notes=(*self._smoother.notes, lag),
-        )
 
-    def _solve_whole(
-        self,
-        recording: Recording,
-        stances: Stances,
-        field: FootfallField | None,
-        progress: Callable[[float], None] | None,
-    ) -> Solution:
-        """Solve the walk as a whole; without its field, or not at all, where that fails: a walk must end."""
-        heading, p = self.options.heading_rad, self.options.parameters
-        why = ""
-        for with_field in (field, None) if field is not None else (None,):
-            try:
-                found = smooth(recording, stances, p, heading, progress, with_field)
-            except (EstimationError, RuntimeError, np.linalg.LinAlgError) as error:
-                why = why or str(error).strip().partition("\n")[0]
-                continue
-            left_out = (f"the field was left out at the end: {why}",) if why else ()
-            return replace(found, notes=(*found.notes, *left_out))
-        if not self.footfalls:
-            raise EstimationError(why)
-        return interpolate_stances(recording, _select_rows(self.smoothed(), self._is_new()), why)
+def finish_walk(
+    navigator: OnlineNavigator,
+    polish: bool,
+    progress: Callable[[float], None] | None = None,
+    stances: Stances | None = None,
+    field: FootfallField | None = None,
+) -> Solution:
+    """End a walk; with `polish` its batch solution stands next to it, as `polished`, or a note why there is none."""
+    found = navigator.finish()
+    if not polish:
+        return found
+    try:
+        return replace(found, polished=navigator.polish(progress, stances, field))
+    except EstimationError as error:
+        return replace(found, notes=(*found.notes, str(error)))
 
 
 def _end_before(footfall: Footfall, until: int) -> Footfall:

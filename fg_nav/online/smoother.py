@@ -7,9 +7,8 @@
 
 At a few early footfalls (`resolve.RESOLVE_AT`) the walk so far is solved again in batch, with lever, swing noise, gyro
 bias, its random walk and the roughness of the field estimated on it. After the last re-solve lever, swing noise, bias
-walk and the gyro bias to linearize at stay fixed, so the optimum differs slightly from the batch's:
-`OnlineNavigator.finish` solves the whole walk in batch. The roughness of the field is measured again every
-`field.ROUGH_EVERY` footfalls.
+walk and the gyro bias to linearize at stay fixed, so the optimum differs slightly from the batch's. The roughness of
+the field is measured again every `field.ROUGH_EVERY` footfalls.
 """
 
 from __future__ import annotations
@@ -35,6 +34,7 @@ from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_ta
 from fg_nav.online.field import Verdict, measure_field
 from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.isam2 import ISAM2Backend
+from fg_nav.online.path import PathNodes, collect_nodes
 from fg_nav.online.recovery import REASON, check_solution, recover
 from fg_nav.online.resolve import LAST_WITH_LAG, RESOLVE_AT, WalkSolution, solve_so_far
 from fg_nav.online.strides import (
@@ -141,6 +141,11 @@ class OnlineSmoother:
         return self._latest
 
     @property
+    def parameters(self) -> SmootherParameters:
+        """Those in effect: with the swing noise that was chosen."""
+        return self._options.parameters if self._batch is None else self._batch.parameters
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Remarks for the user."""
         if self._batch is None:
@@ -159,6 +164,10 @@ class OnlineSmoother:
 
     def smoothed(self) -> StanceTable:
         """Return one row a footfall: the present estimates. Those that left the graph are as they were then."""
+        return self.solution()[0]
+
+    def solution(self) -> tuple[StanceTable, PathNodes]:
+        """Return the present estimates: one row a footfall, and the nodes of the path."""
         values, covariances = self._backend.solution(self._places)
         rows = []
         for place, verdict in zip(self._places, self._verdicts, strict=True):
@@ -166,7 +175,8 @@ class OnlineSmoother:
             pose, bias = values.atPose3(pose_key), values.atConstantBias(bias_key)
             velocity = values.atVector(V(place.result))
             rows.append(self._row(place, pose, velocity, bias, covariances[pose_key], covariances[bias_key], verdict))
-        return build_table([*self._frozen, *(row.as_row() for row in rows)])
+        table = build_table([*self._frozen, *(row.as_row() for row in rows)])
+        return table, collect_nodes(self._frozen, self._places, values)
 
     def propagate(self, until: int, stands: Bools | None = None) -> Track:
         """Propagate the pose by strapdown from the last node of the last footfall.
@@ -191,7 +201,7 @@ class OnlineSmoother:
         if not self._places:
             raise EstimationError("there is no footfall yet to carry a pose on from: add one first.")
         place = self._places[-1]
-        recording, first = self._walk.cut_onward(place.last_sample, until)
+        recording, first = self._walk.cut_onward(place.samples[-1], until)
         still = np.zeros(len(recording), dtype=np.bool_)
         if stands is not None:
             still[len(recording) - len(stands) :] = stands

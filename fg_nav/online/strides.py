@@ -42,7 +42,7 @@ class Place:
     result         node at its stillest sample
     bias           number of its bias, begun at `bias_begun_s`
     sample, t      stillest sample, counted from the first of the walk; s
-    last_sample    sample of its last node
+    samples        samples of its nodes, counted likewise
     ============== =============================================================
     """
 
@@ -54,7 +54,7 @@ class Place:
     bias_begun_s: float
     sample: int
     t: float
-    last_sample: int
+    samples: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def list_places(nodes: Nodes, t: Floats) -> list[Place]:
             bias_begun_s=float(begun[k]),
             sample=int(nodes.sample[nodes.result[k]]),
             t=float(at[k]),
-            last_sample=int(nodes.sample[nodes.first[k + 1] - 1]),
+            samples=tuple(nodes.sample[nodes.first[k] : nodes.first[k + 1]].tolist()),
         )
         for k in range(len(nodes.result))
     ]
@@ -118,7 +118,7 @@ def cut_window(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParame
         bias_begun_s=t if another else before.bias_begun_s,
         sample=context + int(nodes.sample[result]),
         t=t,
-        last_sample=context + int(nodes.sample[-1]),
+        samples=tuple((context + nodes.sample[nodes.first[1] :]).tolist()),
     )
     nodes = replace(nodes, bias=np.array([0, int(another)]))
     return StrideWindow(recording, stances, nodes, context, before, place)

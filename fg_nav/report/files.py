@@ -4,6 +4,7 @@
 trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
 strides.csv          one row a stance: `STRIDE_COLUMNS`
 online.csv           the same as estimated at the moment of each footfall, from an online method
+*_polished.*         trajectory.tum and strides.csv of the batch solution of the same walk, if it was asked for
 summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
 config.json          what was run on what, with every parameter as it was in effect
 comparison.csv/json  the summaries of several methods, one row each
@@ -21,9 +22,10 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import pandas as pd
 
+from fg_nav.evaluation.metrics import measure_gap
 from fg_nav.frames import compute_heading
 from fg_nav.io import write_tum
-from fg_nav.magnetic.quasi_static import find_detector
+from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 
@@ -45,6 +47,10 @@ SUMMARY_KEYS = (
 TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
 _MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
 MOMENT_KEYS = ("moment_rmse_2d_m", "moment_end_error_m", "moment_max_error_m")
+POLISHED_KEYS = ("distance_m", "closure_m", "closure_percent", "rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m",
+    "heading_rmse_deg")  # fmt: skip
+"""Of the batch solution next to an online one, each as `polished_` and its name, the errors with a truth only."""
+GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 
 
 def write_run(folder: Path, walk: Walk, outcome: Outcome) -> Summary:
@@ -70,8 +76,7 @@ def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) 
 def write_result(folder: Path, walk: Walk, outcome: Outcome) -> Summary:
     """Write the four files of a run, and return the summary among them."""
     solution, summary = outcome.solution, summarize(walk, outcome)
-    write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
-    write_strides(folder, solution)
+    write_paths(folder, solution)
     write_json(folder / "config.json", describe_run(walk, solution))
     write_json(folder / "summary.json", summary)
     return summary
@@ -90,13 +95,22 @@ def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> 
     return summaries
 
 
-def write_strides(folder: Path, solution: Solution) -> None:
-    """Write one row a stance; from an online method also as estimated at the moment of each footfall."""
-    for name, table in (("strides.csv", solution.stances), ("online.csv", solution.moment)):
-        if table is not None:
-            strides = tabulate_strides(table)
-            strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
-            strides.to_csv(folder / name, index=False, float_format="%.9g")
+def write_paths(folder: Path, solution: Solution) -> None:
+    """Write trajectory and stances; of an online method also those of the moment, and of its batch solution."""
+    write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
+    _write_strides(folder / "strides.csv", solution.stances)
+    if solution.moment is not None:
+        _write_strides(folder / "online.csv", solution.moment)
+    if solution.polished is not None:
+        polished = solution.polished
+        write_tum(folder / "trajectory_polished.tum", polished.t, polished.position, polished.nav_R_body)
+        _write_strides(folder / "strides_polished.csv", polished.stances)
+
+
+def _write_strides(path: Path, table: StanceTable) -> None:
+    strides = tabulate_strides(table)
+    strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
+    strides.to_csv(path, index=False, float_format="%.9g")
 
 
 def tabulate_strides(stances: StanceTable) -> pd.DataFrame:
@@ -131,9 +145,19 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     if outcome.moment is not None:
         at_moment = (outcome.moment.rmse_m, outcome.moment.end_m, outcome.moment.max_m)
         figures |= dict(zip(MOMENT_KEYS, at_moment, strict=True))
+    if outcome.polished is not None:
+        figures |= _describe_polished(outcome, outcome.polished)
     notes = [*collect_remarks(walk), *solution.notes, *metrics.notes]
     about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
     return figures | about | {"notes": notes}
+
+
+def _describe_polished(outcome: Outcome, polished: Outcome) -> dict[str, object]:
+    """Figures of the batch solution, and how far the online one is from it."""
+    known = {f"polished_{key}": getattr(polished.metrics, key) for key in POLISHED_KEYS}
+    gap = measure_gap(outcome.solution, polished.solution)
+    apart = dict(zip(GAP_KEYS, (gap.rms_m, gap.max_m, gap.heading_deg), strict=True))
+    return {key: value for key, value in known.items() if value is not None} | apart
 
 
 def describe_magnetometer(walk: Walk, outcome: Outcome) -> str:
@@ -168,7 +192,7 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
             "footfalls": stances.n_footfalls,
             **({} if walk.detection is None else {"parameters": asdict(walk.detection)}),
         },
-        "field_detector": describe_field_detector(walk),
+        "gate": describe_gate(walk, solution),
         "parameters": solution.parameters,
     }
 
@@ -212,17 +236,21 @@ def describe_calibration(walk: Walk) -> dict[str, object] | None:
     }
 
 
-def describe_field_detector(walk: Walk) -> dict[str, object] | None:
-    """Return what judged the magnetic field, and how much of it passed; None where nothing did."""
-    verdicts = walk.verdicts
-    if verdicts is None:
+def describe_gate(walk: Walk, solution: Solution) -> dict[str, object] | None:
+    """Return what passed the magnetic field or not, and how often; None where nothing did.
+
+    A filter with a compass has a detector of its own, among its parameters.
+    """
+    words = solution.stances.field
+    if walk.verdicts is None or "detector" in solution.parameters:
         return None
+    detector = DETECTORS.get(walk.options.gate)
     return {
-        "name": walk.options.field_detector,
-        "threshold": verdicts.threshold,
-        "judged": int(verdicts.judged.sum()),
-        "quasi_static": int(verdicts.quasi_static.sum()),
-        "parameters": find_detector(walk.options.field_detector),
+        "name": walk.options.gate,
+        "threshold": None if detector is None else detector.threshold,
+        "judged": len(words) - words.count(UNKNOWN),
+        "quasi_static": words.count(QUASI_STATIC),
+        "parameters": detector,
     }
 
 

@@ -80,8 +80,8 @@ def test_a_calibration_from_a_loop_brings_the_compass_to_the_gyroscope(
         assert words in ran.out
     assert ("as given" in ran.out) == bool(arguments)
     assert read_calibration(Path("deep/cal.json")).recording == "loop.csv"
-    fg_nav("detect", files / "loop.csv", "--detector", "qsf", "--out", "raw")
-    ran = fg_nav("detect", files / "loop.csv", "--detector", "qsf", "--out", "cal", "--calibration", "deep/cal.json")
+    fg_nav("detect", files / "loop.csv", "--gate", "qsf", "--out", "raw")
+    ran = fg_nav("detect", files / "loop.csv", "--gate", "qsf", "--out", "cal", "--calibration", "deep/cal.json")
     assert ran.code == 0, ran.err
     raw, corrected = (spread_deg(pd.read_csv(Path(name) / "field.csv")) for name in ("raw", "cal"))
     assert raw > 15.0

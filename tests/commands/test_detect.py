@@ -78,7 +78,7 @@ def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) 
 
 
 def test_all_detectors_are_those_and_the_printed(fg_nav: FgNav, files: Path) -> None:
-    assert fg_nav("detect", files / "walk.csv", "--detector", "all", "--out", "out").code == 0
+    assert fg_nav("detect", files / "walk.csv", "--gate", "all", "--out", "out").code == 0
     said = facts("out")
     assert list(said["detectors"]) == list(SURVEYED) == [*DETECTORS, SAMPLEWISE]
     assert set(SURVEYED) - set(USUAL) == {name for name in DETECTORS if "printed" in name}
@@ -106,7 +106,7 @@ def test_the_samplewise_detector_alone_needs_no_footfalls(fg_nav: FgNav, monkeyp
     write_canonical(recording, Path("pocket.csv"))
     monkeypatch.setattr("fg_nav.walk.detect_stances", none_found)
     assert fg_nav("detect", "pocket.csv").refused("never stands")
-    ran = fg_nav("detect", "pocket.csv", "--detector", SAMPLEWISE, "--out", "out")
+    ran = fg_nav("detect", "pocket.csv", "--gate", SAMPLEWISE, "--out", "out")
     assert ran.code == 0, ran.err
     assert names(Path("out")) == {"field.png", "detect.json"} <= DETECT_FILES
     in_time = align_magnetometer(recording).recording
@@ -115,7 +115,7 @@ def test_the_samplewise_detector_alone_needs_no_footfalls(fg_nav: FgNav, monkeyp
     assert 0.6 < found["share"] < 0.85  # 4 s of 20 and the second after them are not still
     assert 7.0 < found["longest_s"] < 9.0
     assert f"{100 * found['share']:.1f} %" in ran.out
-    assert fg_nav("detect", "pocket.csv", "--detector", SAMPLEWISE, "--out", "out").refused("already holds")
+    assert fg_nav("detect", "pocket.csv", "--gate", SAMPLEWISE, "--out", "out").refused("already holds")
 
 
 def test_footfalls_that_cannot_be_compared_are_refused(fg_nav: FgNav, files: Path) -> None:
@@ -125,14 +125,14 @@ def test_footfalls_that_cannot_be_compared_are_refused(fg_nav: FgNav, files: Pat
     assert names(Path()) == {"standing.csv"}
 
 
-def test_a_detector_without_a_magnetometer_is_a_contradiction(fg_nav: FgNav, files: Path) -> None:
-    for command in ("run", "compare"):
-        assert fg_nav(command, files / "walk.csv", "--no-mag", "--detector", "aiez").refused("--no-mag", "--detector")
+def test_a_gate_with_nothing_to_pass_is_a_contradiction(fg_nav: FgNav, files: Path) -> None:
+    for command in ("run", "compare", "stream"):
+        assert fg_nav(command, files / "walk.csv", "--no-mag", "--gate", "aiez").refused("--no-mag", "--gate")
 
 
 def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav, files: Path) -> None:
-    assert fg_nav("detect", files / "walk.csv", "--detector", "aiez", "--out", "look").code == 0
-    ran = fg_nav("compare", files / "walk.csv", "--methods", "inertial,iez", "--detector", "aiez", "--out", "out")
+    assert fg_nav("detect", files / "walk.csv", "--gate", "aiez", "--out", "look").code == 0
+    ran = fg_nav("compare", files / "walk.csv", "--methods", "inertial,iez", "--gate", "aiez", "--out", "out")
     assert ran.code == 0, ran.err
     verdicts = table("look")["aiez_verdict"]
     assert {"none", "disturbed", "quasi-static"} == set(verdicts)
@@ -141,7 +141,7 @@ def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav, 
         assert list(strides["field"]) == list(verdicts)
         judged = strides["field"] != "none"
         assert strides["field_reason"][judged].str.contains("threshold").all()
-        config = facts(f"out/{method}", "config.json")["field_detector"]
+        config = facts(f"out/{method}", "config.json")["gate"]
         assert config["name"] == "aiez"
         assert config["quasi_static"] == (verdicts == "quasi-static").sum()
         assert config["parameters"]["channels"]
@@ -150,10 +150,10 @@ def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav, 
 def test_heading_turns_the_gyroscope_and_place_the_compass(fg_nav: FgNav, files: Path) -> None:
     pytest.importorskip("pygeomag", reason="the extra wmm is not installed")
     walk = files / "walk.csv"
-    assert fg_nav("detect", walk, "--detector", "qsf", "--out", "plain").code == 0
-    assert fg_nav("detect", walk, "--detector", "qsf", "--heading", "30", "--out", "turned").code == 0
+    assert fg_nav("detect", walk, "--gate", "qsf", "--out", "plain").code == 0
+    assert fg_nav("detect", walk, "--gate", "qsf", "--heading", "30", "--out", "turned").code == 0
     where = ("--place", "64.1,-21.9,2025-06-01")  # Reykjavik: about 11 deg west
-    assert fg_nav("detect", walk, "--detector", "qsf", *where, "--out", "there").code == 0
+    assert fg_nav("detect", walk, "--gate", "qsf", *where, "--out", "there").code == 0
     plain, turned, there = (table(name) for name in ("plain", "turned", "there"))
     for column, change, other in (("gyro_heading_deg", 30.0, turned), ("compass_heading_deg", -11.0, there)):
         by = np.degrees(wrap_angle(np.radians(other[column] - plain[column])))
@@ -179,12 +179,12 @@ def test_a_field_that_cannot_be_judged_fails_no_run(
     strides = table("out", "strides.csv")
     assert set(strides["field"]) == {"none"}
     assert strides["field_reason"].str.contains(reason).all()
-    assert facts("out", "config.json")["field_detector"] is None
+    assert facts("out", "config.json")["gate"] is None
     assert ("note: the field was not judged" in ran.out) == (name == "slow.csv")
 
 
 def test_detect_replaces_its_own_files_only(fg_nav: FgNav, files: Path) -> None:
-    arguments = ("detect", files / "walk.csv", "--detector", "qsf")
+    arguments = ("detect", files / "walk.csv", "--gate", "qsf")
     assert fg_nav(*arguments).code == 0
     assert names(Path("results")) == {"walk-detect-1"}
     out = ("--out", "results/walk-detect-1")
@@ -200,12 +200,12 @@ def test_detect_replaces_its_own_files_only(fg_nav: FgNav, files: Path) -> None:
     [
         ("no-mag.csv", [], ["no magnetometer"]),
         ("slow.csv", [], ["10 Hz"]),
-        ("walk.csv", ["--detector", "magic"], ["no detector 'magic'", DEFAULT]),
-        ("walk.csv", ["--detector", "qsf,,aiez"], ["no detector ''"]),
+        ("walk.csv", ["--gate", "magic"], ["no gate 'magic'", DEFAULT]),
+        ("walk.csv", ["--gate", "qsf,,aiez"], ["no gate ''"]),
         ("walk.csv", ["--place", "nowhere"], ["nowhere"]),
         ("walk.csv", ["--heading", "nan"], ["nan"]),
-        ("walk.csv", ["--detector", SAMPLEWISE, "--truth", "truth.tum"], ["--truth", "no map"]),
-        ("no-mag.csv", ["--detector", SAMPLEWISE], ["no magnetometer"]),
+        ("walk.csv", ["--gate", SAMPLEWISE, "--truth", "truth.tum"], ["--truth", "no map"]),
+        ("no-mag.csv", ["--gate", SAMPLEWISE], ["no magnetometer"]),
         ("walk.csv", ["--truth", "nowhere.tum"], ["nowhere.tum"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else value,
@@ -217,16 +217,39 @@ def test_what_cannot_be_looked_at_is_refused_in_one_line(
     assert not names(Path())
 
 
-def test_run_refuses_a_detector_that_there_is_not(fg_nav: FgNav, files: Path) -> None:
-    for command in ("run", "compare"):
-        assert fg_nav(command, files / "walk.csv", "--detector", "magic").refused("no detector 'magic'", DEFAULT)
+def test_a_filter_with_a_detector_of_its_own_takes_no_gate(fg_nav: FgNav, files: Path) -> None:
+    walk = files / "walk.csv"
+    assert fg_nav("run", walk, "--method", "qsf-rts", "--gate", "aiez").refused("qsf-rts", "own detector", "--gate")
+    assert fg_nav("compare", walk, "--methods", "qsf,aiez", "--gate", "aiez").refused("own detector")
+    assert fg_nav("run", walk, "--method", "smoother", "--polish").refused("--polish", "--method online")
     assert not names(Path())
 
 
-@pytest.mark.parametrize("command", ["run", "compare"])
-def test_the_help_names_the_default_detector(command: str) -> None:
+@pytest.mark.parametrize("gate", ["aiez", "none"])
+def test_the_gate_is_one_in_the_graph_and_in_all_files(fg_nav: FgNav, files: Path, gate: str) -> None:
+    """What passes is what has a magnetic heading in the graph, in batch and while the walk goes on."""
+    for method in ("smoother", "online"):
+        ran = fg_nav("run", files / "walk.csv", "--method", method, "--gate", gate, "--out", method)
+        assert ran.code == 0, ran.err
+        words = list(table(method, "strides.csv")["field"])
+        config = facts(method, "config.json")
+        assert config["parameters"]["magnetic"]["gate"] == config["gate"]["name"] == gate
+        assert config["gate"]["quasi_static"] == words.count("quasi-static")
+        assert config["gate"]["judged"] == len(words) - words.count("none")
+        assert (gate == "none") == ("disturbed" not in words)
+        assert words.count("quasi-static") > 0
+
+
+def test_run_refuses_a_gate_that_there_is_not(fg_nav: FgNav, files: Path) -> None:
+    for command in ("run", "compare", "stream"):
+        assert fg_nav(command, files / "walk.csv", "--gate", "magic").refused("no gate 'magic'", DEFAULT)
+    assert not names(Path())
+
+
+@pytest.mark.parametrize("command", ["run", "compare", "stream"])
+def test_the_help_names_the_default_gate(command: str) -> None:
     commands = typer.main.get_command(app)
     assert isinstance(commands, typer.core.TyperGroup)
     options = commands.commands[command].params
-    (words,) = [str(getattr(option, "help", "")) for option in options if option.name == "detector"]
+    (words,) = [str(getattr(option, "help", "")) for option in options if option.name == "gate"]
     assert f"[default: {DEFAULT}]" in words

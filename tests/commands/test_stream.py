@@ -296,16 +296,21 @@ def test_a_source_that_is_none_is_refused_in_one_line(fg_nav, source):
 
 def test_what_cannot_be_together_is_refused(fg_nav, csv, tmp_path):
     assert fg_nav("stream", csv, "--lag", 60, "--checkpoint", tmp_path / "x.npz").refused("--lag", "--checkpoint")
+    assert fg_nav("stream", csv, "--lag", 60, "--polish").refused("--lag", "--polish")
     assert fg_nav("stream", csv, "--silence", 0).refused("--silence")
     assert fg_nav("stream", csv, "--heading", "nan").refused("nan")
     (tmp_path / "x.npz").write_text("something else")
     assert fg_nav("stream", csv, "--checkpoint", tmp_path / "x.npz").refused("no checkpoint")
 
 
+POLISHED = {"trajectory_polished.tum", "strides_polished.csv"}
+
+
 def test_the_end_is_written_as_by_run(fg_nav, csv, tmp_path):
     ran = fg_nav("stream", csv, "--heading", 0, "--silence", 0.3, "--out", tmp_path / "out")
     assert ran.code == 0
     assert {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json"} <= names(tmp_path / "out")
+    assert not POLISHED & names(tmp_path / "out")
     lines = [json.loads(line) for line in ran.out.splitlines()]
     strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))
     assert len(strides) == len(online) == sum(not line["continues"] for line in lines)
@@ -342,10 +347,49 @@ def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, number
     assert ran.err == ""
 
 
-def test_run_tells_both(fg_nav, csv, tmp_path):
-    ran = fg_nav("run", csv, "--method", "online", "--heading", 0, "--out", tmp_path / "out")
-    assert ran.code == 0
-    assert {"online.csv", "strides.csv"} <= names(tmp_path / "out")
+def test_polished_both_are_written_with_their_gap(fg_nav, csv, whole, tmp_path):
+    """By run and by stream, which write the same; without it neither solves the walk in batch."""
+    given = (csv, "--heading", 0, "--polish", "--out")
+    assert fg_nav("run", *given, tmp_path / "run", "--method", "online").code == 0
+    assert fg_nav("stream", *given, tmp_path / "stream", "--silence", 0.3).code == 0
+    assert fg_nav("run", csv, "--heading", 0, "--out", tmp_path / "batch").code == 0
+    assert fg_nav("run", csv, "--heading", 0, "--method", "online", "--out", tmp_path / "plain").code == 0
+    for place in ("run", "stream"):
+        assert names(tmp_path / place) >= {"online.csv", "strides.csv"} | POLISHED
+        online, polished, moment = (
+            pd.read_csv(tmp_path / place / name) for name in ("strides.csv", "strides_polished.csv", "online.csv")
+        )
+        batch = pd.read_csv(tmp_path / "batch" / "strides.csv")
+        pd.testing.assert_frame_equal(polished, batch, atol=1e-6)
+        assert np.allclose(online[["x_m", "y_m", "z_m"]], whole.finish().stances.position, atol=1e-6)
+        assert len(moment) == len(online)
+        path, other = (np.loadtxt(tmp_path / place / name) for name in ("trajectory.tum", "trajectory_polished.tum"))
+        apart = np.linalg.norm(path[:, 1:4] - other[:, 1:4], axis=1)
+        summary = json.loads((tmp_path / place / "summary.json").read_text())
+        assert summary["polish_gap_max_m"] == pytest.approx(apart.max(), abs=1e-5)
+        assert summary["polish_gap_rms_m"] == pytest.approx(np.sqrt((apart**2).mean()), abs=1e-5)
+        assert 0.0 < summary["polish_gap_heading_deg"] < 0.5
+        assert summary["polished_distance_m"] == pytest.approx(summary["distance_m"], abs=0.1)
+    plain = json.loads((tmp_path / "plain" / "summary.json").read_text())
+    assert not POLISHED & names(tmp_path / "plain")
+    assert not [key for key in plain if "polish" in key]
+
+
+def test_polished_lines_follow_the_smoothed_ones(fg_nav, csv):
+    ran = fg_nav("stream", csv, "--heading", 0, "--silence", 0.3, "--polish")
+    kinds = [json.loads(line)["kind"] for line in ran.out.splitlines()]
+    assert kinds.count("polished") == kinds.count("smoothed") == 13
+    assert kinds.index("polished") > kinds.index("smoothed") > kinds.index("now")
+
+
+@pytest.mark.parametrize("gate", ["qsf", "none"])
+def test_the_gate_of_a_stream_is_that_of_its_checkpoint(fg_nav, csv, tmp_path, gate):
+    words = ("stream", csv, "--heading", 0, "--silence", 0.3, "--checkpoint", tmp_path / "x.npz", "--gate")
+    lines = [json.loads(line) for line in fg_nav(*words, gate).out.splitlines()]
+    passed = sum(line["field"] == "quasi-static" for line in lines if line["kind"] == "smoothed")
+    assert passed == (13 if gate == "none" else 10)
+    assert load(tmp_path / "x.npz").options.parameters.magnetic.gate == gate
+    assert fg_nav(*words, "aiez").refused("other options")
 
 
 def test_killed_it_resumes_from_its_last_checkpoint(csv, whole, tmp_path):
@@ -385,7 +429,8 @@ def test_killed_it_resumes_from_its_last_checkpoint(csv, whole, tmp_path):
 def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
     ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--silence", 0.3, "--out", tmp_path / "out")
     assert ran.code == 0
-    assert names(tmp_path / "out") == {"strides.csv", "online.csv", "summary.json"}
+    assert names(tmp_path / "out") == {"trajectory.tum", "strides.csv", "online.csv", "summary.json"}
+    assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 13
     strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))
     assert len(strides) == len(online) == 13
     assert np.abs(strides["y_m"].iloc[-1] - online["y_m"].iloc[-1]) < 0.2

@@ -10,10 +10,12 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
 from fg_nav.estimators import ESTIMATORS
+from fg_nav.evaluation.metrics import measure_gap
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, RESTART, SampleJudge
+from fg_nav.online.navigator import finish_walk
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
 from tests.online.walks import NORTH, push, short_walk, worst_difference
@@ -60,17 +62,41 @@ def test_blocks_do_not_matter(whole, seed):
     assert worst_difference(navigator.smoothed(), whole[0].smoothed()) < 1e-9
 
 
-def test_it_ends_where_the_batch_ends(whole):
+def test_it_ends_with_what_its_graph_has_and_polished_with_the_batch(whole):
     navigator, _ = whole
     recording = short_walk()
     stances = detect_stances(recording)
     batch = smooth(recording, stances, heading=0.0, field=average_footfall_field(recording, stances))
-    found = navigator.finish()
-    assert np.abs(found.position - batch.position).max() < 0.02
+    found = finish_walk(navigator, polish=True)
+    smoothed = navigator.smoothed()
+    assert set(found.stances.sample) <= set(smoothed.sample)
+    np.testing.assert_allclose(found.position[smoothed.sample], smoothed.position, atol=1e-9)
+    np.testing.assert_allclose(found.nav_R_body[smoothed.sample], smoothed.nav_R_body, atol=1e-9)
     assert found.method == "online"
     assert len(found.moment) == len(found.stances) == stances.n_footfalls
-    near = np.abs(navigator.smoothed().position[-1] - batch.stances.position[-1]).max()
-    assert near < 0.1
+    np.testing.assert_allclose(found.polished.position, batch.position, atol=1e-9)
+    gap = measure_gap(found, found.polished)
+    assert 1e-6 < gap.rms_m < gap.max_m < 0.1
+    assert gap.heading_deg < 0.5
+    assert finish_walk(navigator, polish=False).polished is None
+
+
+def test_the_path_is_continuous_through_all_nodes(whole):
+    """Between two nodes it is strapdown: no step at a node, and the velocity is the path's derivative."""
+    found = whole[0].finish()
+    steps = np.diff(found.position, axis=0) / np.diff(found.t)[:, None]
+    between = 0.5 * (found.velocity[1:] + found.velocity[:-1])
+    assert np.abs(steps - between).max() < 0.05
+    assert np.linalg.norm(steps, axis=1).max() > 2.0
+
+
+def test_a_walk_whose_beginning_left_the_graph_still_has_its_path(whole, monkeypatch):
+    monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 8)
+    navigator = OnlineNavigator(NORTH)
+    push(navigator, rows_of(short_walk()))
+    found, expected = navigator.finish(), whole[0].finish()
+    assert len(navigator._smoother._frozen) > 2
+    assert np.linalg.norm(found.position - expected.position, axis=1).max() < 0.05
 
 
 def test_between_footfalls_the_pose_is_carried_on():
@@ -282,8 +308,8 @@ def test_there_is_no_end_without_a_walk():
         OnlineNavigator(replace(NORTH, lag_s=60.0)).finish()
 
 
-def test_a_walk_that_cannot_be_solved_still_ends(whole, monkeypatch):
-    """Without its field, if that helps; else with what was known on the way."""
+def test_a_walk_without_a_batch_solution_still_ends(whole, monkeypatch):
+    """Polished without its field, if that helps; else with a note."""
     from fg_nav.online import navigator as module
 
     navigator, _ = whole
@@ -296,15 +322,14 @@ def test_a_walk_that_cannot_be_solved_still_ends(whole, monkeypatch):
         return never() if given[-1] is not None else solve(*given)
 
     monkeypatch.setattr(module, "smooth", not_with_field)
-    without = navigator.finish()
+    without = navigator.polish()
     assert any("does not converge" in note for note in without.notes)
     assert set(without.stances.field) == {"none"}
     monkeypatch.setattr(module, "smooth", never)
-    told = navigator.finish()
-    assert len(told.t) == len(short_walk())
-    assert np.abs(told.position[told.stances.sample] - told.stances.position).max() < 1e-9
-    assert np.abs(told.nav_R_body[told.stances.sample] - told.stances.nav_R_body).max() < 1e-9
-    assert any("could not be solved" in note for note in told.notes)
+    found = finish_walk(navigator, polish=True)
+    assert len(found.t) == len(short_walk())
+    assert found.polished is None
+    assert any("no batch solution: it does not converge" in note for note in found.notes)
 
 
 def test_a_sensor_that_hangs_is_no_wrong_unit():

@@ -184,7 +184,7 @@ def test_the_pose_is_carried_on_to_the_next_footfall():
     reached = int(walk.stances.stop[walk.stances.footfall == 19][-1]) + 5
     arrives = int(walk.stances.start[walk.stances.footfall == 20][0]) + 3
     track = online.propagate(arrives + 200, stands_from(arrives - reached, 200))
-    assert track.t[0] == pytest.approx(walk.recording.t[online._places[-1].last_sample])
+    assert track.t[0] == pytest.approx(walk.recording.t[online._places[-1].samples[-1]])
     there = track.position[np.searchsorted(track.t, walk.recording.t[arrives])]
     np.testing.assert_array_equal(track.position[-1], track.position[-50])
     add(online, walk, 20)

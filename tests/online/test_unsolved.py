@@ -12,6 +12,7 @@ from fg_nav.online import OnlineNavigator, fixed_lag, isam2, recovery, smoother
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.isam2 import ISAM2Backend
+from fg_nav.online.navigator import finish_walk
 from fg_nav.online.smoother import OnlineSmoother
 from tests.online.walks import NORTH, push, short_walk
 
@@ -229,7 +230,7 @@ def test_the_smoothed_past_is_returned_though_it_cannot_be_solved(monkeypatch, u
         raise RuntimeError("Indeterminate linear system detected\nand more")
 
     monkeypatch.setattr("fg_nav.online.navigator.smooth", no_batch)
-    ended = navigator.finish()
+    ended = finish_walk(navigator, polish=True)
     assert any("Indeterminate" in note and "more" not in note for note in ended.notes)
     assert np.isfinite(ended.position).all()
 

@@ -172,7 +172,7 @@ def test_without_a_magnetometer_it_says_so_and_goes_on(fg_nav, files):
         (["pocket.csv", "--mount", "pocket", "--known-distance", "nan"], ["known distance"]),
         (["pocket.csv", "--mount", "pocket", "--step-constant", "7"], ["no person's"]),
         (["pocket.csv", "--mount", "pocket", "--step-constant", "0.8", "--known-distance", "70"], ["give one of them"]),
-        (["pocket.csv", "--mount", "pocket", "--detector", "ma2018"], ["for a sensor on a foot"]),
+        (["pocket.csv", "--mount", "pocket", "--gate", "ma2018"], ["for a sensor on a foot"]),
         (["pocket.csv", "--mount", "pocket", "--preset", "physical"], ["for a sensor on a foot"]),
         (["pocket.csv", "--mount", "pocket", "--heading", "nan"], ["no direction"]),
     ],

@@ -41,7 +41,7 @@ def work(asked: Task) -> TaskResults:
     return TaskResults(results(asked), code_sum(), 0.01)
 
 
-LAST = "108"
+LAST = "104"
 """The walk that `hold` does not make."""
 
 

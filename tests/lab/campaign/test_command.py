@@ -354,7 +354,7 @@ def test_a_word_that_is_no_address_is_refused_without_a_traceback_of_dask(tmp_pa
 
 def start_held(plan, *words):
     """A campaign in a process of its own, once it has its first result; it never makes those of the last walk."""
-    plan.write_text(PLAN.replace("seeds = 2", "seeds = 8"))
+    plan.write_text(PLAN.replace("seeds = 2", "seeds = 4"))
     code = "from tests.lab.campaign.fakes import run_held; run_held()"
     line = [sys.executable, "-c", code, *words]
     paths = os.pathsep.join(map(str, (ROOT, Path(__file__).parents[3])))
@@ -375,10 +375,10 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     assert not (tmp_path / "out" / RESULTS).exists()
     fakes.until_gone(first.pid)
     there = {path: path.stat().st_mtime_ns for path in cells.glob("*.json")}
-    assert 0 < len(there) < 16
+    assert 0 < len(there) < 8
     second = in_a_process(*words)
     assert (second.code, second.err) == (0, "")
-    assert f"16 results, {len(there)} of them from before" in second.out
+    assert f"8 results, {len(there)} of them from before" in second.out
     assert {path: path.stat().st_mtime_ns for path in there} == there
     assert not made
     run(plan, tmp_path / "undisturbed")
@@ -392,9 +392,9 @@ def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(t
     _, said = first.communicate(timeout=90.0)
     assert first.returncode == 130
     stored = len(list(results.glob("*.json")))
-    assert said == f"note: stopped: {stored} of 16 results are kept, the same command goes on from there\n"
+    assert said == f"note: stopped: {stored} of 8 results are kept, the same command goes on from there\n"
     fakes.until_gone(first.pid)
-    assert 0 < stored < 16
+    assert 0 < stored < 8
     assert run(plan, tmp_path / "out").stored == stored
 
 
