@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         __doc__,
         arguments,
         out=None,
-        seeds=4,
+        seeds=10,
         bias_seeds=option(20, "how many walks of each field for the bias", metavar="N"),
         first=harness.FIRST_SEED,
         course=option("140 m", "of the walks", choices=tuple(COURSES), metavar="NAME"),

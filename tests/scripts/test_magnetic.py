@@ -84,6 +84,24 @@ def test_an_ablation_runs_keeps_and_takes_up_again(tmp_path, capsys, monkeypatch
         ablation.main(["--out", str(tmp_path / "nowhere")])
 
 
+def test_a_walk_through_cables_and_a_real_one_are_judged():
+    bare, cables = (walks.Case("720 m", field, rests=False) for field in ("indoor", "cables"))
+    results = {
+        case: {
+            "inertial": [{"rmse": 1.0, "runtime": 1.0}],
+            "default": [{"rmse": rmse, "runtime": 1.4}],
+        }
+        for case, rmse in ((bare, 0.2), (cables, 0.3))
+    }
+    assert [f.mark for f in ablation.judge_simulated(results)] == ["ok", "missed", "ok"]
+    inertial = [{"merit": 1.0, "spoiled": 1.0}, {"merit": 0.1, "spoiled": 1.0}]
+    ours = [{"merit": 0.8, "spoiled": 0.4}, {"merit": 0.12, "spoiled": 0.4}]
+    found = {"inertial": {"openshoe": inertial}, "default": {"openshoe": ours}}
+    assert [f.mark for f in ablation.judge_real(found)] == ["ok", "ok", "ok"]
+    worse = {"inertial": {"openshoe": inertial}, "default": {"openshoe": [ours[0], {"merit": 0.2, "spoiled": 1.0}]}}
+    assert [f.mark for f in ablation.judge_real(worse)] == ["missed", "missed", "missed"]
+
+
 @needs_data
 def test_an_ablation_of_a_real_walk_as_it_is_and_spoiled(tmp_path):
     store = ablation.Store(tmp_path, "code")

@@ -14,7 +14,7 @@ beneath it (foot frame, m, from the pivot), the pivot moves by
 That is exact motion of the foot, and leaves q in place up to |q| theta^2 / 2, some 0.01 mm.
 
 Feet turn at 7 to 18 deg/s at their stillest instant with a sensor on the instep, which goes along with the shin (gdin).
-A module in the heel is assumed to rock by what the lower end of that range leaves. No public walk shows it.
+That a module in the heel rocks by what the lower end of that range leaves is assumed.
 """
 
 from __future__ import annotations
