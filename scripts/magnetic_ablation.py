@@ -22,8 +22,8 @@ Real: footprint rmse (gdin) or closure (openshoe) over that of `inertial` on the
 then the same where no rest is looked for and 0.3 deg/s were added about the vertical of the first stance.
 
 The whole table: `--full`, all courses up to 2.5 km. At the end stands what was asked of the default: through cables at
-most 1.3 times the rmse without them on the same course; no real walk worse than `inertial` by 5 % and 3 cm, nor the mean;
-half of its error on openshoe with the bias; half as much time again.
+most 1.3 times the rmse without them on the same course; no real walk worse than `inertial` by 5 % and 3 cm, nor the
+mean; half of its error on openshoe with the bias; half as much time again.
 """
 
 from __future__ import annotations
