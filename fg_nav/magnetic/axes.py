@@ -51,6 +51,9 @@ LEAST_RATIO, LEAST_SIGMAS = 1.3, 5.0
 ROUNDS = 4
 """Of reweighting: the loss of a wrong P need not be exact."""
 
+CLEARLY_UP_UT = 10.0
+"""Near the equator the field is level, and a shoe's iron decides."""
+
 SLOW_M_S2 = 1.0
 """Of the specific force about gravity, where it shows which way is up."""
 
@@ -164,8 +167,8 @@ def find_wrong_axes(recording: Recording) -> MagAxes | None:
 
 
 def field_points_up(recording: Recording) -> bool:
-    """Whether the field points up where the sensor is slow: on the southern hemisphere, or with all axes reversed."""
-    return bool(_measure_down(recording, np.eye(3), np.zeros(3)) < 0.0)
+    """Whether the field clearly points up where the sensor is slow: far south, or with all axes reversed."""
+    return bool(_measure_down(recording, np.eye(3), np.zeros(3)) < -CLEARLY_UP_UT)
 
 
 def _point_down(recording: Recording, P: Floats, hard_iron: Floats) -> Floats:
