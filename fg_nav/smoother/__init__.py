@@ -3,7 +3,7 @@
 In the order of the data: `strides` (samples to nodes and inertial measurements, and a stride to factors), `graph` (a
 walk as a problem, and its solution at the recording's rate), `problem` (the same with lever, bias and noise estimated
 first), `bias_walk` (the random walk of the bias), `solver` (Gauss-Newton, covariances), `constraints` and `field` (what
-joins the first solution), and `batch`, which calls them.
+joins the first solution), `gyro_scale` (which corrects the samples by it), and `batch`, which calls them.
 """
 
 from fg_nav.smoother.batch import smooth

@@ -8,6 +8,7 @@ constraints   straight stretches and floors, found on the first solution, where 
 solve again   where there are fixes or constraints
 differential  field while the foot stands: factors on the gyro bias (`differential`)
 field         the magnetic field, in rounds, each of which solves again (`field`)
+scale         of the gyroscope, by the field: all again with corrected samples where it is wrong (`gyro_scale`)
 solution      marginals -> sigmas (`solver`); nodes -> dense trajectory (`graph`)
 """
 
@@ -29,6 +30,7 @@ from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
+from fg_nav.smoother.gyro_scale import find_gyro_scale
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, stance_table
@@ -85,6 +87,29 @@ def _smooth(
     fixes: Sequence[Fix],
 ) -> Solution:
     began = perf_counter()
+    problem, solved, verdict = _solve_walk(recording, stances, parameters, heading, progress, field, fixes)
+    # Where the field shows the heading it shows the gyroscope's scale, which is taken off the samples.
+    scale = find_gyro_scale(problem, solved.values) if parameters.gyro_scale else None
+    if scale is not None:
+        corrected = scale.remove_from(recording)
+        problem, solved, verdict = _solve_walk(corrected, stances, parameters, heading, progress, field, fixes)
+        verdict = replace(verdict, notes=(scale.note, *verdict.notes))
+    solution = _solution_of(problem, solved, verdict, stances, perf_counter() - began)
+    if progress is not None:
+        progress(1.0)
+    return solution
+
+
+def _solve_walk(
+    recording: Recording,
+    stances: Stances,
+    parameters: SmootherParameters,
+    heading: float | None,
+    progress: Callable[[float], None] | None,
+    field: FootfallField | None,
+    fixes: Sequence[Fix],
+) -> tuple[WalkProblem, Solved, FieldVerdict]:
+    """Return the problem of a walk as it was solved last, its solution, and the verdict on its field."""
     # The walk by its inertial sensor and its stances. A loosely converged solution suffices where the field is used,
     # because the field step solves again.
     problem = walk_problem(recording, stances, heading, parameters, progress)
@@ -109,10 +134,7 @@ def _smooth(
     if field is not None and not obstacle:
         with_field = solve_with_field(problem, solved, field)
         problem, solved, verdict = with_field.problem, with_field.solved, with_field.verdict
-    solution = _solution_of(problem, solved, verdict, stances, perf_counter() - began)
-    if progress is not None:
-        progress(1.0)
-    return solution
+    return problem, solved, verdict
 
 
 def _solution_of(

@@ -88,6 +88,8 @@ class SmootherParameters:
     choose_bias_walk: bool = True
     """Choose `gyro_bias_walk_deg_s` by the evidence of the walk (`bias_walk`); the value above is for walks that do not
     show another."""
+    gyro_scale: bool = True
+    """Take off the gyroscope's scale errors that the walk shows with its magnetic field (`gyro_scale`)."""
     tilt_sigma_deg: float = 1.0
     """Tilt after levelling in the first stance, deg."""
     rest: RestParameters = field(default_factory=RestParameters)

@@ -1,0 +1,86 @@
+"""The scale of the gyroscope: its effect on an interval by finite differences, and found on a walk with a field."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fg_nav.arrays import Floats
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.mechanisation import NavState, rotation_vector, strapdown
+from fg_nav.recording import Recording
+from fg_nav.smoother import smooth
+from fg_nav.smoother.gyro_scale import GyroScale, sense_scale
+from fg_nav.solution import Solution
+from tests.smoother.test_field import earth, heading_error_deg, in_field
+from tests.smoother.walks import DEFAULT, demo
+
+SCALE = np.array([0.02, -0.02, 0.02])
+
+
+def integrate(t: Floats, force: Floats, rate: Floats) -> NavState:
+    """Free motion from rest."""
+    state = NavState(np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+    turn, push = np.empty((3, 3)), np.empty(3)
+    for i in range(len(t) - 1):
+        strapdown(state, force[i], rate[i], t[i + 1] - t[i], 0.0, turn, push)
+    return state
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_sensitivity_is_that_of_integrated_samples(axis: int) -> None:
+    """A swing of 0.4 s at up to 8 rad/s and 25 m/s^2, 400 Hz."""
+    t = np.arange(161) / 400.0
+    phase = np.pi * t[:, None] / t[-1]
+    rate = np.sin(phase * [1.0, 2.0, 1.5]) * [3.0, -8.0, 4.0]
+    force = np.cos(phase * [2.0, 1.0, 3.0]) * [25.0, 10.0, 20.0] + [0.0, 0.0, 9.8]
+    bias, d = np.array([0.01, -0.02, 0.03]), 1e-4
+    s = d * np.eye(3)[axis]
+    low, high = (integrate(t, force, (rate - bias) / (1.0 + sign * s)) for sign in (-1.0, 1.0))
+    end_R_start = integrate(t, force, rate - bias).nav_R_body.T
+    expected = [
+        rotation_vector(low.nav_R_body.T @ high.nav_R_body),
+        end_R_start @ (high.position - low.position),
+        end_R_start @ (high.velocity - low.velocity),
+    ]
+    found = sense_scale(t, force, rate, np.array([0, len(t) - 1]), bias[None])[0]
+    for rows, e in zip(np.split(found[:, axis], 3), expected, strict=True):
+        np.testing.assert_allclose(rows, e / (2 * d), atol=2e-3 * np.linalg.norm(e) / (2 * d))
+
+
+def scaled(scale: Floats) -> Recording:
+    recording = in_field(earth())
+    return replace(recording, gyr=recording.gyr * (1.0 + scale))
+
+
+@cache
+def smoothed(wrong: bool, corrected: bool = True, with_field: bool = True) -> Solution:
+    recording, stances = scaled(SCALE * wrong), demo().stances
+    field = average_footfall_field(recording, stances) if with_field else None
+    return smooth(recording, stances, replace(DEFAULT, gyro_scale=corrected), 0.0, field=field)
+
+
+def is_noted(solution: Solution) -> bool:
+    return any("scale errors" in note for note in solution.notes)
+
+
+def test_a_wrong_scale_is_taken_off_where_the_field_shows_it() -> None:
+    assert is_noted(smoothed(True))
+    with_it, without = (np.sqrt((heading_error_deg(smoothed(True, on)) ** 2).mean()) for on in (False, True))
+    assert without < 0.6 * with_it
+
+
+def test_a_right_scale_is_left_as_it_is() -> None:
+    found, expected = smoothed(False), smoothed(False, corrected=False)
+    assert not is_noted(found)
+    np.testing.assert_array_equal(found.position, expected.position)
+
+
+def test_without_a_field_the_scale_is_left_as_it_is() -> None:
+    assert not is_noted(smoothed(True, with_field=False))
+
+
+def test_corrected_samples_are_those_without_the_errors() -> None:
+    found = GyroScale(SCALE, np.eye(3) * 1e-6, 10.0).remove_from(scaled(SCALE))
+    np.testing.assert_allclose(found.gyr, in_field(earth()).gyr, atol=1e-12)
