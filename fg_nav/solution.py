@@ -61,6 +61,7 @@ class Solution:
     `t` (N,) s; `position` (N, 3) m; `velocity` (N, 3) m/s; `nav_R_body` (N, 3, 3).
     `parameters` are the effective ones, ready for JSON; `notes` are remarks for the user. `moment` is what an online
     estimator estimated at each footfall when it was complete, before it knew what came after; None from all others.
+    `graph` counts its factors by kind (`smoother.count`), empty where there is none.
     `polished` is the batch solution of the same walk, where an online estimator was asked for it.
     """
 
@@ -73,5 +74,6 @@ class Solution:
     runtime_s: float
     parameters: Mapping[str, object] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    graph: Mapping[str, int] = field(default_factory=dict)
     moment: StanceTable | None = None
     polished: Solution | None = None

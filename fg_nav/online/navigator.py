@@ -149,6 +149,7 @@ class OnlineNavigator:
             runtime_s=self._busy_s + perf_counter() - began,
             parameters=asdict(p),
             notes=(*self._smoother.notes, *ends, *self.judge.notes),
+            graph=self._smoother.counts,
             moment=_select_rows(self.causal(), self._is_new()),
         )
 

@@ -13,6 +13,7 @@ the field is measured again every `field.ROUGH_EVERY` footfalls.
 
 from __future__ import annotations
 
+from collections import Counter
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -25,7 +26,7 @@ from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.magnetic.quasi_static import UNKNOWN
+from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.backend import Backend
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar
@@ -48,6 +49,7 @@ from fg_nav.online.strides import (
     measure_stride,
 )
 from fg_nav.recording import MIN_SAMPLES, Recording
+from fg_nav.smoother.count import count_factors, count_graph
 from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED, in_nav
@@ -98,6 +100,7 @@ class OnlineSmoother:
         self._latest: StanceEstimate | None = None
         self._batch: WalkSolution | None = None
         self._rests = RestLedger()
+        self._counts: Counter[str] = Counter()
         self._biases: BiasLedger | None = None
 
     def add_footfall(self, footfall: Footfall, until: int) -> StanceEstimate:
@@ -144,6 +147,11 @@ class OnlineSmoother:
     def parameters(self) -> SmootherParameters:
         """Those in effect: with the swing noise that was chosen."""
         return self._options.parameters if self._batch is None else self._batch.parameters
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Factors that were added since the walk began, by kind."""
+        return dict(self._counts)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -243,6 +251,7 @@ class OnlineSmoother:
         self._t_first = places[0].t
         self._verdicts = [Verdict(*both) for both in zip(batch.verdict.words, batch.verdict.reason, strict=True)]
         self._rests = RestLedger.from_rests(batch.known.rests)
+        self._counts = count_factors(batch.problem)
         self._biases = BiasLedger.from_factors(batch.problem.differential)
         return True
 
@@ -280,11 +289,13 @@ class OnlineSmoother:
         if biases is not None and window.place.bias != before.bias:
             graph.push_back(biases.complete(before.bias))
             biases = biases.begin()
+            self._counts["differential_field"] += 1
         # Initial values of its variables, and the solution with them.
         linearized, bias = self._backend.linearization_point(), self._backend.bias(B(before.bias))
         values = initialize_stride(window, graph, linearized, bias, p)
         self._places.append(window.place)
         self._backend.add(graph, values, self._places, more=self._batch.field is not None)
+        self._counts.update(count_graph(graph))
         # The field is compared along the path of the stride in that solution.
         stride_path = self._cut_stride(window)
         self._verdicts.append(self._add_field(window, *stride_path))
@@ -327,6 +338,9 @@ class OnlineSmoother:
         )
         values.insert(M(k), state)
         self._backend.add(graph, values, self._places)
+        self._counts.update(count_graph(graph))
+        has_field = bool(np.isfinite(seen.footfall.body_field).all())
+        self._counts["gated_out"] += has_field and verdict.word != QUASI_STATIC
         return verdict
 
     def _track(self, recording: Recording, window: StrideWindow, begins: int, gravity: float) -> Trajectory:

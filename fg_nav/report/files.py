@@ -88,7 +88,8 @@ def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> 
         (folder / name).mkdir()
     summaries = [write_result(folder / name, walk, outcome) for name, outcome in outcomes.items()]
     rows = [
-        {key: value for key, value in row.items() if key not in ("notes", "magnetometer_delay")} for row in summaries
+        {key: value for key, value in row.items() if key not in ("notes", "magnetometer_delay", "graph")}
+        for row in summaries
     ]
     pd.DataFrame(rows).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
     write_json(folder / "comparison.json", summaries)
@@ -140,6 +141,8 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         "runtime_s": solution.runtime_s,
         "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
     }
+    if solution.graph:
+        figures["graph"] = dict(solution.graph)
     if outcome.comparison is not None:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, *_MORE_TRUTH_KEYS)}
     if outcome.moment is not None:

@@ -73,7 +73,13 @@ def notes_of(summaries: Sequence[Mapping[str, object]]) -> list[str]:
     said = {str(summary["method"]): cast("list[str]", summary["notes"]) for summary in summaries}
     shared = [note for note in next(iter(said.values())) if all(note in notes for notes in said.values())]
     own = [(name, note) for name, notes in said.items() for note in notes if note not in shared]
+    own += [(str(one["method"]), _describe_graph(one["graph"])) for one in summaries if one.get("graph")]
     return [f"note: {note}" for note in shared] + [f"note ({name}): {note}" for name, note in own]
+
+
+def _describe_graph(counts: object) -> str:
+    words = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in cast("dict[str, int]", counts).items())
+    return f"graph: {words}"
 
 
 def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:

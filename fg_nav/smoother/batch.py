@@ -27,6 +27,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.constraints import add_constraints, add_fixes
+from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
@@ -155,6 +156,7 @@ def _solution_of(
         runtime_s=runtime_s,
         parameters=asdict(p),
         notes=(*problem.known.notes, steps, *write_note(problem.differential), *verdict.notes, *tails),
+        graph=count_factors(problem),
     )
 
 

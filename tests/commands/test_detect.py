@@ -22,6 +22,7 @@ from fg_nav.magnetic.disturbance import judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.folder import DETECT_FILES
+from fg_nav.smoother.count import KINDS
 from tests.command_line import FgNav, names
 
 
@@ -253,3 +254,21 @@ def test_the_help_names_the_default_gate(command: str) -> None:
     options = commands.commands[command].params
     (words,) = [str(getattr(option, "help", "")) for option in options if option.name == "gate"]
     assert f"[default: {DEFAULT}]" in words
+
+
+@pytest.mark.parametrize("method", ["smoother", "online", "inertial"])
+def test_the_summary_counts_the_factors_of_the_graph(fg_nav: FgNav, files: Path, method: str) -> None:
+    """Headings and those gated out are all footfalls with a field; nothing magnetic is in a graph without one."""
+    ran = fg_nav("run", files / "walk.csv", "--method", method, "--gate", "aiez", "--out", "out")
+    assert ran.code == 0, ran.err
+    graph, words = facts("out", "summary.json")["graph"], table("out", "strides.csv")["field"]
+    assert list(graph) == list(KINDS)
+    assert graph["imu"] == graph["zero_velocity"] - 1 > len(words)
+    if method == "inertial":
+        assert set(graph.values()) == {0, graph["imu"], graph["zero_velocity"]}
+        return
+    counted = graph["magnetic_heading"], graph["magnetic_heading"] + graph["gated_out"]
+    rows = (words == "quasi-static").sum(), len(words)
+    # while a walk goes on, each piece of a long standing is a footfall of the graph, and one row
+    assert counted == rows if method == "smoother" else np.greater_equal(counted, rows).all()
+    assert f"{graph['imu']} imu" in ran.out

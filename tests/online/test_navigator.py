@@ -81,6 +81,13 @@ def test_it_ends_with_what_its_graph_has_and_polished_with_the_batch(whole):
     assert finish_walk(navigator, polish=False).polished is None
 
 
+def test_its_factors_are_counted(whole):
+    """Each piece of a long standing is a footfall of the graph."""
+    counts, words = whole[0].finish().graph, whole[0].smoothed().field
+    assert counts["magnetic_heading"] == words.count("quasi-static") > 0
+    assert counts["magnetic_heading"] + counts["gated_out"] == len(words)
+
+
 def test_the_path_is_continuous_through_all_nodes(whole):
     """Between two nodes it is strapdown: no step at a node, and the velocity is the path's derivative."""
     found = whole[0].finish()

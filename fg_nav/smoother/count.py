@@ -1,0 +1,47 @@
+"""How many factors of each kind a graph held, counted from the factors themselves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+import gtsam
+import numpy as np
+
+from fg_nav.smoother.graph import WalkProblem
+
+KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
+"""As in `summary.json`; `gated_out` are the footfalls with a field whose heading the gate left out."""
+
+_KIND_OF_KEYS = {
+    "xvxvb": "imu",
+    "xvs": "zero_velocity",
+    "xm": "magnetic_heading",
+    "xmm": "field_potential",
+}
+"""By the letters of the variables that a factor joins: no other factor joins the same."""
+
+
+def count_factors(problem: WalkProblem) -> Counter[str]:
+    """Count the factors of a walk as it was solved."""
+    counts = Counter(dict.fromkeys(KINDS, 0))
+    counts.update(count_graph(problem.graph))
+    counts["zero_velocity"] += len(problem.velocities.keys)
+    counts["differential_field"] += 0 if problem.differential is None else len(problem.differential)
+    if problem.field is not None:
+        counts["magnetic_heading"] += len(problem.field.heading.keys)
+        counts["field_potential"] += len(problem.field.potential.keys)
+        readings = problem.field.readings
+        seen = np.isfinite(readings.body_field).all(axis=1)
+        counts["gated_out"] += int((seen & ~np.isfinite(readings.sigma_uT)).sum())
+    return counts
+
+
+def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:
+    """Count the factors of gtsam that are of a kind by their variables."""
+    letters = (_letters(graph.at(i).keys()) for i in range(graph.size()))
+    return Counter(_KIND_OF_KEYS[word] for word in letters if word in _KIND_OF_KEYS)
+
+
+def _letters(keys: Iterable[int]) -> str:
+    return "".join(chr(gtsam.Symbol(key).chr()) for key in keys)
