@@ -1,0 +1,86 @@
+"""What is solved in batch is what iSAM2 is given, and nothing stands in `fg_nav.factors` that no estimator uses."""
+
+import ast
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from fg_nav import factors
+from fg_nav.arrays import Floats
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.smoother.field import solve_with_field
+from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.solver import time_order
+from tests.smoother.walks import DEFAULT, demo, part
+from tests.test_laws import LIBRARY, module_name
+
+FOOTFALLS = 9
+ESTIMATORS = ("fg_nav.smoother", "fg_nav.online", "fg_nav.pocket")
+
+
+def names_in(tree: ast.AST) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def test_every_factor_that_is_exported_is_used_by_an_estimator() -> None:
+    """By name, or by what an estimator uses of the package."""
+    trees = {path: ast.parse(path.read_text()) for path in LIBRARY}
+    of_estimators = [tree for path, tree in trees.items() if module_name(path).startswith(ESTIMATORS)]
+    defined = {
+        node.name: names_in(node)
+        for path, tree in trees.items()
+        if module_name(path).startswith("fg_nav.factors")
+        for node in tree.body
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+    }
+    used: set[str] = set()
+    found = set().union(*map(names_in, of_estimators)) & defined.keys()
+    while found - used:
+        used |= found
+        found = set().union(*(defined[name] for name in used)) & defined.keys()
+    assert set(factors.__all__) <= used
+
+
+def solved_with_field(heading: float | None, p_field: dict[str, object]) -> WalkProblem:
+    """A few footfalls of a walk in a field that is rough, at the minimum."""
+    few, rng = part(demo(), FOOTFALLS), np.random.default_rng(0)
+    truth = demo().recording.truth
+    mag = np.einsum("nji,j->ni", truth.nav_R_body[: len(few.recording)], [3.0, 20.0, -43.0])
+    recording = replace(few.recording, mag=mag + 0.1 * rng.standard_normal(mag.shape))
+    p = replace(DEFAULT, magnetic=replace(DEFAULT.magnetic, **p_field))
+    problem = walk_problem(recording, few.stances, heading, p)
+    found = solve_with_field(problem, solve(problem), average_footfall_field(recording, few.stances))
+    return replace(found.problem, values=found.solved.values)
+
+
+def information_of(linear: gtsam.GaussianFactorGraph, problem: WalkProblem) -> tuple[Floats, Floats]:
+    return linear.hessian(time_order(problem.nodes, with_field=True))
+
+
+@pytest.mark.parametrize("heading", [0.0, None], ids=["given", "not given"])
+@pytest.mark.parametrize("way_m", [0.0, 1e9], ids=["with potential", "compass alone"])
+def test_batch_and_isam2_linearize_the_same_walk_to_the_same_information(heading: float | None, way_m: float) -> None:
+    problem = solved_with_field(heading, {"potential_least_path_m": way_m})
+    assert problem.field is not None
+    assert len(problem.field.heading) >= FOOTFALLS - 3
+    assert (len(problem.field.potential) > 0) == (way_m == 0.0)
+    # Also where the tilt is not the one that levels the field.
+    delta = gtsam.VectorValues()
+    rng = np.random.default_rng(1)
+    for key, size in problem.values.dims().items():
+        delta.insert(key, 1e-2 * rng.standard_normal(size))
+    values = problem.values.retract(delta)
+    batch = problem.graph.linearize(values)
+    for block in problem.blocks:
+        for factor in block.linearize(values):
+            batch.push_back(factor)
+    expected, found = (information_of(linear, problem) for linear in (batch, problem.factors().linearize(values)))
+    scale = np.sqrt(np.diag(expected[0]))
+    np.testing.assert_allclose((found[0] - expected[0]) / np.outer(scale, scale), 0.0, atol=1e-9)
+    np.testing.assert_allclose((found[1] - expected[1]) / scale, 0.0, atol=1e-9 * np.abs(expected[1] / scale).max())
+    assert problem.factors().error(values) == pytest.approx(
+        problem.graph.error(values) + sum(block.error(values) for block in problem.blocks), rel=1e-9
+    )
