@@ -1,9 +1,10 @@
 """The field of a walk in progress: the batch's states and residuals, one footfall at a time.
 
-How rough the field is, and the stance's axes, follow from the walk so far: at each re-solve from the batch's own rounds
-(`smoother.field`), in between from the last `RECENT` footfalls, each as it was seen at its time. The gate judges a
-footfall by it and those before it, as in batch, with the attitudes known at the time. Unlike in batch a verdict stays
-as it was given, and so does the noise of a footfall that is in the graph already.
+How far the potential reaches, where it jumps and how much of the line integral drifts is that of the last re-solve, of
+the batch's own rounds (`smoother.field`). Since then a stride that takes the potential out of its bounds is left out.
+The other roughness of the field follows from the last `RECENT` footfalls, each as it was seen at its time. The gate
+judges a footfall by it and those before it, as in batch, with the attitudes known then. Unlike in batch a verdict
+stays as it was given, and so does the noise of a footfall that is in the graph already.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from gtsam.symbol_shorthand import M, X
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
-from fg_nav.factors.magnetic_field import E_H, PHI, SIZE, FieldPotential, MagneticHeading
+from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHeading
 from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import QUASI_STATIC, apply_gate, count_needed
@@ -25,6 +26,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.field import FieldSolution, choose_steady
 from fg_nav.smoother.field_factors import integrate_path, transition
 from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.potential import LEAST_JUMP_UT_M
 from fg_nav.smoother.roughness import (
     FieldRoughness,
     field_deviation,
@@ -37,6 +39,10 @@ from fg_nav.stances import Stances
 RECENT = 4000
 """Footfalls whose deviations show how rough the field is. A robust sigma needs a tenth of them; how regions differ,
 which are fifteen footfalls long, all. And the most that a gate judges a footfall by."""
+
+JUMP_SIGMAS = 6.0
+"""Of the potential, beyond which a stride's line integral is not used: 40 A over a rough floor. The next re-solve looks
+again, with the strides that follow."""
 
 ROUGH_EVERY = 10
 """Footfalls after which the roughness is measured again."""
@@ -82,7 +88,8 @@ class OnlineField:
         raw = field_deviation(nav, found.states[:, E_H])
         distance = np.append(0.0, factors.path.distance_m)
         passed = np.array([word == QUASI_STATIC for word in found.verdict.words])
-        self._recent = deque(np.column_stack([raw, found.states[:, PHI], distance, passed]), maxlen=RECENT)
+        self._recent = deque(np.column_stack([raw, distance, passed]), maxlen=RECENT)
+        self._potential, self._drift_uT_m = factors.telescoping, factors.drift_uT_m
         self._needed = min(count_needed(self._p.gate) or RECENT, RECENT)
         self._judged = replace(field, nav_R_body=nav_R_body)
         self._rough, self._age = self._measure_roughness(), 0
@@ -119,19 +126,29 @@ class OnlineField:
         if passed and self._p.compass:
             compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(self._noise_uT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
-        if self._p.potential and np.isfinite(seen.sigma_uT_m):
-            level_path = self._level_R_body @ seen.body_path
-            integral = FieldPotential(
-                np.array(seen.u), level_path, seen.body_move, seen.nav_R_level, np.array(seen.sigma_uT_m)
-            )
+        integral = self._integrate_field(seen)
+        if self._p.potential and np.isfinite(seen.sigma_uT_m) and not self._jumps(integral, before):
             graph.push_back(factor_of(integral, [X(node_before), M(k - 1), M(k)]))
         graph.push_back(linear_factor_of(change, [M(k - 1), M(k)]))
         state = change.keep * before
-        self._recent.append(np.append(raw, [state[PHI], seen.distance_m, passed]))
+        self._recent.append(np.append(raw, [seen.distance_m, passed]))
         self._age += 1
         if self._age % ROUGH_EVERY == 0:
             self._rough = self._measure_roughness()
         return state, verdict
+
+    def _integrate_field(self, seen: StrideField) -> FieldPotential:
+        level_path, sigma = self._level_R_body @ seen.body_path, np.hypot(seen.sigma_uT_m, self._drift_uT_m)
+        return FieldPotential(np.array(seen.u), level_path, seen.body_move, seen.nav_R_level, np.array(sigma))
+
+    def _jumps(self, integral: FieldPotential, before: Floats) -> bool:
+        """Whether the stride takes the potential out of its bounds, as a circuit of current does."""
+        nav_T_body = np.eye(4)
+        nav_T_body[:3, :3] = integral.nav_R_level
+        e, _ = integral.evaluate([nav_T_body, before, np.zeros(SIZE)], with_jacobians=False)
+        potential_after = float(e[0] * integral.sigma_uT_m)
+        sigma = np.hypot(self._potential.sigma, self._drift_uT_m)
+        return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, LEAST_JUMP_UT_M))
 
     def _judge(self, footfall: FootfallField, nav_R_body: Floats) -> Verdict:
         """Verdict of the gate on the newest footfall, by it and those before."""
@@ -144,11 +161,10 @@ class OnlineField:
         """Roughness of the field at the footfalls that are remembered."""
         rows = np.array(self._recent)
         seen = np.isfinite(rows[:, 0])
-        steady = choose_steady(seen, rows[:, 5] > 0.0)
+        steady = choose_steady(seen, rows[:, 4] > 0.0)
         deviation = rows[:, :3] - usual_deviation(rows[steady, :3])
-        states = np.zeros((len(rows), SIZE))
-        states[:, PHI] = rows[:, 3]
-        rough = measure_roughness(deviation, states, seen, steady, rows[1:, 4])
+        measured = measure_roughness(deviation, None, seen, steady, rows[1:, 3])
+        rough = replace(measured, potential=self._potential)
         return rough if self._p.potential else neglect_deviation(rough)
 
 

@@ -15,9 +15,10 @@ in the first round strength stands in for the deviation across.
 Where the heading at the start was given, the field's direction is estimated about it. Where it was not, north is where
 the field points: its direction is fixed, the start is free, and the walk is first turned there.
 
-A walk's line integrals show how the field deviates from footfall to footfall, and from one region of the building to
-the next. A walk without them cannot tell a slow deviation from a drift of its heading. There the heading has one
-unknown north and white noise, of a sigma that each round takes from the footfalls that pass,
+Whether the line integrals are used is decided by the evidence of the walk (`path_noise`); where its potential jumps
+the strides are left out (`potential`). The integrals show how the field deviates from footfall to footfall, and from
+one region of the building to the next. A walk without them cannot tell a slow deviation from a drift of its heading.
+There the heading has one unknown north and white noise, of a sigma that each round takes from the footfalls that pass,
 
     sigma^2 = noise^2 + max(robust(e)^2 - noise^2, 0) N / min(N, regions),
 
@@ -35,6 +36,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.errors import EstimationError
 from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior, across_field
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
@@ -49,6 +51,7 @@ from fg_nav.smoother.graph import (
     turn_walk,
 )
 from fg_nav.smoother.parameters import FieldParameters
+from fg_nav.smoother.path_noise import PathNoise, choose_path_noise
 from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.roughness import (
     REGIONAL_LENGTH_M,
@@ -77,7 +80,7 @@ HARD_IRON_LEVEL_UT = 0.3
 HARD_IRON_UP_UT = 15.0
 """The same upward: a calibration from footfalls cannot see it, and in a swing it turns forward."""
 
-SHORT_WALK_ROUNDS = 1
+COMPASS_ROUNDS = 1
 """More rounds without the line integral: noise and heading are found together."""
 
 REGIONAL_SHARE_OF_MEAN = 0.3
@@ -167,9 +170,35 @@ def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
 def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField) -> FieldSolution:
     """Smooth a walk that was solved without its field together with it."""
     p = problem.parameters.magnetic
-    # A short walk does without the line integral.
-    if _path_length(problem, solved.values) < p.potential_least_path_m:
-        p = replace(p, potential=False, rounds=p.rounds + SHORT_WALK_ROUNDS)
+    notes: tuple[str, ...] = ()
+    if p.potential:
+        found, notes = _try_line_integral(problem, solved, field, p)
+        if found is not None:
+            return found
+    # A walk that does not show that its line integrals can be used does without them.
+    p = replace(p, potential=False, rounds=p.rounds + COMPASS_ROUNDS)
+    by_compass = _solve_in_rounds(problem, solved, field, p, notes)
+    assert isinstance(by_compass, FieldSolution)
+    return by_compass
+
+
+def _try_line_integral(
+    problem: WalkProblem, solved: Solved, field: FootfallField, p: FieldParameters
+) -> tuple[FieldSolution | None, tuple[str, ...]]:
+    """Smooth a walk with its line integrals; or say why they are not used."""
+    try:
+        found = _solve_in_rounds(problem, solved, field, p)
+    except EstimationError:
+        return None, ("line integral of the field not used: with it there is no solution",)
+    if isinstance(found, PathNoise):
+        return None, (found.describe(p.potential_drift_m),)
+    return found, ()
+
+
+def _solve_in_rounds(
+    problem: WalkProblem, solved: Solved, field: FootfallField, p: FieldParameters, notes: tuple[str, ...] = ()
+) -> FieldSolution | PathNoise:
+    """Smooth a walk with its field; or return the noise of its line integrals, where it is too large to use them."""
     # Without a heading the walk is turned until its mean field points north.
     values = gtsam.Values(solved.values)
     if not problem.heading_known:
@@ -191,18 +220,20 @@ def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField)
         states, path = problem.field.states(solved.values), problem.field.path
         residuals = _compare_field(problem, field, solved.values, path, states, p)
         problem = _with_field(problem, field, residuals, path, direction, p)
+        assert problem.field is not None
+        if len(problem.field.potential):
+            noise = choose_path_noise(problem, solved.values)
+            if noise.drift_m >= p.potential_drift_m:
+                return noise
+            problem = replace(problem, field=problem.field.assume_lost_share(noise.lost_share))
+            notes = (noise.describe(p.potential_drift_m),)
         solved = solve(replace(problem, values=solved.values))
         problem, solved = free_jumps(problem, solved)
     assert problem.field is not None
     states, verdicts = problem.field.states(solved.values), residuals.verdicts
-    notes = (*_write_notes(residuals, states), *describe_jumps(problem, solved))
+    notes = (*_write_notes(residuals, states), *notes, *describe_jumps(problem, solved))
     verdict = FieldVerdict(verdicts.words, verdicts.reason, notes)
     return FieldSolution(problem, solved, states, verdict, _compass_sigma(residuals, p))
-
-
-def _path_length(problem: WalkProblem, values: gtsam.Values) -> float:
-    place = np.array([values.atPose3(X(int(j))).translation() for j in problem.nodes.result])
-    return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
 
 
 def _turn_to(problem: WalkProblem, values: gtsam.Values, nav_north: Floats) -> None:

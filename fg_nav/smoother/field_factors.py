@@ -43,7 +43,7 @@ from fg_nav.factors.magnetic_field import (
 from fg_nav.factors.residual import ResidualBlock, factor_of, linear_factor_of, one_of
 from fg_nav.frames import level_attitude
 from fg_nav.smoother.parameters import FieldParameters
-from fg_nav.smoother.roughness import FieldRoughness
+from fg_nav.smoother.roughness import FieldRoughness, split_potential
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 
 MEAN_WALK_UT = 0.003
@@ -114,8 +114,11 @@ class FieldFactors:
         prior: FieldPrior,
         rough: FieldRoughness,
         p: FieldParameters,
+        lost_share: float = 0.0,
     ) -> None:
-        self.readings, self.path, self.prior, self._rough, self._p = readings, path, prior, rough, p
+        self.readings, self.path, self.lost_share, self._rough, self._p = readings, path, lost_share, rough, p
+        self.telescoping, self.drift_uT_m = split_potential(rough.potential, lost_share, path.distance_m)
+        self.prior = replace(prior, sigma=np.where(np.arange(SIZE) == PHI, self.telescoping.sigma, prior.sigma))
         pose, state = [X(int(j)) for j in readings.node], [M(k) for k in range(len(readings.node))]
         self._states = state
         used = np.flatnonzero(np.isfinite(readings.sigma_uT) & p.compass)
@@ -124,24 +127,31 @@ class FieldFactors:
         self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
         self.strides = np.flatnonzero(np.isfinite(path.sigma_uT_m) & ~path.jumps & p.potential)
         self.potential = self._integrals_over(self.strides)
-        self.transition = ResidualBlock(transition(path.distance_m, rough), list(pairwise(state)))
+        changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
+        self.integral_sigma, self.change_sigma = self._integral_sigma(self.strides), changes.sigma
+        self.transition = ResidualBlock(changes, list(pairwise(state)))
+
+    def _integral_sigma(self, stride: Ints) -> Floats:
+        return np.hypot(self.path.sigma_uT_m[stride], self.drift_uT_m)
 
     def _integrals_over(self, stride: Ints) -> ResidualBlock:
-        path, node = self.path, self.readings.node
-        integrals = FieldPotential(
-            path.u[stride],
-            path.level_path[stride],
-            path.body_move[stride],
-            path.nav_R_level[stride],
-            path.sigma_uT_m[stride],
-        )
+        path, node, sigma = self.path, self.readings.node, self._integral_sigma(stride)
+        level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
+        integrals = FieldPotential(path.u[stride], level_path, move, nav_R_level, sigma)
         return ResidualBlock(integrals, [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride])
 
     def mark_jumps(self, stride: Ints, jump: bool) -> FieldFactors:
         """Return them with the potential free to jump at these strides, whose line integrals are left out, or not."""
         jumps = self.path.jumps.copy()
         jumps[stride] = jump
-        return FieldFactors(self.readings, replace(self.path, jumps=jumps), self.prior, self._rough, self._p)
+        return self._with(replace(self.path, jumps=jumps), self.lost_share)
+
+    def assume_lost_share(self, share: float) -> FieldFactors:
+        """Return them with another share of the potential's changes that does not telescope (`path_noise`)."""
+        return self._with(self.path, share)
+
+    def _with(self, path: FieldPath, lost_share: float) -> FieldFactors:
+        return FieldFactors(self.readings, path, self.prior, self._rough, self._p, lost_share)
 
     def compute_jumps(self, values: gtsam.Values) -> Floats:
         """(J,) uT m, by how much the integrals of the strides that were left out differ from what was expected."""
@@ -149,7 +159,7 @@ class FieldFactors:
         if not len(stride):
             return np.zeros(0)
         e, _ = self._integrals_over(stride).evaluate(values, with_jacobians=False)
-        return np.asarray(-e[:, 0] * self.path.sigma_uT_m[stride])
+        return np.asarray(-e[:, 0] * self._integral_sigma(stride))
 
     def insert(self, values: gtsam.Values) -> None:
         """Put the first state at all footfalls."""

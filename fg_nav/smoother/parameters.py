@@ -29,9 +29,9 @@ class FieldParameters:
     gate: str = "ma2018"
     """Detector of a quasi-static field (`fg_nav.magnetic.quasi_static.GATES`): a footfall's compass is used exactly
     where it passes the field; `none` passes all."""
-    potential_least_path_m: float = 300.0
-    """Shorter walks do without the line integral: they cannot tell how far the building's potential reaches, and take
-    too little for it (ten real walks of 35 to 150 m, `scripts/real_walks.py`)."""
+    potential_drift_m: float = 0.2
+    """Largest drift a stride, m, that the walk's evidence may leave to the line integral for it to be used
+    (`path_noise`): as much as a heading wrong by 8 deg."""
 
 
 @dataclass(frozen=True)

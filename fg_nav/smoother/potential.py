@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.solver import Solved, clique_covariances
@@ -80,7 +81,10 @@ def free_jumps(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         # Leave it out with its neighbors; stop where that gains too little.
         stride = problem.field.strides[statistic.argmax()]
         near = np.arange(max(stride - 1, 0), min(stride + 2, len(problem.field.path.u)))
-        freed = _solve_with(problem, solved, near, jumps=True)
+        try:
+            freed = _solve_with(problem, solved, near, jumps=True)
+        except EstimationError:
+            break
         if _fall((problem, solved), freed) < LEAST_FALL or abs(_size(*freed, near)) < LEAST_JUMP_UT_M:
             break
         problem, solved = freed

@@ -93,6 +93,20 @@ LEAST_NEW = 1e-4
 """Of a deviation that is new at a footfall on the same spot: keeps the equations well conditioned."""
 
 
+LEAST_TELESCOPING = 0.01
+"""Of the potential's variance, where no share of it telescopes: keeps the equations well conditioned."""
+
+
+def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, float]:
+    """Split the changes of a potential: what telescopes, and the noise of a stride's integral (uT m) that does not.
+
+    `lost_share` is that of the variance of the changes over strides of these lengths, m (`path_noise`).
+    """
+    change = 2.0 * potential.sigma**2 * float((1.0 - potential.left(distance_m)).sum()) / max(len(distance_m), 1)
+    telescoping = max(1.0 - lost_share, LEAST_TELESCOPING)
+    return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), float(np.sqrt(lost_share * change))
+
+
 def robust_sigma(values: Floats) -> float:
     """Spread about zero without the tails."""
     return MAD_TO_SIGMA * float(np.median(np.abs(values)))

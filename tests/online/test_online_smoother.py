@@ -1,5 +1,6 @@
 """A walk in progress: it ends where the batch ends, answers the same however it is fed, and goes on."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -29,7 +30,7 @@ from tests.smoother.walks import Walk, demo, part
 
 FOOTFALLS = 40
 EARTH = np.array([1.0, 20.0, -43.0])
-WITH_WAY = SmootherParameters(magnetic=FieldParameters(potential_least_path_m=0.0))
+WITH_WAY = SmootherParameters(magnetic=FieldParameters(potential_drift_m=math.inf))
 
 
 @cache

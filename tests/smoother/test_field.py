@@ -109,10 +109,10 @@ def plain() -> Recording:
 
 
 @pytest.mark.parametrize("heading", [0.0, None], ids=["told", "not told"])
-@pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
-def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None, way_m: float) -> None:
+@pytest.mark.parametrize("drift_m", [math.inf, 0.0], ids=["with potential", "compass alone"])
+def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None, drift_m: float) -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, heading, replace_field(NOT_RESTED, potential_least_path_m=way_m))
+    found = smoothed(drifting, heading, replace_field(NOT_RESTED, potential_drift_m=drift_m))
     assert np.abs(heading_error_deg(found)).max() < 0.4
     without = inertial(drifting, p=NOT_RESTED)
     assert np.abs(heading_error_deg(without)).max() > 15.0
@@ -169,7 +169,9 @@ def roughened(recording: Recording, seed: int) -> FootfallField:
 def test_where_the_field_is_rough_a_told_heading_has_a_say() -> None:
     """Eight degrees from where it was told to be: in a homogeneous field that would be a contradiction."""
     recording = in_field(earth(np.radians(8.0)))
-    directions = [field_in_notes(smoothed(recording, field=field))[1] for field in (None, roughened(recording, 0))]
+    p = replace_field(potential=False)
+    fields = (None, roughened(recording, 0))
+    directions = [field_in_notes(smoothed(recording, p=p, field=field))[1] for field in fields]
     assert directions[0] == pytest.approx(8.0, abs=0.3)
     assert -1.0 < directions[1] < 4.0
 
@@ -203,7 +205,8 @@ def test_its_doubt_about_north_is_in_all_its_poses() -> None:
     """As if the whole walk were turned about its start by one angle of that sigma."""
     recording = in_field(earth())
     field = roughened(recording, 0)
-    told, turned = (smoothed(recording, heading, field=field).stances for heading in (0.0, None))
+    p = replace_field(potential=False)
+    told, turned = (smoothed(recording, heading, p, field=field).stances for heading in (0.0, None))
     more = turned.pose_cov - told.pose_cov
     north = np.sqrt(more[:, 3, 3].mean())
     assert np.radians(0.5) < north < np.radians(12.0)
@@ -218,9 +221,9 @@ def test_hard_iron_upward_is_found_in_the_swing(monkeypatch: pytest.MonkeyPatch)
     """The line integral sees it, and takes it for a part of the field where it may not be."""
     recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
     monkeypatch.setattr(roughness, "REGIONAL_SHARE", 1.0)
-    asked = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_least_path_m=0.0))))
+    asked = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_drift_m=math.inf))))
     monkeypatch.setattr(smoother_field, "HARD_IRON_UP_UT", 1e-3)
-    none = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_least_path_m=0.0))))
+    none = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_drift_m=math.inf))))
     assert asked.max() < min(0.8 * none.max(), 0.6)
 
 
@@ -243,16 +246,16 @@ def jump_at(k: int, error: Floats) -> float:
 
 
 @pytest.mark.parametrize("heading", [0.0, None], ids=["told", "not told"])
-@pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
-def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None, way_m: float) -> None:
+@pytest.mark.parametrize("drift_m", [math.inf, 0.0], ids=["with potential", "compass alone"])
+def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None, drift_m: float) -> None:
     recording = in_field(lambda x: earth() + near(20).at(x))
-    found = smoothed(recording, heading, replace_field(potential_least_path_m=way_m))
+    found = smoothed(recording, heading, replace_field(potential_drift_m=drift_m))
     assert footfalls(DISTURBED, found) == list(range(20, 21 + STRIDES))
     assert "times the threshold" in found.stances.field_reason[20]
     error = heading_error_deg(found)
     assert np.abs(np.diff(error)).max() < 0.1
     assert np.abs(error).max() < 0.5
-    blind = replace_field(potential_least_path_m=way_m, gate="none")
+    blind = replace_field(potential_drift_m=drift_m, gate="none")
     assert jump_at(20, heading_error_deg(smoothed(recording, heading, blind))) > 2.0 * jump_at(20, error)
 
 
@@ -303,14 +306,14 @@ def unseen(recording: Recording, rows: Bools) -> Recording:
     return replace(recording, mag=np.where(rows[:, None], np.nan, recording.mag))
 
 
-@pytest.mark.parametrize("way_m", [0.0, 300.0], ids=["with potential", "compass alone"])
+@pytest.mark.parametrize("drift_m", [math.inf, 0.0], ids=["with potential", "compass alone"])
 @pytest.mark.parametrize("part", ["begin", "end", "middle"])
-def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, way_m: float) -> None:
+def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, drift_m: float) -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
     t = drifting.t
     from_s, to_s = {"begin": (-1.0, 20.0), "end": (45.0, 99.0), "middle": (25.0, 40.0)}[part]
     recording = unseen(drifting, (t > from_s) & (t < to_s))
-    found = smoothed(recording, None, replace_field(NOT_RESTED, potential_least_path_m=way_m))
+    found = smoothed(recording, None, replace_field(NOT_RESTED, potential_drift_m=drift_m))
     dark = (found.stances.t > from_s + 0.5) & (found.stances.t < to_s - 0.5)
     assert dark.sum() > 10
     assert {found.stances.field[k] for k in np.flatnonzero(dark)} == {UNKNOWN}
@@ -362,18 +365,20 @@ def test_a_foot_that_only_stands_keeps_its_heading() -> None:
 # -------------------------------------------------------------------------------------------------------- parameters
 
 
-def test_a_short_walk_leaves_the_potential_out() -> None:
+def test_a_walk_whose_line_integrals_may_drift_does_without_them() -> None:
     recording = in_field(lambda x: earth() + near(20, 20.0).at(x))
-    short = smoothed(recording)
-    assert_same(short, smoothed(recording, p=replace_field(potential=False)))
-    long_enough = smoothed(recording, p=replace_field(potential_least_path_m=50.0))
-    assert np.abs(long_enough.position - short.position).max() > 1e-3
-    assert_same(smoothed(recording, p=replace_field(potential_least_path_m=100.0)), short)  # it is 76 m long
+    compass_alone = smoothed(recording, p=replace_field(potential=False))
+    refused = smoothed(recording, p=replace_field(potential_drift_m=0.0))
+    assert_same(compass_alone, refused)
+    assert any("line integral of the field not used" in note for note in refused.notes)
+    used = smoothed(recording, p=replace_field(potential_drift_m=math.inf))
+    assert np.abs(used.position - refused.position).max() > 1e-3
+    assert any("line integral of the field used" in note for note in used.notes)
 
 
 def test_the_potential_alone_holds_a_heading() -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, 0.0, replace_field(NOT_RESTED, compass=False, potential_least_path_m=0.0))
+    found = smoothed(drifting, 0.0, replace_field(NOT_RESTED, compass=False, potential_drift_m=math.inf))
     assert np.abs(heading_error_deg(found)).max() < 1.5
 
 

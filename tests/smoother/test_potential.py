@@ -1,5 +1,6 @@
 """Jumps of the field's potential: a corridor with circuits of current across it, and the statistic that finds them."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -26,7 +27,7 @@ from tests.smoother.test_field import in_field, replace_field, truth_of
 from tests.smoother.walks import demo
 
 EARTH = Homogeneous(np.array([0.0, 20.0, -43.0]))
-ALWAYS = replace_field(potential_least_path_m=0.0)
+ALWAYS = replace_field(potential_drift_m=math.inf)
 
 
 def frame_across(recording: Recording, share: float, current_A: float) -> tuple[Circuit, int]:

@@ -1,0 +1,115 @@
+"""How far the line integral of the field can be used: the share of its changes that does not telescope, by evidence.
+
+The integral over stride k differs from that of the building's field by the change of the potential, whose sum over a
+walk stays within bounds, and by an error of its own, whose sum does not: iron and delay of the magnetometer, tilt in
+the swing, an uneven clock, currents. From one stride alone the two look alike. With v the variance of all of it over a
+stride (from spread sigma and correlation length of the potential as the walk shows them, a what is left of it after a
+stride), a share s is error:
+
+    v = 2 sigma^2 (1 - a),     noise of the integral^2 = sigma_u^2 + s v,     potential^2 = (1 - s) sigma^2.
+
+s = 0: the integral is a coordinate along north that does not drift. s = 1: it drifts as a random walk does and is worth
+no more than that. The evidence of the walk tells them apart, the longer the better,
+
+    -log p(z | s) = E + log|R| + 1/2 sum log|S(s)|                         (Laplace; MacKay 2003, section 27)
+
+E the error at the minimum of the graph linearized once, R the triangle of its square-root information, S the noise of
+integrals and potential. Two questions are asked of it.
+
+1. Is the integral used? The largest s that the walk does not refute by `REFUTED_NATS` drifts by sqrt(s v) / |E_h| a
+   stride. Where that is more than `potential_drift_m` the walk has not shown that its integrals telescope, and does
+   without them: walks over a rough floor of less than some 100 m, and those whose magnetometer is late or bent.
+2. With what s? With the smallest whose evidence is within `MOST_NATS` of the best.
+
+So no length has to be set from which on a walk may use the integral.
+
+Cost. Nodes between the footfalls are eliminated once; each level eliminates what is left, a quarter of the variables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import V, X
+
+from fg_nav.arrays import Floats
+from fg_nav.factors.magnetic_field import E_H, PHI
+from fg_nav.smoother.bias_walk import MOST_NATS
+from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.solver import linearize, log_root, time_order
+
+SHARES = (1.0, 0.1, 0.01, 0.0)
+"""Falling; at 0 the sampling leaves a tenth of a uT m a stride."""
+
+REFUTED_NATS = 5.0
+"""150 to one: very strong evidence (Kass and Raftery 1995)."""
+
+
+@dataclass(frozen=True)
+class PathNoise:
+    """What a walk shows of its line integrals: the share s used, the drift that may be, m a stride, and the strides."""
+
+    lost_share: float
+    drift_m: float
+    strides: int
+
+    def describe(self, largest_drift_m: float) -> str:
+        """Return a note."""
+        used = "used" if self.drift_m < largest_drift_m else "not used"
+        found = f"it may drift by {self.drift_m:.2f} m a stride, the evidence of {self.strides} strides"
+        return f"line integral of the field {used}: {found}"
+
+
+def choose_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
+    """Choose the share of the integral's changes that does not telescope, with the graph linearized at these values."""
+    field = problem.field
+    assert field is not None
+    # The walk between its footfalls, which no share changes.
+    rest, ordering = _eliminate_between(problem, values)
+    # The evidence of each share.
+    levels = [field.assume_lost_share(share) for share in SHARES]
+    evidence = np.array([_minus_log_evidence(rest, ordering, level, values) for level in levels])
+    share, worst = choose_share(evidence)
+    horizontal = float(np.linalg.norm(field.prior.mean[E_H]))
+    return PathNoise(share, field.assume_lost_share(worst).drift_uT_m / horizontal, len(field.potential))
+
+
+def choose_share(minus_log_evidence: Floats) -> tuple[float, float]:
+    """Return the share to use and the largest that is not refuted, of evidences (L,) for `SHARES`."""
+    above_best = minus_log_evidence - minus_log_evidence.min()
+    shares = np.array(SHARES)
+    return float(shares[above_best <= MOST_NATS].min()), float(shares[above_best <= REFUTED_NATS].max())
+
+
+def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]:
+    """Linear graph of the walk without its field, without the nodes between footfalls, and the order of the others."""
+    blocks = [block for block in problem.blocks if block is not problem.field]
+    footfall = set(problem.nodes.result.tolist())
+    between = [key for j in range(len(problem.nodes)) if j not in footfall for key in (X(j), V(j))]
+    first, then = gtsam.Ordering(), gtsam.Ordering()
+    for key in between:
+        first.push_back(key)
+    ordering, gone = time_order(problem.nodes, with_field=True, floors=problem.floors), set(between)
+    for key in map(ordering.at, range(ordering.size())):
+        if key not in gone:
+            then.push_back(key)
+    linear = linearize(problem.graph, blocks, values)
+    return linear.eliminatePartialMultifrontal(first, gtsam.EliminateQR)[1], then
+
+
+def _minus_log_evidence(
+    rest: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering, field: FieldFactors, values: gtsam.Values
+) -> float:
+    """Of a field, up to a constant."""
+    linear = gtsam.GaussianFactorGraph()
+    linear.push_back(rest)
+    for factor in field.linearize(values):
+        linear.push_back(factor)
+    tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+    noise = (
+        np.log(field.integral_sigma).sum() + np.log(field.change_sigma[:, PHI]).sum() + np.log(field.prior.sigma[PHI])
+    )
+    return float(linear.error(tree.optimize()) + log_root(tree) + noise)

@@ -1,0 +1,72 @@
+"""How much of the line integral telescopes, by the evidence of walks over floors that are known."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fg_nav.smoother.field import FieldSolution
+from fg_nav.smoother.path_noise import (
+    MOST_NATS,
+    REFUTED_NATS,
+    SHARES,
+    PathNoise,
+    _eliminate_between,
+    _minus_log_evidence,
+    choose_path_noise,
+    choose_share,
+)
+from fg_nav.smoother.solver import linearize, log_root, time_order
+from tests.smoother.test_potential import solved_in
+
+
+@cache
+def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
+    """Of the demonstration over a rough floor, its integrals with so much white noise a stride."""
+    found, _ = solved_in(seed)
+    problem = found.problem
+    assert problem.field is not None
+    bold = problem.field.assume_lost_share(0.0)
+    noise = drift_uT_m * np.random.default_rng(seed).standard_normal(len(bold.path.u))
+    noisy = bold._with(replace(bold.path, u=bold.path.u + noise), 0.0)
+    return choose_path_noise(replace(problem, field=noisy), found.solved.values)
+
+
+def test_the_largest_share_not_refuted_and_the_smallest_near_the_best_are_taken() -> None:
+    evidence = np.full(len(SHARES), 2.0 * REFUTED_NATS)
+    evidence[1:3] = 0.0, MOST_NATS - 0.1
+    assert choose_share(evidence) == (SHARES[2], SHARES[1])
+
+
+def test_flat_evidence_leaves_the_worst_open() -> None:
+    assert choose_share(np.zeros(len(SHARES))) == (SHARES[-1], SHARES[0])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_walk_of_a_minute_over_a_rough_floor_leaves_much_drift_open(seed: int) -> None:
+    assert noise_of(seed, 0.0).drift_m > 0.05
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: int) -> None:
+    assert noise_of(seed, 10.0).drift_m > 0.2
+
+
+def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
+    found, _ = solved_in(0)
+    values = found.solved.values
+    rest, ordering = _eliminate_between(found.problem, values)
+    levels = [_field(found).assume_lost_share(share) for share in (1.0, 0.1)]
+    short = np.diff([_minus_log_evidence(rest, ordering, one, values) for one in levels])
+    blocks = [block for block in found.problem.blocks if block is not found.problem.field]
+    whole_graph = linearize(found.problem.graph, blocks, values)
+    whole_order = time_order(found.problem.nodes, with_field=True)
+    whole = np.diff([_minus_log_evidence(whole_graph, whole_order, one, values) for one in levels])
+    np.testing.assert_allclose(short, whole, atol=1e-6)
+    assert np.isfinite(log_root(found.solved.tree))
+
+
+def _field(found: FieldSolution):  # type: ignore[no-untyped-def]
+    assert found.problem.field is not None
+    return found.problem.field
