@@ -88,7 +88,7 @@ class BiasLedger:
         first = window.first_sample + begins
         rests = () if counted is None else (replace(counted, start=counted.start - first, stop=counted.stop - first),)
         stretches = find_stretches(recording, nodes, rests)
-        stretches = stretches.keep(stretches.start >= nodes.sample[nodes.first[1]])
+        stretches = stretches.keep(stretches.stop > nodes.sample[nodes.first[1]])
         if len(stretches.start) == 0:
             return self
         bias = np.tile(gyro_bias, (len(stretches.start), 1))

@@ -1,8 +1,8 @@
 """The differential field of a walk: which stretches show the gyro bias, how the field drifts in them, and the factors.
 
 A stretch is a stance, or a standing in which no rest was found: all samples of the field from the first node of a
-footfall to its last. A long standing is cut into pieces. From each follows what it shows of the gyro bias
-(`factors.differential_field`), with what this walk shows of its field and its magnetometer:
+footfall to its last, and of a stance those within `MARGIN_S`. A long standing is cut into pieces. From each follows
+what it shows of the gyro bias (`factors.differential_field`), with what this walk shows of field and magnetometer:
 
     sigma_n      third differences of z_t in the stretches, whose variance is 20 sigma_n^2
     gamma(r)     half the mean square per axis of differences of the field, in nav, between two samples of one swing
@@ -38,8 +38,12 @@ from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
 from fg_nav.smoother.strides import STANDS_S, Nodes
 
-SHORTEST_S = 0.2
-"""A shorter stance turns the foot by too little to tell a bias from noise."""
+MARGIN_S = 0.1
+"""Before and after a stance, where the foot moves slowly: what a stretch shows of the bias grows with the cube of its
+length, and its drift by the variogram is less."""
+
+SHORTEST_S = 0.3
+"""A shorter stretch shows next to nothing."""
 
 LONGEST_S = 10.0
 """Of a piece of a standing: in it a bias of 0.3 deg/s turns the sensor by 3 deg, of which half the square is 1e-3."""
@@ -53,12 +57,12 @@ MOST_SAMPLES = 64
 MOST_CHI_SQUARE = 25.0
 """Per degree of freedom: the field of such a stretch changed by something that is not in the model."""
 
-STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.2, 0.03
+STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.05, 0.03
 """Error that the stances, or the standings, of one bias variable have in common: a rolling foot turns at 5 deg/s, and
 one per cent of that is the scale of a gyroscope or the soft iron of a magnetometer."""
 
-IRON_UT = 3.0
-"""Hard iron that a calibration leaves, per axis; soft iron of five per cent in the field of the Earth is as much."""
+IRON_UT = 2.0
+"""Hard iron that a calibration leaves, per axis; soft iron of four per cent in the field of the Earth is as much."""
 
 LEAST_NOISE_UT = 0.05
 """Of a magnetometer: quantization and filters make third differences smaller than the noise."""
@@ -103,7 +107,9 @@ def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) 
     """Find the stances and standings in which the field is seen and no rest was found."""
     start, stop = nodes.sample[nodes.first[:-1]], nodes.sample[nodes.first[1:] - 1] + 1
     duration = recording.t[stop - 1] - recording.t[start]
-    stretches = _cut(start, stop, nodes.bias, duration)
+    margin = np.where(duration > STANDS_S, 0, round(MARGIN_S / recording.period_s))
+    before, after = np.append(0, stop[:-1]), np.append(start[1:], len(recording))
+    stretches = _cut(np.maximum(start - margin, before), np.minimum(stop + margin, after), nodes.bias, duration)
     long_enough = recording.t[stretches.stop - 1] - recording.t[stretches.start] >= SHORTEST_S
     rested = np.zeros(len(long_enough), dtype=np.bool_)
     for rest in rests:

@@ -1,0 +1,205 @@
+"""What the field of the stances shows of the gyro bias of a whole walk: a minute round a corridor without a rest."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import B
+
+from fg_nav.arrays import Floats
+from fg_nav.detection import RestParameters, find_rests
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.smoother import differential_factors, smooth
+from fg_nav.smoother.differential import add_differential_field, write_note
+from fg_nav.smoother.differential_factors import (
+    DifferentialFactors,
+    find_stretches,
+    fit_variogram,
+    measure_noise,
+    turn_stretches,
+)
+from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
+from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.strides import place_nodes
+from fg_nav.solution import Solution
+from tests.smoother.walks import DEFAULT, demo
+
+EARTH = np.array([1.0, 20.0, -43.0])
+NO_REST = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
+UNRESTED = replace(
+    DEFAULT, rest=NO_REST, gyro_bias_sigma_deg_s=0.3, magnetic=replace(DEFAULT.magnetic, compass=False, potential=False)
+)
+"""The differential field alone: no rest shows the bias, and no heading."""
+UP_BIAS_DEG_S = 0.4
+
+
+def truth_of(recording: Recording) -> TrajectoryTruth:
+    assert isinstance(recording.truth, TrajectoryTruth)
+    assert recording.truth.nav_R_body is not None
+    return recording.truth
+
+
+def waves(position: Floats) -> Floats:
+    """A field (N, 3) uT without divergence that changes by some 3 uT over a metre: shear waves in many directions."""
+    rng = np.random.default_rng(7)
+    total = np.zeros_like(position)
+    for _ in range(12):
+        k = rng.normal(size=3)
+        k *= 2.0 * np.pi / (2.5 * np.linalg.norm(k))
+        across = np.cross(k, rng.normal(size=3))
+        phase = position @ k + rng.uniform(0.0, 2.0 * np.pi)
+        total += 1.2 * across / np.linalg.norm(across) * np.sin(phase)[:, None]
+    return total
+
+
+@cache
+def in_field(rough: bool, seed: int = 0) -> Recording:
+    """The demonstration with a magnetometer of 0.2 uT, and a gyroscope with a bias about up."""
+    recording = demo(seed).recording
+    truth = truth_of(recording)
+    there = EARTH + (waves(truth.position) if rough else np.zeros_like(truth.position))
+    mag = np.einsum("nji,nj->ni", truth.nav_R_body, there)
+    mag += np.random.default_rng(seed).normal(0.0, 0.2, mag.shape)
+    return replace(recording, mag=mag, gyr=recording.gyr + np.radians(UP_BIAS_DEG_S) * truth.nav_R_body[:, 2])
+
+
+def solved_walk(recording: Recording, p: SmootherParameters) -> tuple[WalkProblem, gtsam.Values]:
+    problem = walk_problem(recording, demo().stances, 0.0, p)
+    return problem, solve(problem).values
+
+
+@cache
+def with_factors(rough: bool) -> tuple[WalkProblem, gtsam.Values]:
+    problem, values = solved_walk(in_field(rough), UNRESTED)
+    return add_differential_field(problem, values), values
+
+
+def factors_of(problem: WalkProblem) -> DifferentialFactors:
+    assert problem.differential is not None
+    return problem.differential
+
+
+def up_bias_deg_s(found: Solution) -> Floats:
+    """Component about up of the gyro bias at the footfalls, deg/s."""
+    up = truth_of(demo().recording).nav_R_body[found.stances.sample, 2]
+    return np.degrees((found.stances.gyro_bias * up).sum(axis=1))
+
+
+@pytest.mark.parametrize("rough", [False, True], ids=["homogeneous", "rough"])
+def test_without_a_rest_the_bias_is_found_better(rough: bool) -> None:
+    recording, stances = in_field(rough), demo().stances
+    field = average_footfall_field(recording, stances)
+    with_it = up_bias_deg_s(smooth(recording, stances, UNRESTED, field=field))
+    without = up_bias_deg_s(smooth(recording, stances, UNRESTED))
+    own = up_bias_deg_s(smooth(demo().recording, stances))  # of the sensor, from its rests
+    true = own.mean() + UP_BIAS_DEG_S
+    assert abs(with_it[-1] - true) < 0.5 * abs(without[-1] - true)
+
+
+def test_its_factors_are_the_same_in_batch_and_one_by_one() -> None:
+    problem, values = with_factors(True)
+    factors = factors_of(problem)
+    together = {f.keys()[0]: f.information() for f in factors.linearize(values)}
+    one_by_one = {f.keys()[0]: f.linearize(values).information() for f in factors.factors()}
+    assert sorted(together) == sorted(one_by_one) == [B(k) for k in range(len(factors))]
+    for key, information in together.items():
+        np.testing.assert_array_equal(information, one_by_one[key])
+        assert (information[:3, :3] == 0.0).all()
+    n_without = replace(problem, differential=None).factors().size()
+    assert problem.factors().size() == n_without + len(factors)
+
+
+def test_where_a_rest_is_found_nothing_else_is_asked() -> None:
+    recording, stances = in_field(False), demo().stances
+    rests = find_rests(recording)
+    assert rests
+    nodes = place_nodes(recording, stances, DEFAULT)
+    used, among = find_stretches(recording, nodes, rests), find_stretches(recording, nodes, ())
+    assert len(used.start) < len(among.start)
+    for rest in rests:
+        assert ((used.stop <= rest.start) | (used.start >= rest.stop)).all()
+
+
+def test_stretches_do_not_overlap_and_lie_about_their_stances() -> None:
+    recording, stances = in_field(False), demo().stances
+    stretches = find_stretches(recording, place_nodes(recording, stances, DEFAULT), ())
+    assert (stretches.start[1:] >= stretches.stop[:-1]).all()
+    assert (np.diff(stretches.bias) >= 0).all()
+    standing = (stretches.stop - stretches.start)[stretches.is_standing] * recording.period_s
+    assert (standing <= differential_factors.LONGEST_S + recording.period_s).all()
+
+
+def test_stretches_without_a_field_are_left_out() -> None:
+    recording = in_field(False)
+    half = np.where(np.arange(len(recording))[:, None] < len(recording) // 2, recording.mag, np.nan)
+    dark = replace(recording, mag=half)
+    stretches = find_stretches(dark, place_nodes(dark, demo().stances, DEFAULT), ())
+    assert len(stretches.start) > 0
+    assert (stretches.start < len(recording) // 2).all()
+
+
+def test_the_noise_of_the_magnetometer_is_found() -> None:
+    recording = in_field(True)
+    stretches = find_stretches(recording, place_nodes(recording, demo().stances, DEFAULT), ())
+    bias = np.zeros((len(stretches.start), 3))
+    turned = turn_stretches(recording, stretches, truth_of(recording).position, bias)
+    assert measure_noise(turned) == pytest.approx(0.2, rel=0.1)
+
+
+def test_the_variogram_of_the_swings_is_that_of_the_field() -> None:
+    recording = in_field(True)
+    truth = truth_of(recording)
+    assert recording.mag is not None
+    nodes = place_nodes(recording, demo().stances, DEFAULT)
+    found = fit_variogram(recording.mag, truth.position, truth.nav_R_body, nodes, 0.2)
+    assert found is not None
+    rng = np.random.default_rng(3)
+    place, direction = truth.position[rng.integers(0, len(truth.position), 4000)], rng.normal(size=(4000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    for r in (0.1, 0.3):
+        true = np.mean((waves(place + r * direction) - waves(place)) ** 2) / 2.0
+        gamma = found.sigma_uT**2 - float(found.covariance(np.array(r**2)))
+        assert 0.4 < gamma / true < 2.5
+
+
+def test_a_walk_of_few_swings_has_no_variogram_and_no_factors() -> None:
+    problem, values = with_factors(True)
+    recording, p = problem.recording, problem.parameters
+    assert recording.mag is not None
+    track = trajectory_of(recording, problem.nodes, values, p.gravity)
+    few = replace(problem.nodes, first=problem.nodes.first[:2])
+    assert fit_variogram(recording.mag, track.position, track.nav_R_body, few, 0.2) is None
+
+
+def test_it_can_be_left_out() -> None:
+    problem, values = with_factors(True)
+    off = replace(problem.parameters, magnetic=replace(problem.parameters.magnetic, differential=False))
+    assert add_differential_field(replace(problem, parameters=off, differential=None), values).differential is None
+
+
+def test_the_notes_say_how_many_stances_and_how_well() -> None:
+    (note,) = write_note(factors_of(with_factors(True)[0]))
+    assert note.startswith("gyro bias by the differential field of ")
+    assert "stances" in note
+    assert "deg/s" in note
+    assert write_note(None) == ()
+
+
+def test_a_field_that_is_not_of_the_model_is_left_out() -> None:
+    recording = in_field(False)
+    stretches = find_stretches(recording, place_nodes(recording, demo().stances, DEFAULT), ())
+    third = int(stretches.start[3] + stretches.stop[3]) // 2
+    assert recording.mag is not None
+    jump = recording.mag.copy()
+    jump[third:] += 30.0  # something that moves in the middle of a stance
+    problem, values = solved_walk(replace(recording, mag=jump), UNRESTED)
+    before, after = factors_of(with_factors(False)[0]), factors_of(add_differential_field(problem, values))
+    assert (
+        after.stances.count.sum() + after.standings.count.sum()
+        < before.stances.count.sum() + before.standings.count.sum()
+    )
