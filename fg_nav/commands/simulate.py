@@ -70,6 +70,7 @@ def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
         "worn": walk.scenario.worn,
         "site": walk.scenario.site,
         "field": walk.scenario.field,
+        "rests": walk.scenario.rests,
         "choices": walk.choices,
         "biases": {
             "time_s": walk.biases.t,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav.commands.simulate import describe_truth
 from fg_nav.detection import detect_stances
 from fg_nav.detection.rest import find_rests
 from fg_nav.errors import SimulationError
@@ -15,6 +16,7 @@ from fg_nav.lab.simulation.mount import HEEL, INSTEP, Mount
 from fg_nav.lab.simulation.path import Pose, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
+from fg_nav.lab.simulation.scenario_file import parse_scenario
 from fg_nav.recording import TrajectoryTruth
 
 AGAIN = straight(20.0).place(Pose(np.array([0.0, 20.0, 0.0]), 0.0))
@@ -112,6 +114,15 @@ def test_without_rests_the_walk_begins_and_ends_in_a_stance():
     np.testing.assert_array_equal(truth.position[0], 0.0)
     again = simulate("demo", 1, Choices(rests="none"))
     np.testing.assert_array_equal(walk.recording.gyr, again.recording.gyr)
+
+
+def test_a_scenario_of_a_file_may_have_no_rests():
+    scenario = parse_scenario("mine.toml", 'rests = "none"\n[course]\npoints_m = [[0, 0], [0, 20]]\nrest_s = 9.0\n')
+    walk = simulate(scenario, 1)
+    assert walk.recording.duration_s < 20.0
+    assert describe_truth(walk)["rests"] == "none"
+    with pytest.raises(SimulationError, match="rests cannot be 'some'"):
+        parse_scenario("mine.toml", 'rests = "some"\n[course]\npoints_m = [[0, 0], [0, 20]]\n')
 
 
 def test_who_only_stands_has_no_walk_without_rests():
