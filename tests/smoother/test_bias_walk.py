@@ -67,12 +67,11 @@ def test_the_graph_has_the_walk_that_was_chosen() -> None:
 @pytest.mark.parametrize(
     ("error", "volume", "level"),
     [
-        ((1.0, 1.0, 1.0, 1.0), (0.0, 0.1, 0.9, 4.6), 6e-4),  # a short walk, which tells none from the next
-        ((1.0, 1.0, 1.0, 1.0), (0.0, 0.9, 6.0, 20.0), 6e-4),  # a long one without a walk of the bias
-        ((6.0, 5.0, 2.0, 1.0), (0.0, 0.9, 6.0, 20.0), 2e-3),
-        ((6.0, 5.0, 2.0, 1.0), (0.0, 0.1, 0.9, 4.6), 6e-3),
-        ((1.0, 1.0, 1.0, 1.0), (0.0, 4.0, 16.0, 50.0), 2e-4),
-        ((80.0, 30.0, 9.0, 1.0), (0.0, 0.1, 0.9, 2.5), 6e-3),  # large enough to be seen on a short one
+        ((1.0, 1.0, 1.0), (0.1, 0.9, 4.6), 6e-4),  # a short walk, which tells none from the next
+        ((1.0, 1.0, 1.0), (0.9, 6.0, 20.0), 6e-4),  # a long one without a walk of the bias
+        ((5.0, 2.0, 1.0), (0.9, 6.0, 20.0), 2e-3),
+        ((5.0, 2.0, 1.0), (0.1, 0.9, 4.6), 6e-3),
+        ((30.0, 9.0, 1.0), (0.1, 0.9, 2.5), 6e-3),  # large enough to be seen on a short one
     ],
 )
 def test_the_largest_is_chosen_that_could_be_refuted_and_is_not(
