@@ -169,10 +169,11 @@ def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> Str
     padded = _pad(stretches, most)
     gram = np.empty((len(padded.count), 13, 13))
     for first in range(0, len(gram), AT_ONCE):
-        some = slice(first, first + AT_ONCE)
+        # What is beyond the last mean of the longest of them is empty.
+        some = np.s_[first : first + AT_ONCE, : padded.count[first : first + AT_ONCE].max()]
         covariance = _covariance(padded.position[some], padded.angle[some], padded.weight[some], noise)
         columns = padded.columns[some]
-        gram[some] = np.swapaxes(columns, 1, 2) @ np.linalg.solve(covariance, columns)
+        gram[first : first + AT_ONCE] = np.swapaxes(columns, 1, 2) @ np.linalg.solve(covariance, columns)
     return _eliminate_field(gram, padded.count, stretches.gyro_bias)
 
 

@@ -7,7 +7,7 @@ again on what there is, and the graph is built again around the batch's solution
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import gtsam
 
@@ -83,16 +83,13 @@ def solve_so_far(
         Where the batch smoother does.
     """
     problem = walk_problem(recording, stances, heading, p, in_progress=True)
-    solved = solve(problem)
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     obstacle = unseen or find_obstacle(field, p.magnetic)
     if field is not None:
-        problem = add_differential_field(problem, solved.values)
-        if obstacle and problem.differential is not None:
-            solved = solve(replace(problem, values=solved.values))
+        problem = add_differential_field(problem, problem.values)
     if field is None or obstacle:
-        return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle))
-    found = solve_with_field(problem, solved, field)
+        return WalkSolution(problem, solve(problem).values, None, ignore_field(problem, obstacle))
+    found = solve_with_field(problem, field)
     return WalkSolution(found.problem, found.solved.values, OnlineField(found, field), found.verdict)
 
 

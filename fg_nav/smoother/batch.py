@@ -1,11 +1,10 @@
 """The smoother: a whole walk at once.
 
-problem       rests, lever, swing noise; nodes, factors and initial values; bias walk (`problem.walk_problem`, which
-              calls `graph.build_problem`)
-solve         Gauss-Newton: the first solution (`solver`)
+problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk
+              (`problem.walk_problem`, which calls `graph.build_problem`)
 fixes         known positions, added to the first solution (`constraints`)
 constraints   straight stretches and floors, found on the first solution, where they are asked for
-solve again   where there are fixes or constraints
+solve         Gauss-Newton (`solver`), where there are fixes or constraints, and where the field is not used
 differential  field while the foot stands: factors on the gyro bias (`differential`)
 field         the magnetic field, in rounds, each of which solves again (`field`)
 scale         of the gyroscope, by the field: all again with corrected samples where it is wrong (`gyro_scale`)
@@ -34,7 +33,7 @@ from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.gyro_scale import find_gyro_scale
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, stance_table
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -111,31 +110,25 @@ def _solve_walk(
     fixes: Sequence[Fix],
 ) -> tuple[WalkProblem, Solved, FieldVerdict]:
     """Return the problem of a walk as it was solved last, its solution, and the verdict on its field."""
-    # The walk by its inertial sensor and its stances. A loosely converged solution suffices where the field is used,
-    # because the field step solves again.
+    # The walk by its inertial sensor and its stances, with values near the minimum.
     problem = walk_problem(recording, stances, heading, parameters, progress)
-    obstacle = find_obstacle(field, parameters.magnetic)
-    near_enough = CONVERGENCE if obstacle else FIRST_CONVERGENCE
-    solved = solve(problem, near_enough)
-    # Fixes and constraints between footfalls need the first solution to be placed.
+    # Fixes and constraints between footfalls need that solution to be placed.
     inertial = problem
     if fixes:
-        problem = add_fixes(problem, solved.values, fixes)
+        problem = add_fixes(problem, problem.values, fixes)
     if parameters.walk.straight or parameters.walk.floors:
-        problem = add_constraints(problem, solved.values)
+        problem = add_constraints(problem, problem.values)
     if problem is not inertial:
-        solved = solve(replace(problem, values=solved.values), near_enough)
+        problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
     # While the foot stands the field shows the gyro bias, also where it shows no heading.
     if field is not None:
-        problem = add_differential_field(problem, solved.values)
-        if obstacle and problem.differential is not None:
-            solved = solve(replace(problem, values=solved.values))
+        problem = add_differential_field(problem, problem.values)
     # The field is compared along the solution, and joins it.
-    verdict = ignore_field(problem, obstacle)
-    if field is not None and not obstacle:
-        with_field = solve_with_field(problem, solved, field)
-        problem, solved, verdict = with_field.problem, with_field.solved, with_field.verdict
-    return problem, solved, verdict
+    obstacle = find_obstacle(field, parameters.magnetic)
+    if field is None or obstacle:
+        return problem, solve(problem), ignore_field(problem, obstacle)
+    with_field = solve_with_field(problem, field)
+    return with_field.problem, with_field.solved, with_field.verdict
 
 
 def _solution_of(

@@ -27,8 +27,8 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, linearize, log_root, time_order
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.solver import linearize, log_root, time_order
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
 """deg/s/sqrt(s), half a decade apart: 0.04 to 0.4 deg/s in an hour. None is below the walk assumed: a bias that may
@@ -47,13 +47,12 @@ GYRO = slice(3, 6)
 
 
 def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
-    """Return the problem with the random walk of its gyro bias chosen, and values near the minimum."""
+    """Return the problem, whose values are near its minimum, with the random walk of its gyro bias chosen."""
     unchanging, changes = _split(problem.graph)
     assumed = problem.parameters.gyro_bias_walk_deg_s
     if not changes:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
     # The linear graph without the changes of the bias, at the minimum.
-    problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
     linear = linearize(unchanging, problem.blocks, problem.values)
     # The evidence of each level.
     levels = np.union1d(LEVELS_DEG_S, assumed)

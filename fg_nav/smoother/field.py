@@ -167,27 +167,27 @@ def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
     return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, ())
 
 
-def solve_with_field(problem: WalkProblem, solved: Solved, field: FootfallField) -> FieldSolution:
-    """Smooth a walk that was solved without its field together with it."""
+def solve_with_field(problem: WalkProblem, field: FootfallField) -> FieldSolution:
+    """Smooth a walk, whose values are near its minimum without the field, together with it."""
     p = problem.parameters.magnetic
     notes: tuple[str, ...] = ()
     if p.potential:
-        found, notes = _try_line_integral(problem, solved, field, p)
+        found, notes = _try_line_integral(problem, field, p)
         if found is not None:
             return found
     # A walk that does not show that its line integrals can be used does without them.
     p = replace(p, potential=False, rounds=p.rounds + COMPASS_ROUNDS)
-    by_compass = _solve_in_rounds(problem, solved, field, p, notes)
+    by_compass = _solve_in_rounds(problem, field, p, notes)
     assert isinstance(by_compass, FieldSolution)
     return by_compass
 
 
 def _try_line_integral(
-    problem: WalkProblem, solved: Solved, field: FootfallField, p: FieldParameters
+    problem: WalkProblem, field: FootfallField, p: FieldParameters
 ) -> tuple[FieldSolution | None, tuple[str, ...]]:
     """Smooth a walk with its line integrals; or say why they are not used."""
     try:
-        found = _solve_in_rounds(problem, solved, field, p)
+        found = _solve_in_rounds(problem, field, p)
     except EstimationError:
         return None, ("line integral of the field not used: with it there is no solution",)
     if isinstance(found, PathNoise):
@@ -196,11 +196,11 @@ def _try_line_integral(
 
 
 def _solve_in_rounds(
-    problem: WalkProblem, solved: Solved, field: FootfallField, p: FieldParameters, notes: tuple[str, ...] = ()
+    problem: WalkProblem, field: FootfallField, p: FieldParameters, notes: tuple[str, ...] = ()
 ) -> FieldSolution | PathNoise:
     """Smooth a walk with its field; or return the noise of its line integrals, where it is too large to use them."""
     # Without a heading the walk is turned until its mean field points north.
-    values = gtsam.Values(solved.values)
+    values = gtsam.Values(problem.values)
     if not problem.heading_known:
         _turn_to(problem, values, np.nanmean(_nav_field(field, _attitudes(problem, values)), axis=0))
         unknown = float(np.radians(UNKNOWN_HEADING_DEG))

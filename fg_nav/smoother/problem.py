@@ -5,10 +5,11 @@
     estimate_lever       -> lever of the rolling foot
     choose_swing_noise   -> noise of a swing, by the evidence below
     graph.build_problem  -> nodes, factors and initial values
-    choose_bias_walk     -> random walk of the gyro bias (`bias_walk`), and values near the minimum
+    solve                -> values near the minimum
+    choose_bias_walk     -> random walk of the gyro bias (`bias_walk`)
 
-`walk_problem` is all six steps: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
-walk adds `strides.stride_graph`. The evidence calls the last step alone, on pieces of the walk.
+`walk_problem` is all seven steps: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
+walk adds `strides.stride_graph`. The evidence builds and solves, on pieces of the walk.
 
 `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
 for scale, misalignment, coning between samples, a mount that gives, a range that is too small; it differs tenfold from
@@ -47,7 +48,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.bias_walk import MOST_NATS, choose_bias_walk
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.solver import log_root
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, log_root
 from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -193,7 +194,7 @@ def walk_problem(
     progress: Callable[[float], None] | None = None,
     in_progress: bool = False,
 ) -> WalkProblem:
-    """Make the problem of a walk from what its recording shows.
+    """Make the problem of a walk from what its recording shows, with values near its minimum.
 
     Parameters
     ----------
@@ -208,6 +209,7 @@ def walk_problem(
     known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
+    problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
     return choose_bias_walk(problem) if p.choose_bias_walk else problem
 
 

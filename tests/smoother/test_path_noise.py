@@ -35,11 +35,11 @@ def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
 def test_the_largest_share_not_refuted_and_the_smallest_near_the_best_are_taken() -> None:
     evidence = np.full(len(SHARES), 2.0 * REFUTED_NATS)
     evidence[1:3] = 0.0, MOST_NATS - 0.1
-    assert choose_share(evidence) == (SHARES[2], SHARES[1])
+    assert choose_share(evidence) == (SHARES[1], SHARES[2])
 
 
 def test_flat_evidence_leaves_the_worst_open() -> None:
-    assert choose_share(np.zeros(len(SHARES))) == (SHARES[-1], SHARES[0])
+    assert choose_share(np.zeros(len(SHARES))) == (SHARES[0], SHARES[-1])
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

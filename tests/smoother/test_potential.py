@@ -52,7 +52,7 @@ def solved_in(seed: int, *currents: tuple[float, float], rough: bool = True) -> 
     recording = in_field(Sum((building, *(frame for frame, _ in frames))).at, seed)
     heading = float(compute_heading(truth_of(recording).nav_R_body[:1])[0])
     problem = walk_problem(recording, stances, heading, ALWAYS)
-    found = solve_with_field(problem, solve(problem), average_footfall_field(recording, stances))
+    found = solve_with_field(problem, average_footfall_field(recording, stances))
     sample = found.problem.nodes.sample[found.problem.nodes.result]
     return found, [int(np.searchsorted(sample, passed)) - 1 for _, passed in frames]
 
