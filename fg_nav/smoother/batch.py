@@ -20,6 +20,7 @@ from time import perf_counter
 
 import numpy as np
 
+from fg_nav.arrays import Floats
 from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
@@ -30,7 +31,7 @@ from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
-from fg_nav.smoother.gyro_scale import find_gyro_scale
+from fg_nav.smoother.gyro_scale import covariance_by_scale, find_gyro_scale
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, stance_table
@@ -89,12 +90,13 @@ def _smooth(
     began = perf_counter()
     problem, solved, verdict = _solve_walk(recording, stances, parameters, heading, progress, field, fixes)
     # Where the field shows the heading it shows the gyroscope's scale, which is taken off the samples.
-    scale = find_gyro_scale(problem, solved.values) if parameters.gyro_scale else None
+    scale = find_gyro_scale(problem, solved) if parameters.gyro_scale else None
     if scale is not None:
         corrected = scale.remove_from(recording)
         problem, solved, verdict = _solve_walk(corrected, stances, parameters, heading, progress, field, fixes)
         verdict = replace(verdict, notes=(scale.note, *verdict.notes))
-    solution = _solution_of(problem, solved, verdict, stances, perf_counter() - began)
+    by_scale = None if scale is None else covariance_by_scale(problem, solved)
+    solution = _solution_of(problem, solved, verdict, by_scale, stances, perf_counter() - began)
     if progress is not None:
         progress(1.0)
     return solution
@@ -132,7 +134,12 @@ def _solve_walk(
 
 
 def _solution_of(
-    problem: WalkProblem, solved: Solved, verdict: FieldVerdict, stances: Stances, runtime_s: float
+    problem: WalkProblem,
+    solved: Solved,
+    verdict: FieldVerdict,
+    by_scale: dict[int, Floats] | None,
+    stances: Stances,
+    runtime_s: float,
 ) -> Solution:
     """Return the dense trajectory, and the stances with their sigmas."""
     recording, p = problem.recording, problem.parameters
@@ -145,7 +152,7 @@ def _solution_of(
         position=position,
         velocity=velocity,
         nav_R_body=nav_R_body,
-        stances=stance_table(recording.t, problem.nodes, solved, verdict),
+        stances=stance_table(recording.t, problem.nodes, solved, verdict, by_scale),
         runtime_s=runtime_s,
         parameters=asdict(p),
         notes=(*problem.known.notes, steps, *write_note(problem.differential), *verdict.notes, *tails),

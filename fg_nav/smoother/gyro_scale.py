@@ -11,12 +11,13 @@ its end. So s is one variable of the solved graph, linearized at its minimum, wi
 
     J = -(de/dpose_end, de/dv_end nav_R_end) D     and the prior     s = 0 +- `SCALE_SIGMA` per axis.
 
-It is eliminated last, which leaves its minimum s and covariance P. Against s = 0 its evidence is
+It is eliminated last (`sensitivity`), which leaves its minimum s and covariance P. Against s = 0 its evidence is
 
     log p(z | s free) / p(z | s = 0) = 1/2 s^T P^-1 s - 1/2 log(|SCALE_SIGMA^2 I| / |P|)     (MacKay 2003, section 28)
 
 Only where that is more than `MOST_NATS` the samples are corrected and the walk is solved again; else, and without a
-field, the gyroscope stays as it is: on a walk without a heading a scale of a percent explains what it must not.
+field, the gyroscope stays as it is: on a walk without a heading a scale of a percent explains what it must not. The
+covariances of a walk that was corrected hold P: what is left of the scale, by how each variable moves with it.
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
@@ -28,22 +29,22 @@ from typing import cast
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, G, X
+from gtsam.symbol_shorthand import B, X
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors import guarded_factor
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.smoother.bias_walk import MOST_NATS
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.sensitivity import SharedColumns
+from fg_nav.smoother.solver import Solved, dimension_of
 
 SCALE_SIGMA = 0.01
 """Prior of the scale of each axis: a few tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part."""
 
-INERTIAL_DIMS = (6, 3, 6, 3, 6)
-"""Pose, velocity, pose, velocity, bias: the variables of an inertial factor."""
+INERTIAL_KEYS = 5
+"""Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many."""
 
 
 @dataclass(frozen=True)
@@ -66,48 +67,69 @@ class GyroScale:
         return replace(recording, gyr=recording.gyr / (1.0 + self.scale))
 
 
-def find_gyro_scale(problem: WalkProblem, values: gtsam.Values) -> GyroScale | None:
+def find_gyro_scale(problem: WalkProblem, solved: Solved) -> GyroScale | None:
     """Estimate the scale of the gyroscope at a solution of the walk; None without a field, or evidence of an error."""
     field = problem.field
     if field is None or not len(field.heading) + len(field.strides):
         return None
-    found = estimate_gyro_scale(problem, values)
+    found = estimate_gyro_scale(problem, solved)
     return found if found.nats > MOST_NATS else None
 
 
-def estimate_gyro_scale(problem: WalkProblem, values: gtsam.Values) -> GyroScale:
+def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> GyroScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
-    # The linear graph, its inertial factors with the columns of the scale, and the prior.
-    linear = gtsam.GaussianFactorGraph()
-    plain = linearize(problem.graph, problem.blocks, values)
-    columns = iter(_columns(problem, values))
-    for i in range(plain.size()):
-        factor = plain.at(i)
-        is_inertial = i < problem.graph.size() and problem.graph.at(i).size() == len(INERTIAL_DIMS)
-        linear.push_back(_add_columns(factor, next(columns)) if is_inertial else factor)
-    linear.push_back(gtsam.JacobianFactor(G(0), np.eye(3) / SCALE_SIGMA, np.zeros(3), gtsam.noiseModel.Unit.Create(3)))
-    # The scale is eliminated last: the last rows of the root are its information.
-    ordering = time_order(problem.nodes, problem.field is not None, problem.floors)
-    ordering.push_back(G(0))
-    tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
-    scale = np.asarray(tree.optimize().at(G(0)))
-    conditionals = (root.conditional() for root in tree.roots())
-    root = next(one.R() for one in conditionals if G(0) in one.keys())[-3:, -3:]  # noqa: SIM118 (no dict)
-    covariance = np.asarray(np.linalg.inv(root.T @ root))
-    occam = 3.0 * np.log(SCALE_SIGMA) + np.log(np.abs(np.diagonal(root))).sum()
-    return GyroScale(scale, covariance, float(0.5 * ((root @ scale) ** 2).sum() - occam))
+    return _eliminate_walk(problem, solved)[0]
 
 
-def _add_columns(factor: gtsam.GaussianFactor, moved: Floats) -> gtsam.GaussianFactor:
-    """Give a linearized inertial factor the columns of the scale; `moved` (9, 3) is D with its velocity in nav axes."""
-    A, b = cast("gtsam.JacobianFactor", factor).jacobian()
-    blocks = np.split(A, np.cumsum(INERTIAL_DIMS)[:-1], axis=1)
-    by_scale = -(blocks[2] @ moved[:6] + blocks[3] @ moved[6:])
-    columns = [np.ascontiguousarray(block) for block in (*blocks, by_scale)]
-    # A JacobianFactor of six keys can be made in Python only by linearizing a factor that is linear.
-    keys, unit = [*factor.keys(), G(0)], gtsam.noiseModel.Unit.Create(len(b))
-    as_given = guarded_factor("gyroscope's scale", keys, [*INERTIAL_DIMS, 3], unit, lambda _, __: (-b, columns))
-    return as_given.linearize(gtsam.Values())
+def covariance_by_scale(problem: WalkProblem, solved: Solved) -> dict[int, Floats]:
+    """Return the covariance of each variable of a walk by what is not known of the scale."""
+    found, columns = _eliminate_walk(problem, solved)
+    return {key: moved @ found.covariance @ moved.T for key, moved in columns.solve().items()}
+
+
+def _eliminate_walk(problem: WalkProblem, solved: Solved) -> tuple[GyroScale, SharedColumns]:
+    """Eliminate the walk, which leaves the scale; and the columns of the scale in the walk's tree."""
+    # The inertial factors with their columns of the scale, and what is left of them at the minimum.
+    A, b, keys = _linearize_inertial(problem.graph, solved.linearized_at)
+    moved = _columns(problem, solved.linearized_at)
+    by_scale = -(A[:, :, POSE_END] @ moved[:, :6] + A[:, :, VELOCITY_END] @ moved[:, 6:])
+    step = solved.tree.optimize()
+    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
+    left = b - (A @ steps[..., None])[..., 0]
+    # The walk is eliminated, and the prior joins.
+    columns = SharedColumns(solved.tree, _sum_by_key(np.swapaxes(A, 1, 2) @ by_scale, keys), 3)
+    own = np.einsum("kri,krj->ij", by_scale, by_scale)
+    information = own - columns.explained + np.eye(3) / SCALE_SIGMA**2
+    scale = np.linalg.solve(information, np.einsum("kri,kr->i", by_scale, left))
+    occam = 3.0 * np.log(SCALE_SIGMA) + 0.5 * np.linalg.slogdet(information)[1]
+    nats = float(0.5 * scale @ information @ scale - occam)
+    return GyroScale(scale, np.asarray(np.linalg.inv(information)), nats), columns
+
+
+POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)
+"""Columns of an inertial factor."""
+
+
+def _linearize_inertial(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
+) -> tuple[Floats, Floats, list[list[int]]]:
+    """A (K, rows, 24), b (K, rows) and keys of the inertial factors."""
+    linear = graph.linearize(values)
+    inertial = [i for i in range(graph.size()) if graph.at(i).size() == INERTIAL_KEYS]
+    factors = [cast("gtsam.JacobianFactor", linear.at(i)) for i in inertial]
+    A, b = zip(*(factor.jacobian() for factor in factors), strict=True)
+    return np.array(A), np.array(b), [list(factor.keys()) for factor in factors]
+
+
+def _sum_by_key(products: Floats, keys: list[list[int]]) -> dict[int, Floats]:
+    """Sum the rows (K, 24, 3) that belong to the same variable."""
+    total: dict[int, Floats] = {}
+    last = np.cumsum([dimension_of(key) for key in keys[0]])[:-1]
+    for position, part in enumerate(np.split(products, last, axis=1)):
+        for one, rows in zip(keys, part, strict=True):
+            key = one[position]
+            total[key] = total[key] + rows if key in total else rows
+    return total
 
 
 def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:

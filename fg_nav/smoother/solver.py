@@ -218,6 +218,11 @@ _LETTER_SHIFT = 56
 """A gtsam key carries its letter in the highest byte."""
 
 
+def dimension_of(key: int) -> int:
+    """Dimension of the tangent space of a variable of the walk."""
+    return DIMENSION[key >> _LETTER_SHIFT]
+
+
 def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dict[int, Floats]:
     """Covariance of each wanted key in its tangent space, from a tree eliminated by QR."""
     found: dict[int, Floats] = {}
@@ -250,7 +255,7 @@ def _stacked(keys: list[int]) -> dict[int, tuple[int, int]]:
     """First row and row after the last of each key, one below the other."""
     rows, first = {}, 0
     for key in keys:
-        last = first + DIMENSION[key >> _LETTER_SHIFT]
+        last = first + dimension_of(key)
         rows[key] = (first, last)
         first = last
     return rows
@@ -300,11 +305,18 @@ def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])
 
 
-def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict) -> StanceTable:
-    """Poses, biases and their marginal sigmas at the stillest node of each footfall."""
+def stance_table(
+    t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, shared: dict[int, Floats] | None = None
+) -> StanceTable:
+    """Poses, biases and their marginal sigmas at the stillest node of each footfall.
+
+    `shared` has the covariance of each variable by what the tree does not hold (`sensitivity`).
+    """
     pose_keys = [X(j) for j in nodes.result]
     bias_keys = [B(k) for k in nodes.bias]
     covariance = marginal_covariances(solved.tree, {*pose_keys, *bias_keys})
+    if shared is not None:
+        covariance = {key: own + shared[key] for key, own in covariance.items()}
     poses = [solved.values.atPose3(key) for key in pose_keys]
     attitude = np.array([pose.rotation().matrix() for pose in poses])
     body = np.array([covariance[key] for key in pose_keys])

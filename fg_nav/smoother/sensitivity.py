@@ -1,0 +1,116 @@
+"""How the solution of a walk moves with a few numbers that many of its factors share, without eliminating it again.
+
+The linear graph is |A x + C s - b|^2, x the variables of the walk and s the shared numbers (n of them). Its Bayes tree
+without s is R^T R = A^T A, so with one pass up the tree and one down it
+
+    R^T Y = A^T C,    R X = Y,    x(s) = x(0) - X s,    information of s: C^T C - Y^T Y,    and with P_s = cov(s)
+
+    cov(x) = (R^T R)^-1 + X P_s X^T.
+
+In a clique R x_F + S x_S = d, F its frontal variables and S its separator, the pass up is Y_F = R^-T c_F, and leaves
+c_S - S^T Y_F to the cliques above; the pass down is X_F = R^-1 (Y_F - S X_S).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats
+from fg_nav.smoother.solver import dimension_of
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """A clique on the way up: its frontal and separator keys, R, S, and Y_F."""
+
+    frontal: Sequence[int]
+    separator: Sequence[int]
+    R: Floats
+    S: Floats
+    Y: Floats
+
+
+class SharedColumns:
+    """The columns C of the shared numbers, taken up a Bayes tree that was eliminated by QR.
+
+    `products` has A^T C (d, n) of each variable that they touch; it is used up.
+    """
+
+    def __init__(self, tree: gtsam.GaussianBayesTree, products: dict[int, Floats], shared: int) -> None:
+        self.explained = np.zeros((shared, shared))
+        """Y^T Y (n, n): what the variables of the walk take off the information C^T C."""
+        self._up: list[_Reduced] = []
+        for clique in reversed(_list_cliques(tree)):
+            conditional = clique.conditional()
+            keys, R, S = conditional.keys(), conditional.R(), conditional.S()
+            frontal, separator = _split(keys, len(R))
+            nothing = (np.zeros((dimension_of(key), shared)) for key in frontal)
+            c = np.concatenate([products.pop(key, zero) for key, zero in zip(frontal, nothing, strict=True)])
+            Y = _solve_transposed(R, c)
+            self.explained += Y.T @ Y
+            left, row = S.T @ Y, 0
+            for key in separator:
+                size = dimension_of(key)
+                part = left[row : row + size]
+                products[key] = products[key] - part if key in products else -part
+                row += size
+            self._up.append(_Reduced(frontal, separator, R, S, Y))
+
+    def solve(self) -> dict[int, Floats]:
+        """Return X (d, n) of each variable: by how much it falls for a unit of each number."""
+        found: dict[int, Floats] = {}
+        for one in reversed(self._up):
+            above = np.concatenate([found[key] for key in one.separator]) if one.separator else one.S.T
+            X, row = _solve_upper(one.R, one.Y - one.S @ above if one.separator else one.Y), 0
+            for key in one.frontal:
+                found[key] = X[row : row + dimension_of(key)]
+                row += dimension_of(key)
+        return found
+
+
+def _list_cliques(tree: gtsam.GaussianBayesTree) -> list[gtsam.GaussianBayesTreeClique]:
+    """All cliques, each after its parent."""
+    cliques = list(tree.roots())
+    for clique in cliques:
+        cliques += [clique[i] for i in range(clique.nrChildren())]
+    return cliques
+
+
+def _split(keys: Sequence[int], rows: int) -> tuple[Sequence[int], Sequence[int]]:
+    """Split the keys of a clique into those of its `rows` rows, and the separator's."""
+    count = 0
+    while rows > 0:
+        rows -= dimension_of(keys[count])
+        count += 1
+    return keys[:count], keys[count:]
+
+
+@njit(cache=True)
+def _solve_transposed(R: Floats, c: Floats) -> Floats:
+    """R^-T c, R upper triangular."""
+    y = c.copy()
+    for i in range(len(R)):
+        for column in range(c.shape[1]):
+            total = y[i, column]
+            for k in range(i):
+                total -= R[k, i] * y[k, column]
+            y[i, column] = total / R[i, i]
+    return y
+
+
+@njit(cache=True)
+def _solve_upper(R: Floats, y: Floats) -> Floats:
+    """R^-1 y, R upper triangular."""
+    x = y.copy()
+    for i in range(len(R) - 1, -1, -1):
+        for column in range(y.shape[1]):
+            total = x[i, column]
+            for k in range(i + 1, len(R)):
+                total -= R[i, k] * x[k, column]
+            x[i, column] = total / R[i, i]
+    return x
