@@ -151,22 +151,25 @@ def sense_scale(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floa
     rotation acts in the middle of each sample.
     """
     moved = np.zeros((len(sample) - 1, 9, 3))
+    turn, a, push = np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(sample) - 1):
         R, theta, rho, nu = np.eye(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
         for i in range(sample[k], sample[k + 1]):
             h = t[i + 1] - t[i]
-            turn = (rate[i] - bias[k]) * h
-            rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])
-            change = -R * turn
-            a = R @ force[i]
-            middle = theta + 0.5 * change
             for axis in range(3):
-                x, y, z = middle[:, axis]
-                rho[:, axis] += nu[:, axis] * h
-                for row, push in enumerate((y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0])):
-                    rho[row, axis] += 0.5 * push * h * h
-                    nu[row, axis] += push * h
-            theta += change
+                turn[axis] = (rate[i, axis] - bias[k, axis]) * h
+            rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])
+            for row in range(3):
+                a[row] = R[row, 0] * force[i, 0] + R[row, 1] * force[i, 1] + R[row, 2] * force[i, 2]
+            for axis in range(3):
+                for row in range(3):
+                    theta[row, axis] -= 0.5 * R[row, axis] * turn[axis]
+                x, y, z = theta[0, axis], theta[1, axis], theta[2, axis]
+                push[0], push[1], push[2] = y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0]
+                for row in range(3):
+                    rho[row, axis] += (nu[row, axis] + 0.5 * push[row] * h) * h
+                    nu[row, axis] += push[row] * h
+                    theta[row, axis] -= 0.5 * R[row, axis] * turn[axis]
             rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])
         end_R_start = np.ascontiguousarray(R.T)
         moved[k, :3], moved[k, 3:6], moved[k, 6:] = end_R_start @ theta, end_R_start @ rho, end_R_start @ nu
