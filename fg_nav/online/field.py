@@ -32,6 +32,7 @@ from fg_nav.smoother.roughness import (
     field_deviation,
     measure_roughness,
     neglect_deviation,
+    split_potential,
     usual_deviation,
 )
 from fg_nav.stances import Stances
@@ -89,7 +90,11 @@ class OnlineField:
         distance = np.append(0.0, factors.path.distance_m)
         passed = np.array([word == QUASI_STATIC for word in found.verdict.words])
         self._recent = deque(np.column_stack([raw, distance, passed]), maxlen=RECENT)
-        self._potential, self._drift_uT_m = factors.telescoping, factors.drift_uT_m
+        self._potential, self._with_lost, self._lost_share = (
+            factors.telescoping,
+            factors.rough.potential,
+            factors.lost_share,
+        )
         self._needed = min(count_needed(self._p.gate) or RECENT, RECENT)
         self._judged = replace(field, nav_R_body=nav_R_body)
         self._rough, self._age = self._measure_roughness(), 0
@@ -138,7 +143,8 @@ class OnlineField:
         return state, verdict
 
     def _integrate_field(self, seen: StrideField) -> FieldPotential:
-        level_path, sigma = self._level_R_body @ seen.body_path, np.hypot(seen.sigma_uT_m, self._drift_uT_m)
+        _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(seen.distance_m))
+        level_path, sigma = self._level_R_body @ seen.body_path, np.hypot(seen.sigma_uT_m, drift_uT_m)
         return FieldPotential(np.array(seen.u), level_path, seen.body_move, seen.nav_R_level, np.array(sigma))
 
     def _jumps(self, integral: FieldPotential, before: Floats) -> bool:
@@ -147,7 +153,7 @@ class OnlineField:
         nav_T_body[:3, :3] = integral.nav_R_level
         e, _ = integral.evaluate([nav_T_body, before, np.zeros(SIZE)], with_jacobians=False)
         potential_after = float(e[0] * integral.sigma_uT_m)
-        sigma = np.hypot(self._potential.sigma, self._drift_uT_m)
+        sigma = float(np.hypot(self._potential.sigma, integral.sigma_uT_m))
         return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, LEAST_JUMP_UT_M))
 
     def _judge(self, footfall: FootfallField, nav_R_body: Floats) -> Verdict:

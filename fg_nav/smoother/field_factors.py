@@ -116,7 +116,7 @@ class FieldFactors:
         p: FieldParameters,
         lost_share: float = 0.0,
     ) -> None:
-        self.readings, self.path, self.lost_share, self._rough, self._p = readings, path, lost_share, rough, p
+        self.readings, self.path, self.lost_share, self.rough, self._p = readings, path, lost_share, rough, p
         self.telescoping, self.drift_uT_m = split_potential(rough.potential, lost_share, path.distance_m)
         self.prior = replace(prior, sigma=np.where(np.arange(SIZE) == PHI, self.telescoping.sigma, prior.sigma))
         pose, state = [X(int(j)) for j in readings.node], [M(k) for k in range(len(readings.node))]
@@ -132,7 +132,7 @@ class FieldFactors:
         self.transition = ResidualBlock(changes, list(pairwise(state)))
 
     def _integral_sigma(self, stride: Ints) -> Floats:
-        return np.hypot(self.path.sigma_uT_m[stride], self.drift_uT_m)
+        return np.hypot(self.path.sigma_uT_m[stride], self.drift_uT_m[stride])
 
     def _integrals_over(self, stride: Ints) -> ResidualBlock:
         path, node, sigma = self.path, self.readings.node, self._integral_sigma(stride)
@@ -151,7 +151,7 @@ class FieldFactors:
         return self._with(self.path, share)
 
     def _with(self, path: FieldPath, lost_share: float) -> FieldFactors:
-        return FieldFactors(self.readings, path, self.prior, self._rough, self._p, lost_share)
+        return FieldFactors(self.readings, path, self.prior, self.rough, self._p, lost_share)
 
     def compute_jumps(self, values: gtsam.Values) -> Floats:
         """(J,) uT m, by how much the integrals of the strides that were left out differ from what was expected."""

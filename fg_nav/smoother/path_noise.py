@@ -3,8 +3,8 @@
 The integral over stride k differs from that of the building's field by the change of the potential, whose sum over a
 walk stays within bounds, and by an error of its own, whose sum does not: iron and delay of the magnetometer, tilt in
 the swing, an uneven clock, currents. From one stride alone the two look alike. With v the variance of all of it over a
-stride (from spread sigma and correlation length of the potential as the walk shows them, a what is left of it after a
-stride), a share s is error:
+stride (from spread sigma and correlation length of the potential as the walk shows them, a what is left of it after the
+length of that stride, all of it where the foot stays), a share s is error:
 
     v = 2 sigma^2 (1 - a),     noise of the integral^2 = sigma_u^2 + s v,     potential^2 = (1 - s) sigma^2.
 
@@ -40,6 +40,7 @@ from fg_nav.factors.magnetic_field import E_H, PHI
 from fg_nav.smoother.bias_walk import MOST_NATS
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.roughness import LEAST_STEP_M
 from fg_nav.smoother.solver import linearize, log_root, time_order
 
 SHARES = (0.0, 0.01, 0.1, 1.0)
@@ -78,7 +79,14 @@ def choose_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
             break
     share, worst = choose_share(np.array(evidence))
     horizontal = float(np.linalg.norm(field.prior.mean[E_H]))
-    return PathNoise(share, field.assume_lost_share(worst).drift_uT_m / horizontal, len(field.potential))
+    drift_uT_m = _drift_a_stride(field.assume_lost_share(worst))
+    return PathNoise(share, drift_uT_m / horizontal, len(field.potential))
+
+
+def _drift_a_stride(field: FieldFactors) -> float:
+    """Drift of the integral over the walk as a random walk's a stride, uT m."""
+    strides = int((field.path.distance_m > LEAST_STEP_M).sum())
+    return float(np.sqrt(np.sum(field.drift_uT_m**2) / max(strides, 1)))
 
 
 def choose_share(minus_log_evidence: Floats) -> tuple[float, float]:

@@ -97,14 +97,15 @@ LEAST_TELESCOPING = 0.01
 """Of the potential's variance, where no share of it telescopes: keeps the equations well conditioned."""
 
 
-def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, float]:
-    """Split the changes of a potential: what telescopes, and the noise of a stride's integral (uT m) that does not.
+def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
+    """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
 
-    `lost_share` is that of the variance of the changes over strides of these lengths, m (`path_noise`).
+    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`path_noise`). It grows with the
+    stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
     """
-    change = 2.0 * potential.sigma**2 * float((1.0 - potential.left(distance_m)).sum()) / max(len(distance_m), 1)
+    variance = 2.0 * potential.sigma**2 * (1.0 - potential.left(distance_m))
     telescoping = max(1.0 - lost_share, LEAST_TELESCOPING)
-    return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), float(np.sqrt(lost_share * change))
+    return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
 
 
 def robust_sigma(values: Floats) -> float:

@@ -6,6 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fg_nav.lab.simulation.fields import draw_environment
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.recording import Recording
+from fg_nav.smoother.field import solve_with_field
 from fg_nav.smoother.path_noise import (
     MOST_NATS,
     REFUTED_NATS,
@@ -16,8 +20,12 @@ from fg_nav.smoother.path_noise import (
     choose_path_noise,
     choose_share,
 )
+from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import linearize, time_order
-from tests.smoother.test_potential import solved_in
+from fg_nav.stances import Stances
+from tests.smoother.test_field import in_field, truth_of
+from tests.smoother.test_potential import ALWAYS, EARTH, solved_in
+from tests.smoother.walks import demo
 
 
 @cache
@@ -64,3 +72,27 @@ def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
     whole_order = time_order(found.problem.nodes, with_field=True)
     whole = np.diff([_minus_log_evidence(whole_graph, whole_order, one, values) for one in levels])
     np.testing.assert_allclose(short, whole, atol=1e-6)
+
+
+def noise_on(recording: Recording, stances: Stances) -> PathNoise:
+    """Of a walk solved with its integrals."""
+    problem = walk_problem(recording, stances, None, ALWAYS)
+    found = solve_with_field(problem, average_footfall_field(recording, stances))
+    return choose_path_noise(found.problem, found.solved.values)
+
+
+def test_a_standing_in_pieces_shows_no_more_of_it_than_a_standing() -> None:
+    """As a walk in progress has it, which cuts a long standing."""
+    recording, stances = demo().recording, demo().stances
+    points = truth_of(recording).position[::100] * [1.0, 1.0, 0.0]
+    recording = in_field(draw_environment("indoor", EARTH, points, np.random.default_rng(0)).at, 0)
+    cuts = np.linspace(stances.start[-1], stances.stop[-1], 6).astype(int)
+    pieces = replace(
+        stances,
+        start=np.append(stances.start[:-1], cuts[:-1]),
+        stop=np.append(stances.stop[:-1], cuts[1:]),
+        footfall=np.append(stances.footfall[:-1], stances.footfall[-1] + np.arange(5)),
+    )
+    whole, in_pieces = (noise_on(recording, one) for one in (stances, pieces))
+    assert in_pieces.strides == whole.strides + 4
+    assert in_pieces.drift_m == pytest.approx(whole.drift_m, rel=0.3)
