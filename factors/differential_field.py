@@ -4,29 +4,33 @@ In a stretch of samples t in which the sensor hardly moves, the field in the bod
 the gyroscope has measured that turn. With y_t the field, uT, dR_t the rotation to the stretch's first sample by the
 gyroscope at the bias b0, and d = b - b0 (`rotation.relative_rotations`),
 
-    z_t = dR_t y_t = u + [u]x K_t d + n_t,     K_t = dR_t J_t,
+    z_t = dR_t y_t = u + [u]x K_t d + dR_t h + n_t,     K_t = dR_t J_t,
 
-u the field in the first body frame, unknown. Where the sensor moves a little the field drifts with place, so that
+u the field in the first body frame and h the hard iron on the body, uT, unknown. Where the sensor moves a little the
+field drifts with place, so that
 
-    C_ts = cov(n_t, n_s) = sigma_n^2 delta_ts + gamma(inf) - gamma(|p_t - p_s|) + sigma_h^2 theta_t . theta_s,
+    C_ts = cov(n_t, n_s) = sigma_n^2 delta_ts + gamma(inf) - gamma(|p_t - p_s|),
 
-the same on each axis, gamma the variogram of the field. The last term is for iron: a hard iron h on the body, unknown
-with sigma_h per axis, turns with it, dR_t h = h + theta_t x h, theta_t the rotation vector of dR_t. With W = C^-1,
-eliminating u leaves W' = W - W 1 1^T W / (1^T W 1), and on the bias alone
+the same on each axis, gamma the variogram of the field. With W = C^-1, eliminating u leaves
+W' = W - W 1 1^T W / (1^T W 1), and on x = (b, h), about x0 = (b0, 0),
 
-    Lambda = sum_ts W'_ts A_t^T A_s,     A_t = [u]x K_t,     eta = sum_ts W'_ts A_t^T z_s,
-    cost(b) = 1/2 (b - b0)^T Lambda (b - b0) - eta^T (b - b0),     u = sum_t w_t z_t,  w = W 1 / (1^T W 1).
+    Lambda = sum_ts W'_ts A_t^T A_s,     A_t = ([u]x K_t, dR_t),     eta = sum_ts W'_ts A_t^T z_s,
+    cost(x) = 1/2 (x - x0)^T Lambda (x - x0) - eta^T (x - x0),     u = sum_t w_t (z_t - dR_t h0),  w = W 1 / (1^T W 1),
+
+h0 what is expected of h. The iron stays as it is, while bias and field in the body change with time and heading: over
+the stances of a walk the two come apart. What is known of h, mean and covariance, enters when it is eliminated.
 
 No pose is needed, and absolute heading is not observed. Along u there is information only where u's direction in the
 body changes. Differences of neighbouring samples share a measurement; taken as white they lose most of this
 information, which is why all samples of the stretch enter together.
 
-As h = eta + Lambda b0 the quadratics of several stretches add up whatever their b0. Errors that all stretches of a
-kind have in common (soft iron, delay, gyroscope scale) do not average out. With a sigma s of those, in rad/s,
+With vectors v = eta + Lambda x0 the quadratics of several stretches add up whatever their b0. Errors that all of a kind
+have in common (soft iron, delay, gyroscope scale) do not average out. With a sigma s of those, in rad/s,
 
-    Lambda <- (Lambda^-1 + s^2 I)^-1 = (I + s^2 Lambda)^-1 Lambda,     h <- (I + s^2 Lambda)^-1 h.
+    Lambda <- (Lambda^-1 + s^2 P)^-1 = (I + s^2 Lambda P)^-1 Lambda,     v <- (I + s^2 Lambda P)^-1 v,
 
-The factor has three rows on the bias, e = A b - r, A^T A = Lambda, A^T r = h.
+P the identity on the bias, zero on the iron. Once the iron is eliminated the factor has three rows on the bias,
+e = A b - r, A^T A = Lambda, A^T r = v.
 """
 
 from collections.abc import Sequence
@@ -36,10 +40,13 @@ from typing import ClassVar
 import numpy as np
 
 from .residual import BIAS, Array
-from .rotation import Ints, skew, unskew
+from .rotation import Ints, skew
 
 LEAST_SHARE = 1e-9
 """Of the largest information, below which there is none: rounding."""
+
+LEAST_INFORMATION = 1.0
+"""On a bias, s^2/rad^2: any bias is less than 1 rad/s."""
 
 GYRO = slice(3, 6)
 """Of a bias, whose first half is that of the accelerometer."""
@@ -69,8 +76,24 @@ class DifferentialField:
 
 
 @dataclass(frozen=True)
+class Iron:
+    """What is known of the hard iron: mean (3,) uT in the body frame, and its covariance (3, 3) uT^2."""
+
+    mean_uT: Array
+    covariance: Array
+
+    @classmethod
+    def unknown(cls, sigma_uT: float) -> "Iron":
+        """Return an iron of which nothing is known but how large it may be, per axis."""
+        return cls(np.zeros(3), np.asarray(sigma_uT**2 * np.eye(3)))
+
+
+@dataclass(frozen=True)
 class BiasInformation:
-    """Quadratics on the gyro bias b (rad/s), 1/2 b^T Lambda b - h^T b: `matrix` (..., 3, 3) and `vector` (..., 3)."""
+    """Quadratics 1/2 x^T Lambda x - v^T x: `matrix` (..., n, n) and `vector` (..., n).
+
+    x is the gyro bias b (rad/s), n = 3, or b and the hard iron h (uT), n = 6.
+    """
 
     matrix: Array
     vector: Array
@@ -82,10 +105,28 @@ class BiasInformation:
         return BiasInformation(self.matrix - other.matrix, self.vector - other.vector)
 
     def limit(self, sigma: float) -> "BiasInformation":
-        """Return the same with an error of this sigma per axis, rad/s, common to all of it."""
-        shrink = np.linalg.inv(np.eye(3) + sigma**2 * self.matrix)
+        """Return the same with an error of this sigma per axis of the bias, rad/s, common to all of it."""
+        identity = np.eye(self.matrix.shape[-1])
+        shrink = np.linalg.inv(identity + sigma**2 * self.matrix * (np.arange(len(identity)) < 3))
         matrix = shrink @ self.matrix
         return BiasInformation((matrix + np.swapaxes(matrix, -1, -2)) / 2, (shrink @ self.vector[..., None])[..., 0])
+
+    def eliminate_iron(self, iron: Iron) -> "BiasInformation":
+        """Return the quadratic on the bias alone, with what is known of the iron."""
+        known = np.linalg.inv(iron.covariance)
+        by_iron = self.matrix[..., :3, 3:] @ np.linalg.inv(self.matrix[..., 3:, 3:] + known)
+        vector = self.vector[..., :3] - (by_iron @ (self.vector[..., 3:] + known @ iron.mean_uT)[..., None])[..., 0]
+        return BiasInformation(self.matrix[..., :3, :3] - by_iron @ self.matrix[..., 3:, :3], vector)
+
+    def find_iron(self, before: Iron) -> Iron:
+        """Return what is known of the iron once the bias is eliminated, with what was known before."""
+        known = np.linalg.inv(before.covariance)
+        matrix, vector = self.matrix.copy(), self.vector.copy()
+        matrix[3:, 3:] += known
+        vector[3:] += known @ before.mean_uT
+        matrix[:3, :3] += LEAST_INFORMATION * np.eye(3)
+        covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        return Iron((covariance @ vector)[3:], covariance[3:, 3:])
 
     def residual(self) -> DifferentialField:
         """Return it as the residual of a factor; rows of zeros where there is no information."""
@@ -151,15 +192,15 @@ class StretchInformation:
 
 @dataclass(frozen=True)
 class FieldNoise:
-    """What is in the field besides the turn of the body: variogram gamma, and sigma_n and sigma_h per axis, uT."""
+    """What is in the field besides the turn of the body: variogram gamma, sigma_n per axis, uT, and hard iron."""
 
     variogram: Variogram
     white_uT: float
-    iron_uT: float
+    iron: Iron
 
 
 def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> StretchInformation:
-    """Reduce the field of each stretch to a quadratic on the gyro bias.
+    """Reduce the field of each stretch to a quadratic on gyro bias and hard iron.
 
     Parameters
     ----------
@@ -167,14 +208,14 @@ def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> Str
     most : samples of a stretch; neighbours are averaged until they are no more.
     """
     padded = _pad(stretches, most)
-    gram = np.empty((len(padded.count), 13, 13))
+    gram = np.empty((len(padded.count), 22, 22))
     for first in range(0, len(gram), AT_ONCE):
         # What is beyond the last mean of the longest of them is empty.
         some = np.s_[first : first + AT_ONCE, : padded.count[first : first + AT_ONCE].max()]
-        covariance = _covariance(padded.position[some], padded.angle[some], padded.weight[some], noise)
+        covariance = _covariance(padded.position[some], padded.weight[some], noise)
         columns = padded.columns[some]
         gram[first : first + AT_ONCE] = np.swapaxes(columns, 1, 2) @ np.linalg.solve(covariance, columns)
-    return _eliminate_field(gram, padded.count, stretches.gyro_bias)
+    return _eliminate_field(gram, padded.count, stretches.gyro_bias, noise.iron)
 
 
 AT_ONCE = 64
@@ -185,13 +226,12 @@ AT_ONCE = 64
 class _Padded:
     """Means of neighbouring samples, `most` for each of S stretches, zero beyond the last.
 
-    `columns` (S, most, 13): 1, z (3), K (9); `position` and `angle` theta (S, most, 3); `weight` (S, most) samples in
-    each mean; `count` (S,) means of each.
+    `columns` (S, most, 22): 1, z (3), K (9), dR (9); `position` (S, most, 3); `weight` (S, most) samples in each mean;
+    `count` (S,) means of each.
     """
 
     columns: Array
     position: Array
-    angle: Array
     weight: Array
     count: Ints
 
@@ -206,47 +246,53 @@ def _pad(stretches: FieldStretches, most: int) -> _Padded:
         np.ones((len(K), 1)),
         stretches.in_first_frame(),
         K.reshape(-1, 9),
+        stretches.rotation.reshape(-1, 9),
         stretches.position,
-        unskew(stretches.rotation),
     ]
     first = np.flatnonzero(np.diff(slot, prepend=-1))
     weight = np.diff(np.append(first, len(slot)))
     mean = np.add.reduceat(np.concatenate(rows, axis=1), first, axis=0) / weight[:, None]
-    means, weights = np.zeros((len(samples) * most, 19)), np.zeros(len(samples) * most)
+    means, weights = np.zeros((len(samples) * most, 25)), np.zeros(len(samples) * most)
     means[slot[first]], weights[slot[first]] = mean, weight
-    table = means.reshape(len(samples), most, 19)
+    table = means.reshape(len(samples), most, 25)
     filled = weights.reshape(len(samples), most)
-    return _Padded(table[..., :13], table[..., 13:16], table[..., 16:], filled, -(-samples // group))
+    return _Padded(table[..., :22], table[..., 22:], filled, -(-samples // group))
 
 
-def _covariance(position: Array, angle: Array, weight: Array, noise: FieldNoise) -> Array:
+def _covariance(position: Array, weight: Array, noise: FieldNoise) -> Array:
     """C (S, most, most) uT^2; the identity where there is no sample."""
     used = weight > 0.0
     square = ((position[:, :, None] - position[:, None]) ** 2).sum(axis=-1)
     covariance = np.where(used[:, :, None] & used[:, None], noise.variogram.covariance(square), 0.0)
-    covariance += noise.iron_uT**2 * angle @ np.swapaxes(angle, 1, 2)
     diagonal = np.arange(used.shape[1])
     covariance[:, diagonal, diagonal] += np.where(used, noise.white_uT**2 / np.where(used, weight, 1.0), 1.0)
     return np.asarray(covariance)
 
 
-def _eliminate_field(gram: Array, count: Ints, gyro_bias: Array) -> StretchInformation:
-    """From X^T W X (S, 13, 13) of X = (1, z, K) to the quadratics."""
+def _eliminate_field(gram: Array, count: Ints, gyro_bias: Array, iron: Iron) -> StretchInformation:
+    """From X^T W X (S, 22, 22) of X = (1, z, K, dR) to the quadratics."""
     total = gram[:, 0, 0]
-    u = gram[:, 0, 1:4] / total[:, None]
-    left = gram[:, 1:, 1:] - gram[:, 1:, :1] * gram[:, :1, 1:] / total[:, None, None]  # W' in place of W
-    z_z, z_K = left[:, :3, :3], left[:, :3, 3:].reshape(-1, 3, 3, 3)
-    K_K = left[:, 3:, 3:].reshape(-1, 3, 3, 3, 3)
-    cross = skew(u)
-    squared = np.swapaxes(cross, 1, 2) @ cross
-    matrix = np.einsum("sac,sabcd->sbd", squared, K_K)
-    eta = np.einsum("sea,seab->sb", cross, z_K)
-    chi_square = np.trace(z_z, axis1=1, axis2=2) - _explained(matrix, eta)
-    vector = eta + (matrix @ gyro_bias[..., None])[..., 0]
+    mean = gram[:, 0] / total[:, None]
+    u = mean[:, 1:4] - mean[:, 13:].reshape(-1, 3, 3) @ iron.mean_uT
+    left = gram - gram[:, :, :1] * gram[:, :1] / total[:, None, None]  # W' in place of W
+    # Rows of A for each axis, as sums of the columns of K and dR.
+    rows = np.zeros((len(u), 3, 2, 3, 3, 6))
+    for b in range(3):
+        rows[:, :, 0, :, b, b] = skew(u)
+        rows[:, range(3), 1, range(3), b, 3 + b] = 1.0
+    A = rows.reshape(-1, 3, 18, 6)
+    matrix = np.einsum("saib,sij,sajc->sbc", A, left[:, 4:, 4:], A, optimize=True)
+    eta = np.einsum("saib,sia->sb", A, left[:, 4:, 1:4])
+    chi_square = np.trace(left[:, 1:4, 1:4], axis1=1, axis2=2) - _explained(matrix, eta, iron)
+    x0 = np.concatenate([gyro_bias, np.zeros_like(gyro_bias)], axis=1)
+    vector = eta + (matrix @ x0[..., None])[..., 0]
     return StretchInformation(BiasInformation(matrix, vector), chi_square, np.asarray(3.0 * (count - 2.0)))
 
 
-def _explained(matrix: Array, eta: Array) -> Array:
-    """eta^T Lambda^+ eta (S,): what the best bias takes off chi-square."""
-    residual = BiasInformation(matrix, eta).residual()
-    return np.asarray((residual.target**2).sum(axis=-1))
+def _explained(matrix: Array, eta: Array, iron: Iron) -> Array:
+    """What the best bias and the best iron of each stretch (S,) take off chi-square, with what is known of the iron."""
+    known = np.zeros((6, 6))
+    known[:3, :3], known[3:, 3:] = LEAST_INFORMATION * np.eye(3), np.linalg.inv(iron.covariance)
+    offset = np.append(np.zeros(3), known[3:, 3:] @ iron.mean_uT)
+    best = np.linalg.solve(matrix + known, (eta + offset)[..., None])[..., 0]
+    return np.asarray((best * (eta + offset)).sum(axis=-1) - iron.mean_uT @ offset[3:])

@@ -1,6 +1,6 @@
 """The differential field of a walk in progress: what its stances show of each bias variable, one after the other.
 
-Noise and variogram of the field are those of the last re-solve. The stances of a bias variable are added up until its
+Noise, variogram and iron are those of the last re-solve. The stances of a bias variable are added up until its
 ten seconds are over; then its factor joins the graph. What a re-solve has put there of it is taken off first:
 
     in the graph:  F(L0),    to add:  F(L) - F(L0),    F(L) = (L^-1 + s^2 I)^-1,
@@ -32,7 +32,8 @@ from fg_nav.smoother.differential_factors import (
 )
 from fg_nav.smoother.graph import Trajectory
 
-NOTHING = BiasInformation(np.zeros((3, 3)), np.zeros(3))
+NOTHING = BiasInformation(np.zeros((6, 6)), np.zeros(6))
+NOTHING_OF_BIAS = BiasInformation(np.zeros((3, 3)), np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class BiasLedger:
     noise: FieldNoise
     stances: BiasInformation = NOTHING
     standings: BiasInformation = NOTHING
-    in_graph: BiasInformation = NOTHING
+    in_graph: BiasInformation = NOTHING_OF_BIAS
 
     @classmethod
     def from_factors(cls, factors: DifferentialFactors | None) -> BiasLedger | None:
@@ -61,7 +62,7 @@ class BiasLedger:
 
     def complete(self, variable: int) -> gtsam.NonlinearFactor:
         """Return the factor that the graph lacks of the variable."""
-        further = limit_information(self.stances, self.standings) - self.in_graph
+        further = limit_information(self.stances, self.standings, self.noise.iron) - self.in_graph
         return linear_factor_of(further.residual(), [B(variable)])
 
     def add(

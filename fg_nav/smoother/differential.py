@@ -1,7 +1,7 @@
 """What the differential field of a walk shows of its gyro bias (`differential_factors`).
 
 a solution   -> place at every sample, gyro bias to linearize at
-swings       -> variogram of the field
+swings       -> variogram of the field, by turns with the iron that the stances show
 stances      -> information on each bias variable -> factors
 """
 
@@ -14,10 +14,13 @@ import numpy as np
 from gtsam.symbol_shorthand import B
 
 from fg_nav.arrays import Floats
-from fg_nav.factors.differential_field import FieldNoise
+from fg_nav.factors.differential_field import FieldNoise, FieldStretches, Iron
 from fg_nav.smoother.differential_factors import (
     IRON_UT,
     DifferentialFactors,
+    Stretches,
+    StretchSum,
+    find_iron,
     find_stretches,
     fit_variogram,
     measure_noise,
@@ -27,6 +30,9 @@ from fg_nav.smoother.differential_factors import (
 )
 from fg_nav.smoother.graph import WalkProblem, trajectory_of
 from fg_nav.text import format_count
+
+ROUNDS = 4
+"""Of variogram and iron in turns: of 20 uT the first leaves a few, as the variogram of the swings hides the stances."""
 
 
 def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
@@ -45,16 +51,28 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkPr
     biases = _gyro_biases(values, int(nodes.bias[-1]) + 1)
     turned = turn_stretches(recording, stretches, track.position, biases[stretches.bias])
     sigma_uT = measure_noise(turned)
-    variogram = fit_variogram(recording.mag, track.position, track.nav_R_body, nodes, sigma_uT)
-    if variogram is None:
-        return problem
-    noise = FieldNoise(variogram, sigma_uT, IRON_UT)
+    # Iron turns with the body in the swings, too, so that the field varies less once it is known.
+    iron = Iron.unknown(IRON_UT)
+    for _ in range(ROUNDS):
+        variogram = fit_variogram(recording.mag - iron.mean_uT, track.position, track.nav_R_body, nodes, sigma_uT)
+        if variogram is None:
+            return problem
+        noise = FieldNoise(variogram, sigma_uT, iron)
+        stances, standings = _sum_kinds(stretches, turned, noise, len(biases))
+        iron = find_iron(stances.information, standings.information)
+    return replace(problem, differential=DifferentialFactors(stances, standings, noise))
+
+
+def _sum_kinds(
+    stretches: Stretches, turned: FieldStretches, noise: FieldNoise, variables: int
+) -> tuple[StretchSum, StretchSum]:
+    """Return what the stances, and what the standings, show of each bias variable."""
     information, used = measure_stretches(turned, noise)
     stances, standings = (
-        sum_stretches(information, stretches.bias, used & those, len(biases))
+        sum_stretches(information, stretches.bias, used & those, variables)
         for those in (~stretches.is_standing, stretches.is_standing)
     )
-    return replace(problem, differential=DifferentialFactors(stances, standings, noise))
+    return stances, standings
 
 
 def _gyro_biases(values: gtsam.Values, count: int) -> Floats:

@@ -5,6 +5,7 @@ footfall to its last, and of a stance those within `MARGIN_S`. A long standing i
 what it shows of the gyro bias (`factors.differential_field`), with what this walk shows of field and magnetometer:
 
     sigma_n      third differences of z_t in the stretches, whose variance is 20 sigma_n^2
+    h            hard iron, the same in all stretches (`find_iron`)
     gamma(r)     half the mean square per axis of differences of the field, in nav, between two samples of one swing
                  that are r apart, less sigma_n^2; median for mean; fitted by sigma^2 (1 - exp(-(r / l)^a))
 
@@ -17,7 +18,7 @@ with the magnetometer's axes, its delay and the gyroscope's scale grows with tha
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -29,6 +30,7 @@ from fg_nav.factors.differential_field import (
     BiasInformation,
     FieldNoise,
     FieldStretches,
+    Iron,
     StretchInformation,
     Variogram,
     measure_bias,
@@ -57,13 +59,13 @@ MOST_SAMPLES = 64
 MOST_CHI_SQUARE = 25.0
 """Per degree of freedom: the field of such a stretch changed by something that is not in the model."""
 
-STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.2, 0.03
+STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.05, 0.03
 """Error that the stances, or the standings, of one bias variable have in common: a rolling foot turns at 5 deg/s, and
 one per cent of that is the scale of a gyroscope or the soft iron of a magnetometer."""
 
-IRON_UT = 10.0
-"""Hard iron left, per axis: a sensor as it left the factory has 5 to 20 uT of the shoe, the battery and its own board
-in its axes. A walk is not calibrated unless asked, and does not say how well it was."""
+IRON_UT, LEAST_IRON_UT = 30.0, 2.0
+"""Hard iron per axis before the walk has shown it, of shoe, battery and the sensor's own board, where nothing was
+calibrated; and what is left of it at least, as soft iron of four per cent in the field of the Earth looks like it."""
 
 LEAST_NOISE_UT = 0.05
 """Of a magnetometer: quantization and filters make third differences smaller than the noise."""
@@ -209,7 +211,7 @@ def _fit_classes(distance: Floats, gamma: Floats) -> Variogram:
 
 @dataclass(frozen=True)
 class StretchSum:
-    """What the stretches of one kind show of each of K bias variables: information (K, 3, 3), and how many (K,)."""
+    """What the stretches of one kind show of K bias variables and the iron: information (K, 6, 6); how many (K,)."""
 
     information: BiasInformation
     count: Ints
@@ -220,7 +222,7 @@ class DifferentialFactors:
 
     def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise) -> None:
         self.stances, self.standings, self.noise = stances, standings, noise
-        limited = limit_information(stances.information, standings.information)
+        limited = limit_information(stances.information, standings.information, noise.iron)
         residual = limited.residual()
         seen = np.flatnonzero(stances.count + standings.count)
         self._factors = [linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen]
@@ -242,10 +244,21 @@ class DifferentialFactors:
         return len(self._factors)
 
 
-def limit_information(stances: BiasInformation, standings: BiasInformation) -> BiasInformation:
-    """Limit the information of stances and of standings by what is common to each, and add them."""
+def limit_information(stances: BiasInformation, standings: BiasInformation, iron: Iron) -> BiasInformation:
+    """Limit the information of stances and of standings by what is common to each, add them, and eliminate the iron."""
+    return _add_limited(stances, standings).eliminate_iron(iron)
+
+
+def _add_limited(stances: BiasInformation, standings: BiasInformation) -> BiasInformation:
     of_stances = stances.limit(float(np.radians(STANCE_SIGMA_DEG_S)))
     return of_stances + standings.limit(float(np.radians(STANDING_SIGMA_DEG_S)))
+
+
+def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
+    """Find the iron of a walk, as that of all its bias variables together, and its bias too but for those limits."""
+    total = _add_limited(stances, standings)
+    found = BiasInformation(total.matrix.sum(axis=0), total.vector.sum(axis=0)).find_iron(Iron.unknown(IRON_UT))
+    return replace(found, covariance=found.covariance + LEAST_IRON_UT**2 * np.eye(3))
 
 
 def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasInformation, Bools]:
@@ -265,7 +278,7 @@ def _inflate(found: StretchInformation) -> tuple[BiasInformation, Bools]:
 
 def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variables: int) -> StretchSum:
     """Add what those of the stretches (S,) show of each bias variable."""
-    matrix, vector = np.zeros((variables, 3, 3)), np.zeros((variables, 3))
+    matrix, vector = np.zeros((variables, 6, 6)), np.zeros((variables, 6))
     np.add.at(matrix, bias[those], information.matrix[those])
     np.add.at(vector, bias[those], information.vector[those])
     return StretchSum(BiasInformation(matrix, vector), np.bincount(bias[those], minlength=variables))

@@ -13,6 +13,7 @@ from fg_nav.factors.differential_field import (
     BiasInformation,
     FieldNoise,
     FieldStretches,
+    Iron,
     StretchInformation,
     Variogram,
     measure_bias,
@@ -23,7 +24,8 @@ from fg_nav.factors.rotation import relative_rotations
 RATE_HZ, SAMPLES = 100.0, 50
 EARTH = np.array([5.0, 20.0, -43.0])
 BIAS = np.radians([0.4, -0.3, 0.6])
-NOISE = FieldNoise(Variogram(1e-6, 1.0, 1.0), 0.3, 0.0)
+NO_IRON = Iron.unknown(1e-3)
+NOISE = FieldNoise(Variogram(1e-6, 1.0, 1.0), 0.3, NO_IRON)
 """White, and nothing else."""
 
 
@@ -59,15 +61,17 @@ def measured(
     return FieldStretches(y, rotation, jacobian, np.zeros((len(rate), 3)), stretch, about)
 
 
-def total(found: StretchInformation) -> tuple[Array, Array]:
-    """Bias (3,) and covariance (3, 3) of all stretches together."""
-    covariance = np.linalg.inv(found.information.matrix.sum(axis=0))
-    return covariance @ found.information.vector.sum(axis=0), covariance
+def total(found: StretchInformation, iron: Iron = NO_IRON) -> tuple[Array, Array]:
+    """Bias (3,) and covariance (3, 3) of all stretches together, with what is known of the iron."""
+    information = BiasInformation(found.information.matrix.sum(axis=0), found.information.vector.sum(axis=0))
+    information = information.eliminate_iron(iron)
+    covariance = np.linalg.inv(information.matrix)
+    return covariance @ information.vector, covariance
 
 
-def whitened(found: StretchInformation) -> float:
+def whitened(found: StretchInformation, iron: Iron = NO_IRON) -> float:
     """Square of the error over its covariance, of three degrees of freedom."""
-    bias, covariance = total(found)
+    bias, covariance = total(found, iron)
     return float((bias - BIAS) @ np.linalg.solve(covariance, bias - BIAS))
 
 
@@ -113,20 +117,22 @@ def test_turned_body_axes_turn_the_bias() -> None:
         position=here.position @ turn.T,
         gyro_bias=here.gyro_bias @ turn.T,
     )
-    noise = replace(NOISE, iron_uT=1.0)
+    noise = replace(NOISE, iron=Iron.unknown(1.0))
     one, other = (measure_bias(some, noise, 64) for some in (here, there))
-    np.testing.assert_allclose(other.information.matrix, turn @ one.information.matrix @ turn.T, rtol=1e-6)
-    np.testing.assert_allclose(other.information.vector, one.information.vector @ turn.T, rtol=1e-6, atol=1e-6)
+    both = np.kron(np.eye(2), turn)
+    np.testing.assert_allclose(other.information.matrix, both @ one.information.matrix @ both.T, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(other.information.vector, one.information.vector @ both.T, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
 
 
 def test_a_stronger_field_with_as_much_more_noise_shows_the_same() -> None:
     here = measured(4)
     there = replace(here, body_field=3.0 * here.body_field)
-    noise = replace(NOISE, iron_uT=1.0)
-    more = FieldNoise(replace(NOISE.variogram, sigma_uT=3e-6), 0.9, 3.0)
+    noise = replace(NOISE, iron=Iron.unknown(1.0))
+    more = FieldNoise(replace(NOISE.variogram, sigma_uT=3e-6), 0.9, Iron.unknown(3.0))
     one, other = measure_bias(here, noise, 64), measure_bias(there, more, 64)
-    np.testing.assert_allclose(other.information.matrix, one.information.matrix, rtol=1e-6)
+    unit = np.repeat([1.0, 3.0], 3)
+    np.testing.assert_allclose(other.information.matrix * np.outer(unit, unit), one.information.matrix, rtol=1e-6)
     np.testing.assert_allclose(other.chi_square, one.chi_square, rtol=1e-6)
 
 
@@ -155,7 +161,7 @@ def test_a_field_that_drifts_is_not_taken_for_a_bias() -> None:
     for seed in range(40):
         place, off = wandering(seed, variogram, 0.02)
         seen = replace(measured(seed, drift=off), position=place)
-        found = measure_bias(seen, FieldNoise(variogram, 0.3, 0.0), 64)
+        found = measure_bias(seen, FieldNoise(variogram, 0.3, NO_IRON), 64)
         squares.append(whitened(found))
         ratio.append(found.chi_square.sum() / found.freedom.sum())
         white.append(whitened(measure_bias(seen, NOISE, 64)))
@@ -164,15 +170,31 @@ def test_a_field_that_drifts_is_not_taken_for_a_bias() -> None:
     assert np.mean(white) > 10.0
 
 
-def test_iron_on_the_body_is_not_taken_for_a_bias() -> None:
-    squares, ignored = [], []
+@pytest.mark.parametrize("iron_uT", [5.0, 20.0])
+def test_iron_on_the_body_is_not_taken_for_a_bias(iron_uT: float) -> None:
+    squares, ignored, of_iron = [], [], []
     for seed in range(40):
-        iron = np.random.default_rng(seed).normal(0.0, 3.0, 3)
+        iron = np.random.default_rng(seed).normal(0.0, iron_uT, 3)
         seen = measured(seed, iron=iron, amplitude_rad_s=0.4)
-        squares.append(whitened(measure_bias(seen, replace(NOISE, iron_uT=3.0), 64)))
+        found = find_walk_iron(seen)
+        off = found.mean_uT - iron
+        of_iron.append(off @ np.linalg.solve(found.covariance, off))
+        squares.append(whitened(measure_bias(seen, replace(NOISE, iron=found), 64), found))
         ignored.append(whitened(measure_bias(seen, NOISE, 64)))
-    assert np.mean(squares) < 4.0
+    band = 3.0 * np.sqrt(6.0 / 40)
+    assert 3.0 - band < np.mean(of_iron) < 3.0 + band
+    assert np.mean(squares) < 3.0 + band
     assert np.mean(ignored) > 10.0
+
+
+def find_walk_iron(seen: FieldStretches) -> Iron:
+    """Find the iron of all stretches, which have one bias, from 30 uT per axis; linearized again about it."""
+    iron = Iron.unknown(30.0)
+    for _ in range(3):
+        information = measure_bias(seen, replace(NOISE, iron=iron), 64).information
+        one = BiasInformation(information.matrix.sum(axis=0), information.vector.sum(axis=0))
+        iron = one.find_iron(Iron.unknown(30.0))
+    return iron
 
 
 # ------------------------------------------------------------------------------------------------------- information

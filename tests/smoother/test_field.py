@@ -382,8 +382,8 @@ def test_the_potential_alone_holds_a_heading() -> None:
     assert np.abs(heading_error_deg(found)).max() < 1.5
 
 
-def test_neither_of_the_two_is_the_inertial_walk() -> None:
-    found = smoothed(plain(), p=replace_field(compass=False, potential=False))
+def test_none_of_the_three_is_the_inertial_walk() -> None:
+    found = smoothed(plain(), p=replace_field(compass=False, potential=False, differential=False))
     expected = inertial(plain())
     np.testing.assert_allclose(found.position, expected.position, atol=0.01)
     np.testing.assert_allclose(found.stances.heading_sigma, expected.stances.heading_sigma, rtol=0.01)
