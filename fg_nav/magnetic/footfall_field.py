@@ -36,7 +36,7 @@ has the wrong sign, half of the circle, and for AIEZ the declination's sign. doc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -130,6 +130,14 @@ class FootfallField:
         """Return its footfalls and those of another, in this order."""
         both = (np.concatenate([getattr(self, one.name), getattr(other, one.name)]) for one in fields(self))
         return FootfallField(*both)
+
+    def leave_out(self, rows: Bools) -> FootfallField:
+        """Return it without a field at some of its footfalls, (F,) flags."""
+        body_field = np.where(rows[:, None], np.nan, self.body_field)
+        scatter, rate, sigma = (
+            np.where(rows, np.nan, one) for one in (self.scatter_uT, self.strength_rate, self.strength_rate_sigma)
+        )
+        return replace(self, body_field=body_field, scatter_uT=scatter, strength_rate=rate, strength_rate_sigma=sigma)
 
     @cached_property
     def level_field(self) -> Floats:

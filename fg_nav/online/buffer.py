@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
@@ -123,6 +123,11 @@ class WalkSoFar:
     def n_footfalls(self) -> int:
         """Number of footfalls of the walk, with the discarded; `n_steps` without further pieces of a standing."""
         return self._discarded + len(self._footfalls)
+
+    @property
+    def continues(self) -> Bools:
+        """(F,) which footfalls that were not discarded are further pieces of a standing."""
+        return np.array([footfall.continues for footfall in self._footfalls], dtype=np.bool_)
 
     def footfall(self, number: int) -> Footfall:
         """Return a footfall that was not discarded."""

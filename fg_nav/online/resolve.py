@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import gtsam
 
+from fg_nav.arrays import Bools
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.online.field import OnlineField
@@ -74,8 +75,14 @@ def solve_so_far(
     heading: float | None,
     use_field: bool,
     p: SmootherParameters,
+    continues: Bools | None = None,
 ) -> WalkSolution:
     """Solve a walk so far.
+
+    Parameters
+    ----------
+    continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
+        first, so the field there counts once. None where there is none.
 
     Raises
     ------
@@ -84,6 +91,7 @@ def solve_so_far(
     """
     problem = walk_problem(recording, stances, heading, p, in_progress=True)
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
+    field = field if field is None or continues is None else field.leave_out(continues)
     obstacle = unseen or find_obstacle(field, p.magnetic)
     if field is not None:
         problem = add_differential_field(problem, problem.values)

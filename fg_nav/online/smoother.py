@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
@@ -236,7 +236,8 @@ class OnlineSmoother:
         try:
             self._walk.align_magnetometer()
             recording, stances = self._walk.cut_whole(), self._walk.cut_stances(0, 0)
-            batch = solve_so_far(recording, stances, options.heading_rad, options.use_field, options.parameters)
+            given = (options.heading_rad, options.use_field, options.parameters, self._walk.continues)
+            batch = solve_so_far(recording, stances, *given)
             places = list_places(batch.nodes, recording.t)
             self._backend.reset(batch.problem.factors(), batch.values, places)
             check_solution(self._backend, places[-1])
@@ -331,6 +332,9 @@ class OnlineSmoother:
             return self._verdicts[-1]
         stances = self._walk.cut_stances(window.before.number, window.first_sample + begins)
         seen = measure_field(recording, stances, track, field.up_uT)
+        continues = bool(self._walk.continues[-1])
+        if continues:
+            seen = replace(seen, footfall=seen.footfall.leave_out(np.ones(1, dtype=np.bool_)))
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         k, pose = window.place.number, self._backend.pose(X(window.place.result))
         state, verdict = field.add(
@@ -341,7 +345,7 @@ class OnlineSmoother:
         self._counts.update(count_graph(graph))
         has_field = bool(np.isfinite(seen.footfall.body_field).all())
         self._counts["gated_out"] += has_field and verdict.word != QUASI_STATIC
-        return verdict
+        return self._verdicts[-1] if continues else verdict
 
     def _track(self, recording: Recording, window: StrideWindow, begins: int, gravity: float) -> Trajectory:
         """Path of the stride on its samples, through the estimates of its nodes."""

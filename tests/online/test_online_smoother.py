@@ -300,3 +300,21 @@ def test_nor_does_the_end_of_a_window(monkeypatch):
     counted = navigator._smoother._rests.counted
     assert counted is not None
     assert counted.stop < find_rests(recording)[-1].start
+
+
+def test_the_field_of_a_standing_counts_once_however_it_is_cut():
+    walk = in_field()
+    stances, still = walk.stances, walk.stances.stillest(walk.recording.gyr)
+    options = OnlineOptions(parameters=replace(WITH_WAY, magnetic=FieldParameters(gate="none")))
+    online = smoother_of(walk, options)
+    for k in range(12):
+        of = stances.footfall == k
+        start, stop = stances.start[of][0], stances.stop[of][-1]
+        cuts = np.linspace(start, stop, 4 if k in (0, 11) else 2).astype(int)
+        for begin, end in pairwise(cuts):
+            inside = still[k] if begin <= still[k] < end else (begin + end) // 2
+            online.add_footfall(
+                footfall_at(np.array([begin]), np.array([end]), int(inside), begin > start), int(end) + 5
+            )
+    assert online.n_footfalls == 16
+    assert online.counts["magnetic_heading"] == 12
