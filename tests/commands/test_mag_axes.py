@@ -49,8 +49,8 @@ def test_a_run_leaves_it_out_and_says_what_to_give(fg_nav: FgNav, turned: Path) 
 def test_inspect_and_detect_say_it(fg_nav: FgNav, turned: Path) -> None:
     assert f"--mag-axes={AXES}" in "".join(fg_nav("inspect", turned).out.split("\n")).replace(" ", "")
     for detectors in ("ma2018", "munoz-diaz"):
-        assert fg_nav("detect", turned, "--detector", detectors).refused(f"--mag-axes={AXES}")
-        assert fg_nav("detect", turned, "--detector", detectors, f"--mag-axes={AXES}").code == 0
+        assert fg_nav("detect", turned, "--gate", detectors).refused(f"--mag-axes={AXES}")
+        assert fg_nav("detect", turned, "--gate", detectors, f"--mag-axes={AXES}").code == 0
 
 
 def test_a_calibration_is_of_the_axes_given(fg_nav: FgNav, turned: Path) -> None:

@@ -254,7 +254,15 @@ TRUTHS = (".tum", ".truth.tum", ".truth.csv", ".truth.mat")
 SHARED_TRUTHS = ("truth.tum", "truth.csv", "truth.mat")
 """Of a walk alone in its folder."""
 
-OUR_TABLES = ("landmarks.csv", "strides.csv", "online.csv", "comparison.csv", "field.csv", RESULTS_CSV)
+OUR_TABLES = (
+    "landmarks.csv",
+    "strides.csv",
+    "strides_polished.csv",
+    "online.csv",
+    "comparison.csv",
+    "field.csv",
+    RESULTS_CSV,
+)
 
 RECORDED = "recorded"
 """In place of a field."""
