@@ -1,4 +1,6 @@
-"""The differential field of a walk in progress: what the graph has of a bias variable counts once."""
+"""The differential field of a walk in progress: it shows the bias, and what the graph has of it counts once."""
+
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -6,8 +8,23 @@ import pytest
 from gtsam.symbol_shorthand import B
 
 from fg_nav.factors.differential_field import BiasInformation, FieldNoise, Iron, Variogram
+from fg_nav.online import smoother as online_smoother
 from fg_nav.online.differential import BiasLedger
+from fg_nav.online.isam2 import ISAM2Backend
+from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
+from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.differential_factors import limit_information
+from tests.online.test_online_smoother import FOOTFALLS, fed, in_field, polished
+from tests.simulated import corridor
+from tests.smoother.test_differential import NO_REST
+from tests.smoother.walks import DEFAULT
+
+SOLVED_AGAIN = (1, 2, 3, 4, 8)
+"""Footfalls; those behind extend the graph."""
+
+WITHOUT_REST = replace(DEFAULT, rest=NO_REST)
+NO_HEADING = replace(DEFAULT.magnetic, compass=False, potential=False)
+"""Only the differential field is left of the magnetometer."""
 
 NOISE = FieldNoise(Variogram(5.0, 1.0, 1.0), 0.2, Iron(np.array([3.0, -5.0, 1.0]), 4.0 * np.eye(3)))
 
@@ -30,3 +47,55 @@ def test_what_a_re_solve_has_put_there_counts_once(seed: int) -> None:
     np.testing.assert_allclose(further.information()[3:, 3:] + in_graph.matrix, whole.matrix, rtol=1e-6, atol=1e-3)
     vector = further.augmentedInformation()[3:6, 6] + in_graph.vector
     np.testing.assert_allclose(vector, whole.vector, rtol=1e-4, atol=1e-2 * np.abs(whole.vector).max())
+
+
+@pytest.fixture
+def solved_again_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(online_smoother, "RESOLVE_AT", SOLVED_AGAIN)
+
+
+def count_calls(monkeypatch: pytest.MonkeyPatch, owner: object, name: str) -> list[object]:
+    """A list that grows by one with each call."""
+    calls, called = [], getattr(owner, name)
+
+    def counted(*given: object) -> object:
+        calls.append(given)
+        return called(*given)
+
+    monkeypatch.setattr(owner, name, counted)
+    return calls
+
+
+@pytest.mark.usefixtures("solved_again_early")
+@pytest.mark.parametrize("heading", [0.0, None])
+@pytest.mark.parametrize("parameters", [DEFAULT, WITHOUT_REST])
+def test_a_stride_extends_the_graph_and_is_never_solved_in_batch_instead(
+    monkeypatch: pytest.MonkeyPatch, parameters: SmootherParameters, heading: float | None
+) -> None:
+    """Neither by what is behind the schedule nor by a tree that had to be built again."""
+    solved_again = count_calls(monkeypatch, online_smoother, "solve_so_far")
+    others = [
+        count_calls(monkeypatch, owner, name)
+        for owner, name in ((ISAM2Backend, "_rebuild"), (OnlineSmoother, "_recover"))
+    ]
+    online = fed(in_field(), OnlineOptions(heading_rad=heading, parameters=parameters))
+    assert online.counts["differential_field"] > 0
+    assert len(solved_again) == len(SOLVED_AGAIN)
+    assert not any(others)
+
+
+@pytest.mark.usefixtures("solved_again_early")
+def test_a_walk_in_progress_finds_the_bias_by_it_as_the_batch_does() -> None:
+    with_it, without = (
+        replace(WITHOUT_REST, magnetic=replace(NO_HEADING, differential=used)) for used in (True, False)
+    )
+    online = fed(in_field(), OnlineOptions(parameters=with_it))
+    table, batch = online.smoothed(), polished(in_field(), OnlineOptions(parameters=with_it)).stances
+    inertial = fed(in_field(), OnlineOptions(parameters=without)).smoothed()
+    middle = FOOTFALLS // 2
+    assert online.counts["differential_field"] > 2
+    truth = corridor(seed=0).gyro_bias
+    assert (np.abs(table.gyro_bias - truth)[middle] < 3.0 * table.gyro_bias_sigma[middle]).all()
+    assert (np.abs(table.gyro_bias - batch.gyro_bias)[middle] < batch.gyro_bias_sigma[middle]).all()
+    np.testing.assert_allclose(table.gyro_bias_sigma[middle], batch.gyro_bias_sigma[middle], rtol=0.25)
+    assert table.gyro_bias_sigma[middle, 2] < 0.6 * inertial.gyro_bias_sigma[middle, 2]
