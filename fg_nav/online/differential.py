@@ -24,6 +24,7 @@ from fg_nav.online.strides import StrideWindow
 from fg_nav.recording import Recording
 from fg_nav.smoother.differential_factors import (
     DifferentialFactors,
+    LevelBias,
     find_stretches,
     limit_information,
     measure_stretches,
@@ -60,9 +61,10 @@ class BiasLedger:
         """Return the ledger of a new variable, or of one whose graph begins again."""
         return BiasLedger(self.noise)
 
-    def complete(self, variable: int) -> gtsam.NonlinearFactor:
-        """Return the factor that the graph lacks of the variable."""
+    def complete(self, variable: int, known: LevelBias) -> gtsam.NonlinearFactor:
+        """Return the factor that the graph lacks of the variable, whose present estimate is `known`."""
         further = limit_information(self.stances, self.standings, self.noise.iron) - self.in_graph
+        further = known.weaken(further)
         return linear_factor_of(further.residual(), [B(variable)])
 
     def add(

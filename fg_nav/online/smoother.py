@@ -50,6 +50,7 @@ from fg_nav.online.strides import (
 )
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.count import count_factors, count_graph
+from fg_nav.smoother.differential_factors import LevelBias
 from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED, in_nav
@@ -288,7 +289,9 @@ class OnlineSmoother:
         # The bias variable before is complete when another begins.
         biases = self._biases
         if biases is not None and window.place.bias != before.bias:
-            graph.push_back(biases.complete(before.bias))
+            up = self._backend.pose(X(before.result)).rotation().matrix()[2]
+            level = LevelBias(self._backend.bias(B(before.bias)).gyroscope(), up)
+            graph.push_back(biases.complete(before.bias, level))
             biases = biases.begin()
             self._counts["differential_field"] += 1
         # Initial values of its variables, and the solution with them.

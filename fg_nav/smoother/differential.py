@@ -18,6 +18,7 @@ from fg_nav.factors.differential_field import FieldNoise, FieldStretches, Iron
 from fg_nav.smoother.differential_factors import (
     IRON_UT,
     DifferentialFactors,
+    LevelBias,
     Stretches,
     StretchSum,
     find_iron,
@@ -60,7 +61,8 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkPr
         noise = FieldNoise(variogram, sigma_uT, iron)
         stances, standings = _sum_kinds(stretches, turned, noise, len(biases))
         iron = find_iron(stances.information, standings.information)
-    return replace(problem, differential=DifferentialFactors(stances, standings, noise))
+    known = LevelBias(biases, track.nav_R_body[nodes.sample, 2].mean(axis=0))
+    return replace(problem, differential=DifferentialFactors(stances, standings, noise, known))
 
 
 def _sum_kinds(

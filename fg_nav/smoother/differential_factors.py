@@ -12,7 +12,8 @@ what it shows of the gyro bias (`factors.differential_field`), with what this wa
 The information of a stretch is divided by max(1, chi^2 / freedom); beyond `MOST_CHI_SQUARE` the model is wrong, and the
 stretch is left out. The stretches of a bias variable are added, and limited by what is common to all of them. Stances
 and standings have each a limit of their own: a foot that rolls turns faster than one that stands, and what is wrong
-with the magnetometer's axes, its delay and the gyroscope's scale grows with that.
+with the magnetometer's axes, its delay and the gyroscope's scale grows with that. A variable that contradicts gravity
+about the level axes is weakened (`LevelBias`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from gtsam.symbol_shorthand import B
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.factors.differential_field import (
+    LEAST_INFORMATION,
     BiasInformation,
     FieldNoise,
     FieldStretches,
@@ -49,6 +51,14 @@ SHORTEST_S = 0.3
 
 LONGEST_S = 10.0
 """Of a piece of a standing: in it a bias of 0.3 deg/s turns the sensor by 3 deg, of which half the square is 1e-3."""
+
+LEVEL_SIGMA_DEG_S = 0.05
+"""Of the gyro bias about the level axes in a solution without the field: a tilt that is nudged by a moving foot."""
+
+MOST_LEVEL_RATIO = 2.0
+"""Chi^2 per freedom up to which a variable is left as it is: one in seven of those that are right has more."""
+
+LEAST_RATIO = 1e-9
 
 FEWEST_SAMPLES = 5
 """Of the field in a stretch."""
@@ -217,12 +227,35 @@ class StretchSum:
     count: Ints
 
 
+@dataclass(frozen=True)
+class LevelBias:
+    """Gyro bias (K, 3), rad/s, of a solution without the factors, and the direction of up (3,) in the body frame.
+
+    Gravity shows the bias about the level axes. Where the differential field contradicts it there by more than its
+    covariance and `LEVEL_SIGMA_DEG_S` allow, the model of the field is wrong for that variable about all axes.
+    """
+
+    gyro_bias: Floats
+    body_up: Floats
+
+    def weaken(self, information: BiasInformation) -> BiasInformation:
+        """Divide the information (K, 3, 3) by its chi^2 per freedom about the level axes over `MOST_LEVEL_RATIO`."""
+        _, _, axes = np.linalg.svd(self.body_up[None])
+        level = axes[1:]
+        covariance = np.linalg.inv(information.matrix + LEAST_INFORMATION * np.eye(3))
+        off = ((covariance @ information.vector[..., None])[..., 0] - self.gyro_bias) @ level.T
+        allowed = level @ covariance @ level.T + np.radians(LEVEL_SIGMA_DEG_S) ** 2 * np.eye(2)
+        ratio = 0.5 * (off * np.linalg.solve(allowed, off[..., None])[..., 0]).sum(axis=-1)
+        weight = np.minimum(1.0, MOST_LEVEL_RATIO / np.maximum(ratio, LEAST_RATIO))
+        return BiasInformation(information.matrix * weight[..., None, None], information.vector * weight[..., None])
+
+
 class DifferentialFactors:
     """The factors of a walk: one of three rows on each bias variable that a stretch shows."""
 
-    def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise) -> None:
+    def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise, known: LevelBias) -> None:
         self.stances, self.standings, self.noise = stances, standings, noise
-        limited = limit_information(stances.information, standings.information, noise.iron)
+        limited = known.weaken(limit_information(stances.information, standings.information, noise.iron))
         residual = limited.residual()
         seen = np.flatnonzero(stances.count + standings.count)
         self._factors = [linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen]

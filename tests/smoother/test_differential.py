@@ -11,12 +11,14 @@ from gtsam.symbol_shorthand import B
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import RestParameters, find_rests
+from fg_nav.factors.differential_field import BiasInformation
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.smoother import differential_factors, smooth
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.differential_factors import (
     DifferentialFactors,
+    LevelBias,
     find_stretches,
     fit_variogram,
     measure_noise,
@@ -203,3 +205,22 @@ def test_a_field_that_is_not_of_the_model_is_left_out() -> None:
         after.stances.count.sum() + after.standings.count.sum()
         < before.stances.count.sum() + before.standings.count.sum()
     )
+
+
+def test_what_contradicts_gravity_is_weakened_about_all_axes_and_nothing_else() -> None:
+    """Sigma of 0.1 deg/s each: what is off about up may be right, what is as much off about a level axis is not."""
+    up, sigma = np.array([0.0, 0.6, 0.8]), math.radians(0.1)
+    off = np.array([np.zeros(3), 10 * sigma * up, 10 * sigma * np.array([1.0, 0.0, 0.0])])
+    shown = BiasInformation(np.tile(np.eye(3) / sigma**2, (3, 1, 1)), off / sigma**2)
+    weaker = LevelBias(np.zeros((3, 3)), up).weaken(shown)
+    of_gravity = math.radians(differential_factors.LEVEL_SIGMA_DEG_S)
+    ratio = 0.5 * (10 * sigma) ** 2 / (sigma**2 + of_gravity**2)
+    weight = np.array([1.0, 1.0, differential_factors.MOST_LEVEL_RATIO / ratio])
+    np.testing.assert_allclose(weaker.matrix, shown.matrix * weight[:, None, None], rtol=1e-5)
+    np.testing.assert_allclose(weaker.vector, shown.vector * weight[:, None], rtol=1e-5, atol=1e-9)
+
+
+def test_what_shows_nothing_contradicts_nothing() -> None:
+    nothing = BiasInformation(np.zeros((1, 3, 3)), np.zeros((1, 3)))
+    weaker = LevelBias(np.ones((1, 3)), np.array([0.0, 0.0, 1.0])).weaken(nothing)
+    np.testing.assert_array_equal(weaker.matrix, nothing.matrix)
