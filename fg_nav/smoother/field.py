@@ -23,6 +23,7 @@ There the heading has one unknown north and white noise, of a sigma that each ro
     sigma^2 = noise^2 + max(robust(e)^2 - noise^2, 0) N / min(N, regions),
 
 e across the mean field, N footfalls that passed, in so many regions of `REGIONAL_LENGTH_M` of the path (`roughness`).
+By as much as the gate narrowed the spread of the headings, those it passed may be off together: so is their north.
 Where too few pass to show north, all that were seen do, as one reading of their mean field at the footfall in the
 middle of the walk: it turns the walk as one piece, and bends nothing.
 """
@@ -54,6 +55,7 @@ from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.path_noise import PathNoise, choose_path_noise
 from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.roughness import (
+    LEAST_SIGMA_UT,
     REGIONAL_LENGTH_M,
     FieldRoughness,
     Roughness,
@@ -61,6 +63,7 @@ from fg_nav.smoother.roughness import (
     measure_roughness,
     measure_white_noise,
     neglect_deviation,
+    roughness_of,
     usual_deviation,
 )
 from fg_nav.smoother.solver import Solved
@@ -135,14 +138,14 @@ class FieldSolution:
 class FieldResiduals:
     """The field along a walk against its mean.
 
-    Verdicts of the gate; the footfalls (F,) that stand for the walk's compass, which are those that passed, or all that
-    were seen where these are too few; roughness; white noise of the compass, uT; attitudes (F, 3, 3); and the walk's
-    horizontal field (F, 2).
+    Verdicts of the gate; the footfalls (F,) that passed, or all seen where these are too few; roughness; spread across
+    the mean of all seen and white noise of the compass, uT; attitudes (F, 3, 3); the walk's horizontal field (F, 2).
     """
 
     verdicts: FieldVerdicts
     steady: Bools
     rough: FieldRoughness
+    spread_uT: float
     white_uT: float
     nav_R_body: Floats
     reference: Floats
@@ -214,11 +217,13 @@ def _solve_in_rounds(
     problem.field.insert(values)
     solved = solve(replace(problem, values=values))
     problem, solved = free_jumps(problem, solved)
-    # Later rounds take noise and verdicts from the smoothed walk.
+    # Later rounds take noise, verdicts and the sigma of an unknown north from the smoothed walk.
     for _ in range(p.rounds - 1):
         assert problem.field is not None
         states, path = problem.field.states(solved.values), problem.field.path
         residuals = _compare_field(problem, field, solved.values, path, states, p)
+        if not problem.heading_known:
+            direction = _expect_direction(problem, field, residuals, path, p)
         problem = _with_field(problem, field, residuals, path, direction, p)
         assert problem.field is not None
         if len(problem.field.potential):
@@ -287,7 +292,8 @@ def _compare_field(
     white_uT = measure_white_noise(
         across_field(nav_field, mean), steady, path.distance_m, COMPASS_SIGMA_UT, states is None
     )
-    return FieldResiduals(verdicts, steady, rough, white_uT, nav_R_body, reference)
+    spread_uT = roughness_of(np.nan_to_num(deviation[:, 0]), seen, path.distance_m, LEAST_SIGMA_UT).sigma
+    return FieldResiduals(verdicts, steady, rough, spread_uT, white_uT, nav_R_body, reference)
 
 
 def choose_steady(seen: Bools, passed: Bools) -> Bools:
@@ -339,7 +345,8 @@ def _expect_direction(
     """
     strength = np.linalg.norm(np.median(residuals.reference, axis=0))
     region = Roughness(REGIONAL_SHARE_OF_MEAN * residuals.rough.across.sigma, REGIONAL_LENGTH_M)
-    of_regions = 0.0 if p.potential else _average(region, path) / strength
+    chosen_uT = float(np.sqrt(max(residuals.spread_uT**2 - residuals.rough.across.sigma**2, 0.0)))
+    of_regions = 0.0 if p.potential else float(np.hypot(_average(region, path), chosen_uT)) / strength
     if not problem.heading_known:
         return 0.0, float(np.hypot(np.radians(DECLINATION_SIGMA_DEG), of_regions))
     first = _nav_field(field, residuals.nav_R_body)[residuals.steady][:FIRST_FOOTFALLS]

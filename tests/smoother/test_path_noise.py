@@ -9,6 +9,7 @@ import pytest
 from fg_nav.lab.simulation.fields import draw_environment
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
+from fg_nav.smoother import smooth
 from fg_nav.smoother.field import solve_with_field
 from fg_nav.smoother.path_noise import (
     MOST_NATS,
@@ -23,7 +24,7 @@ from fg_nav.smoother.path_noise import (
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import linearize, time_order
 from fg_nav.stances import Stances
-from tests.smoother.test_field import in_field, truth_of
+from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_potential import ALWAYS, EARTH, solved_in
 from tests.smoother.walks import demo
 
@@ -74,6 +75,12 @@ def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
     np.testing.assert_allclose(short, whole, atol=1e-6)
 
 
+def over_rough_floor(seed: int) -> Recording:
+    """The demonstration."""
+    points = truth_of(demo(seed).recording).position[::100] * [1.0, 1.0, 0.0]
+    return in_field(draw_environment("indoor", EARTH, points, np.random.default_rng(seed)).at, seed)
+
+
 def noise_on(recording: Recording, stances: Stances) -> PathNoise:
     """Of a walk solved with its integrals."""
     problem = walk_problem(recording, stances, None, ALWAYS)
@@ -83,9 +90,7 @@ def noise_on(recording: Recording, stances: Stances) -> PathNoise:
 
 def test_a_standing_in_pieces_shows_no_more_of_it_than_a_standing() -> None:
     """As a walk in progress has it, which cuts a long standing."""
-    recording, stances = demo().recording, demo().stances
-    points = truth_of(recording).position[::100] * [1.0, 1.0, 0.0]
-    recording = in_field(draw_environment("indoor", EARTH, points, np.random.default_rng(0)).at, 0)
+    recording, stances = over_rough_floor(0), demo().stances
     cuts = np.linspace(stances.start[-1], stances.stop[-1], 6).astype(int)
     pieces = replace(
         stances,
@@ -96,3 +101,13 @@ def test_a_standing_in_pieces_shows_no_more_of_it_than_a_standing() -> None:
     whole, in_pieces = (noise_on(recording, one) for one in (stances, pieces))
     assert in_pieces.strides == whole.strides + 4
     assert in_pieces.drift_m == pytest.approx(whole.drift_m, rel=0.3)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_headings_that_a_gate_chose_because_they_agree_claim_no_more_than_all_of_them(seed: int) -> None:
+    """Those like the first footfalls pass `aiez`, wherever the field there points."""
+    recording, stances = over_rough_floor(seed), demo(seed).stances
+    parameters, field = replace_field(gate="aiez", potential=False), average_footfall_field(recording, stances)
+    found = smooth(recording, stances, parameters, None, field=field)
+    error_deg = heading_error_deg(found, seed)[0]
+    assert abs(error_deg) < 2.0 * np.degrees(found.stances.heading_sigma[0])
