@@ -58,6 +58,10 @@ from fg_nav.smoother.strides import stride_graph
 from fg_nav.solution import StanceTable
 
 
+STANDS_ON = "a further piece of a standing, whose field counts once"
+"""Reason of a verdict."""
+
+
 @dataclass(frozen=True)
 class OnlineOptions:
     """What a user can choose.
@@ -348,7 +352,7 @@ class OnlineSmoother:
         self._counts.update(count_graph(graph))
         has_field = bool(np.isfinite(seen.footfall.body_field).all())
         self._counts["gated_out"] += has_field and verdict.word != QUASI_STATIC
-        return self._verdicts[-1] if continues else verdict
+        return Verdict(UNKNOWN, STANDS_ON) if continues else verdict
 
     def _track(self, recording: Recording, window: StrideWindow, begins: int, gravity: float) -> Trajectory:
         """Path of the stride on its samples, through the estimates of its nodes."""
