@@ -57,7 +57,6 @@ from fg_nav.smoother.solver import UNSOLVED, in_nav
 from fg_nav.smoother.strides import stride_graph
 from fg_nav.solution import StanceTable
 
-
 STANDS_ON = "a further piece of a standing, whose field counts once"
 """Reason of a verdict."""
 
