@@ -60,7 +60,7 @@ def headings(navigator: OnlineNavigator) -> np.ndarray:
 
 
 def test_the_window_of_the_gate_that_holds_the_magnet_is_disturbed_and_no_other():
-    field, window = past_a_magnet().causal().field, slice(AT, AT + find_detector(DEFAULT).rows)
+    field, window = past_a_magnet().finish().moment.field, slice(AT, AT + find_detector(DEFAULT).rows)
     assert set(field[window]) == {"disturbed"}
     assert set(field[SOLVED_AGAIN[-1] : AT] + field[window.stop :]) == {"quasi-static"}
     assert "disturbed" not in without_magnet().causal().field
