@@ -1,7 +1,6 @@
 """The command line from end to end, on the demonstration walk."""
 
 import json
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -371,10 +370,8 @@ def test_file_name_that_the_terminal_cannot_show_is_no_bug(files: Path, tmp_path
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])
-def test_help_and_version_are_quick(option: str) -> None:
-    start = time.perf_counter()
+def test_help_and_version_load_no_heavy_library(option: str) -> None:
     ran = in_a_process(option, python=("-X", "importtime"))
-    assert time.perf_counter() - start < 5
     assert ran.code == 0
     assert ran.out.strip()
     assert not any(name in ran.err for name in ("matplotlib", "gtsam", "numba", "scipy"))

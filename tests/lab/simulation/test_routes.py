@@ -179,6 +179,6 @@ def test_a_seed_draws_the_building():
 
 
 def test_planning_the_mall_is_quick():
-    began = time.perf_counter()
+    began = time.process_time()
     walked("mall")
-    assert time.perf_counter() - began < 1.0
+    assert time.process_time() - began < 1.0

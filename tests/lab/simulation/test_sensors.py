@@ -250,9 +250,9 @@ def test_an_hour_at_400_hz_takes_seconds() -> None:
     run = switch_on(preset("mpu-9250x8"))
     t, rate, force = motion(50_000, 400.0)
     run.measure(t[:10], rate[:10], force[:10], changing_field)
-    begin = time.perf_counter()
+    begin = time.process_time()
     run.measure(t + 1.0, rate, force, changing_field)
-    assert time.perf_counter() - begin < 8.0 / 28.8 * 3, "1.44 million samples would take more than 24 s"
+    assert time.process_time() - begin < 8.0 / 28.8 * 3, "1.44 million samples would take more than 24 s"
 
 
 @pytest.mark.parametrize(
