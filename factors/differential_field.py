@@ -104,6 +104,10 @@ class BiasInformation:
     def __sub__(self, other: "BiasInformation") -> "BiasInformation":
         return BiasInformation(self.matrix - other.matrix, self.vector - other.vector)
 
+    def scale(self, weight: Array) -> "BiasInformation":
+        """Return the same times weights (...)."""
+        return BiasInformation(self.matrix * weight[..., None, None], self.vector * weight[..., None])
+
     def limit(self, sigma: float) -> "BiasInformation":
         """Return the same with an error of this sigma per axis of the bias, rad/s, common to all of it."""
         identity = np.eye(self.matrix.shape[-1])

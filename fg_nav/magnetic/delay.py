@@ -30,7 +30,6 @@ from fg_nav.magnetic.turning_pairs import (
     TurningPairs,
     compute_weights,
     find_pairs,
-    holds_readings,
     list_readings,
     rotate_between,
 )
@@ -101,7 +100,7 @@ def estimate_delay(recording: Recording) -> MagnetometerDelay | None:
             break
     H, scores = _linearize(pairs, unknowns)
     variance = np.linalg.solve(H, np.linalg.solve(H, scores.T @ scores).T)[0, 0]
-    return MagnetometerDelay(float(unknowns[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)), holds_readings(recording))
+    return MagnetometerDelay(float(unknowns[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)), pairs.held)
 
 
 def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recording:

@@ -58,6 +58,7 @@ class TurningPairs:
     stamps : (K, 2) s, of the two readings.
     readings : (K, 2, 3) uT.
     block : (K,) which block of the walk each is in, from 0 on without holes.
+    held : whether the logger repeats readings until there is a new one.
     """
 
     t: Floats
@@ -65,6 +66,7 @@ class TurningPairs:
     stamps: Floats
     readings: Floats
     block: Ints
+    held: bool
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -103,9 +105,12 @@ def _differs(mag: Floats) -> Bools:
 
 def find_pairs(recording: Recording, span_s: float, most: int) -> TurningPairs:
     """Find pairs of readings about `span_s` apart while the sensor turns, evenly thinned to `most`."""
-    rows = list_readings(recording, holds_readings(recording))
+    held = holds_readings(recording)
+    rows = list_readings(recording, held)
     if len(rows) < 2:
-        return TurningPairs(recording.t, recording.gyr, np.zeros((0, 2)), np.zeros((0, 2, 3)), np.zeros(0, np.int64))
+        return TurningPairs(
+            recording.t, recording.gyr, np.zeros((0, 2)), np.zeros((0, 2, 3)), np.zeros(0, np.int64), held
+        )
     t, spacing = recording.t[rows], float(np.median(np.diff(recording.t[rows])))
     # pairs that overlap by half, in a row
     first = np.arange(0, len(t), max(1, round(span_s / spacing / 2)))
@@ -123,7 +128,7 @@ def find_pairs(recording: Recording, span_s: float, most: int) -> TurningPairs:
     _, block = np.unique(np.floor(stamps[:, 0] / BLOCK_S), return_inverse=True)
     assert recording.mag is not None
     readings = recording.mag[rows[np.stack([first[chosen], second[chosen]], axis=1)]]
-    return TurningPairs(recording.t, recording.gyr, stamps, readings, block.astype(np.int64))
+    return TurningPairs(recording.t, recording.gyr, stamps, readings, block.astype(np.int64), held)
 
 
 def compute_weights(size: Floats) -> Floats:

@@ -62,9 +62,7 @@ def build_path(
 ) -> tuple[Trajectory, tuple[str, ...]]:
     """Return the path of a whole walk with these nodes and stances, and notes on its ends."""
     attitude, gyro_bias, acc_bias = nodes.nav_R_body, nodes.gyro_bias, nodes.acc_bias
-    path = Trajectory(
-        *dense_trajectory(
-            recording, nodes.sample, nodes.position, nodes.velocity, attitude, gyro_bias, acc_bias, gravity
-        )
+    path = dense_trajectory(
+        recording, nodes.sample, nodes.position, nodes.velocity, attitude, gyro_bias, acc_bias, gravity
     )
     return path, freeze_ends(recording.t, stances, path.position, path.velocity)

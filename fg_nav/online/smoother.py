@@ -359,17 +359,15 @@ class OnlineSmoother:
         poses = [self._backend.pose(X(j)) for j in nodes]
         bias = [self._backend.bias(B(place.bias)).vector() for place in (window.before, window.place)]
         both = np.array(bias)[window.nodes.footfall - window.nodes.footfall[0]]
-        return Trajectory(
-            *dense_trajectory(
-                recording,
-                window.nodes.sample - begins,
-                np.array([pose.translation() for pose in poses]),
-                np.array([self._backend.vector(V(j)) for j in nodes]),
-                np.array([pose.rotation().matrix() for pose in poses]),
-                np.ascontiguousarray(both[:, 3:]),
-                np.ascontiguousarray(both[:, :3]),
-                gravity,
-            )
+        return dense_trajectory(
+            recording,
+            window.nodes.sample - begins,
+            np.array([pose.translation() for pose in poses]),
+            np.array([self._backend.vector(V(j)) for j in nodes]),
+            np.array([pose.rotation().matrix() for pose in poses]),
+            np.ascontiguousarray(both[:, 3:]),
+            np.ascontiguousarray(both[:, :3]),
+            gravity,
         )
 
     def _freeze(self) -> None:

@@ -27,8 +27,10 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.factors.differential_field import GYRO
+from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.solver import linearize, log_root, time_order
+from fg_nav.smoother.solver import linearize, time_order
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
 """deg/s/sqrt(s), half a decade apart: 0.04 to 0.4 deg/s in an hour. None is below the walk assumed: a bias that may
@@ -36,14 +38,8 @@ walk so far also takes up what scale errors and an uneven field leave, which loo
 whose bias walks by 2e-4 the evidence chooses that level, and the error with an indoor field grows from 0.08 to 0.11
 m."""
 
-MOST_NATS = 3.0
-"""Twenty to one: what counts as strong evidence (Kass and Raftery 1995)."""
-
 Change = gtsam.BetweenFactorConstantBias
 """From one bias variable to the next."""
-
-GYRO = slice(3, 6)
-"""Of the tangent space of a bias."""
 
 
 def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
@@ -114,10 +110,10 @@ def _eliminate(
     linear = gtsam.GaussianFactorGraph()
     linear.push_back(unchanging)
     linear.push_back(changes.linearize(values))
-    tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+    error, root = eliminate(linear, ordering)
     factors = map(changes.at, range(changes.size()))
     noise = sum(np.log(_sigmas(cast("Change", factor))).sum() for factor in factors)
-    return linear.error(tree.optimize()), float(log_root(tree) + noise)
+    return error, float(root + noise)
 
 
 def _with_note(problem: WalkProblem, note: str) -> WalkProblem:

@@ -11,10 +11,8 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B
 
-from fg_nav.arrays import Floats
-from fg_nav.factors.differential_field import FieldNoise, FieldStretches, Iron
+from fg_nav.factors.differential_field import GYRO, FieldNoise, FieldStretches, Iron
 from fg_nav.smoother.differential_factors import (
     IRON_UT,
     DifferentialFactors,
@@ -29,7 +27,7 @@ from fg_nav.smoother.differential_factors import (
     sum_stretches,
     turn_stretches,
 )
-from fg_nav.smoother.graph import WalkProblem, trajectory_of
+from fg_nav.smoother.graph import WalkProblem, biases_of, trajectory_of
 from fg_nav.text import format_count
 
 ROUNDS = 4
@@ -49,7 +47,7 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkPr
     if len(stretches.start) == 0:
         return problem
     track = trajectory_of(recording, nodes, values, problem.parameters.gravity)
-    biases = _gyro_biases(values, int(nodes.bias[-1]) + 1)
+    biases = biases_of(nodes, values)[:, GYRO]
     turned = turn_stretches(recording, stretches, track.position, biases[stretches.bias])
     sigma_uT = measure_noise(turned)
     # Iron turns with the body in the swings, too, so that the field varies less once it is known.
@@ -75,10 +73,6 @@ def _sum_kinds(
         for those in (~stretches.is_standing, stretches.is_standing)
     )
     return stances, standings
-
-
-def _gyro_biases(values: gtsam.Values, count: int) -> Floats:
-    return np.array([values.atConstantBias(B(k)).gyroscope() for k in range(count)])
 
 
 def write_note(differential: DifferentialFactors | None) -> tuple[str, ...]:

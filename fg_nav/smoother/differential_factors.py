@@ -40,6 +40,7 @@ from fg_nav.factors.differential_field import (
 from fg_nav.factors.residual import linear_factor_of, one_of
 from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
+from fg_nav.smoother.roughness import robust_sigma
 from fg_nav.smoother.strides import STANDS_S, Nodes
 
 MARGIN_S = 0.1
@@ -97,9 +98,6 @@ LENGTHS_M, EXPONENTS = np.geomspace(0.02, 5.0, 40), np.linspace(0.6, 2.0, 15)
 
 MEDIAN_OF_CHI_SQUARE = 2.366
 """Of the square of a normal vector of three components with unit variance each."""
-
-MAD_TO_SIGMA = 1.4826
-"""Median absolute deviation to standard deviation, of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +173,7 @@ def measure_noise(turned: FieldStretches) -> float:
     whole = turned.stretch[3:] == turned.stretch[:-3]
     if not whole.any():
         return LEAST_NOISE_UT
-    return float(max(MAD_TO_SIGMA * np.median(np.abs(third[whole])) / np.sqrt(20.0), LEAST_NOISE_UT))
+    return float(max(robust_sigma(third[whole]) / np.sqrt(20.0), LEAST_NOISE_UT))
 
 
 def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes, sigma_uT: float) -> Variogram | None:
@@ -247,7 +245,7 @@ class LevelBias:
         allowed = level @ covariance @ level.T + np.radians(LEVEL_SIGMA_DEG_S) ** 2 * np.eye(2)
         ratio = 0.5 * (off * np.linalg.solve(allowed, off[..., None])[..., 0]).sum(axis=-1)
         weight = np.minimum(1.0, MOST_LEVEL_RATIO / np.maximum(ratio, LEAST_RATIO))
-        return BiasInformation(information.matrix * weight[..., None, None], information.vector * weight[..., None])
+        return information.scale(weight)
 
 
 class DifferentialFactors:
@@ -304,9 +302,7 @@ def _inflate(found: StretchInformation) -> tuple[BiasInformation, Bools]:
     ratio = found.chi_square / np.maximum(found.freedom, 1.0)
     used = (found.freedom > 0.0) & (ratio <= MOST_CHI_SQUARE)
     weight = np.where(used, 1.0 / np.maximum(ratio, 1.0), 0.0)
-    return BiasInformation(
-        found.information.matrix * weight[:, None, None], found.information.vector * weight[:, None]
-    ), used
+    return found.information.scale(weight), used
 
 
 def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variables: int) -> StretchSum:

@@ -251,9 +251,8 @@ class Trajectory(NamedTuple):
 def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
     """Return the trajectory of a solved walk at the recording's rate."""
     poses = [values.atPose3(X(j)) for j in range(len(nodes))]
-    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(nodes.bias[-1] + 1)])
-    bias = bias[nodes.bias[nodes.footfall]]
-    track = dense_trajectory(
+    bias = biases_of(nodes, values)[nodes.bias[nodes.footfall]]
+    return dense_trajectory(
         recording,
         nodes.sample,
         np.array([pose.translation() for pose in poses]),
@@ -263,7 +262,11 @@ def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, grav
         np.ascontiguousarray(bias[:, :3]),
         gravity,
     )
-    return Trajectory(*track)
+
+
+def biases_of(nodes: Nodes, values: gtsam.Values) -> Floats:
+    """Return the bias variables (K, 6) of a walk: accelerometer m/s^2, gyroscope rad/s."""
+    return np.array([values.atConstantBias(B(k)).vector() for k in range(int(nodes.bias[-1]) + 1)])
 
 
 def dense_trajectory(
@@ -275,11 +278,11 @@ def dense_trajectory(
     gyro_bias: Floats,
     acc_bias: Floats,
     gravity: float,
-) -> tuple[Floats, Floats, Floats]:
-    """Position (N, 3), velocity (N, 3) and attitude (N, 3, 3) at every sample, from states at nodes `sample` (M,)."""
+) -> Trajectory:
+    """Return the trajectory at every sample, from states at nodes `sample` (M,)."""
     h = np.append(np.diff(recording.t), recording.period_s)
     acc, gyr = recording.integrable
-    return _dense(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity)
+    return Trajectory(*_dense(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity))
 
 
 @njit(cache=True)

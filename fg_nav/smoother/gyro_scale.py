@@ -29,14 +29,15 @@ from typing import cast
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, X
+from gtsam.symbol_shorthand import X
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.differential_field import GYRO
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
-from fg_nav.smoother.bias_walk import MOST_NATS
-from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.sensitivity import SharedColumns
 from fg_nav.smoother.solver import Solved, dimension_of
 
@@ -136,7 +137,7 @@ def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:
     """D (M-1, 9, 3) of all intervals, the velocity in nav axes."""
     recording, nodes = problem.recording, problem.nodes
     force, rate = recording.integrable
-    bias = np.array([values.atConstantBias(B(k)).gyroscope() for k in range(int(nodes.bias[-1]) + 1)])
+    bias = biases_of(nodes, values)[:, GYRO].copy()
     moved = sense_scale(recording.t, force, rate, nodes.sample, bias[nodes.bias[nodes.footfall[:-1]]])
     nav_R_end = np.array([values.atPose3(X(j)).rotation().matrix() for j in range(1, len(nodes))])
     moved[:, 6:] = nav_R_end @ moved[:, 6:]

@@ -37,11 +37,11 @@ from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, PHI
-from fg_nav.smoother.bias_walk import MOST_NATS
+from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.roughness import LEAST_STEP_M
-from fg_nav.smoother.solver import linearize, log_root, time_order
+from fg_nav.smoother.solver import linearize, time_order
 
 SHARES = (0.0, 0.01, 0.1, 1.0)
 """At 0 the sampling leaves a tenth of a uT m a stride."""
@@ -120,8 +120,8 @@ def _minus_log_evidence(
     linear.push_back(rest)
     for factor in field.linearize(values):
         linear.push_back(factor)
-    tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+    error, root = eliminate(linear, ordering)
     noise = (
         np.log(field.integral_sigma).sum() + np.log(field.change_sigma[:, PHI]).sum() + np.log(field.prior.sigma[PHI])
     )
-    return float(linear.error(tree.optimize()) + log_root(tree) + noise)
+    return float(error + root + noise)

@@ -26,7 +26,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.solver import Solved, clique_covariances
+from fg_nav.smoother.solver import Solved, clique_covariances, compute_error
 
 LEAST_STATISTIC = 15.0
 """T below which no row is tried: the largest of clean walks of 500 strides is 1 to 15, of a circuit of 100 A 200."""
@@ -154,5 +154,4 @@ def describe_jumps(problem: WalkProblem, solved: Solved) -> tuple[str, ...]:
 
 
 def _error(problem: WalkProblem, solved: Solved) -> float:
-    blocks = sum(block.error(solved.values) for block in problem.blocks)
-    return float(problem.graph.error(solved.values) + blocks)
+    return compute_error(problem.graph, problem.blocks, solved.values)

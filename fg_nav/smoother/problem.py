@@ -45,10 +45,11 @@ from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
-from fg_nav.smoother.bias_walk import MOST_NATS, choose_bias_walk
+from fg_nav.smoother.bias_walk import choose_bias_walk
+from fg_nav.smoother.evidence import MOST_NATS, log_root
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, log_root
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, compute_error
 from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -178,7 +179,7 @@ class _Piece:
             graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
         solved = solve(self._problem)
         self._problem = replace(self._problem, values=solved.values)
-        error = graph.error(solved.values) + sum(block.error(solved.values) for block in blocks)
+        error = compute_error(graph, blocks, solved.values)
         return float(error + log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
 
 

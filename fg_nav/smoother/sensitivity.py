@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.solver import dimension_of
+from fg_nav.smoother.solver import dimension_of, list_cliques
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class SharedColumns:
         self.explained = np.zeros((shared, shared))
         """Y^T Y (n, n): what the variables of the walk take off the information C^T C."""
         self._up: list[_Reduced] = []
-        for clique in reversed(_list_cliques(tree)):
+        for clique in reversed(list_cliques(tree)):
             conditional = clique.conditional()
             keys, R, S = conditional.keys(), conditional.R(), conditional.S()
             frontal, separator = _split(keys, len(R))
@@ -71,14 +71,6 @@ class SharedColumns:
                 found[key] = X[row : row + dimension_of(key)]
                 row += dimension_of(key)
         return found
-
-
-def _list_cliques(tree: gtsam.GaussianBayesTree) -> list[gtsam.GaussianBayesTreeClique]:
-    """All cliques, each after its parent."""
-    cliques = list(tree.roots())
-    for clique in cliques:
-        cliques += [clique[i] for i in range(clique.nrChildren())]
-    return cliques
 
 
 def _split(keys: Sequence[int], rows: int) -> tuple[Sequence[int], Sequence[int]]:

@@ -184,14 +184,19 @@ def linearize(
     return linear
 
 
-def log_root(tree: gtsam.GaussianBayesTree) -> float:
-    """log|R|, half the logarithm of the determinant of the information."""
-    total, stack = 0.0, list(tree.roots())
-    while stack:
-        clique = stack.pop()
-        total += float(np.log(np.abs(np.diagonal(clique.conditional().R()))).sum())
-        stack += [clique[i] for i in range(clique.nrChildren())]
-    return total
+def compute_error(
+    graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
+) -> float:
+    """Half the sum of squares of all residuals over their sigmas."""
+    return float(graph.error(values) + sum(block.error(values) for block in blocks))
+
+
+def list_cliques(tree: gtsam.GaussianBayesTree) -> list[gtsam.GaussianBayesTreeClique]:
+    """List all cliques, each after its parent."""
+    cliques = list(tree.roots())
+    for clique in cliques:
+        cliques += [clique[i] for i in range(clique.nrChildren())]
+    return cliques
 
 
 def _descend(
@@ -204,7 +209,7 @@ def _descend(
     """Values after the step, halved as often as it takes not to raise the error `before` it, and their error."""
     for _ in range(MOST_HALVINGS):
         moved = values.retract(step)
-        error = graph.error(moved) + sum(block.error(moved) for block in blocks)
+        error = compute_error(graph, blocks, moved)
         if error <= before:
             return moved, error
         step = step.scale(0.5)

@@ -10,9 +10,9 @@ from fg_nav.lab.simulation.fields import draw_environment
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
+from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.field import solve_with_field
 from fg_nav.smoother.path_noise import (
-    MOST_NATS,
     REFUTED_NATS,
     SHARES,
     PathNoise,

@@ -1,0 +1,29 @@
+"""The evidence for an assumption, by the linear graph at its minimum (Laplace; MacKay 2003, section 27).
+
+    -log p(z | assumed) = E + log|R| + 1/2 sum_i log|S_i|
+
+E the error at the minimum, R the triangle of the square-root information, S_i the noise covariances of the factors; of
+these each caller adds those that its assumption changes. All else is left out.
+"""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+
+from fg_nav.smoother.solver import list_cliques
+
+MOST_NATS = 3.0
+"""Twenty to one: what counts as strong evidence (Kass and Raftery 1995)."""
+
+
+def eliminate(linear: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering) -> tuple[float, float]:
+    """Return E and log|R| of a linear graph."""
+    tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+    return float(linear.error(tree.optimize())), log_root(tree)
+
+
+def log_root(tree: gtsam.GaussianBayesTree) -> float:
+    """log|R|, half the logarithm of the determinant of the information."""
+    diagonals = (np.diagonal(clique.conditional().R()) for clique in list_cliques(tree))
+    return float(sum(np.log(np.abs(diagonal)).sum() for diagonal in diagonals))
