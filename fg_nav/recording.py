@@ -73,13 +73,14 @@ class TrajectoryTruth:
 class FootprintTruth:
     """Surveyed footprints. `stride` (M,) counts strides (0 = the start), `xy` (M, 2) m, seen from above.
 
-    Azimuth and origin are unknown, and there are no time stamps: match by stride number.
-    `stride_count` is the number of strides of the whole walk where it is known.
+    Azimuth and origin are unknown. `t` (M,) s is an instant within each stance where it is known; without it footprints
+    are matched by stride number. `stride_count` is the number of strides of the whole walk where it is known.
     """
 
     stride: Ints
     xy: Floats
     stride_count: int | None = None
+    t: Floats | None = None
 
 
 Truth = TrajectoryTruth | FootprintTruth
@@ -262,6 +263,8 @@ def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
     """Truth that was recorded with the samples, stamp for stamp, moves with their stamps."""
+    if isinstance(truth, FootprintTruth) and truth.t is not None:
+        return replace(truth, t=truth.t + np.interp(truth.t, stamped, t - stamped))
     if isinstance(truth, TrajectoryTruth) and np.array_equal(truth.t, stamped):
         return replace(truth, t=t)
     return truth

@@ -9,6 +9,10 @@ stance shifts all later numbers up, a missed one shifts them down. The places ar
 one after the other, where they make the rigid fit best without losing a footprint that need not be lost; `notes` say
 so. A footprint without a stance (the missed one, or one beyond the last stance) cannot be scored; it is counted.
 
+Where an instant within each stance is known, nothing has to be matched: the footprint is compared with the sensor's
+place at that instant, whatever the detector found there. So a stance that was missed counts as well, and two solutions
+are compared at the same places.
+
 An inertial walk knows neither where it started nor which way north is, so these are taken out before errors
 are counted. With estimate p_i and truth q_i (same instants), the modes minimize sum |R p_i + s - q_i|^2 over
 
@@ -142,12 +146,13 @@ class Comparison:
     """Matched points in the truth's frame.
 
     `alignment` maps the solution into the truth's frame; `row` (M,) are the samples of the solution
-    (trajectory) or its stances (footprints); `estimate` and `truth` (M, 3) m; `yaw_error` rad where the truth
-    has attitude; `planar` where the truth says nothing about height.
+    (trajectory, footprints with their time) or its stances (footprints by number), `t` (M,) s when; `estimate` and
+    `truth` (M, 3) m; `yaw_error` rad where the truth has attitude; `planar` where the truth says nothing about height.
     """
 
     alignment: Alignment
     row: Ints
+    t: Floats
     estimate: Floats
     truth: Floats
     planar: bool
@@ -175,11 +180,31 @@ def _compare_footprints(solution: Solution, truth: FootprintTruth, mode: str) ->
         raise EvaluationError(
             f"alignment '{mode}' needs a truth with a known frame, and footprints have none: use 'yaw'."
         )
+    if truth.t is not None:
+        return _compare_in_time(solution, truth, truth.t, mode)
     match = match_footprints(solution.stances.position[:, :2], truth)
     stance = match.stance[match.found]
     estimate, surveyed = lift_to_space(solution.stances.position[stance]), lift_to_space(truth.xy[match.found])
     alignment = align(estimate, surveyed, mode)
-    return Comparison(alignment, stance, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
+    t = solution.stances.t[stance]
+    return Comparison(alignment, stance, t, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
+
+
+def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats, mode: str) -> Comparison:
+    """Compare footprints with the places at their instants `t` (M,) s."""
+    inside = (t >= solution.t[0]) & (t <= solution.t[-1])
+    if np.count_nonzero(inside) < MIN_FOOTPRINTS:
+        raise EvaluationError(
+            f"only {np.count_nonzero(inside)} of {len(t)} surveyed footprints are within the time of the solution "
+            f"({_span(solution.t)}), and {MIN_FOOTPRINTS} are needed: check that their clocks have the same zero."
+        )
+    t, surveyed = t[inside], lift_to_space(truth.xy[inside])
+    place = np.column_stack([np.interp(t, solution.t, axis) for axis in solution.position.T])
+    alignment = align(lift_to_space(place), surveyed, mode)
+    row = np.rint(np.interp(t, solution.t, np.arange(len(solution.t)))).astype(np.int64)
+    left_out = _missed_note(truth.stride[~inside], "no sample at")
+    estimate = alignment.apply(lift_to_space(place))
+    return Comparison(alignment, row, t, estimate, surveyed, planar=True, notes=tuple(left_out))
 
 
 def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -> Comparison:
@@ -190,6 +215,7 @@ def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -
     return Comparison(
         alignment,
         row,
+        solution.t[row],
         alignment.apply(solution.position[row]),
         true_position,
         planar=False,
@@ -290,7 +316,7 @@ def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch
     if surplus:
         notes.append(_surplus_note(surplus, len(stance_xy)))
     stance = np.where(stance < len(stance_xy), stance, MISSED)
-    match = FootprintMatch(stance, tuple(notes + _missed_note(stance, truth)))
+    match = FootprintMatch(stance, tuple(notes + _missed_note(truth.stride[stance == MISSED])))
     if len(match.found) < MIN_FOOTPRINTS:
         raise EvaluationError(
             f"only {len(match.found)} of {len(stance)} surveyed footprints have a stance "
@@ -337,8 +363,8 @@ def _surplus_note(surplus: int, stances: int) -> str:
     )
 
 
-def _missed_note(stance: Ints, truth: FootprintTruth) -> list[str]:
-    missed = truth.stride[stance == MISSED]
+def _missed_note(missed: Ints, why: str = "no stance for") -> list[str]:
+    """Name the footprints that are not scored."""
     if not len(missed):
         return []
-    return [f"no stance for footprint{'s' if len(missed) > 1 else ''} {', '.join(map(str, missed))}: not scored"]
+    return [f"{why} footprint{'s' if len(missed) > 1 else ''} {', '.join(map(str, missed))}: not scored"]

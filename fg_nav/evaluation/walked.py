@@ -51,7 +51,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Alignment, Comparison, compare, fit_scale
 from fg_nav.frames import wrap_angle
-from fg_nav.recording import Truth
+from fg_nav.recording import FootprintTruth, Truth
 from fg_nav.solution import Solution
 
 AS_STARTED, BEST_YAW = "origin", "yaw"
@@ -85,11 +85,13 @@ class WalkErrors:
 
 
 def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Comparison:
-    """Lay the footfalls of a solution on a truth; rows of the comparison are footfalls.
+    """Lay the footfalls of a solution on a truth; rows of the comparison are footfalls, or footprints with their time.
 
     Raises `EvaluationError` as `fg_nav.evaluation.compare`.
     """
     stances = solution.stances
+    if isinstance(truth, FootprintTruth):
+        return compare(solution, truth, mode)
     return compare(
         replace(
             solution,

@@ -6,6 +6,7 @@ inspection of broken files.
 
 from fg_nav.io.canonical import write_canonical
 from fg_nav.io.formats import FORMATS, Format, read, read_raw, read_truth
+from fg_nav.io.gdlbio import read_pyshoe_track
 from fg_nav.io.pyshoe import read_pyshoe_labels
 from fg_nav.io.truth import read_fixes, write_tum
 
@@ -15,6 +16,7 @@ __all__ = [
     "read",
     "read_fixes",
     "read_pyshoe_labels",
+    "read_pyshoe_track",
     "read_raw",
     "read_truth",
     "write_canonical",

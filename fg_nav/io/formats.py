@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fg_nav.errors import FormatError
-from fg_nav.io import broad, canonical, openshoe, pyshoe, sensorconnect, xio
+from fg_nav.io import broad, canonical, gdlbio, openshoe, pyshoe, sensorconnect, xio
 from fg_nav.io.content import Content, read_content
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
@@ -36,6 +36,7 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognizes, canonical.read),
     Format("sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognizes, sensorconnect.read),
     Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognizes, pyshoe.read, is_mat=True),
+    Format("gdlbio", "MATLAB file of surveyed walks (gdlbio)", gdlbio.recognizes, gdlbio.read, is_mat=True),
     Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
     Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, is_mat=True),

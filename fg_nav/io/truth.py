@@ -93,17 +93,19 @@ def read_footprint_csv(content: Content) -> FootprintTruth:
     return pack_footprints(table[:, 0], table[:, 1:], None, path)
 
 
-def pack_footprints(stride: Floats, xy: Floats, stride_count: int | None, path: Path) -> FootprintTruth:
-    """Check and pack footprints.
+def pack_footprints(
+    stride: Floats, xy: Floats, stride_count: int | None, path: Path, t: Floats | None = None
+) -> FootprintTruth:
+    """Check and pack footprints, with their times (M,) s where they are known.
 
     Raises `FormatError` if a number is not finite, or the strides are not whole, rising numbers.
     """
-    if not (np.isfinite(stride).all() and np.isfinite(xy).all()):
+    if not all(np.isfinite(part).all() for part in (stride, xy, *([] if t is None else [t]))):
         raise FormatError(f"{path.name} has a footprint that is not finite: correct or delete it.")
     whole = (stride >= 0).all() and (stride == np.round(stride)).all() and (stride < 2**31).all()
     if not whole or (np.diff(stride) <= 0).any():
         raise FormatError(f"{path.name}: stride numbers must be whole and rising, 0 at the start: correct them.")
-    return FootprintTruth(stride=stride.astype(np.int64), xy=xy, stride_count=stride_count)
+    return FootprintTruth(stride=stride.astype(np.int64), xy=xy, stride_count=stride_count, t=t)
 
 
 def pack_true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None) -> TrajectoryTruth | None:

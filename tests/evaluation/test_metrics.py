@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -167,3 +168,32 @@ def test_footprints_that_cannot_be_compared_are_errors_in_words():
         evaluate(walk_with_stances(STEPS[:20]), truth)
     with pytest.raises(EvaluationError, match="footprints have none: use 'yaw'"):
         evaluate(walk_with_stances(STEPS), truth, "se3")
+
+
+def timed_steps(strides=29):
+    """A walk with its whole path, and footprints on it in the middle of each stance, a turn and a shift away."""
+    t = np.linspace(0.0, 30.0, 3001)
+    path = np.column_stack([np.interp(t, np.arange(strides + 1) + 0.3, column) for column in STEPS.T])
+    when = np.arange(strides + 1) + 0.3
+    surveyed = np.column_stack([STEPS[:, :2], np.zeros(strides + 1)]) @ yaw_rotation(0.7).T + [5.0, -3.0, 0.0]
+    truth = FootprintTruth(np.arange(strides + 1), surveyed[:, :2], strides, when)
+    return solution(t, np.column_stack([path[:, :2], np.zeros(len(t))]), np.array([0, 400, 900])), truth
+
+
+def test_footprints_with_times_are_compared_there_whatever_stances_were_found():
+    found, truth = timed_steps()
+    metrics = evaluate(found, truth)
+    assert metrics.max_error_m < 0.02  # between two samples
+    assert (metrics.points, metrics.strides_detected, metrics.strides_true) == (30, 2, 29)
+    assert metrics.rmse_3d_m is None
+    late = evaluate(found, replace(truth, t=truth.t + 0.5))
+    assert late.max_error_m > 0.3
+
+
+def test_footprints_beyond_the_time_of_the_solution_are_named():
+    found, truth = timed_steps()
+    metrics = evaluate(found, replace(truth, t=truth.t + 1.0))
+    assert metrics.points == 29
+    assert metrics.notes == ("no sample at footprint 29: not scored",)
+    with pytest.raises(EvaluationError, match=r"only 0 of 30 surveyed footprints are within the time.*clocks"):
+        evaluate(found, replace(truth, t=truth.t + 100.0))

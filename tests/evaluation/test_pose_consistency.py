@@ -23,7 +23,7 @@ def drawn(rng, claimed=1.0, joint=True):
     truth = np.column_stack([np.arange(K), np.zeros(K), np.zeros(K)]) * 1.0
     rows = np.arange(K)
     found = Comparison(
-        Alignment("origin", np.eye(3), np.zeros(3)), rows, truth + error[:, :3], truth, False, error[:, 3]
+        Alignment("origin", np.eye(3), np.zeros(3)), rows, 1.0 * rows, truth + error[:, :3], truth, False, error[:, 3]
     )
     pose_cov = claimed**2 * np.arange(K)[:, None, None] * (MIX @ MIX.T) + 1e-12 * np.eye(4)
     table = solution(np.arange(float(K)), truth).stances

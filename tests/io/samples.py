@@ -79,6 +79,21 @@ def write_pyshoe(raw: RawRecording, path: Path) -> None:
     scipy.io.savemat(path, {"imu": imu, "ts": raw.t[None, :], "gt": gt, "zv_shoe_opt": still[None, :]})
 
 
+def write_gdlbio(raw: RawRecording, path: Path, **changes: object) -> None:
+    """A footprint every 100 samples; the walk goes along x and to the left, the file has its y to the right."""
+    sample = np.arange(0, len(raw.t), 100)
+    xy = np.column_stack([raw.t[sample], -2.0 * raw.t[sample]])
+    variables = {
+        "imu_data": np.column_stack([raw.acc, raw.gyr]),
+        "timestamps": raw.t[None, :],
+        "strideIndex": sample[None, :],
+        "GCP": xy,
+        "pyshoeTrajectory": np.column_stack([raw.t, -2.0 * raw.t]),
+    }
+    kept = {name: value for name, value in {**variables, **changes}.items() if value is not None}
+    scipy.io.savemat(path, kept)
+
+
 def write_broad(raw: RawRecording, path: Path) -> None:
     n = len(raw.t)
     quaternion, position = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), np.zeros((n, 3))
@@ -101,6 +116,7 @@ WRITERS: dict[str, tuple[str, Callable[[RawRecording, Path], None]]] = {
     "xio": ("xio", write_xio),
     "openshoe": ("openshoe", write_openshoe),
     "pyshoe": ("pyshoe", write_pyshoe),
+    "gdlbio": ("gdlbio", write_gdlbio),
     "broad": ("broad", write_broad),
 }
 """A writer for each kind of file, and the format it is to be recognised as."""

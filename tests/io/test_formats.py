@@ -29,7 +29,7 @@ def test_is_recognised_from_content_and_read_in_si(kind: str, suffix: str, tmp_p
         sampled = np.isfinite(raw.mag).all(axis=1)
         assert sampled.mean() > 0.9
         np.testing.assert_allclose(raw.mag[sampled], RAW.mag[sampled], atol=1e-5)
-    assert (raw.mag is None) == (kind in ("estimated", "pyshoe"))
+    assert (raw.mag is None) == (kind in ("estimated", "pyshoe", "gdlbio"))
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -246,7 +246,7 @@ def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav(tmp_path: Path) -> Non
 
 
 def test_formats_are_described() -> None:
-    assert list(FORMATS) == ["canonical", "sensorconnect", "pyshoe", "openshoe", "xio", "broad"]
+    assert list(FORMATS) == ["canonical", "sensorconnect", "pyshoe", "gdlbio", "openshoe", "xio", "broad"]
     assert all(known.name == name and known.description for name, known in FORMATS.items())
 
 

@@ -23,7 +23,7 @@ def _data() -> Path:
 def _files() -> list[Path]:
     if DATA is None:
         return []
-    patterns = ("gdin/*/*.csv", "vicon/*.mat", "openshoe/*.txt", "xio/*.csv", "broad/*.mat")
+    patterns = ("gdin/*/*.csv", "vicon/*.mat", "gdlbio/*.mat", "openshoe/*.txt", "xio/*.csv", "broad/*.mat")
     return [path for pattern in patterns for path in sorted(DATA.glob(pattern))]
 
 

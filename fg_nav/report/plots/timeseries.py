@@ -90,10 +90,9 @@ def _draw_error(axes: Axes, view: AlignedSolution, colour: str, name: str) -> No
     error = np.linalg.norm(view.comparison.error[:, :2], axis=1)
     rms = f"{name}, rms {np.sqrt(np.mean(error**2)):.3f} m"
     if view.comparison.planar:
-        t = view.solution.stances.t[view.comparison.row]
-        axes.plot(t, error, "o-", color=colour, markersize=3.5, linewidth=0.9, label=rms)
+        axes.plot(view.comparison.t, error, "o-", color=colour, markersize=3.5, linewidth=0.9, label=rms)
     else:
-        axes.plot(*envelope(view.solution.t[view.comparison.row], error), color=colour, linewidth=0.9, label=rms)
+        axes.plot(*envelope(view.comparison.t, error), color=colour, linewidth=0.9, label=rms)
 
 
 def _heading(view: AlignedSolution) -> Floats:
