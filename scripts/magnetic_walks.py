@@ -52,10 +52,10 @@ WINDING = ((0, 0), (0, 45), (30, 45), (30, 70), (75, 70), (75, 20), (40, 20), (4
 
 def make_round(corners: tuple[tuple[int, int], ...], length_m: float, laps: int = 1) -> Route:
     """Return the route that goes round these corners, standing before and after."""
-    lap = polyline(corners, 1.2).scale_to(length_m / laps)
+    way = polyline(corners + corners[1:] * (laps - 1), 1.2).scale_to(length_m)
 
     def route(_: np.random.Generator) -> list[Section]:
-        return [Stand(5.0), Walking(lap.repeat(laps)), Stand(5.0)]
+        return [Stand(5.0), Walking(way), Stand(5.0)]
 
     return route
 
