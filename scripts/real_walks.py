@@ -6,6 +6,7 @@
 vicon        rmse over all samples after yaw and position alignment, scale, and NEES of the stance positions, with the
              labels of PyShoe as stances; then rmse with our own stances
 gdin         rmse over surveyed footprints after a rigid fit, scale, and stride count; two walks with running strides
+gdlbio       the same of 11 walks, and of 7 that are run or in which the gyroscope clips in every stride
 loops        distance from the first stance to the last, in percent of the distance travelled
 magnetometer gdin and the openshoe loops with the magnetometer and without it: as recorded, and corrected by what the
              walk shows of its iron, where it does (`fg_nav.calibration.walk`). Heading at the start not given
@@ -13,8 +14,9 @@ ablation     what each part of the smoother contributes: the same figures withou
 ============ =======================================================================================================
 
 Nothing is set by walk: every walk of every set runs with the same parameters. PyShoe (Wagstaff, Peretroukhin and
-Kelly 2017) is its authors' own filter with the same labels, measured on the same 28 trials in the same way. A walk
-that an estimator could not solve counts as infinitely bad.
+Kelly 2017) is its authors' own filter with the same labels, measured on the same 28 trials in the same way; `stored` is
+what came with the recordings (`beside.py`), and so are the sets in one table. A walk that an estimator could not solve
+counts as infinitely bad.
 
 `docs/results/real-walks.json` is what `--ablation --json` writes of all sets; `scripts/write_results.py` writes the
 tables of README and docs from it.
@@ -23,14 +25,16 @@ tables of README and docs from it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import TypeAlias
 
+import beside
 import harness
 import numpy as np
 import walks
+from beside import NEES, RMSE, SPACE, STORED, Result
 from harness import Figure, option
 from real_fields import Pair, measure_pairs, print_pairs
 from walks import Walk
@@ -38,8 +42,8 @@ from walks import Walk
 from fg_nav.arrays import Floats
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
-from fg_nav.evaluation import Metrics, evaluate
-from fg_nav.evaluation.metrics import Consistency, compute_stance_nees
+from fg_nav.evaluation import evaluate
+from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console
 from fg_nav.smoother import SmootherParameters, smooth
@@ -63,48 +67,24 @@ SCALE, SCALE_TOLERANCE = "best-fit scale, median", 0.01
 NEES_FACTOR = 3.0
 OWN_DETECTOR_M, DIVERGED_M = 0.08, 2.0
 FOOTPRINTS_M, RIGHT_COUNTS = 0.60, 8
+SURVEYED_MEAN_M, SURVEYED_MEDIAN_M, RUN_M, RUN_COUNT_SHARE, RUN_COUNTS = 0.18, 0.12, 1.5, 0.03, 5
 CLOSURE_PERCENT = 0.7
 
 VICON_LABELLED, VICON_DETECTED = "Vicon, labels of PyShoe", "Vicon, own stances"
 FOOTPRINTS, RUNNING = "gdin, own stances, no magnetometer", "gdin with running strides, for information"
 LOOPS = "loops, own stances"
+SURVEYED, RUN = "gdlbio, walked", "gdlbio, run or clipped"
 
-
-@dataclass(frozen=True)
-class Result:
-    """What a method made of a walk; without `metrics` it failed, and `failure` says how."""
-
-    section: str
-    walk: str
-    method: str
-    metrics: Metrics | None
-    consistency: Consistency | None = None
-    failure: str = ""
-
-    def value(self, name: str) -> float:
-        """Figure of merit `name`, infinite where it could not be had; of the NEES over its expectation too."""
-        of = self.consistency if name.endswith("_ratio") else self.metrics
-        found = getattr(of, name, None)
-        return float("inf") if found is None else float(found)
-
-    @property
-    def miscount(self) -> float:
-        """Strides detected, less the true ones."""
-        return self.value("strides_detected") - self.value("strides_true")
-
-    def as_dict(self) -> dict[str, object]:
-        """Ready for JSON."""
-        known: dict[str, object] = {"section": self.section, "walk": self.walk, "method": self.method}
-        for name in WRITTEN:
-            value = self.value(name)
-            known |= {name: float(f"{value:.5g}")} if np.isfinite(value) else {}
-        return known | ({"failure": self.failure} if self.failure else {})
-
-
-RMSE, SPACE, NEES = "rmse_2d_m", "rmse_3d_m", "median_ratio"
-WRITTEN = (RMSE, SPACE, "max_error_m", "scale", "distance_m", "closure_m", "closure_percent", "points")
-WRITTEN += ("footprints_surveyed", "strides_detected", "strides_true", NEES, "mean_ratio")
-"""Figures of merit that are written to the file."""
+SETS_BESIDE: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "vicon, labels": ((VICON_LABELLED,), ""),
+    "vicon, own stances": ((VICON_DETECTED,), ""),
+    "gdin": ((FOOTPRINTS, RUNNING), ""),
+    SURVEYED: ((SURVEYED,), ""),
+    RUN: ((RUN,), ""),
+    "openshoe": ((LOOPS,), "openshoe"),
+    "xio": ((LOOPS,), "xio"),
+}
+"""Sections of each set, and how its walks' names begin."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -146,6 +126,9 @@ def measure_sets(
             results += rows
             figures += found
             harness.print_figures(found)
+    found = beside.judge_sets(results, SETS_BESIDE)
+    figures += found
+    harness.print_figures(found)
     pairs = measure_pairs(data) if "magnetometer" in sets else []
     return results, figures + print_pairs(pairs), pairs
 
@@ -161,6 +144,11 @@ def _measure_vicon(data: Path, per_walk: bool) -> Iterator[Section]:
 def _measure_gdin(data: Path, _: bool) -> Iterator[Section]:
     yield _measure_section(RUNNING, walks.read_gdin(data, walks.RUNNING), FOOTPRINT_COLUMNS, lambda *_: [])
     yield _measure_section(FOOTPRINTS, walks.read_gdin(data), FOOTPRINT_COLUMNS, judge_footprints)
+
+
+def _measure_gdlbio(data: Path, _: bool) -> Iterator[Section]:
+    for section, numbers in ((SURVEYED, walks.GDLBIO_WALKED), (RUN, walks.GDLBIO_RUN)):
+        yield _measure_section(section, walks.read_gdlbio(data, numbers), FOOTPRINT_COLUMNS, judge_surveyed)
 
 
 def _measure_loops(data: Path, _: bool) -> Iterator[Section]:
@@ -187,15 +175,17 @@ def _measure_section(
 SETS: Mapping[str, Callable[[Path, bool], Iterator[Section]]] = {
     "vicon": _measure_vicon,
     "gdin": _measure_gdin,
+    "gdlbio": _measure_gdlbio,
     "loops": _measure_loops,
     "magnetometer": lambda *_: iter(()),
 }
 
 
 def run_methods(section: str, chosen: Sequence[Walk], methods: Mapping[str, Estimate] = METHODS) -> list[Result]:
-    """Run every method on every walk and measure it."""
+    """Run every method on every walk and measure it, and what came with the recording."""
     pairs = [(walk, name) for walk in chosen for name in methods]
-    return harness.map_walks(lambda pair: measure_walk(section, *pair, methods[pair[1]]), pairs, title=section)
+    found = harness.map_walks(lambda pair: measure_walk(section, *pair, methods[pair[1]]), pairs, title=section)
+    return found + [one for walk in chosen for one in beside.measure_stored(section, walk)]
 
 
 def measure_walk(section: str, walk: Walk, method: str, estimate: Estimate) -> Result:
@@ -204,10 +194,12 @@ def measure_walk(section: str, walk: Walk, method: str, estimate: Estimate) -> R
     try:
         solution = estimate(walk.recording, walk.stances)
         metrics = evaluate(solution, truth)
-        consistency = compute_stance_nees(solution.stances, truth) if isinstance(truth, TrajectoryTruth) else None
+        seen = isinstance(truth, TrajectoryTruth)
+        consistency = compute_stance_nees(solution.stances, truth) if seen else None
+        armse_m = beside.measure_as_pyshoe(solution, truth) if seen else None
     except (EstimationError, EvaluationError) as error:
         return Result(section, walk.name, method, None, failure=str(error))
-    return Result(section, walk.name, method, metrics, consistency)
+    return Result(section, walk.name, method, metrics, consistency, armse_m=armse_m)
 
 
 # --- tables ----------------------------------------------------------------------------------------------------------
@@ -216,12 +208,13 @@ Columns: TypeAlias = Mapping[str, Callable[[Result], str]]
 
 
 def _column(name: str, pattern: str) -> Callable[[Result], str]:
-    return lambda result: pattern.format(result.value(name))
+    return lambda result: pattern.format(result.value(name)) if np.isfinite(result.value(name)) else "-"
 
 
 TRIAL_COLUMNS: Columns = {
     "rmse 2-D (m)": _column(RMSE, "{:.3f}"),
     "rmse 3-D (m)": _column(SPACE, "{:.3f}"),
+    "as PyShoe counts (m)": _column("armse_m", "{:.3f}"),
     "largest (m)": _column("max_error_m", "{:.3f}"),
     "scale": _column("scale", "{:.4f}"),
     "NEES": _column(NEES, "{:.2f}"),
@@ -232,8 +225,10 @@ FOOTPRINT_COLUMNS: Columns = {
     "scale": _column("scale", "{:.4f}"),
     "distance (m)": _column("distance_m", "{:.1f}"),
     "footprints": lambda r: f"{r.value('points'):.0f}/{r.value('footprints_surveyed'):.0f}",
-    "strides": lambda r: f"{r.value('strides_detected'):.0f}/{r.value('strides_true'):.0f}",
-    "": lambda r: "" if abs(r.miscount) <= 1 else f"{r.miscount:+.0f}",
+    "strides": lambda r: (
+        "-" if r.method == STORED else f"{r.value('strides_detected'):.0f}/{r.value('strides_true'):.0f}"
+    ),
+    "": lambda r: "" if r.method == STORED or abs(r.miscount) <= 1 else f"{r.miscount:+.0f}",
 }
 CLOSURE_COLUMNS: Columns = {
     "distance (m)": _column("distance_m", "{:.1f}"),
@@ -318,6 +313,22 @@ def judge_footprints(section: str, results: Sequence[Result]) -> list[Figure]:
     return [*found, Figure(section, name, "both", right, low=RIGHT_COUNTS, pattern="{:.0f}")]
 
 
+def judge_surveyed(section: str, results: Sequence[Result]) -> list[Figure]:
+    """Accuracy at the footprints of walks of which each has its instant, and how many strides were found."""
+    asked = {"mean": SURVEYED_MEAN_M, "median": SURVEYED_MEDIAN_M} if section == SURVEYED else {"median": RUN_M}
+    found = []
+    for method in (*METHODS, STORED):
+        rmse = values(results_of(results, method), RMSE)
+        for name, summary in (("mean", np.mean), ("median", np.median), ("worst", np.max)):
+            bound = asked.get(name, np.inf) if method == "smoother" else np.inf
+            found.append(Figure(section, f"footprint rmse, {name} (m)", method, float(summary(rmse)), high=bound))
+    first = results_of(results, next(iter(METHODS)))
+    right = sum(abs(row.miscount) <= RUN_COUNT_SHARE * row.value("strides_true") for row in first)
+    bound = RUN_COUNTS if section == RUN else -np.inf
+    name = f"stride count within {100 * RUN_COUNT_SHARE:.0f} %, walks of {len(first)}"
+    return [*found, Figure(section, name, "both", right, low=bound, pattern="{:.0f}")]
+
+
 def judge_closures(section: str, results: Sequence[Result]) -> list[Figure]:
     """How far the end of a loop is from its beginning."""
     found = []
@@ -349,7 +360,7 @@ ABLATION: Mapping[str, SmootherParameters] = {
 
 def measure_ablation(data: Path) -> list[dict[str, object]]:
     """Measure and print every variant of the smoother on the same walks; returns the rows, ready for JSON."""
-    chosen = [walks.read_vicon_labelled(data), walks.read_gdin(data), walks.read_loops(data)]
+    chosen = [walks.read_vicon_labelled(data), walks.read_gdin(data), walks.read_loops(data), walks.read_gdlbio(data)]
     rows = [{"smoother": name, **measure_variant(name, p, chosen)} for name, p in ABLATION.items()]
     harness.print_heading("What each part of the smoother contributes")
     harness.print_table(list(rows[0]), [[str(cell) for cell in row.values()] for row in rows])
@@ -357,12 +368,14 @@ def measure_ablation(data: Path) -> list[dict[str, object]]:
 
 
 def measure_variant(name: str, parameters: SmootherParameters, chosen: Sequence[Sequence[Walk]]) -> dict[str, object]:
-    """Figures of one variant on the Vicon trials, the gdin walks and the loops."""
+    """Figures of one variant on the Vicon trials, the gdin walks, the loops and the walked gdlbio ones."""
 
     def estimate(recording: Recording, stances: Stances) -> Solution:
         return smooth(recording, stances, parameters)
 
-    vicon, gdin, loops = (run_methods(name, some, {"smoother": estimate}) for some in chosen)
+    vicon, gdin, loops, gdlbio = (
+        results_of(run_methods(name, some, {"smoother": estimate}), "smoother") for some in chosen
+    )
     found = {
         "Vicon 2-D mean": float(values(vicon, RMSE).mean()),
         "2-D median": median(vicon, RMSE),
@@ -373,6 +386,8 @@ def measure_variant(name: str, parameters: SmootherParameters, chosen: Sequence[
         "gdin mean": float(values(gdin, RMSE).mean()),
         "gdin median": median(gdin, RMSE),
         "loops, %": median(loops, "closure_percent"),
+        "gdlbio mean": float(values(gdlbio, RMSE).mean()),
+        "gdlbio median": median(gdlbio, RMSE),
     }
     return {name: harness.finite(float(f"{value:.4g}")) for name, value in found.items()}
 

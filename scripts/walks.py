@@ -5,6 +5,7 @@ vicon, labels       28 trials with motion capture; stances: `zv_shoe_opt`, the a
 vicon, detected     the same with our detector
 gdin                10 indoor walks with surveyed footprints
 running             2 more that have running strides in them and a gyroscope that saturates
+gdlbio              11 indoor walks with every footprint surveyed, and 7 that are run or clipped in every stride
 loops               5 walks that end where they began
 =================== ====================================================================================
 
@@ -19,10 +20,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy.io
 
+from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import FormatError
-from fg_nav.io import read, read_pyshoe_labels
+from fg_nav.io import read, read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.recording import Recording, TrajectoryTruth
@@ -32,8 +35,13 @@ DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 GDIN_WALKS = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
 RUNNING = (35, 43)
+GDLBIO_WALKED = (48, 50, 58, 62, 64, 72, 74, 76, 78, 80, 82)
+GDLBIO_RUN = (52, 54, 56, 60, 66, 68, 70)
 NEWEST_OBSOLETE = 29
 """gdin walks up to this one lie in a folder of their own."""
+
+SHOE_ERROR = 0
+"""Of the five errors stored with a trial: that of the detector whose labels are used."""
 
 LOOPS = {
     "openshoe 1": "openshoe/data_inert1.txt",
@@ -54,11 +62,17 @@ REAL_WALKS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Walk:
-    """A recording and when the foot stood in it."""
+    """A recording and when the foot stood in it.
+
+    `track` (N, 2) m and `stored_armse_m` are what the authors of a set stored with it: a path at every sample, and
+    PyShoe's error with its own labels.
+    """
 
     name: str
     recording: Recording
     stances: Stances
+    track: Floats | None = None
+    stored_armse_m: float | None = None
 
 
 def data_folder(given: Path | None) -> Path:
@@ -78,7 +92,12 @@ def data_folder(given: Path | None) -> Path:
 def read_vicon_labelled(data: Path) -> list[Walk]:
     """Read the trials with the authors' labels as the stance mask, oldest first."""
     return [
-        Walk(path.stem, _read_inertial(path), Stances.from_mask(read_pyshoe_labels(path)))
+        Walk(
+            path.stem,
+            _read_inertial(path),
+            Stances.from_mask(read_pyshoe_labels(path)),
+            stored_armse_m=float(scipy.io.loadmat(path)["trial_error"][0, SHOE_ERROR]),
+        )
         for path in _vicon_paths(data)
     ]
 
@@ -91,6 +110,12 @@ def read_vicon_detected(data: Path) -> list[Walk]:
 def read_gdin(data: Path, numbers: Sequence[int] = GDIN_WALKS) -> list[Walk]:
     """Read the indoor walks of these numbers."""
     return [_detect(f"gdin {number}", gdin_path(data, number)) for number in numbers]
+
+
+def read_gdlbio(data: Path, numbers: Sequence[int] = GDLBIO_WALKED) -> list[Walk]:
+    """Read the surveyed walks of these numbers, with the path that is stored with them."""
+    paths = {number: data / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat" for number in numbers}
+    return [replace(_detect(f"gdlbio {n}", path), track=read_pyshoe_track(path)) for n, path in paths.items()]
 
 
 def read_loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
