@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from functools import cache
+from functools import cache, partial
 from time import perf_counter
 
 import numpy as np
@@ -31,7 +31,7 @@ from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
-from fg_nav.smoother.gyro_scale import covariance_by_scale, find_gyro_scale
+from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, stance_table
@@ -88,14 +88,27 @@ def _smooth(
     fixes: Sequence[Fix],
 ) -> Solution:
     began = perf_counter()
-    problem, solved, verdict = _solve_walk(recording, stances, parameters, heading, progress, field, fixes)
-    # Where the field shows the heading it shows the gyroscope's scale, which is taken off the samples.
-    scale = find_gyro_scale(problem, solved) if parameters.gyro_scale else None
-    if scale is not None:
-        corrected = scale.remove_from(recording)
-        problem, solved, verdict = _solve_walk(corrected, stances, parameters, heading, progress, field, fixes)
-        verdict = replace(verdict, notes=(scale.note, *verdict.notes))
-    by_scale = None if scale is None else covariance_by_scale(problem, solved)
+    solve_walk = partial(
+        _solve_walk,
+        stances=stances,
+        parameters=parameters,
+        heading=heading,
+        progress=progress,
+        field=field,
+        fixes=fixes,
+    )
+    problem, solved, verdict = solve_walk(recording)
+    by_scale = None
+    # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
+    if parameters.gyro_scale and shows_heading(problem):
+        scale = estimate_gyro_scale(problem, solved)
+        unknown = scale.found.second_moment
+        if scale.found.is_shown:
+            problem, solved, verdict = solve_walk(scale.found.remove_from(recording))
+            verdict = replace(verdict, notes=(scale.found.note, *verdict.notes))
+            scale = estimate_gyro_scale(problem, solved)
+            unknown = scale.found.covariance
+        by_scale = scale.spread(unknown)
     solution = _solution_of(problem, solved, verdict, by_scale, stances, perf_counter() - began)
     if progress is not None:
         progress(1.0)

@@ -16,8 +16,13 @@ It is eliminated last (`sensitivity`), which leaves its minimum s and covariance
     log p(z | s free) / p(z | s = 0) = 1/2 s^T P^-1 s - 1/2 log(|SCALE_SIGMA^2 I| / |P|)     (MacKay 2003, section 28)
 
 Only where that is more than `MOST_NATS` the samples are corrected and the walk is solved again; else, and without a
-field, the gyroscope stays as it is: on a walk without a heading a scale of a percent explains what it must not. The
-covariances of a walk that was corrected hold P: what is left of the scale, by how each variable moves with it.
+field, the gyroscope stays as it is: on a walk without a heading a scale of a percent explains what it must not.
+
+Either way the covariances of the walk hold what is not known of the scale. A variable that moves by X s with it has,
+where the samples were corrected, X P X^T more. Where they were not, both models are possible, s = 0 as likely before
+the walk as any s of the prior, and the second moment about the solution with s = 0 is that of the two together,
+
+    w X (P + s s^T) X^T,     w = 1 / (1 + p(z | s = 0) / p(z | s free))     (model average; Hoeting et al. 1999)
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
@@ -57,6 +62,17 @@ class GyroScale:
     nats: float
 
     @property
+    def is_shown(self) -> bool:
+        """Whether the walk shows the errors by so much that they are taken off."""
+        return self.nats > MOST_NATS
+
+    @property
+    def second_moment(self) -> Floats:
+        """Of the errors (3, 3) about zero, over both models: with them, and without."""
+        weight = 1.0 / (1.0 + np.exp(-self.nats))
+        return np.asarray(weight * (self.covariance + np.outer(self.scale, self.scale)))
+
+    @property
     def note(self) -> str:
         """The same in words."""
         sigma = np.sqrt(np.diagonal(self.covariance))
@@ -68,28 +84,25 @@ class GyroScale:
         return replace(recording, gyr=recording.gyr / (1.0 + self.scale))
 
 
-def find_gyro_scale(problem: WalkProblem, solved: Solved) -> GyroScale | None:
-    """Estimate the scale of the gyroscope at a solution of the walk; None without a field, or evidence of an error."""
-    field = problem.field
-    if field is None or not len(field.heading) + len(field.strides):
-        return None
-    found = estimate_gyro_scale(problem, solved)
-    return found if found.nats > MOST_NATS else None
+@dataclass(frozen=True)
+class WalkScale:
+    """The scale of a walk's gyroscope, and its columns in the walk's tree."""
+
+    found: GyroScale
+    columns: SharedColumns
+
+    def spread(self, covariance: Floats) -> dict[int, Floats]:
+        """Return the covariance of each variable of the walk by one (3, 3) of the scale."""
+        return {key: moved @ covariance @ moved.T for key, moved in self.columns.solve().items()}
 
 
-def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> GyroScale:
+def shows_heading(problem: WalkProblem) -> bool:
+    """Whether a walk has a field with anything to compare the gyroscope's scale with."""
+    return problem.field is not None and len(problem.field.heading) + len(problem.field.strides) > 0
+
+
+def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
-    return _eliminate_walk(problem, solved)[0]
-
-
-def covariance_by_scale(problem: WalkProblem, solved: Solved) -> dict[int, Floats]:
-    """Return the covariance of each variable of a walk by what is not known of the scale."""
-    found, columns = _eliminate_walk(problem, solved)
-    return {key: moved @ found.covariance @ moved.T for key, moved in columns.solve().items()}
-
-
-def _eliminate_walk(problem: WalkProblem, solved: Solved) -> tuple[GyroScale, SharedColumns]:
-    """Eliminate the walk, which leaves the scale; and the columns of the scale in the walk's tree."""
     # The inertial factors with their columns of the scale, and what is left of them at the minimum.
     A, b, keys = _linearize_inertial(problem.graph, solved.linearized_at)
     moved = _columns(problem, solved.linearized_at)
@@ -104,7 +117,7 @@ def _eliminate_walk(problem: WalkProblem, solved: Solved) -> tuple[GyroScale, Sh
     scale = np.linalg.solve(information, np.einsum("kri,kr->i", by_scale, left))
     occam = 3.0 * np.log(SCALE_SIGMA) + 0.5 * np.linalg.slogdet(information)[1]
     nats = float(0.5 * scale @ information @ scale - occam)
-    return GyroScale(scale, np.asarray(np.linalg.inv(information)), nats), columns
+    return WalkScale(GyroScale(scale, np.asarray(np.linalg.inv(information)), nats), columns)
 
 
 POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)

@@ -78,6 +78,24 @@ def test_a_right_scale_is_left_as_it_is() -> None:
     np.testing.assert_array_equal(found.position, expected.position)
 
 
+def test_sigmas_hold_a_scale_that_the_walk_does_not_refute() -> None:
+    """Nothing is taken off, and a scale of a per cent is still possible: the gyro bias is less certain for it."""
+    counted, ignored = smoothed(False).stances, smoothed(False, corrected=False).stances
+    assert np.all(counted.gyro_bias_sigma > ignored.gyro_bias_sigma)
+    assert counted.heading_sigma[-1] > ignored.heading_sigma[-1]
+
+
+@pytest.mark.parametrize("nats", [-2.0, 0.0, 2.0, 8.0])
+def test_second_moment_is_that_of_both_models_drawn(nats: float) -> None:
+    """With probability w the errors are N(s, P), else they are zero."""
+    rng = np.random.default_rng(1)
+    root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.0, -1.0, 1.0]]) * 1e-3
+    with_errors = rng.random(200_000) < np.exp(nats) / (1.0 + np.exp(nats))
+    drawn = with_errors[:, None] * (SCALE / 4 + rng.standard_normal((200_000, 3)) @ root.T)
+    found = GyroScale(SCALE / 4, root @ root.T, nats).second_moment
+    np.testing.assert_allclose(found, drawn.T @ drawn / len(drawn), atol=0.02 * np.trace(found) + 1e-9)
+
+
 def test_without_a_field_the_scale_is_left_as_it_is() -> None:
     assert not is_noted(smoothed(True, with_field=False))
 
