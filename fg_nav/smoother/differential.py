@@ -30,8 +30,11 @@ from fg_nav.smoother.differential_factors import (
 from fg_nav.smoother.graph import WalkProblem, biases_of, trajectory_of
 from fg_nav.text import format_count
 
-ROUNDS = 4
+FEWEST_ROUNDS, MOST_ROUNDS = 2, 4
 """Of variogram and iron in turns: of 20 uT the first leaves a few, as the variogram of the swings hides the stances."""
+
+CLOSE_IRON_UT = 0.2
+"""A round that moves the iron by less is the last: a tenth of what may be left of it."""
 
 
 def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
@@ -52,13 +55,16 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkPr
     sigma_uT = measure_noise(turned)
     # Iron turns with the body in the swings, too, so that the field varies less once it is known.
     iron = Iron.unknown(IRON_UT)
-    for _ in range(ROUNDS):
+    for done in range(1, MOST_ROUNDS + 1):
         variogram = fit_variogram(recording.mag - iron.mean_uT, track.position, track.nav_R_body, nodes, sigma_uT)
         if variogram is None:
             return problem
         noise = FieldNoise(variogram, sigma_uT, iron)
         stances, standings = _sum_kinds(stretches, turned, noise, len(biases))
-        iron = find_iron(stances.information, standings.information)
+        found = find_iron(stances.information, standings.information)
+        if done >= FEWEST_ROUNDS and np.linalg.norm(found.mean_uT - iron.mean_uT) < CLOSE_IRON_UT:
+            break
+        iron = found
     known = LevelBias(biases, track.nav_R_body[nodes.sample, 2].mean(axis=0))
     return replace(problem, differential=DifferentialFactors(stances, standings, noise, known))
 
