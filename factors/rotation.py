@@ -123,7 +123,7 @@ def _sum_of(t: Array, one: Array, cross: Array, outer: Array) -> Array:
 
 @njit(cache=True)
 def _running_products(factors: Array, position: Ints) -> Array:
-    """Products (T, 3, 3) of all rotations from a stretch's first to each, which is the identity: its `position` is 0."""
+    """Products (T, 3, 3) of all rotations from a stretch's first to each, the identity, at `position` 0."""
     out = np.empty_like(factors)
     for t in range(len(out)):
         if position[t] == 0:
