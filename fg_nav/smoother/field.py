@@ -66,7 +66,7 @@ from fg_nav.smoother.roughness import (
     roughness_of,
     usual_deviation,
 )
-from fg_nav.smoother.solver import Solved
+from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved
 
 COMPASS_SIGMA_UT = 0.3
 """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
@@ -215,8 +215,8 @@ def _solve_in_rounds(
     problem = _with_field(problem, field, residuals, path, direction, p)
     assert problem.field is not None
     problem.field.insert(values)
-    solved = solve(replace(problem, values=values))
-    problem, solved = free_jumps(problem, solved)
+    close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
+    problem, solved = free_jumps(problem, solve(replace(problem, values=values), close), close)
     # Later rounds take noise, verdicts and the sigma of an unknown north from the smoothed walk.
     for _ in range(p.rounds - 1):
         assert problem.field is not None

@@ -126,7 +126,7 @@ class FieldFactors:
         compass = MagneticHeading(readings.body_field[used], level, readings.nav_R_level[used], readings.sigma_uT[used])
         self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
         self.strides = np.flatnonzero(np.isfinite(path.sigma_uT_m) & ~path.jumps & p.potential)
-        self.potential = self._integrals_over(self.strides)
+        self.potential = self.integrals_over(self.strides)
         changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
         self.integral_sigma, self.change_sigma = self._integral_sigma(self.strides), changes.sigma
         self.transition = ResidualBlock(changes, list(pairwise(state)))
@@ -134,7 +134,8 @@ class FieldFactors:
     def _integral_sigma(self, stride: Ints) -> Floats:
         return np.hypot(self.path.sigma_uT_m[stride], self.drift_uT_m[stride])
 
-    def _integrals_over(self, stride: Ints) -> ResidualBlock:
+    def integrals_over(self, stride: Ints) -> ResidualBlock:
+        """Return the line integrals over some strides, whether they are used or not."""
         path, node, sigma = self.path, self.readings.node, self._integral_sigma(stride)
         level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
         integrals = FieldPotential(path.u[stride], level_path, move, nav_R_level, sigma)
@@ -158,7 +159,7 @@ class FieldFactors:
         stride = np.flatnonzero(self.path.jumps)
         if not len(stride):
             return np.zeros(0)
-        e, _ = self._integrals_over(stride).evaluate(values, with_jacobians=False)
+        e, _ = self.integrals_over(stride).evaluate(values, with_jacobians=False)
         return np.asarray(-e[:, 0] * self._integral_sigma(stride))
 
     def insert(self, values: gtsam.Values) -> None:

@@ -11,9 +11,15 @@ row at the minimum, sigma its noise, J its Jacobian and P the marginal covarianc
 
 is by how much twice the error falls at the minimum where the row is left out, that is, with c free (a deletion
 diagnostic; Cook 1977). It costs one pass down the Bayes tree. At the largest T the rows k-1, k, k+1 are left out, as
-the stride that passes the conductor is wrong in its shape too, and the walk is solved again. The jump is kept where
-twice the error fell by more than `LEAST_FALL`; then the next one is looked for. The roughness of the potential is held
-meanwhile: measured on a walk with a jump it swells and hides the jump. Measured without it, it has to confirm it.
+the stride that passes the conductor is wrong in its shape too. By how much twice the error then falls follows in the
+same way, from all their residuals r, with H = J P J^T by one pass up the tree (`sensitivity`); so does by how much it
+rises where rows that are left out come back:
+
+    fall = r^T (I - H)^-1 r,     rise = r^T (I + H)^-1 r,     r and J over sigma.
+
+Where the fall is more than `LEAST_FALL` the walk is solved again without them, the jump is kept if twice the error
+fell by as much, and the next one is looked for. The roughness of the potential is held meanwhile: measured on a walk
+with a jump it swells and hides the jump. Measured without it, it has to confirm it.
 """
 
 from __future__ import annotations
@@ -26,7 +32,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.solver import Solved, clique_covariances, compute_error
+from fg_nav.smoother.sensitivity import SharedColumns
+from fg_nav.smoother.solver import CONVERGENCE, Solved, clique_covariances, compute_error
 
 LEAST_STATISTIC = 15.0
 """T below which no row is tried: the largest of clean walks of 500 strides is 1 to 15, of a circuit of 100 A 200."""
@@ -65,11 +72,13 @@ class Jump:
         )
 
 
-def free_jumps(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved]:
+def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVERGENCE) -> tuple[WalkProblem, Solved]:
     """Leave the line integrals out where the potential jumps, and solve again; a clean walk comes back as it is."""
     # What was a jump at an earlier roughness has to be one at that of the walk without it.
     for stride in _freed_runs(problem):
-        restored = _solve_with(problem, solved, stride, jumps=False)
+        if predict_change(problem, solved, stride) >= LEAST_FALL:
+            continue
+        restored = _solve_with(problem, solved, stride, False, convergence)
         if _fall(restored, (problem, solved)) < LEAST_FALL:
             problem, solved = restored
     for _ in range(MOST_JUMPS):
@@ -81,8 +90,10 @@ def free_jumps(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         # Leave it out with its neighbors; stop where that gains too little.
         stride = problem.field.strides[statistic.argmax()]
         near = np.arange(max(stride - 1, 0), min(stride + 2, len(problem.field.path.u)))
+        if predict_change(problem, solved, near) < LEAST_FALL:
+            break
         try:
-            freed = _solve_with(problem, solved, near, jumps=True)
+            freed = _solve_with(problem, solved, near, True, convergence)
         except EstimationError:
             break
         if _fall((problem, solved), freed) < LEAST_FALL or abs(_size(*freed, near)) < LEAST_JUMP_UT_M:
@@ -98,11 +109,13 @@ def _freed_runs(problem: WalkProblem) -> list[Ints]:
     return np.split(stride, np.flatnonzero(np.diff(stride) > 1) + 1) if len(stride) else []
 
 
-def _solve_with(problem: WalkProblem, solved: Solved, stride: Ints, jumps: bool) -> tuple[WalkProblem, Solved]:
+def _solve_with(
+    problem: WalkProblem, solved: Solved, stride: Ints, jumps: bool, convergence: float
+) -> tuple[WalkProblem, Solved]:
     """Solve again with the potential free to jump at these strides, or not."""
     assert problem.field is not None
     changed = replace(problem, field=problem.field.mark_jumps(stride, jumps), values=solved.values)
-    return changed, solve(changed)
+    return changed, solve(changed, convergence)
 
 
 def _fall(before: tuple[WalkProblem, Solved], after: tuple[WalkProblem, Solved]) -> float:
@@ -129,6 +142,28 @@ def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
             left = residual[k, 0] + jacobian[k] @ np.concatenate([step.at(key) for key in keys])
             statistic[k] = left**2 / max(open_share, LEAST_VARIANCE)
     return statistic
+
+
+def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
+    """By how much twice the error changes where the integrals of these strides are left out, or come back if they were.
+
+    It is that of the last linearization: a fall of strides that are used, a rise of those that are not.
+    """
+    field = problem.field
+    assert field is not None
+    used = np.intersect1d(stride, field.strides)
+    sign, those = (-1.0, used) if len(used) else (1.0, stride)
+    block = field.integrals_over(those)
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    left, step, columns = residual[:, 0].copy(), solved.tree.optimize(), {}
+    for k, keys in enumerate(block.keys):
+        for key, jacobian in zip(keys, jacobians, strict=True):
+            left[k] += jacobian[k, 0] @ step.at(key)
+            column = columns.setdefault(key, np.zeros((jacobian.shape[2], len(those))))
+            column[:, k] += jacobian[k, 0]
+    explained = SharedColumns(solved.tree, columns, len(those)).explained
+    share, axes = np.linalg.eigh(np.eye(len(those)) + sign * explained)
+    return float(((axes.T @ left) ** 2 / np.maximum(share, LEAST_VARIANCE)).sum())
 
 
 def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:

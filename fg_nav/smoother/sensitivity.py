@@ -14,7 +14,6 @@ c_S - S^T Y_F to the cliques above; the pass down is X_F = R^-1 (Y_F - S X_S).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -22,17 +21,6 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.solver import dimension_of, list_cliques
-
-
-@dataclass(frozen=True)
-class _Reduced:
-    """A clique on the way up: its frontal and separator keys, R, S, and Y_F."""
-
-    frontal: Sequence[int]
-    separator: Sequence[int]
-    R: Floats
-    S: Floats
-    Y: Floats
 
 
 class SharedColumns:
@@ -44,30 +32,45 @@ class SharedColumns:
     def __init__(self, tree: gtsam.GaussianBayesTree, products: dict[int, Floats], shared: int) -> None:
         self.explained = np.zeros((shared, shared))
         """Y^T Y (n, n): what the variables of the walk take off the information C^T C."""
-        self._up: list[_Reduced] = []
+        self._shared = shared
+        self._up: list[tuple[gtsam.GaussianConditional, Floats | None]] = []
         for clique in reversed(list_cliques(tree)):
-            conditional = clique.conditional()
-            keys, R, S = conditional.keys(), conditional.R(), conditional.S()
-            frontal, separator = _split(keys, len(R))
-            nothing = (np.zeros((dimension_of(key), shared)) for key in frontal)
-            c = np.concatenate([products.pop(key, zero) for key, zero in zip(frontal, nothing, strict=True)])
-            Y = _solve_transposed(R, c)
-            self.explained += Y.T @ Y
-            left, row = S.T @ Y, 0
-            for key in separator:
-                size = dimension_of(key)
-                part = left[row : row + size]
-                products[key] = products[key] - part if key in products else -part
-                row += size
-            self._up.append(_Reduced(frontal, separator, R, S, Y))
+            conditional, Y = clique.conditional(), None
+            keys = conditional.keys()
+            # Cliques that the columns do not reach stay as they are.
+            if not products.keys().isdisjoint(keys):
+                Y = self._reduce(conditional, keys, products)
+            self._up.append((conditional, Y))
+
+    def _reduce(
+        self, conditional: gtsam.GaussianConditional, keys: Sequence[int], products: dict[int, Floats]
+    ) -> Floats:
+        """Take the columns of the frontal variables out of `products`, hand the rest up, and return Y_F."""
+        R, S = conditional.R(), conditional.S()
+        frontal, separator = _split(keys, len(R))
+        nothing = (np.zeros((dimension_of(key), self._shared)) for key in frontal)
+        c = np.concatenate([products.pop(key, zero) for key, zero in zip(frontal, nothing, strict=True)])
+        Y = _solve_transposed(R, c)
+        self.explained += Y.T @ Y
+        left, row = S.T @ Y, 0
+        for key in separator:
+            size = dimension_of(key)
+            part = left[row : row + size]
+            products[key] = products[key] - part if key in products else -part
+            row += size
+        return Y
 
     def solve(self) -> dict[int, Floats]:
         """Return X (d, n) of each variable: by how much it falls for a unit of each number."""
         found: dict[int, Floats] = {}
-        for one in reversed(self._up):
-            above = np.concatenate([found[key] for key in one.separator]) if one.separator else one.S.T
-            X, row = _solve_upper(one.R, one.Y - one.S @ above if one.separator else one.Y), 0
-            for key in one.frontal:
+        for conditional, Y in reversed(self._up):
+            R, S = conditional.R(), conditional.S()
+            frontal, separator = _split(conditional.keys(), len(R))
+            right = np.zeros((len(R), self._shared)) if Y is None else Y
+            if separator:
+                right = right - S @ np.concatenate([found[key] for key in separator])
+            X, row = _solve_upper(R, right), 0
+            for key in frontal:
                 found[key] = X[row : row + dimension_of(key)]
                 row += dimension_of(key)
         return found
