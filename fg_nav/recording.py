@@ -14,10 +14,9 @@ A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` i
 
 =============================== =======================================================================
 wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility`)
-repeated stamps                 the later rows are left out, with a note; refused if they are many
-stamps that run backward        refused
-missing (non-finite) samples    a hole of up to 20 ms is left out, with a note; a longer one is refused
-gaps between stamps             up to `MAX_GAP_S` kept, with a note; longer ones are refused
+stamps that repeat or fall      spread, sorted, set on, or left out, with a note (`fg_nav.samples.stamps`)
+missing (non-finite) samples    left out, with a note; refused if they are many
+gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
 magnetometer without a sample   no magnetometer
 =============================== =======================================================================
 """
@@ -35,6 +34,7 @@ from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
+from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import remove_jitter
 from fg_nav.text import format_count
 
@@ -42,16 +42,10 @@ MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
 
 MAX_GAP_S = 0.1
-"""A hole longer than this cannot be bridged: in mid-swing a foot speeds up by meters a second within it."""
+"""A longer hole is not known from the samples around it: in mid-swing a foot speeds up by meters a second within it."""
 
-MAX_MISSING_S = 0.02
-"""Samples missing for up to this long (or a single one) are left out: a foot hardly turns within it."""
-
-MAX_MISSING_SHARE = 0.05
-"""More missing samples than this, however scattered, are a defect of the recording and not a slip."""
-
-MAX_REPEATED_SHARE = 0.2
-"""More repeated stamps than this mean that the stamps are too coarse for the rate."""
+MAX_MISSING_SHARE = 0.2
+"""With more missing samples than this, however scattered, their neighbors do not show what lies between."""
 
 _END_OF_TIME = 1e20
 """No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18."""
@@ -234,14 +228,15 @@ def _admit(raw: RawRecording) -> Recording:
     _check_count(len(raw.t))
     for problem in plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag):
         raise RecordingError(f"{problem}.")
-    usable = find_usable_samples(raw)
-    notes = [*raw.provenance.notes, *_judge_missing(raw, usable)]
-    kept = np.flatnonzero(usable)
+    usable = np.flatnonzero(find_usable_samples(raw))
+    _check_count(len(usable))
+    samples = np.column_stack([raw.acc, raw.gyr])[usable]
+    found = order_stamps(raw.t[usable], samples, raw.row[usable])
+    kept = usable[found.kept]
     _check_count(len(kept))
-    kept, remarks = _drop_repeats(raw, kept)
-    notes += [*remarks, *_judge_gaps(raw, kept)]
-    t, remarks = _even_stamps(raw.t[kept])
-    notes += remarks
+    missing = _judge_missing(raw, find_usable_samples(raw), int(kept.min()), int(kept.max()))
+    t, remarks = _even_stamps(found.t)
+    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks]
     return Recording(
         t=t,
         acc=raw.acc[kept],
@@ -263,7 +258,7 @@ def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
     """Truth that was recorded with the samples, stamp for stamp, moves with their stamps."""
-    if isinstance(truth, FootprintTruth) and truth.t is not None:
+    if isinstance(truth, FootprintTruth) and truth.t is not None and (np.diff(stamped) > 0).all():
         return replace(truth, t=truth.t + np.interp(truth.t, stamped, t - stamped))
     if isinstance(truth, TrajectoryTruth) and np.array_equal(truth.t, stamped):
         return replace(truth, t=t)
@@ -291,66 +286,31 @@ def _at(raw: RawRecording, index: int) -> str:
     return f"row {raw.row[index]}{time}"
 
 
-def _judge_missing(raw: RawRecording, usable: Bools) -> list[str]:
-    """Refuse long runs of missing samples; note the short ones."""
-    if usable.all():
+def _judge_missing(raw: RawRecording, usable: Bools, first: int, last: int) -> list[str]:
+    """Note the missing samples; refuse them if they are many between the first and the last that are used."""
+    missing = np.flatnonzero(~usable)
+    if not len(missing):
         return []
-    period = plausibility.median_period_s(raw.t)
-    padded = np.concatenate(([True], usable, [True])).astype(np.int8)
-    start, stop = np.flatnonzero(np.diff(padded) == -1), np.flatnonzero(np.diff(padded) == 1)
-    long = (stop - start > 1) & ((stop - start) * period > MAX_MISSING_S)
-    if long.any():
-        first, count = start[long][0], (stop - start)[long][0]
+    within = missing[(missing >= first) & (missing < last)]
+    if len(within) > MAX_MISSING_SHARE * (last - first):
         raise RecordingError(
-            f"{count} samples in a row are missing (empty, NaN or out of any range), "
-            f"from {_at(raw, first)} on: cut the file there, or fill them in."
+            f"{len(within)} of {last - first} samples are missing (empty, NaN or out of any range), the first in "
+            f"{_at(raw, within[0])}: export the recording again."
         )
-    missing = int(np.count_nonzero(~usable))
-    if missing > MAX_MISSING_SHARE * len(usable):
-        raise RecordingError(
-            f"{missing} of {len(usable)} samples are missing (empty, NaN or out of any range), the first in "
-            f"{_at(raw, start[0])}: export the recording again."
-        )
-    return [f"left out {format_count(missing, 'missing sample')}, the first in row {raw.row[start[0]]}"]
+    return [f"left out {format_count(len(missing), 'missing sample')}, the first in row {raw.row[missing[0]]}"]
 
 
-def _drop_repeats(raw: RawRecording, kept: Ints) -> tuple[Ints, list[str]]:
-    """Leave out rows whose stamp repeats the one before; refuse stamps that run backward."""
-    step = np.diff(raw.t[kept])
-    if (step < 0).any():
-        back = kept[np.argmax(step < 0) + 1]
-        raise RecordingError(
-            f"the stamps run backward at {_at(raw, back)}, from {raw.t[kept[np.argmax(step < 0)]]:.3f} s: "
-            f"sort or cut the file there."
-        )
-    repeated = np.concatenate(([False], step == 0))
-    count = int(np.count_nonzero(repeated))
-    if not count:
-        return kept, []
-    first = raw.row[kept[np.argmax(repeated)]]
-    if count > MAX_REPEATED_SHARE * len(kept):
-        raise RecordingError(
-            f"{count} of {len(kept)} stamps repeat the one before, the first in row {first}: "
-            f"write the stamps with more digits."
-        )
-    return kept[~repeated], [f"left out {format_count(count, 'repeated stamp')}, the first in row {first}"]
-
-
-def _judge_gaps(raw: RawRecording, kept: Ints) -> list[str]:
-    """Refuse long gaps; note the short ones."""
-    step = np.diff(raw.t[kept])
+def _note_gaps(raw: RawRecording, kept: Ints, t: Floats) -> list[str]:
+    """Note the gaps: those that are known from the samples around, and those that are not."""
+    step = np.diff(t)
     worst = int(np.argmax(step))
-    if step[worst] > MAX_GAP_S:
-        first = int(np.argmax(step > MAX_GAP_S))
-        raise RecordingError(
-            f"there is a gap of {step[first]:.2f} s before {_at(raw, kept[first + 1])}: "
-            f"cut the file there and run the parts on their own."
-        )
-    gaps = int(np.count_nonzero(step > GAP_PERIODS * np.median(step)))
-    if not gaps:
-        return []
     longest = f"{1e3 * step[worst]:.0f} ms before row {raw.row[kept[worst + 1]]}"
-    return [f"{format_count(gaps, 'gap')} of more than two samples, the longest of {longest}"]
+    gaps, unseen = step > GAP_PERIODS * np.median(step), step > MAX_GAP_S
+    noted = [f"{format_count(int(gaps.sum()), 'gap')} of more than two samples, the longest of {longest}"]
+    long = f"{format_count(int(unseen.sum()), 'gap')} of more than {MAX_GAP_S:g} s is bridged, the longest of {longest}"
+    if unseen.any():
+        return [f"{long}: heading and position behind it are less certain"]
+    return noted if gaps.any() else []
 
 
 def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:

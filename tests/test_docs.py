@@ -21,6 +21,7 @@ from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, RESULT_FILES, SIMULATION_FILES
+from fg_nav.samples import stamps
 from fg_nav.smoother import SmootherParameters, graph, strides
 
 ROOT = Path(__file__).parents[1]
@@ -80,9 +81,8 @@ def test_parameters_have_the_values_that_the_page_tells() -> None:
 def test_what_is_mended_has_the_limits_of_the_code() -> None:
     text = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
     assert f"up to {recording.MAX_GAP_S:g} s kept" in text
-    assert f"up to {1e3 * recording.MAX_MISSING_S:g} ms, left out" in text
-    assert f"above {100 * recording.MAX_MISSING_SHARE:g} % in all" in text
-    assert f"refused above {100 * recording.MAX_REPEATED_SHARE:g} %" in text
+    assert f"up to {stamps.MAX_BRIDGED_S:g} s bridged" in text
+    assert f"above {100 * recording.MAX_MISSING_SHARE:g} % refused" in text
     assert f"fewer than {recording.MIN_SAMPLES} samples" in text
 
 

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fg_nav.errors import RecordingError
-from fg_nav.recording import MAX_GAP_S, Provenance, RawRecording, Recording
+from fg_nav.recording import Provenance, RawRecording, Recording
+from fg_nav.samples.stamps import MAX_BRIDGED_S
 from tests.io.samples import tilting
 
 RAW = replace(tilting(np.random.default_rng(6)), provenance=Provenance(Path("some/walk.csv"), "canonical"))
@@ -49,19 +50,24 @@ def test_one_missing_sample_is_left_out() -> None:
 
 @pytest.mark.parametrize("name", ["t", "acc", "gyr"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
-def test_a_long_run_of_missing_samples_is_refused(name: str, value: float) -> None:
-    message = r"walk\.csv: 6 samples in a row are missing .*, from row 102"
-    with pytest.raises(RecordingError, match=message) as caught:
-        Recording.from_raw(_with(name, np.s_[100:106], value))
-    assert ("t = 0.500 s" in str(caught.value)) == (name != "t")
-    assert "cut the file there" in str(caught.value)
-    recording = Recording.from_raw(_with(name, np.s_[100:104], value))  # 20 ms
-    assert len(recording) == len(RAW.t) - 4
+def test_a_run_of_missing_samples_is_a_gap(name: str, value: float) -> None:
+    recording = Recording.from_raw(_with(name, np.s_[100:150], value))
+    np.testing.assert_array_equal(recording.t, np.delete(RAW.t, np.s_[100:150]))
+    lost, bridged = recording.provenance.notes
+    assert lost == "left out 50 missing samples, the first in row 102"
+    assert bridged.startswith("1 gap of more than 0.1 s is bridged, the longest of 255 ms before row 152")
+
+
+def test_missing_samples_at_either_end_are_cut_off() -> None:
+    recording = Recording.from_raw(_with("acc", np.s_[:1000], np.nan))
+    np.testing.assert_array_equal(recording.t, RAW.t[1000:])
+    assert recording.provenance.notes == ("left out 1000 missing samples, the first in row 2",)
 
 
 def test_many_scattered_missing_samples_are_refused() -> None:
-    with pytest.raises(RecordingError, match=r"107 of 1600 samples are missing .*first in row 2"):
-        Recording.from_raw(_with("acc", np.s_[::15], np.nan))
+    with pytest.raises(RecordingError, match=r"399 of 1598 samples are missing .*first in row 6"):
+        Recording.from_raw(_with("acc", np.s_[::4], np.nan))
+    assert len(Recording.from_raw(_with("acc", np.s_[::15], np.nan))) == 1600 - 107
 
 
 def test_repeated_stamps_cost_the_later_rows() -> None:
@@ -73,26 +79,108 @@ def test_repeated_stamps_cost_the_later_rows() -> None:
     assert recording.provenance.notes == ("left out 3 repeated stamps, the first in row 12",)
 
 
-def test_coarse_stamps_are_refused() -> None:
-    with pytest.raises(RecordingError, match=r"800 of 1600 stamps repeat.*with more digits"):
-        Recording.from_raw(_changed(t=np.floor(RAW.t * 100) / 100))
+def test_same_samples_with_one_stamp_are_repeats_even_with_time_for_them() -> None:
+    """As NGIMU files have them: a packet lost, and the next one written twice."""
+    index = np.arange(len(RAW.t))
+    index[500] = 501
+    recording = Recording.from_raw(_only(RAW, index))
+    np.testing.assert_array_equal(recording.t, np.delete(RAW.t, 500))
+    assert recording.provenance.notes == ("left out 1 repeated stamp, the first in row 503",)
 
 
-def test_backward_stamps_are_refused() -> None:
+def test_polled_samples_that_share_a_stamp_are_all_kept() -> None:
+    """A logger that looks every 6 ms for the samples of a 200 Hz sensor finds two of them at every fifth look."""
+    polled = np.ceil(RAW.t / 0.006 - 1e-9) * 0.006
+    assert (np.diff(polled) == 0).any()
+    recording = Recording.from_raw(_changed(t=polled))
+    assert len(recording) == len(RAW.t)
+    late = recording.t - RAW.t
+    assert np.ptp(late) < 5e-4  # evened out
+    spread, evened = recording.provenance.notes
+    assert spread == "532 samples share their stamps with others, from row 7 on: spread evenly"
+    assert evened.startswith("evened out the jitter")
+
+
+def test_coarse_stamps_are_spread_unless_they_hide_gaps() -> None:
+    recording = Recording.from_raw(_changed(t=np.floor(RAW.t * 100 + 1e-9) / 100))
+    np.testing.assert_allclose(np.diff(recording.t), 0.005, rtol=1e-3)
+    with pytest.raises(RecordingError, match=r"step by 0\.125 s, no inertial sensor's rate"):
+        Recording.from_raw(_changed(t=np.floor(RAW.t * 8 + 1e-9) / 8))
+
+
+def test_late_samples_are_sorted() -> None:
+    order = np.arange(len(RAW.t))
+    order[[100, 101]] = [101, 100]
+    order[300:330] = np.roll(order[300:330], 10)  # a block of ten overtaken by twenty
+    recording = Recording.from_raw(_only(RAW, order))
+    np.testing.assert_array_equal(recording.t, RAW.t)
+    np.testing.assert_array_equal(recording.acc, RAW.acc)
+    assert "sorted" in recording.provenance.notes[0]
+
+
+def test_stamps_far_ahead_are_left_out() -> None:
     t = RAW.t.copy()
-    t[300:] -= 0.1
-    with pytest.raises(RecordingError, match=r"run backward at row 302 \(t = 1.400 s\), from 1.495 s: sort or cut"):
-        Recording.from_raw(_changed(t=t))
+    t[300:303] += 60.0
+    recording = Recording.from_raw(_changed(t=t))
+    np.testing.assert_array_equal(recording.t, np.delete(RAW.t, np.s_[300:303]))
+    assert recording.provenance.notes[0] == "3 stamps, the first in row 302, far ahead of those around: left out"
 
 
-def test_short_gaps_are_noted_and_long_ones_refused() -> None:
+def test_late_samples_without_time_for_them_are_left_out() -> None:
+    t = RAW.t.copy()
+    t[300:304] -= 0.1
+    recording = Recording.from_raw(_changed(t=t))
+    np.testing.assert_array_equal(recording.t, np.delete(RAW.t, np.s_[300:304]))
+    assert "4 stamps, the first in row 302, behind later ones, where there are others" in recording.provenance.notes[0]
+
+
+@pytest.mark.parametrize("back_s", [0.1, 1.5, 1.0e6])
+def test_a_clock_that_begins_again_is_set_on_where_nothing_is_missing(back_s: float) -> None:
+    t = RAW.t.copy()
+    t[300:] -= back_s
+    recording = Recording.from_raw(_changed(t=t))
+    np.testing.assert_allclose(recording.t, RAW.t, atol=1e-8)
+    np.testing.assert_array_equal(recording.gyr, RAW.gyr)
+    (note,) = recording.provenance.notes
+    assert note.startswith("the clock began again at row 302 (t = ")
+    assert "with nothing missing" in note
+
+
+def test_a_recording_that_jumps_where_its_clock_begins_again_is_cut() -> None:
+    """Two recordings in one file: the foot stands in two ways."""
+    t, acc, gyr = RAW.t.copy(), RAW.acc.copy(), RAW.gyr.copy()
+    t[300:] -= t[300]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ np.diag([1.0, -1.0, -1.0])
+    acc[300:], gyr[300:] = acc[300:] @ turn.T, gyr[300:] @ turn.T
+    recording = Recording.from_raw(replace(RAW, t=t, acc=acc, gyr=gyr, mag=None))
+    np.testing.assert_array_equal(recording.acc, acc[300:])
+    np.testing.assert_array_equal(recording.t, t[300:])
+    assert recording.provenance.notes == (
+        "only rows 302 to 1601 (t = 0.000 to 6.495 s) are used, and 300 samples left out: "
+        "the clock begins again at row 302",
+    )
+
+
+def test_a_column_that_is_no_clock_is_refused() -> None:
+    with pytest.raises(RecordingError, match=r"run backward 1280 times, the first at row 3: mend their column"):
+        Recording.from_raw(_changed(t=RAW.t.reshape(-1, 5)[:, ::-1].ravel()))
+
+
+def test_short_gaps_are_noted_longer_ones_bridged_and_at_the_longest_the_recording_is_cut() -> None:
     index = np.arange(len(RAW.t))
     short = Recording.from_raw(_only(RAW, (index < 400) | (index > 415)))
     assert short.provenance.notes == ("1 gap of more than two samples, the longest of 85 ms before row 418",)
-    with pytest.raises(RecordingError, match=r"gap of 0\.51 s before row 504 \(t = 2\.510 s\): cut the file there"):
-        Recording.from_raw(_only(RAW, (index < 401) | (index > 501)))
-    at_limit = (index < 401) | (index > 400 + round(MAX_GAP_S * 200) - 2)
-    assert len(Recording.from_raw(_only(RAW, at_limit))) == np.count_nonzero(at_limit)
+    bridged = (index < 401) | (index > 480)
+    (note,) = Recording.from_raw(_only(RAW, bridged)).provenance.notes
+    assert note.startswith("1 gap of more than 0.1 s is bridged, the longest of 405 ms before row 483")
+    for steps, kept in ((round(MAX_BRIDGED_S * 200), 1501), (round(MAX_BRIDGED_S * 200) + 2, 1098)):
+        assert len(Recording.from_raw(_only(RAW, (index < 401) | (index >= 400 + steps)))) == kept
+    cut = Recording.from_raw(_only(RAW, (index < 401) | (index > 501)))
+    assert cut.t[0] == RAW.t[502]
+    assert cut.provenance.notes == (
+        "only rows 504 to 1601 (t = 2.510 to 7.995 s) are used, and 401 samples left out: "
+        "there is a gap of 0.51 s before row 504",
+    )
 
 
 @pytest.mark.parametrize(

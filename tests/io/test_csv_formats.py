@@ -13,6 +13,7 @@ from fg_nav.recording import FootprintTruth
 from tests.io.samples import (
     WRITERS,
     tilting,
+    write_openshoe,
     write_sensorconnect,
     write_sensorconnect_estimated,
     write_xio,
@@ -195,3 +196,36 @@ def test_repeats_of_a_coarse_magnetometer_at_rest_stay() -> None:
     mag[:800] = np.round(mag[:800] / 20)
     assert (mag[1:] == mag[:-1]).all(axis=1).mean() > 0.5
     np.testing.assert_array_equal(drop_held(mag, gyr), mag)
+
+
+def restarted(path: Path, at: int, pause_s: float) -> None:
+    """Write OpenShoe text whose row numbers begin again, and whose PC clock goes on after a pause."""
+    write_openshoe(RAW, path)
+    lines = [line.split() for line in path.read_text().splitlines()]
+    for k, fields in enumerate(lines):
+        fields[9] = str(k + 1 if k < at else k - at + 1)
+        fields[10] = f"{1274434048.5 + k * 0.005 + (pause_s if k >= at else 0.0):.6f}"
+    path.write_text("\n".join("   ".join(fields) for fields in lines) + "\n")
+
+
+def test_openshoe_row_numbers_that_begin_again_go_on(tmp_path: Path) -> None:
+    path = tmp_path / "walk.txt"
+    restarted(path, 700, 0.0)
+    recording = read(path)
+    np.testing.assert_allclose(np.diff(recording.t), 0.005)
+    assert len(recording) == len(RAW.t)
+    words = "the row numbers begin again in row 701: by the computer's clock nothing is missing there"
+    assert recording.provenance.notes == (words,)
+
+
+def test_openshoe_is_bridged_or_cut_by_the_clock_of_the_computer(tmp_path: Path) -> None:
+    path = tmp_path / "walk.txt"
+    restarted(path, 700, 0.3)
+    bridged = read(path)
+    assert len(bridged) == len(RAW.t)
+    assert np.diff(bridged.t).max() == pytest.approx(0.305)
+    assert "0.31 s later" in bridged.provenance.notes[0]
+    restarted(path, 700, 20.0)
+    cut = read(path)
+    assert len(cut) == len(RAW.t) - 700
+    assert "there is a gap of 20.0" in cut.provenance.notes[-1]

@@ -30,8 +30,8 @@ def _files() -> list[Path]:
 @pytest.mark.parametrize("path", _files(), ids=lambda path: path.stem)
 def test_every_file_is_read_and_obeys_physics(path: Path) -> None:
     recording = read(path)
-    assert len(recording) > 3000
-    assert 15 < recording.duration_s < 250
+    assert len(recording) > 1500
+    assert 9 < recording.duration_s < 250
     assert measure_rest_acc(recording.acc, recording.period_s) == pytest.approx(9.81, abs=0.1)
     assert np.abs(recording.gyr).max() < 25
     transport = measure_gravity_transport(recording.acc, recording.gyr, recording.period_s)
