@@ -26,6 +26,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Fix, Recording
+from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import add_differential_field, write_note
@@ -88,27 +89,27 @@ def _smooth(
     fixes: Sequence[Fix],
 ) -> Solution:
     began = perf_counter()
-    solve_walk = partial(
-        _solve_walk,
-        stances=stances,
-        parameters=parameters,
-        heading=heading,
-        progress=progress,
-        field=field,
-        fixes=fixes,
-    )
-    problem, solved, verdict = solve_walk(recording)
+    solve_walk = partial(_solve_walk, stances=stances, heading=heading, progress=progress, field=field, fixes=fixes)
+    problem, solved, verdict = solve_walk(recording, parameters=parameters)
+    notes: tuple[str, ...] = ()
+    # A bias that is too large for its prior is the sign of a sensor that was not calibrated: solved with a wider one.
+    prior = find_bias_prior(problem, solved)
+    if prior is not None:
+        parameters = replace(parameters, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
+        problem, solved, verdict = solve_walk(recording, parameters=parameters)
+        notes = (prior.note,)
     by_scale = None
     # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
     if parameters.gyro_scale and shows_heading(problem):
         scale = estimate_gyro_scale(problem, solved)
         unknown = scale.found.second_moment
         if scale.found.is_shown:
-            problem, solved, verdict = solve_walk(scale.found.remove_from(recording))
-            verdict = replace(verdict, notes=(scale.found.note, *verdict.notes))
+            problem, solved, verdict = solve_walk(scale.found.remove_from(recording), parameters=parameters)
+            notes = (*notes, scale.found.note)
             scale = estimate_gyro_scale(problem, solved)
             unknown = scale.found.covariance
         by_scale = scale.spread(unknown)
+    verdict = replace(verdict, notes=(*notes, *verdict.notes))
     solution = _solution_of(problem, solved, verdict, by_scale, stances, perf_counter() - began)
     if progress is not None:
         progress(1.0)
