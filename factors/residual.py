@@ -132,13 +132,14 @@ def linear_factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.LinearCon
     at = gtsam.Values()
     for key, x, dim in zip(keys, zero, residual.dims, strict=True):
         at.insert(key, gtsam.imuBias.ConstantBias() if isinstance(dim, _Bias) else x)
-    return gtsam.LinearContainerFactor(_linear(keys, *residual.evaluate(zero, True)), at)
+    e, H = residual.evaluate(zero, True)
+    return gtsam.LinearContainerFactor(_linear(keys, -e, H, gtsam.noiseModel.Unit.Create(len(e))), at)
 
 
-def _linear(keys: Sequence[int], e: Array, H: Sequence[Array]) -> gtsam.JacobianFactor:
-    """Return the linear factor of residual e (r,) and Jacobians H (r, d) by each key."""
+def _linear(keys: Sequence[int], b: Array, H: Sequence[Array], noise: gtsam.noiseModel.Unit) -> gtsam.JacobianFactor:
+    """Return the linear factor of right-hand side b (r,) and Jacobians H (r, d) by each key."""
     terms: list[Any] = [x for pair in zip(keys, H, strict=True) for x in pair]
-    factor: gtsam.JacobianFactor = _JACOBIAN_FACTOR(*terms, -e, gtsam.noiseModel.Unit.Create(len(e)))
+    factor: gtsam.JacobianFactor = _JACOBIAN_FACTOR(*terms, b, noise)
     return factor
 
 
@@ -169,7 +170,9 @@ class ResidualBlock:
         """Yield one factor a residual, linearized at these values."""
         if len(self):
             e, H = self.evaluate(values)
-            yield from (_linear(keys, *one) for keys, *one in zip(self.keys, e, zip(*H, strict=True), strict=True))
+            noise = gtsam.noiseModel.Unit.Create(e.shape[1])
+            each = zip(self.keys, -e, zip(*H, strict=True), strict=True)
+            yield from (_linear(keys, b, one, noise) for keys, b, one in each)
 
     def factors(self) -> Iterator[gtsam.CustomFactor]:
         """Yield the same residuals as factors of gtsam, one by one."""

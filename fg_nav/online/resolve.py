@@ -18,7 +18,7 @@ from fg_nav.online.field import OnlineField
 from fg_nav.recording import Recording
 from fg_nav.smoother.differential import add_differential_field
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
-from fg_nav.smoother.graph import Known, WalkProblem, solve
+from fg_nav.smoother.graph import Known, WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import Nodes
@@ -93,11 +93,13 @@ def solve_so_far(
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     field = field if field is None or continues is None else field.leave_out(continues)
     obstacle = unseen or find_obstacle(field, p.magnetic)
-    if field is not None:
-        problem = add_differential_field(problem, problem.values)
-    if field is None or obstacle:
+    if field is None:
         return WalkSolution(problem, solve(problem).values, None, ignore_field(problem, obstacle))
-    found = solve_with_field(problem, field)
+    track = trajectory_of(recording, problem.nodes, problem.values, p.gravity)
+    problem = add_differential_field(problem, problem.values, track)
+    if obstacle:
+        return WalkSolution(problem, solve(problem).values, None, ignore_field(problem, obstacle))
+    found = solve_with_field(problem, field, track)
     return WalkSolution(found.problem, found.solved.values, OnlineField(found, field), found.verdict)
 
 

@@ -136,14 +136,16 @@ def _solve_walk(
         problem = add_constraints(problem, problem.values)
     if problem is not inertial:
         problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
-    # While the foot stands the field shows the gyro bias, also where it shows no heading.
-    if field is not None:
-        problem = add_differential_field(problem, problem.values)
-    # The field is compared along the solution, and joins it.
     obstacle = find_obstacle(field, parameters.magnetic)
-    if field is None or obstacle:
+    if field is None:
         return problem, solve(problem), ignore_field(problem, obstacle)
-    with_field = solve_with_field(problem, field)
+    # While the foot stands the field shows the gyro bias, also where it shows no heading.
+    track = trajectory_of(recording, problem.nodes, problem.values, parameters.gravity)
+    problem = add_differential_field(problem, problem.values, track)
+    # The field is compared along the solution, and joins it.
+    if obstacle:
+        return problem, solve(problem), ignore_field(problem, obstacle)
+    with_field = solve_with_field(problem, field, track)
     return with_field.problem, with_field.solved, with_field.verdict
 
 

@@ -27,7 +27,7 @@ from fg_nav.smoother.differential_factors import (
     sum_stretches,
     turn_stretches,
 )
-from fg_nav.smoother.graph import WalkProblem, biases_of, trajectory_of
+from fg_nav.smoother.graph import Trajectory, WalkProblem, biases_of
 from fg_nav.text import format_count
 
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 4
@@ -37,8 +37,10 @@ CLOSE_IRON_UT = 0.2
 """A round that moves the iron by less is the last: a tenth of what may be left of it."""
 
 
-def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
+def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
     """Return the problem with the factors of its differential field, by its first solution, where they are asked for.
+
+    `track` is the trajectory of these values (`trajectory_of`).
 
     Its biases are good to some tenths of a degree per second, so the factors are linearized once: in a stance the
     remainder is a thousandth of the correction, in ten seconds of standing three hundredths.
@@ -49,7 +51,6 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values) -> WalkPr
     stretches = find_stretches(recording, nodes, problem.known.rests)
     if len(stretches.start) == 0:
         return problem
-    track = trajectory_of(recording, nodes, values, problem.parameters.gravity)
     biases = biases_of(nodes, values)[:, GYRO]
     turned = turn_stretches(recording, stretches, track.position, biases[stretches.bias])
     sigma_uT = measure_noise(turned)

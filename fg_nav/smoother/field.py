@@ -46,9 +46,9 @@ from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPa
 from fg_nav.smoother.graph import (
     UNKNOWN_HEADING_DEG,
     StartPrior,
+    Trajectory,
     WalkProblem,
     solve,
-    trajectory_of,
     turn_walk,
 )
 from fg_nav.smoother.parameters import FieldParameters
@@ -170,27 +170,31 @@ def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
     return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, ())
 
 
-def solve_with_field(problem: WalkProblem, field: FootfallField) -> FieldSolution:
-    """Smooth a walk, whose values are near its minimum without the field, together with it."""
+def solve_with_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
+    """Smooth a walk, whose values are near its minimum without the field, with it; `track` is that of the values."""
     p = problem.parameters.magnetic
     notes: tuple[str, ...] = ()
+    # Without a heading the walk is turned until its mean field points north.
+    if not problem.heading_known:
+        problem, track = _turn_north(problem, track, np.nanmean(_nav_field(field, _attitudes(problem)), axis=0))
+    path = _integrate_path(problem, field, track)
     if p.potential:
-        found, notes = _try_line_integral(problem, field, p)
+        found, notes = _try_line_integral(problem, field, path, p)
         if found is not None:
             return found
     # A walk that does not show that its line integrals can be used does without them.
     p = replace(p, potential=False, rounds=p.rounds + COMPASS_ROUNDS)
-    by_compass = _solve_in_rounds(problem, field, p, notes)
+    by_compass = _solve_in_rounds(problem, field, path, p, notes)
     assert isinstance(by_compass, FieldSolution)
     return by_compass
 
 
 def _try_line_integral(
-    problem: WalkProblem, field: FootfallField, p: FieldParameters
+    problem: WalkProblem, field: FootfallField, path: FieldPath, p: FieldParameters
 ) -> tuple[FieldSolution | None, tuple[str, ...]]:
     """Smooth a walk with its line integrals; or say why they are not used."""
     try:
-        found = _solve_in_rounds(problem, field, p)
+        found = _solve_in_rounds(problem, field, path, p)
     except EstimationError:
         return None, ("line integral of the field not used: with it there is no solution",)
     if isinstance(found, PathNoise):
@@ -199,17 +203,11 @@ def _try_line_integral(
 
 
 def _solve_in_rounds(
-    problem: WalkProblem, field: FootfallField, p: FieldParameters, notes: tuple[str, ...] = ()
+    problem: WalkProblem, field: FootfallField, path: FieldPath, p: FieldParameters, notes: tuple[str, ...] = ()
 ) -> FieldSolution | PathNoise:
     """Smooth a walk with its field; or return the noise of its line integrals, where it is too large to use them."""
-    # Without a heading the walk is turned until its mean field points north.
-    values = gtsam.Values(problem.values)
-    if not problem.heading_known:
-        _turn_to(problem, values, np.nanmean(_nav_field(field, _attitudes(problem, values)), axis=0))
-        unknown = float(np.radians(UNKNOWN_HEADING_DEG))
-        problem = replace(problem, start=StartPrior(values.atPose3(X(0)).rotation().matrix(), unknown))
     # The first round has residuals without the heading, and finds the direction in which the field is expected.
-    path = _integrate_path(problem, field, values)
+    values = gtsam.Values(problem.values)
     residuals = _compare_field(problem, field, values, path, None, p)
     direction = _expect_direction(problem, field, residuals, path, p)
     problem = _with_field(problem, field, residuals, path, direction, p)
@@ -241,13 +239,16 @@ def _solve_in_rounds(
     return FieldSolution(problem, solved, states, verdict, _compass_sigma(residuals, p))
 
 
-def _turn_to(problem: WalkProblem, values: gtsam.Values, nav_north: Floats) -> None:
-    """Turn the walk about up, in place, so that what points along `nav_north` (3,) points north."""
-    east, north, _ = nav_north
-    turn_walk(values, problem.nodes, yaw_rotation(float(np.arctan2(east, north))))
+def _turn_north(problem: WalkProblem, track: Trajectory, nav_north: Floats) -> tuple[WalkProblem, Trajectory]:
+    """Turn the walk about up, so that what points along `nav_north` (3,) points north; its start is free."""
+    turn, values = yaw_rotation(float(np.arctan2(*nav_north[:2]))), gtsam.Values(problem.values)
+    turn_walk(values, problem.nodes, turn)
+    start = StartPrior(values.atPose3(X(0)).rotation().matrix(), float(np.radians(UNKNOWN_HEADING_DEG)))
+    return replace(problem, values=values, start=start), track.turn(turn)
 
 
-def _attitudes(problem: WalkProblem, values: gtsam.Values) -> Floats:
+def _attitudes(problem: WalkProblem, values: gtsam.Values | None = None) -> Floats:
+    values = problem.values if values is None else values
     return np.array([values.atPose3(X(int(j))).rotation().matrix() for j in problem.nodes.result])
 
 
@@ -255,11 +256,10 @@ def _nav_field(field: FootfallField, nav_R_body: Floats) -> Floats:
     return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
 
 
-def _integrate_path(problem: WalkProblem, field: FootfallField, values: gtsam.Values) -> FieldPath:
+def _integrate_path(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldPath:
     recording, nodes = problem.recording, problem.nodes
     assert recording.mag is not None
-    track = trajectory_of(recording, nodes, values, problem.parameters.gravity)
-    up_uT = float(np.nanmedian(_nav_field(field, _attitudes(problem, values))[:, 2]))
+    up_uT = float(np.nanmedian(_nav_field(field, _attitudes(problem))[:, 2]))
     footfall = nodes.sample[nodes.result]
     return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT)
 

@@ -247,6 +247,10 @@ class Trajectory(NamedTuple):
     velocity: Floats
     nav_R_body: Floats
 
+    def turn(self, nav_R_nav: Floats) -> Trajectory:
+        """Return it turned about the origin."""
+        return Trajectory(self.position @ nav_R_nav.T, self.velocity @ nav_R_nav.T, nav_R_nav @ self.nav_R_body)
+
 
 def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
     """Return the trajectory of a solved walk at the recording's rate."""

@@ -155,7 +155,8 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     sign, those = (-1.0, used) if len(used) else (1.0, stride)
     block = field.integrals_over(those)
     residual, jacobians = block.evaluate(solved.linearized_at)
-    left, step, columns = residual[:, 0].copy(), solved.tree.optimize(), {}
+    left, step = residual[:, 0].copy(), solved.tree.optimize()
+    columns: dict[int, Floats] = {}
     for k, keys in enumerate(block.keys):
         for key, jacobian in zip(keys, jacobians, strict=True):
             left[k] += jacobian[k, 0] @ step.at(key)

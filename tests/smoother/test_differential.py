@@ -29,7 +29,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
-from tests.smoother.walks import DEFAULT, demo
+from tests.smoother.walks import DEFAULT, demo, track_of
 
 EARTH = np.array([1.0, 20.0, -43.0])
 NO_REST = RestParameters(shortest_s=math.inf, shortest_at_end_s=math.inf)
@@ -78,7 +78,7 @@ def solved_walk(recording: Recording, p: SmootherParameters) -> tuple[WalkProble
 @cache
 def with_factors(rough: bool) -> tuple[WalkProblem, gtsam.Values]:
     problem, values = solved_walk(in_field(rough), UNRESTED)
-    return add_differential_field(problem, values), values
+    return add_differential_field(problem, values, track_of(problem, values)), values
 
 
 def factors_of(problem: WalkProblem) -> DifferentialFactors:
@@ -181,7 +181,8 @@ def test_a_walk_of_few_swings_has_no_variogram_and_no_factors() -> None:
 def test_it_can_be_left_out() -> None:
     problem, values = with_factors(True)
     off = replace(problem.parameters, magnetic=replace(problem.parameters.magnetic, differential=False))
-    assert add_differential_field(replace(problem, parameters=off, differential=None), values).differential is None
+    without = replace(problem, parameters=off, differential=None)
+    assert add_differential_field(without, values, track_of(problem, values)).differential is None
 
 
 def test_the_notes_say_how_many_stances_and_how_well() -> None:
@@ -200,7 +201,8 @@ def test_a_field_that_is_not_of_the_model_is_left_out() -> None:
     jump = recording.mag.copy()
     jump[third:] += 30.0  # something that moves in the middle of a stance
     problem, values = solved_walk(replace(recording, mag=jump), UNRESTED)
-    before, after = factors_of(with_factors(False)[0]), factors_of(add_differential_field(problem, values))
+    before = factors_of(with_factors(False)[0])
+    after = factors_of(add_differential_field(problem, values, track_of(problem, values)))
     assert (
         after.stances.count.sum() + after.standings.count.sum()
         < before.stances.count.sum() + before.standings.count.sum()

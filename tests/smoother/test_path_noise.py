@@ -26,7 +26,7 @@ from fg_nav.smoother.solver import linearize, time_order
 from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_potential import ALWAYS, EARTH, solved_in
-from tests.smoother.walks import demo
+from tests.smoother.walks import demo, track_of
 
 
 @cache
@@ -84,7 +84,7 @@ def over_rough_floor(seed: int) -> Recording:
 def noise_on(recording: Recording, stances: Stances) -> PathNoise:
     """Of a walk solved with its integrals."""
     problem = walk_problem(recording, stances, None, ALWAYS)
-    found = solve_with_field(problem, average_footfall_field(recording, stances))
+    found = solve_with_field(problem, average_footfall_field(recording, stances), track_of(problem))
     return choose_path_noise(found.problem, found.solved.values)
 
 

@@ -24,7 +24,7 @@ from fg_nav.smoother.potential import (
 )
 from fg_nav.smoother.problem import walk_problem
 from tests.smoother.test_field import in_field, replace_field, truth_of
-from tests.smoother.walks import demo
+from tests.smoother.walks import demo, track_of
 
 EARTH = Homogeneous(np.array([0.0, 20.0, -43.0]))
 ALWAYS = replace_field(potential_drift_m=math.inf)
@@ -52,7 +52,7 @@ def solved_in(seed: int, *currents: tuple[float, float], rough: bool = True) -> 
     recording = in_field(Sum((building, *(frame for frame, _ in frames))).at, seed)
     heading = float(compute_heading(truth_of(recording).nav_R_body[:1])[0])
     problem = walk_problem(recording, stances, heading, ALWAYS)
-    found = solve_with_field(problem, average_footfall_field(recording, stances))
+    found = solve_with_field(problem, average_footfall_field(recording, stances), track_of(problem))
     sample = found.problem.nodes.sample[found.problem.nodes.result]
     return found, [int(np.searchsorted(sample, passed)) - 1 for _, passed in frames]
 

@@ -20,7 +20,7 @@ from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, initial_values
+from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
 from fg_nav.smoother.strides import (
     Nodes,
@@ -180,3 +180,9 @@ def degrees_between(R: Floats, Q: Floats) -> Floats:
     turn = np.einsum("nji,njk->nik", R, Q)
     axis = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1)
     return np.degrees(np.arctan2(np.linalg.norm(axis, axis=1) / 2, (np.trace(turn, axis1=1, axis2=2) - 1) / 2))
+
+
+def track_of(problem: WalkProblem, values: gtsam.Values | None = None) -> Trajectory:
+    """Trajectory of a walk at these values, or at those of the problem."""
+    at = problem.values if values is None else values
+    return trajectory_of(problem.recording, problem.nodes, at, problem.parameters.gravity)
