@@ -62,14 +62,26 @@ over the displacements of the body frame, R^T dp, which an inertial trajectory k
     u = integral of y . (R^T dp) - E_U dz,     s = integral of R^T dp (m),
     u = E_h . (p_b - p_a)_h + h . s - (phi_b - phi_a),     E_h = (E_E, E_N).
 
-A turn of the whole trajectory about up changes neither u nor s. So the residual of the stride from footfall k to k + 1,
+A turn of the whole trajectory about up changes neither u nor s. A tilt does: gravity and the stances hold the path
+level while the field turns with the attitude. Attitudes false by theta over a stride, R -> Exp(theta) R, add
 
-    e = E_h . n_h + h . s_k + phi_k - phi_k+1 - u_k     (uT m),     n = Rz(psi_k) nav_R_level d_k,
+    integral of (theta x B) . dp = theta . J,     J = integral of B x dp     (uT m, by rad),
 
-shows the heading of R_k: psi_k is its turn about up from nav_R_level, as above. d_k = nav_R_level^T (p_k+1 - p_k), s_k
-and u_k are all from one trajectory, and held while the attitude moves:
+E_U theta L for a tilt along the way: 0.1 uT m for 0.1 deg. A tilt stays for many strides, as what holds it is slow (bias
+of the accelerometer, turns), so it is no noise; and the pose of the footfall before has it. With
+nav_R_level the attitude of u at footfall k, the body's up b = R_k^T e_z shows by which theta R_k differs,
+nav_R_level b = (-theta_N, theta_E, 1) to first order, and with R_k the integral is u_k + w_k . b_k, w across up:
 
-    de/dpose_k = [(n_E E_N - n_N E_E) dpsi/dpose, 0],
+    w_k = nav_R_level^T (e_z x J),     w_k . b_k = theta . J,     zero at nav_R_level.
+
+So the residual of the stride from footfall k to k + 1,
+
+    e = E_h . n_h + h . s_k + phi_k - phi_k+1 - u_k - w_k . b_k     (uT m),     n = Rz(psi_k) nav_R_level d_k,
+
+shows heading and tilt of R_k: psi_k is its turn about up from nav_R_level, as above. d_k = nav_R_level^T (p_k+1 - p_k),
+s_k, u_k and w_k are all from one trajectory, and held while the attitude moves:
+
+    de/dpose_k = [(n_E E_N - n_N E_E) dpsi/dpose - (w_k x b_k)^T, 0],
     de/dE_h = n_h,     de/dh = s_k,     de/dphi_k = 1,     de/dphi_k+1 = -1.
 
 What d_k is wrong by, u_k is wrong by as well. Where the path is false by a course of f(t), from f_k to f_k+1,
@@ -92,9 +104,8 @@ Where it fails: a path that passes through a circuit of current I picks up mu_0 
 passage, and keeps it. (A path through steel would meet the currents bound in it, but steel is not walked through.) An E
 that differs from one part of a building to the next is a phi without bounds: let E_h wander. Soft iron makes another
 E_h of the Earth's field, and what adds along the path like h; of the building's field it makes what does not telescope.
-A delay of the magnetometer turns y in the swing: take it off first. Tilt that is wrong by a (rad) over a stride adds
-E_U a L, 0.1 uT m for 0.1 deg. What is the same in all strides looks like iron along the path, so that h belongs to the
-trajectory that it was found with; only the rest adds up.
+A delay of the magnetometer turns y in the swing: take it off first. A tilt that is the same in all strides looks like
+iron along the path: the two share it by their priors.
 
 The integral (`integrate_field`) is a trapezoid between every two measurements. What that leaves of a stride over a
 rough floor (9 cm above it, 1.4 m long, simulated gait; phi changes by 4.6 uT m from one to the next), rms:
@@ -239,11 +250,13 @@ class LineIntegral:
     ========= ====== ===============================================================================================
     u         (K,)   uT m, of the measured field, less that of the Earth's vertical part
     s         (K, 3) m, of the path itself in the body frame: what one uT of hard iron adds to u
+    moment    (K, 3) uT m, of the field's vector product with the path, in nav: what one rad of false tilt adds to u
     ========= ====== ===============================================================================================
     """
 
     u: Array
     s: Array
+    moment: Array
 
 
 def integrate_field(
@@ -278,20 +291,22 @@ def integrate_field(
     nearest = np.clip(ends, used[0], used[-1])  # of the rows with a field
     R, step = nav_R_body[nearest], np.diff(position[ends], axis=0)
     field = np.einsum("nab,nb->na", R, body_field[nearest])
+    of_moment = 0.5 * np.cross(field[1:] + field[:-1], step)
     field[:, 2] -= vertical_uT
     of_u = 0.5 * np.einsum("na,na->n", field[1:] + field[:-1], step)
     of_s = 0.5 * (np.einsum("nba,nb->na", R[1:], step) + np.einsum("nba,nb->na", R[:-1], step))
-    running = np.vstack([np.zeros(4), np.cumsum(np.column_stack([of_u, of_s]), axis=0)])
+    running = np.vstack([np.zeros(7), np.cumsum(np.column_stack([of_u, of_s, of_moment]), axis=0)])
     out = np.column_stack([np.interp(at, t[ends], column) for column in running.T])
-    return LineIntegral(u=out[:, 0], s=out[:, 1:])
+    return LineIntegral(u=out[:, 0], s=out[:, 1:4], moment=out[:, 4:])
 
 
 @dataclass(frozen=True)
 class FieldPotential:
     """Line integral of the field over a stride; variables nav_T_body at the footfall before it, and m before and after.
 
-    `u` (...) uT m and `level_path` (..., 3) m of the stride, the latter in the axes of the iron; `body_move` (..., 3)
-    m, d in the body frame of the footfall before; `nav_R_level` (..., 3, 3); `sigma_uT_m` (...).
+    `u` (...) uT m and `level_path` (..., 3) m of the stride, the latter in the axes of the iron; `by_up` (..., 3) uT m,
+    w, and `body_move` (..., 3) m, d, in the body frame of the footfall before; `nav_R_level` (..., 3, 3);
+    `sigma_uT_m` (...).
     """
 
     name: ClassVar[str] = "field potential"
@@ -300,6 +315,7 @@ class FieldPotential:
 
     u: Array
     level_path: Array
+    by_up: Array
     body_move: Array
     nav_R_level: Array
     sigma_uT_m: Array
@@ -311,14 +327,16 @@ class FieldPotential:
         n = (turn @ self.nav_R_level[..., :2, :] @ self.body_move[..., None])[..., 0]
         east, north = before[..., EAST], before[..., NORTH]
         of_iron = (before[..., None, IRON] @ self.level_path[..., None])[..., 0, 0]
-        expected = east * n[..., 0] + north * n[..., 1] + of_iron + before[..., PHI] - after[..., PHI]
+        body_up = nav_T_body[..., 2, :3]
+        of_tilt = (self.by_up * body_up).sum(axis=-1)
+        expected = east * n[..., 0] + north * n[..., 1] + of_iron - of_tilt + before[..., PHI] - after[..., PHI]
         e = ((expected - self.u) / self.sigma_uT_m)[..., None]
         if not with_jacobians:
             return e, []
         weight = 1.0 / self.sigma_uT_m
         by_pose, by_before, by_after = (np.zeros((*e.shape, d)) for d in self.dims)
         about_up = (n[..., 0] * north - n[..., 1] * east) * weight
-        by_pose[..., 0, :3] = about_up[..., None] * by_turn
+        by_pose[..., 0, :3] = about_up[..., None] * by_turn - np.cross(self.by_up, body_up) * weight[..., None]
         by_before[..., 0, PHI] = weight
         by_before[..., 0, E_H] = n * weight[..., None]
         by_before[..., 0, IRON] = self.level_path * weight[..., None]

@@ -54,12 +54,14 @@ class StrideField:
     """What a stride showed of the field.
 
     `footfall` is the field at its one footfall, NaN where there was none; of the stride to it, as in `FieldPath`: `u`
-    uT m, `body_path` (3,) m in the body's axes, `body_move` (3,) m, `nav_R_level` (3, 3), `sigma_uT_m`, `distance_m`.
+    uT m, `body_path` (3,) m in the body's axes, `by_up` (3,) uT m, `body_move` (3,) m, `nav_R_level` (3, 3),
+    `sigma_uT_m`, `distance_m`.
     """
 
     footfall: FootfallField
     u: float
     body_path: Floats
+    by_up: Floats
     body_move: Floats
     nav_R_level: Floats
     sigma_uT_m: float
@@ -145,7 +147,8 @@ class OnlineField:
     def _integrate_field(self, seen: StrideField) -> FieldPotential:
         _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(seen.distance_m))
         level_path, sigma = self._level_R_body @ seen.body_path, np.hypot(seen.sigma_uT_m, drift_uT_m)
-        return FieldPotential(np.array(seen.u), level_path, seen.body_move, seen.nav_R_level, np.array(sigma))
+        u = np.array(seen.u)
+        return FieldPotential(u, level_path, seen.by_up, seen.body_move, seen.nav_R_level, np.array(sigma))
 
     def _jumps(self, integral: FieldPotential, before: Floats) -> bool:
         """Whether the stride takes the potential out of its bounds, as a circuit of current does."""
@@ -188,11 +191,12 @@ def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_
     distance = float(np.linalg.norm(move))
     footfall = _measure_at_footfall(recording, stances, track, int(sample[1]))
     if recording.mag is None or not np.isfinite(recording.mag[:, 0]).any():
-        return StrideField(footfall, 0.0, np.zeros(3), nav_R_level.T @ move, nav_R_level, np.inf, distance)
+        none = np.zeros(3)
+        return StrideField(footfall, 0.0, none, none, nav_R_level.T @ move, nav_R_level, np.inf, distance)
     path = integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, sample, up_uT)
     body_path = path.level_path[0] @ path.level_R_body
-    sigma = float(path.sigma_uT_m[0])
-    return StrideField(footfall, float(path.u[0]), body_path, path.body_move[0], nav_R_level, sigma, distance)
+    u, sigma = float(path.u[0]), float(path.sigma_uT_m[0])
+    return StrideField(footfall, u, body_path, path.by_up[0], path.body_move[0], nav_R_level, sigma, distance)
 
 
 def _measure_at_footfall(recording: Recording, stances: Stances, track: Trajectory, sample: int) -> FootfallField:

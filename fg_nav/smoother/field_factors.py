@@ -8,12 +8,13 @@
 Path. The line integrals come from the first trajectory of the walk. With y the body field and nav_T_body the
 trajectory, between footfalls k and k+1
 
-    u_k = int (y - R^T e_z E_up) . R^T dp,      s_k = L int R^T dp,      d_k = R_k^T (p_{k+1} - p_k).
+    u_k = int (y - R^T e_z E_up) . R^T dp,      s_k = L int R^T dp,      d_k = R_k^T (p_{k+1} - p_k),
+    w_k = R_k^T e_z x int (R y) x dp.
 
 E_up is the median vertical field at the footfalls, so that a trajectory that climbs falsely adds nothing; L turns the
 body axes into those of a stance: x forward as far as level, z up. A stride whose samples of the field lie too far apart
 measured nothing. The trajectory must be good within a stride; where it is and which way it heads makes no difference to
-u, s and d.
+u, s, d and w. Its tilt does: by w_k the residual follows the tilt of the pose at footfall k.
 """
 
 from __future__ import annotations
@@ -85,6 +86,7 @@ class FieldPath:
     ============== ============ =============================================================================
     u              (F-1,)       uT m, line integral of the body field less the vertical part
     level_path     (F-1, 3)     m, the path in the stance's axes
+    by_up          (F-1, 3)     uT m, by how much u grows with the direction that is up in the body axes of the first, w
     body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
     nav_R_level    (F-1, 3, 3)  attitude at the first
     sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
@@ -96,6 +98,7 @@ class FieldPath:
 
     u: Floats
     level_path: Floats
+    by_up: Floats
     body_move: Floats
     nav_R_level: Floats
     sigma_uT_m: Floats
@@ -138,7 +141,7 @@ class FieldFactors:
         """Return the line integrals over some strides, whether they are used or not."""
         path, node, sigma = self.path, self.readings.node, self._integral_sigma(stride)
         level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
-        integrals = FieldPotential(path.u[stride], level_path, move, nav_R_level, sigma)
+        integrals = FieldPotential(path.u[stride], level_path, path.by_up[stride], move, nav_R_level, sigma)
         return ResidualBlock(integrals, [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride])
 
     def mark_jumps(self, stride: Ints, jump: bool) -> FieldFactors:
@@ -223,9 +226,12 @@ def integrate_path(
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)
     level = _level_R_body(nav_R_body[footfall])
     straight = np.diff(position[footfall], axis=0)
+    moment = np.diff(integral.moment, axis=0)
+    by_up = np.stack([-moment[:, 1], moment[:, 0], np.zeros(len(moment))], axis=1)
     return FieldPath(
         u=np.diff(integral.u),
         level_path=np.diff(integral.s, axis=0) @ level.T,
+        by_up=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], by_up),
         body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
         nav_R_level=nav_R_body[footfall[:-1]],
         sigma_uT_m=np.where(_coarsest(move, row, footfall) <= COARSEST_M, PATH_SIGMA_UT_M, np.inf),

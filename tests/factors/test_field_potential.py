@@ -90,7 +90,7 @@ def residual_of(nav_R_body, displacement, earth, iron, potentials, u, s):
     pose = np.zeros((len(u), 4, 4))
     pose[:, :3, :3] = nav_R_body
     states = [np.array([state_of(phi, earth, iron) for phi in column]) for column in potentials.T]
-    stride = FieldPotential(u, s, displacement, nav_R_body, np.ones(len(u)))
+    stride = FieldPotential(u, s, np.zeros((len(u), 3)), displacement, nav_R_body, np.ones(len(u)))
     return stride.evaluate([pose, *states], False)[0][:, 0]
 
 
@@ -228,7 +228,7 @@ PHI_SIGMA, TO_NORTH = 3.0, state_of(earth=(0.0, 20.0))
 def leg(course, strides, known):
     """Graph of a leg under one attitude, and its variables: phi has its sigma at the footfalls in `known`."""
     graph, step = gtsam.NonlinearFactorGraph(), STRIDE_M * np.array([np.cos(course), np.sin(course), 0.0])
-    exact = FieldPotential(np.array(20.0 * step[1]), np.zeros(3), step, np.eye(3), np.array(1e-3))
+    exact = FieldPotential(np.array(20.0 * step[1]), np.zeros(3), np.zeros(3), step, np.eye(3), np.array(1e-3))
     for k in range(strides):
         graph.add(factor_of(exact, [X(0), M(k), M(k + 1)]))
     for k in range(strides + 1):
@@ -270,7 +270,8 @@ def test_an_optimizer_finds_the_heading():
     earth = state_of(earth=EARTH.vector[:2])
     for k in range(K):
         d, u, s = ends[k + 1] - ends[k], np.diff(found.u)[k], np.diff(found.s, axis=0)[k]
-        graph.add(factor_of(FieldPotential(np.array(u), s, d, np.eye(3), np.array(0.1)), [X(0), M(k), M(k + 1)]))
+        stride = FieldPotential(np.array(u), s, np.zeros(3), d, np.eye(3), np.array(0.1))
+        graph.add(factor_of(stride, [X(0), M(k), M(k + 1)]))
         tie = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e3, *[1e-4] * 7]))
         graph.add(gtsam.BetweenFactorVector(M(k), M(k + 1), np.zeros(SIZE), tie))
     for k in range(K + 1):

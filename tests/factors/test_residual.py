@@ -40,7 +40,7 @@ def random_blocks(seed):
     residuals = {
         "xvs": StanceVelocity(three(), three(), sigma[:, :3], sigma[:, 3]),
         "xm": MagneticHeading(20.0 * three(), level, tilted, sigma[:, 0]),
-        "xmm": FieldPotential(sigma[:, 1], three(), three(), tilted, sigma[:, 0]),
+        "xmm": FieldPotential(sigma[:, 1], three(), three(), three(), tilted, sigma[:, 0]),
         "mm": FieldTransition(np.exp(-sigma), sigma),
         "xz": FloorHeight(0.02),
         "xxx": StraightWalk(0.5, 0.05),
@@ -55,7 +55,6 @@ def random_blocks(seed):
 
 
 NAMES = list(random_blocks(0)[0])
-YAW_ONLY = ("magnetic heading", "field potential")
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -81,18 +80,33 @@ def test_jacobians_are_the_derivatives_with_their_sign(name, seed):
         assert_jacobians_are_derivatives(factor, values, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", YAW_ONLY)
-def test_at_the_tilt_that_levels_the_field_knows_a_turn_about_up_alone(name):
+def turned_from_level(values, factor, block, k):
+    """Jacobian by the pose, and up in its tangent space, at the tilt that levels the field and another heading."""
+    pose_key, R = factor.keys()[0], block.residuals.nav_R_level[k]
+    turned = gtsam.Rot3.Rz(0.7 * k).matrix() @ R
+    values.update(pose_key, gtsam.Pose3(gtsam.Rot3(turned), values.atPose3(pose_key).translation()))
+    (by_pose,) = jacobians(factor, values)[pose_key]
+    return by_pose, np.concatenate([turned[2], np.zeros(3)])
+
+
+def test_at_the_tilt_that_levels_the_compass_knows_a_turn_about_up_alone():
     """Whatever the heading has become since: the Jacobian by the pose has nothing of tilt and place."""
     blocks, values = random_blocks(4)
-    for k, factor in enumerate(blocks[name].factors()):
-        pose_key, R = factor.keys()[0], blocks[name].residuals.nav_R_level[k]
-        turned = gtsam.Rot3.Rz(0.7 * k).matrix() @ R
-        values.update(pose_key, gtsam.Pose3(gtsam.Rot3(turned), values.atPose3(pose_key).translation()))
-        (by_pose,) = jacobians(factor, values)[pose_key]
-        up = np.concatenate([turned[2], np.zeros(3)])
+    block = blocks["magnetic heading"]
+    for k, factor in enumerate(block.factors()):
+        by_pose, up = turned_from_level(values, factor, block, k)
         assert abs(by_pose @ up) > 1e-3
         np.testing.assert_allclose(by_pose, (by_pose @ up) * up, atol=1e-12 * abs(by_pose @ up))
+
+
+def test_a_tilt_changes_the_line_integral_by_the_moment_of_the_field():
+    blocks, values = random_blocks(4)
+    block = blocks["field potential"]
+    for k, factor in enumerate(block.factors()):
+        by_pose, up = turned_from_level(values, factor, block, k)
+        of_tilt = np.cross(up[:3], block.residuals.by_up[k]) / block.residuals.sigma_uT_m[k]
+        np.testing.assert_allclose(by_pose[:3] - (by_pose[:3] @ up[:3]) * up[:3], of_tilt, atol=1e-12)
+        np.testing.assert_array_equal(by_pose[3:], 0.0)
 
 
 def test_the_prior_of_the_field_has_its_derivatives():

@@ -61,6 +61,7 @@ def path_of(
     return FieldPath(
         u=u,
         level_path=level_path,
+        by_up=np.zeros((len(move), 3)),
         body_move=np.einsum("nji,nj->ni", nav_R_body[:-1], move),
         nav_R_level=nav_R_body[:-1],
         sigma_uT_m=np.full(len(move), PATH_SIGMA_UT_M),

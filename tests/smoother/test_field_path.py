@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential
 from fg_nav.frames import level_attitude, yaw_rotation
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.smoother import field_factors
@@ -78,10 +79,33 @@ def test_where_the_trajectory_heads_makes_no_difference(angle: float) -> None:
     trodden = round_a_circle()
     mag = trodden.mag(EARTH + magnet(np.array([2.8, 0.4, -0.2]), MOMENT).at(trodden.position), np.array([1.0, 2, 5]))
     right, wrong = along(trodden, mag), along(trodden.turned(angle), mag)
-    for name in ("u", "level_path", "body_move", "distance_m", "level_R_body"):
+    for name in ("u", "level_path", "by_up", "body_move", "distance_m", "level_R_body"):
         np.testing.assert_allclose(getattr(wrong, name), getattr(right, name), atol=1e-9, err_msg=name)
     moved = along(replace(trodden, position=trodden.position + np.array([100.0, -50.0, 3.0])), mag)
     np.testing.assert_allclose(moved.u, right.u, atol=1e-9)
+
+
+def test_attitudes_that_are_tilted_give_the_residual_of_the_true_ones() -> None:
+    """The path keeps level, the field turns with the attitude: the pose of the footfall tells by how much."""
+    trodden = round_a_circle()
+    mag = trodden.mag(EARTH + magnet(np.array([2.8, 0.4, -0.2]), MOMENT).at(trodden.position))
+    tilt = Rotation.from_rotvec(np.radians([0.2, -0.15, 0.0])).as_matrix()
+    true, tilted = along(trodden, mag), along(replace(trodden, nav_R_body=tilt @ trodden.nav_R_body), mag)
+    left = residual_of(tilted, trodden) - residual_of(true, trodden)
+    assert np.abs(tilted.u - true.u).max() > 0.15
+    assert np.abs(left).max() < 0.01 * np.abs(tilted.u - true.u).max()
+
+
+def residual_of(path: FieldPath, trodden: Trodden) -> Floats:
+    """Of the line integrals at the true poses, uT m; without a potential."""
+    poses = np.zeros((len(path.u), 4, 4))
+    poses[:, :3, :3] = trodden.nav_R_body[trodden.footfall[:-1]]
+    state = np.zeros((len(path.u), SIZE))
+    state[:, E_H] = EARTH[:2]
+    integrals = FieldPotential(
+        path.u, path.level_path, path.by_up, path.body_move, path.nav_R_level, np.ones(len(path.u))
+    )
+    return integrals.evaluate([poses, state, state], with_jacobians=False)[0][:, 0]
 
 
 def test_a_false_climb_adds_nothing() -> None:
