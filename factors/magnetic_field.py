@@ -67,8 +67,8 @@ level while the field turns with the attitude. Attitudes false by theta over a s
 
     integral of (theta x B) . dp = theta . J,     J = integral of B x dp     (uT m, by rad),
 
-E_U theta L for a tilt along the way: 0.1 uT m for 0.1 deg. A tilt stays for many strides, as what holds it is slow (bias
-of the accelerometer, turns). So it is no noise, and the pose of the footfall before has it. With
+E_U theta L for a tilt along the way: 0.1 uT m for 0.1 deg. A tilt stays for many strides, as what holds it is slow
+(bias of the accelerometer, turns). So it is no noise, and the pose of the footfall before has it. With
 nav_R_level the attitude of u at footfall k, the body's up b = R_k^T e_z shows by which theta R_k differs,
 nav_R_level b = (-theta_N, theta_E, 1) to first order, and with R_k the integral is u_k + w_k . b_k, w across up:
 
