@@ -7,7 +7,7 @@ again on what there is, and the graph is built again around the batch's solution
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 
@@ -16,11 +16,13 @@ from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.online.field import OnlineField
 from fg_nav.recording import Recording
+from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.differential import add_differential_field
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
 from fg_nav.smoother.graph import Known, WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.solver import Solved
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
 
@@ -89,18 +91,37 @@ def solve_so_far(
     EstimationError
         Where the batch smoother does.
     """
-    problem = walk_problem(recording, stances, heading, p, in_progress=True)
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     field = field if field is None or continues is None else field.leave_out(continues)
+    solution, solved = _solve_once(recording, stances, heading, field, unseen, p)
+    # As in batch: a bias that is too large for its prior is that of a sensor that was not calibrated.
+    prior = find_bias_prior(solution.problem, solved)
+    if prior is None:
+        return solution
+    p = replace(p, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
+    return _solve_once(recording, stances, heading, field, unseen, p)[0]
+
+
+def _solve_once(
+    recording: Recording,
+    stances: Stances,
+    heading: float | None,
+    field: FootfallField | None,
+    unseen: str,
+    p: SmootherParameters,
+) -> tuple[WalkSolution, Solved]:
+    problem = walk_problem(recording, stances, heading, p, in_progress=True)
     obstacle = unseen or find_obstacle(field, p.magnetic)
     if field is None:
-        return WalkSolution(problem, solve(problem).values, None, ignore_field(problem, obstacle))
+        solved = solve(problem)
+        return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle)), solved
     track = trajectory_of(recording, problem.nodes, problem.values, p.gravity)
     problem = add_differential_field(problem, problem.values, track)
     if obstacle:
-        return WalkSolution(problem, solve(problem).values, None, ignore_field(problem, obstacle))
+        solved = solve(problem)
+        return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle)), solved
     found = solve_with_field(problem, field, track)
-    return WalkSolution(found.problem, found.solved.values, OnlineField(found, field), found.verdict)
+    return WalkSolution(found.problem, found.solved.values, OnlineField(found, field), found.verdict), found.solved
 
 
 def measure_walk_field(

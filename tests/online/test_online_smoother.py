@@ -77,11 +77,11 @@ def footfall_at(start: np.ndarray, stop: np.ndarray, stillest: int, continues: b
 
 
 def polished(walk: Walk, options: OnlineOptions = OnlineOptions()):
-    """The batch on the same footfalls."""
+    """The batch on the same footfalls, without the gyroscope's scale, of which a walk in progress knows nothing."""
     cut = part(walk, FOOTFALLS)
     recording, stances = cut.recording, cut.stances
     field = None if recording.mag is None else average_footfall_field(recording, stances)
-    return smooth(recording, stances, options.parameters, options.heading_rad, None, field)
+    return smooth(recording, stances, replace(options.parameters, gyro_scale=False), options.heading_rad, None, field)
 
 
 def farthest(table, other) -> float:
@@ -318,3 +318,12 @@ def test_the_field_of_a_standing_counts_once_however_it_is_cut():
             )
     assert online.n_footfalls == 16
     assert online.counts["magnetic_heading"] == 12
+
+
+def test_a_bias_beyond_its_prior_widens_it_as_in_batch() -> None:
+    """A degree per second more on every axis, and no rest: the re-solves choose the prior that the batch chooses."""
+    walk = part(demo(), FOOTFALLS)
+    off = Walk(replace(walk.recording, gyr=walk.recording.gyr + np.radians(1.0)), walk.stances)
+    p = SmootherParameters(rest=RestParameters(shortest_s=1e3, shortest_at_end_s=1e3))
+    online, batch = fed(off, OnlineOptions(parameters=p)), smooth(off.recording, off.stances, p, 0.0)
+    assert online.parameters.gyro_bias_sigma_deg_s == batch.parameters["gyro_bias_sigma_deg_s"] > 0.15
