@@ -4,8 +4,9 @@
 
 NEES. Every combination of: heading at the start given or not; rests or none; bias walk 2e-4, 6e-4, 2e-3 deg/s/sqrt(s);
 scale error of the gyroscope 0 or 1 % (one standard deviation); field homogeneous, smooth, indoor (`magnetic_walks.py`),
-as many seeds of each. A walk is inside where its squared error over the claimed covariance at the last footfall lies in
-the two-sided 95 % band of a chi-square of so many degrees of freedom (Bar-Shalom et al. 2001, 5.4):
+as many seeds of each. The walks of a seed are of one person, with one error of the height: a few seeds show few. A walk
+is inside where its squared error over the claimed covariance at the last footfall lies in the two-sided 95 % band of a
+chi-square of so many degrees of freedom (Bar-Shalom et al. 2001, 5.4):
 
 =========== ========================================================================================================
 position    east, north, up from the first footfall (3)
