@@ -1,0 +1,114 @@
+"""What the magnetometer costs: processor time of the smoother with it over that without, on the same simulated walks.
+
+    python scripts/benchmark_magnetometer.py [--repeats N] [--seed N] [--rate HZ] [--json FILE]
+
+Timed is what `fg-nav run` does between reading and writing: correction, stances, field and smoother, compiled before;
+no heading is given. Each repeat runs both modes on all walks, one after the other, so that what else the machine does
+affects all alike; the ratio is taken within a repeat, and the median over the repeats counts. All times are those of
+the processor.
+
+The walks: 360 m through the corridors of an office with rests at both ends, in an indoor field and in a smooth one
+(`magnetic_walks.py`), and the walk of `fg-nav demo`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TypeAlias
+
+import harness
+import numpy as np
+from harness import Figure, measure_time, option, spread
+from magnetic_walks import Case, make_sensor, make_walk
+
+from fg_nav.arrays import Floats
+from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.navigate import prepare_walk, run_method
+from fg_nav.recording import Recording
+from fg_nav.report.terminal import progress
+from fg_nav.walk import Options, Walk
+
+RATIO = 1.5
+"""What is asked: with the magnetometer at most half as much time again."""
+
+RATE_HZ = 200.0
+
+WITHOUT, WITH = "without", "with"
+MODES = {WITHOUT: Options(use_magnetometer=False), WITH: Options()}
+
+Repeat: TypeAlias = Mapping[str, Mapping[str, float]]
+"""Walk -> mode -> processor time, s, of one repeat."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, print, and write what was asked for."""
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        rate=option(RATE_HZ, "of the samples", metavar="HZ"),
+        seed=harness.FIRST_SEED,
+        repeats=3,
+        json=None,
+    )
+    walks = simulate_walks(chosen.seed, chosen.rate)
+    repeats = measure_repeats(walks, chosen.repeats)
+    figures = print_costs(walks, repeats)
+    harness.print_verdict(figures, chosen.json, processor_s=repeats)
+
+
+def simulate_walks(seed: int, rate_hz: float) -> dict[str, Recording]:
+    """Return the walks by name."""
+    sensor = make_sensor()
+    assert sensor.mag is not None
+    sensor = replace(sensor, rate_hz=rate_hz, mag=replace(sensor.mag, rate_hz=rate_hz))
+    cases = {f"office, {field}": Case("360 m", field, True) for field in ("indoor", "smooth")}
+    walks = {name: make_walk(case, seed, sensor) for name, case in cases.items()}
+    walks["demo"] = simulate("demo", seed, Choices(rate_hz=rate_hz))
+    return {name: walk.recording for name, walk in walks.items()}
+
+
+def measure_repeats(walks: Mapping[str, Recording], repeats: int) -> list[Repeat]:
+    """Time both modes on all walks, that many times, after a run of the last walk that compiles."""
+    measure_modes(list(walks.values())[-1])
+    measured: list[Repeat] = []
+    with progress("benchmark") as report:
+        for k in range(repeats):
+            report(k / repeats)
+            measured.append({name: measure_modes(recording) for name, recording in walks.items()})
+    return measured
+
+
+def measure_modes(recording: Recording) -> dict[str, float]:
+    """Time each mode once, on one walk."""
+    return {mode: measure_time(partial(smooth, recording, options))[0].cpu for mode, options in MODES.items()}
+
+
+def smooth(recording: Recording, options: Options) -> None:
+    """Run the smoother on a recording, from the samples on."""
+    run_method(prepare_walk(Walk.of(recording, options)), "smoother")
+
+
+def print_costs(walks: Mapping[str, Recording], repeats: Sequence[Repeat]) -> list[Figure]:
+    """Print the seconds of each mode and their ratio, and return the ratios."""
+    rows, figures = [], []
+    for name, recording in walks.items():
+        without, with_it = (list_seconds(repeats, name, mode) for mode in (WITHOUT, WITH))
+        ratio, words = with_it / without, f"{WITH} over {WITHOUT}, {name}"
+        seconds = [f"{np.median(times):.2f}" for times in (without, with_it)]
+        rows.append([name, str(len(recording)), *seconds, spread(ratio, ends=(0, 100))])
+        figures.append(Figure("magnetometer", words, "smoother", float(np.median(ratio)), high=RATIO, pattern="{:.2f}"))
+    harness.print_heading(f"Processor time, s, and its ratio: medians over {len(repeats)} repeats (least to greatest)")
+    harness.print_table(("walk", "samples", WITHOUT, WITH, "ratio"), rows)
+    harness.print_figures(figures)
+    return figures
+
+
+def list_seconds(repeats: Sequence[Repeat], walk: str, mode: str) -> Floats:
+    """Processor time (R,) of a mode on a walk in each repeat."""
+    return np.array([repeat[walk][mode] for repeat in repeats])
+
+
+if __name__ == "__main__":
+    harness.run(main)
