@@ -119,6 +119,7 @@ KnownDistance = Annotated[
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace an older result in the folder.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 if the path is not to be used; it is written.")]
 Seed = Annotated[int, typer.Option(min=0, help="Draws person, sensor, walk, field and noise.")]
 OutDir = Annotated[
     Path | None,
@@ -192,6 +193,7 @@ def run(
     alignment: AlignmentMode = "yaw",
     out: OutDir = None,
     force: Force = False,
+    strict: Strict = False,
 ) -> None:
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
     from fg_nav.commands import choose_options
@@ -201,7 +203,7 @@ def run(
     check_mount(mount, lengths_m, gate, preset)
     check_methods([method], gate, polish)
     options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish)
-    run(recording, method, mount, options, lengths_m, format, out, force)
+    run(recording, method, mount, options, lengths_m, format, out, force, strict)
 
 
 @app.command()

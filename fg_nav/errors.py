@@ -41,6 +41,10 @@ class EvaluationError(FgNavError):
     """A solution and a truth cannot be compared (`fg_nav.evaluation`)."""
 
 
+class VerdictError(FgNavError):
+    """A path that is not to be used, where that is an error (`fg_nav.verdict`)."""
+
+
 class SimulationError(FgNavError):
     """A walk, sensor or field was asked for that cannot be (`fg_nav.lab.simulation`)."""
 

@@ -114,7 +114,7 @@ def read_gdin(data: Path, numbers: Sequence[int] = GDIN_WALKS) -> list[Walk]:
 
 def read_gdlbio(data: Path, numbers: Sequence[int] = GDLBIO_WALKED) -> list[Walk]:
     """Read the surveyed walks of these numbers, with the path that is stored with them."""
-    paths = {number: data / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat" for number in numbers}
+    paths = {number: gdlbio_path(data, number) for number in numbers}
     return [replace(_detect(f"gdlbio {n}", path), track=read_pyshoe_track(path)) for n, path in paths.items()]
 
 
@@ -143,6 +143,11 @@ def gdin_path(data: Path, number: int) -> Path:
     """File of an indoor walk."""
     folder = "own" if number > NEWEST_OBSOLETE else "own_obsolete"
     return data / "gdin" / folder / f"SensorConnectData_{number}.csv"
+
+
+def gdlbio_path(data: Path, number: int) -> Path:
+    """File of a surveyed walk."""
+    return data / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat"
 
 
 def real_path(group: str, walk: str, data: Path) -> Path:

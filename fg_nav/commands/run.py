@@ -11,12 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from fg_nav.commands import TUNED, Target, run_methods, simulate_walk
-from fg_nav.errors import EstimationError
+from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.navigate import navigate, prepare_walk
 from fg_nav.report.files import write_comparison
 from fg_nav.report.folder import DEMO_FILES
 from fg_nav.report.terminal import print_results, progress
+from fg_nav.verdict import UNUSABLE
 from fg_nav.walk import Mount, Options, Walk, read_walk
 
 
@@ -29,10 +30,13 @@ def run(
     format: str | None,
     out: Path | None,
     force: bool,
+    strict: bool = False,
 ) -> None:
     """Navigate, and print the summary.
 
     `lengths_m` are the step constant and the known distance of one who walks with the sensor in a pocket.
+
+    Raises `VerdictError` after that if the path is not to be used, with `strict`.
     """
     method = method or DEFAULT_METHOD[mount]
     find_estimator(method, mount)
@@ -41,6 +45,8 @@ def run(
     with progress(method) as report:
         summary = navigate(recording, method, options, target.open(), format, report)
     print_results([summary], target.place)
+    if strict and summary["verdict"] == UNUSABLE:
+        raise VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
 
 
 def check_methods(methods: Sequence[str | None], gate: str | None, polish: bool = False) -> None:

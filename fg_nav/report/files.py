@@ -28,6 +28,7 @@ from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
+from fg_nav.verdict import judge_path
 
 if TYPE_CHECKING:
     from fg_nav.walk import Outcome, Walk
@@ -42,7 +43,7 @@ STRIDE_COLUMNS = (
 )  # fmt: skip
 SUMMARY_KEYS = (
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
-    "realtime_factor",
+    "realtime_factor", "verdict", "reasons",
 )  # fmt: skip
 TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
 _MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
@@ -88,7 +89,7 @@ def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> 
         (folder / name).mkdir()
     summaries = [write_result(folder / name, walk, outcome) for name, outcome in outcomes.items()]
     rows = [
-        {key: value for key, value in row.items() if key not in ("notes", "magnetometer_delay", "graph")}
+        {key: value for key, value in row.items() if key not in ("notes", "reasons", "magnetometer_delay", "graph")}
         for row in summaries
     ]
     pd.DataFrame(rows).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
@@ -151,6 +152,8 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     if outcome.polished is not None:
         figures |= _describe_polished(outcome, outcome.polished)
     notes = [*collect_remarks(walk), *solution.notes, *metrics.notes]
+    verdict = judge_path(walk, solution)
+    figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
     return figures | about | {"notes": notes}
 

@@ -55,6 +55,15 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
     for words in notes_of(summaries):
         out.print(words)
     print_place([], place)
+    for summary in summaries:
+        out.print(_describe_verdict(summary, len(summaries) > 1), soft_wrap=True)
+
+
+def _describe_verdict(summary: Mapping[str, object], named: bool) -> str:
+    """The verdict on a path in one line, with its reasons."""
+    reasons = "; ".join(cast("list[str]", summary["reasons"]))
+    who = f" ({summary['method']})" if named else ""
+    return f"verdict{who}: {summary['verdict']}" + (f": {reasons}" if reasons else "")
 
 
 def print_place(notes: Sequence[str], place: Path) -> None:

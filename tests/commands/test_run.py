@@ -375,3 +375,29 @@ def test_help_and_version_load_no_heavy_library(option: str) -> None:
     assert ran.code == 0
     assert ran.out.strip()
     assert not any(name in ran.err for name in ("matplotlib", "gtsam", "numba", "scipy"))
+
+
+def test_every_run_ends_with_a_verdict(fg_nav: FgNav, files: Path) -> None:
+    ran = fg_nav("run", files / "walk.csv", "--method", "iez", "--out", "out", "--strict")
+    assert ran.code == 0
+    said = summary(Path("out"))
+    assert (said["verdict"], said["reasons"]) == ("trusted", [])
+    assert ran.out.splitlines()[-1] == "verdict: trusted"
+    compared = fg_nav("compare", files / "walk.csv", "--out", "both")
+    assert compared.out.splitlines()[-2:] == ["verdict (smoother): trusted", "verdict (iez): trusted"]
+
+
+def test_strict_fails_on_a_path_that_is_not_to_be_used_and_writes_it(
+    fg_nav: FgNav, demo: Recording, tmp_path: Path
+) -> None:
+    thin = replace(demo, t=demo.t[::10], acc=demo.acc[::10], gyr=demo.gyr[::10], mag=None, truth=None)
+    write_canonical(thin, tmp_path / "thin.csv")
+    for strict, code in (((), 0), (("--strict",), 1)):
+        out = f"out{code}"
+        ran = fg_nav("run", tmp_path / "thin.csv", "--method", "iez", "--out", out, *strict)
+        assert ran.code == code
+        assert summary(Path(out))["verdict"] == "not to be used"
+        assert names(Path(out)) == RUN_FILES
+        [verdict] = [line for line in ran.out.splitlines() if line.startswith("verdict: not to be used: ")]
+        assert "sample rate of 20 Hz" in verdict
+    assert ran.err == "fg-nav: the path is not to be used: see its reasons in out1/summary.json.\n"

@@ -1,0 +1,92 @@
+"""Is a path to be trusted? Measured signs, each with a physical limit, make one verdict and its reasons.
+
+A sign is one number that a recording and its solution show. It weighs 1 at its limit, from which on the path is
+doubtful, and 2 where that alone makes it of no use; between and beyond the weight is linear in the logarithm. The
+verdict is by the heaviest sign, and signs of `MANY` together spoil a path as one of weight 2 does.
+
+==================== ======== ========= ======= =====================================================================
+sign                 unit     doubtful  no use  what it rests on
+==================== ======== ========= ======= =====================================================================
+footfalls            1/.      1/4       1/3     fewer strides than three are no walk
+velocity             share    0.15      0.3     strapdown by the solution's attitude and bias from one footfall to the
+                                                next, where the foot stands: what is left, over the fastest of the
+                                                stride; half of it is missing in the stride's length. Median
+tilt                 deg      2         5       the same of the vertical: a gyroscope turns 100 deg in a swing, and a
+                                                scale error of 1 per cent makes 1 deg. Median
+turning              rad/s    0.8       1.2     rate in the stillest moment of a stance: a foot that stands turns by 0.1
+                                                to 0.4, one that runs by 0.7. Median
+shaking              rad/s    0.3       0.9     the rate faster than 6 Hz in stances, where a shoe on the ground has
+                                                come to rest: twice as much is let pass in a run. Median
+no footfall          share    0.05      0.1     time in which the foot moved on without a stance where one was due:
+                                                after 1.6 usual swings, and 1.2 s
+standing still       1/m      1/0.15    1/0.1   the median stride is shorter: no walk, or on the spot
+longest stride       m        3.5       7       a sprinter's is 4.7 m; a missed stance makes two of one
+speed                m/s      9         12      of the foot; a walking one reaches 6, a running one 9 to 12
+climbing             m        0.5       1       height of a stride, of which one in twenty is above: stairs make 0.36
+clipping             share    0.05      0.15    time in which the gyroscope's samples are at the end of their range, of
+                                                that in which the foot swings: what is rebuilt there is a guess
+gyro bias            deg/s    1         3       of sensors that were calibrated once, 0.1 to 0.5
+rate                 s        1/80      1/40    a heel strikes within 20 ms
+unseen               s        0.1       0.5     the longest gap: a foot turns by 2 rad/s in it
+heading              deg      30        90      the solution's own sigma at the end
+position             share    0.1       0.3     the same over the distance, horizontally
+worn                 -        -         -       the turning is not that of a foot (`detection.mount`): names what it is
+                                                like; a thigh is of no use
+magnetometer         -        -         -       its axes contradict the gyroscope's: weight 0.8, as it is left out
+height               sigma    -         -       the walk ends where it began, but not at its height by that many sigmas:
+                                                weight 0.8 from 3 on, as it may be another floor
+==================== ======== ========= ======= =====================================================================
+
+Of a sensor in a pocket only those count that need no footfalls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from fg_nav.solution import Solution
+from fg_nav.verdict.seen import LIGHT, NAMING, NO_USE, Reason, Seen
+from fg_nav.verdict.signs import SIGNS, SIGNS_WITHOUT_FOOTFALLS
+
+if TYPE_CHECKING:
+    from fg_nav.walk import Walk
+
+Word = Literal["trusted", "doubtful", "not to be used"]
+
+UNUSABLE: Word = "not to be used"
+
+MANY = 4.0
+"""Sum of the weights, of those of 1 and more, that spoils a path."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The word, and what speaks against the path, the heaviest first; a trusted path may have light reasons."""
+
+    word: Word
+    reasons: tuple[str, ...]
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line."""
+        return f"{self.word}: {'; '.join(self.reasons)}" if self.reasons else self.word
+
+
+def judge_path(walk: Walk, solution: Solution) -> Verdict:
+    """Judge what a method made of a walk."""
+    seen = Seen(walk, solution)
+    signs = SIGNS if walk.options.mount != "pocket" else SIGNS_WITHOUT_FOOTFALLS
+    found = [reason for reason in (measure(seen) for measure in signs) if reason is not None]
+    return combine(found)
+
+
+def combine(found: list[Reason]) -> Verdict:
+    """Combine reasons by their weight."""
+    heavy = sorted((reason for reason in found if reason.weight >= 1.0), key=lambda reason: -reason.weight)
+    light = [reason for reason in found if reason.weight in (LIGHT, NAMING)]
+    words = tuple(reason.words for reason in (*heavy, *light))
+    if not heavy:
+        return Verdict("trusted", tuple(reason.words for reason in light if reason.weight == LIGHT))
+    spoiled = heavy[0].weight >= NO_USE or sum(min(reason.weight, NO_USE) for reason in heavy) >= MANY
+    return Verdict(UNUSABLE if spoiled else "doubtful", words)

@@ -1,0 +1,112 @@
+"""What several signs need of a walk and its solution, and how what is measured becomes a reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.mount import TurnSigns, measure_turning
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.solution import Solution
+
+if TYPE_CHECKING:
+    from fg_nav.walk import Walk
+
+NO_USE = 2.0
+"""Weight of a sign that spoils a path alone."""
+
+LIGHT = 0.8
+"""Weight of a sign that makes no path doubtful, but is named."""
+
+NAMING = 0.0
+"""Weight of words that say what others may come from."""
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A sign that was seen: its weight, and words with what was measured."""
+
+    weight: float
+    words: str
+
+
+def weigh(value: float, doubtful: float, no_use: float) -> float:
+    """Weight of a value: 1 at the first limit, 2 at the second, linear in the logarithm; nothing is as bad as NaN."""
+    if np.isnan(value):
+        return NO_USE
+    return 1.0 + float(np.log(max(value, 1e-12) / doubtful) / np.log(no_use / doubtful))
+
+
+class Seen:
+    """A walk and its solution, and what several signs need of them.
+
+    Strides are those from one row of the solution's table to the next.
+    """
+
+    def __init__(self, walk: Walk, solution: Solution) -> None:
+        self.walk, self.solution, self.recording = walk, solution, walk.recording
+
+    @cached_property
+    def strides(self) -> Floats:
+        """(K, 3) m, from footfall to footfall."""
+        return np.diff(self.solution.stances.position, axis=0)
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(K,) m, over the ground."""
+        return np.hypot(self.strides[:, 0], self.strides[:, 1])
+
+    @cached_property
+    def fastest(self) -> Floats:
+        """(K,) m/s, the highest speed in each stride."""
+        speed = np.linalg.norm(self.solution.velocity, axis=1)
+        sample = self.solution.stances.sample
+        return np.maximum.reduceat(speed, sample[:-1]) if len(sample) > 1 else np.zeros(0)
+
+    @cached_property
+    def swings(self) -> Floats:
+        """(K,) s without a stance, from footfall to footfall."""
+        stances, t = self.walk.stances, self.recording.t
+        between = np.diff(stances.footfall) > 0
+        return np.asarray((t[stances.start[1:]] - t[stances.stop[:-1] - 1])[between])
+
+    @cached_property
+    def cycle_s(self) -> float:
+        """Median time from footfall to footfall, s; infinite without one."""
+        return float(np.median(np.diff(self.solution.stances.t))) if len(self.strides) else np.inf
+
+    @cached_property
+    def ends(self) -> tuple[Floats, Floats]:
+        """Velocity (K, 3) m/s and vertical axis (K, 3) in the body at the end of each stride, by strapdown alone."""
+        table, (acc, gyr) = self.solution.stances, self.recording.integrable
+        h = np.append(np.diff(self.recording.t), self.recording.period_s)
+        return _integrate_strides(
+            acc, gyr, h, table.sample, table.nav_R_body.copy(), table.gyro_bias.copy(), GRAVITY_M_S2
+        )
+
+    @cached_property
+    def turning(self) -> TurnSigns:
+        """How the sensor turns."""
+        return measure_turning(self.recording)
+
+
+@njit(cache=True)
+def _integrate_strides(
+    acc: Floats, gyr: Floats, h: Floats, sample: Ints, nav_R_body: Floats, bias: Floats, gravity: float
+) -> tuple[Floats, Floats]:
+    """Velocity and vertical axis in the body, (K, 3) each, after each stride that begins at rest."""
+    count = len(sample) - 1
+    velocity, up = np.zeros((count, 3)), np.zeros((count, 3))
+    turn, push = np.zeros((3, 3)), np.zeros(3)
+    for k in range(count):
+        state = NavState(np.zeros(3), np.zeros(3), nav_R_body[k].copy(), bias[k].copy(), np.zeros(3))
+        for i in range(sample[k], sample[k + 1]):
+            strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+        velocity[k], up[k] = state.velocity, state.nav_R_body[2]
+    return velocity, up

@@ -1,0 +1,237 @@
+"""The signs: each a number with its limits, in the table of `fg_nav.verdict`, and the words that go with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.detection.mount import remove_fast
+from fg_nav.verdict.seen import LIGHT, NAMING, NO_USE, Reason, Seen, weigh
+
+DUE_SWINGS, DUE_S = 1.6, 1.2
+"""A stance is due when a swing has lasted for so many usual ones, and so long."""
+
+MOVING_RAD_S = 1.0
+"""A foot that turns by less is not in a swing; on average over the time before or behind all footfalls."""
+
+RUN_CYCLE_S = 0.85
+"""Strides that are shorter, median, are those of a run."""
+
+CLOSED_SHARE = 0.02
+"""A walk that ends so near to its start, of the distance, ends where it began."""
+
+
+# --- signs of samples and stances ------------------------------------------------------------------------------------
+
+
+def _median(values: Floats) -> float:
+    return float(np.median(values)) if len(values) else np.nan
+
+
+def count_footfalls(seen: Seen) -> Reason | None:
+    """Too few strides for a walk."""
+    count = len(seen.strides)
+    if count >= 4 and len(seen.swings):
+        return None
+    return Reason(
+        weigh(1.0 / max(count, 1), 1 / 4, 1 / 3), f"no walking: {count} strides in {seen.recording.duration_s:.0f} s"
+    )
+
+
+def measure_turning_at_stances(seen: Seen) -> Reason | None:
+    """How fast the sensor turns where it should stand."""
+    table = seen.solution.stances
+    rate = _median(np.linalg.norm(seen.recording.gyr[table.sample] - table.gyro_bias, axis=1))
+    return Reason(weigh(rate, 0.8, 1.2), f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances")
+
+
+def measure_shaking(seen: Seen) -> Reason | None:
+    """How a sensor rings on the shoe where the foot stands."""
+    gyr, stances = seen.recording.gyr, seen.walk.stances
+    power = ((gyr - remove_fast(gyr, seen.recording.period_s)) ** 2).sum(axis=1)
+    mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
+    shaking = _median(np.sqrt(mean / (stances.stop - stances.start)))
+    gait = 2.0 if seen.cycle_s < RUN_CYCLE_S else 1.0
+    words = (
+        f"the sensor is loose on the shoe, or the foot not on the ground: it shakes by {shaking:.1f} rad/s in stances"
+    )
+    return Reason(weigh(shaking, 0.3 * gait, 0.9 * gait), words)
+
+
+def measure_time_without_footfall(seen: Seen) -> Reason | None:
+    """Time in which a stance was due, between footfalls, before the first and behind the last."""
+    stances, t = seen.walk.stances, seen.recording.t
+    if len(stances) == 0:
+        return None
+    due_s = max(DUE_S, DUE_SWINGS * _median(seen.swings)) if len(seen.swings) else DUE_S
+    rate = np.linalg.norm(seen.recording.gyr, axis=1)
+    ends = [np.s_[: stances.start[0]], np.s_[stances.stop[-1] :]]
+    outside = [float(np.ptp(t[end])) for end in ends if len(t[end]) and rate[end].mean() > MOVING_RAD_S]
+    missed = np.concatenate([seen.swings, outside])
+    lost_s = float(missed[missed > due_s].sum())
+    share = lost_s / seen.recording.duration_s
+    return Reason(weigh(share, 0.05, 0.1), f"{lost_s:.1f} s of motion without a footfall: strides were missed")
+
+
+def measure_clipping(seen: Seen) -> Reason | None:
+    """Share of the swings in which the gyroscope is at the end of its range."""
+    _, gyr = seen.recording.peaks
+    swings = ~seen.walk.stances.mask if len(seen.walk.stances) else np.ones(len(seen.recording), dtype=np.bool_)
+    share = float((gyr.run[swings] > 0).any(axis=1).mean()) if swings.any() else 0.0
+    words = f"the gyroscope is at the end of its range in {100 * share:.0f} % of the swings, and rebuilt there"
+    return Reason(weigh(share, 0.05, 0.15), words)
+
+
+def measure_rate(seen: Seen) -> Reason | None:
+    """A low sample rate."""
+    rate_hz = 1.0 / seen.recording.period_s
+    return Reason(weigh(1.0 / rate_hz, 1 / 80, 1 / 40), f"the sample rate of {rate_hz:.0f} Hz is too low for a foot")
+
+
+def measure_gap(seen: Seen) -> Reason | None:
+    """The longest time that was not observed."""
+    longest_s = float(seen.recording.gaps.unseen_s.max(initial=0.0))
+    return Reason(weigh(longest_s, 0.1, 0.5), f"nothing was recorded for {longest_s:.2f} s amid the walk")
+
+
+def name_wearing(seen: Seen) -> Reason | None:
+    """What the turning is like, where it is not that of a foot."""
+    turning, wearing = seen.turning, seen.turning.wearing
+    on_foot = seen.walk.options.mount != "pocket"
+    if wearing == "pocket" and on_foot:
+        return Reason(NO_USE, f"the sensor turns like a thigh, not like a foot ({turning.words}): try --mount pocket")
+    if wearing == "foot" and not on_foot:
+        return Reason(NO_USE, f"the sensor turns like a foot, not like a thigh ({turning.words}): leave --mount out")
+    if wearing is not None or turning.windows == 0:
+        return None
+    if turning.rhythm > 0.6 and turning.rest_share < 0.15 and turning.impact_m_s2 < 20.0:
+        return Reason(
+            NAMING, "it turns evenly and is never hit, like a foot on a bicycle's pedal, or a hand that swings"
+        )
+    return Reason(NAMING, "it does not turn in the rhythm of a foot, more like a sensor in a hand")
+
+
+# --- signs of the solution -------------------------------------------------------------------------------------------
+
+
+def measure_velocity_closure(seen: Seen) -> Reason | None:
+    """What is left of a stride's velocity where the foot stands."""
+    if not len(seen.strides):
+        return None
+    left = _median(np.linalg.norm(seen.ends[0], axis=1))
+    share = left / max(_median(seen.fastest), 1e-3)
+    words = (
+        f"velocity does not close: {left:.2f} m/s, {100 * share:.0f} % of the swing's, is left where the foot stands"
+    )
+    return Reason(weigh(share, 0.15, 0.3), words)
+
+
+def measure_tilt_closure(seen: Seen) -> Reason | None:
+    """By how much the vertical misses from footfall to footfall."""
+    if not len(seen.strides):
+        return None
+    up = seen.solution.stances.nav_R_body[1:, 2]
+    tilt_deg = _median(np.degrees(np.arccos(np.clip((seen.ends[1] * up).sum(axis=1), -1.0, 1.0))))
+    words = (
+        f"the gyroscope misses the vertical by {tilt_deg:.1f} deg a stride: its axes, scale or range, or it is loose"
+    )
+    return Reason(weigh(tilt_deg, 2.0, 5.0), words)
+
+
+def measure_stride(seen: Seen) -> Reason | None:
+    """Strides that are none."""
+    if not len(seen.strides):
+        return None
+    length = _median(seen.lengths)
+    return Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
+
+
+def measure_longest_stride(seen: Seen) -> Reason | None:
+    """A stride that nobody makes."""
+    longest = float(seen.lengths.max(initial=0.0))
+    return Reason(weigh(longest, 3.5, 7.0), f"a stride of {longest:.1f} m: stances were missed, or it drifted")
+
+
+def measure_speed(seen: Seen) -> Reason | None:
+    """A speed that no foot has."""
+    fastest = float(seen.fastest.max(initial=0.0))
+    return Reason(weigh(fastest, 9.0, 12.0), f"the foot reaches {fastest:.0f} m/s")
+
+
+def measure_climbing(seen: Seen) -> Reason | None:
+    """Height of the strides."""
+    climb = float(np.quantile(np.abs(seen.strides[:, 2]), 0.95)) if len(seen.strides) else 0.0
+    return Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
+
+
+def measure_bias(seen: Seen) -> Reason | None:
+    """A gyroscope bias out of range."""
+    bias = float(np.degrees(np.abs(seen.solution.stances.gyro_bias).max(initial=0.0)))
+    return Reason(weigh(bias, 1.0, 3.0), f"a gyroscope bias of {bias:.1f} deg/s is out of range")
+
+
+def measure_heading_sigma(seen: Seen) -> Reason | None:
+    """A heading that is not known any more."""
+    sigma = float(np.degrees(seen.solution.stances.heading_sigma[-1:].max(initial=0.0)))
+    return Reason(weigh(sigma, 30.0, 90.0), f"the heading at the end is known to {sigma:.0f} deg only")
+
+
+def measure_position_sigma(seen: Seen) -> Reason | None:
+    """A place that is not known any more."""
+    table = seen.solution.stances
+    if len(table) < 2:
+        return None
+    sigma = float(np.hypot(*table.position_sigma[-1, :2]))
+    distance = max(float(seen.lengths.sum()), 1.0)
+    words = f"the end is known to {sigma:.1f} m only, after {distance:.0f} m"
+    return Reason(weigh(sigma / distance, 0.1, 0.3), words)
+
+
+def compare_heights(seen: Seen) -> Reason | None:
+    """Start and end at one place but not at one height."""
+    table = seen.solution.stances
+    if len(table) < 2:
+        return None
+    east, north, up = table.position[-1] - table.position[0]
+    sigma = float(table.position_sigma[-1, 2])
+    apart = abs(up) / sigma if sigma > 0 else 0.0
+    if np.hypot(east, north) > CLOSED_SHARE * seen.lengths.sum() or apart < 3.0:
+        return None
+    return Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
+
+
+def contradict_magnetometer(seen: Seen) -> Reason | None:
+    """Axes of the magnetometer that are not the gyroscope's."""
+    aligned = seen.walk.magnetometer
+    if aligned is None or aligned.wrong_axes is None:
+        return None
+    return Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {aligned.wrong_axes.warning}")
+
+
+SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
+    measure_rate,
+    measure_gap,
+    measure_clipping,
+    name_wearing,
+)
+
+SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
+    count_footfalls,
+    measure_velocity_closure,
+    measure_tilt_closure,
+    measure_turning_at_stances,
+    measure_shaking,
+    measure_time_without_footfall,
+    measure_stride,
+    measure_longest_stride,
+    measure_speed,
+    measure_climbing,
+    measure_bias,
+    measure_heading_sigma,
+    measure_position_sigma,
+    *SIGNS_WITHOUT_FOOTFALLS,
+    contradict_magnetometer,
+    compare_heights,
+)

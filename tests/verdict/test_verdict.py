@@ -1,0 +1,203 @@
+"""The verdict on a path: signs against physics, their weights, and what they make together."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fg_nav.estimators import estimate
+from fg_nav.lab.simulation import simulate
+from fg_nav.navigate import prepare_walk
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.solution import Solution
+from fg_nav.verdict import Verdict, combine, judge_path
+from fg_nav.verdict.seen import LIGHT, NAMING, Reason, Seen, weigh
+from fg_nav.verdict.signs import (
+    compare_heights,
+    measure_bias,
+    measure_clipping,
+    measure_tilt_closure,
+    measure_time_without_footfall,
+    measure_velocity_closure,
+)
+from fg_nav.walk import Options, Walk
+
+
+@cache
+def demo() -> Recording:
+    return replace(simulate("demo", 4).recording, mag=None)
+
+
+def solved(recording: Recording, method: str = "iez") -> tuple[Walk, Solution]:
+    walk = prepare_walk(Walk.of(recording, Options(mount="foot")))
+    return walk, estimate(walk, method)
+
+
+def judged(recording: Recording, method: str = "iez") -> Verdict:
+    return judge_path(*solved(recording, method))
+
+
+@cache
+def good() -> Seen:
+    return Seen(*solved(demo()))
+
+
+def samples(**changed: np.ndarray) -> Recording:
+    return replace(demo(), **changed)
+
+
+# --- weights ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_weight_is_one_and_two_at_the_limits_and_linear_in_the_logarithm() -> None:
+    assert weigh(0.1, 0.1, 0.4) == pytest.approx(1.0)
+    assert weigh(0.4, 0.1, 0.4) == pytest.approx(2.0)
+    assert weigh(0.2, 0.1, 0.4) == pytest.approx(1.5)
+    assert weigh(0.0, 0.1, 0.4) < 0
+    assert weigh(np.nan, 0.1, 0.4) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("weights", "word"),
+    [
+        ([], "trusted"),
+        ([0.99, LIGHT], "trusted"),
+        ([1.0], "doubtful"),
+        ([1.2, 1.3], "doubtful"),
+        ([1.3, 1.3, 1.4], "not to be used"),
+        ([2.0], "not to be used"),
+        ([0.9, 0.9, 0.9, 0.9, 0.9], "trusted"),
+    ],
+)
+def test_the_heaviest_sign_decides_or_many_together(weights: list[float], word: str) -> None:
+    assert combine([Reason(weight, str(weight)) for weight in weights]).word == word
+
+
+def test_reasons_come_by_weight_and_light_ones_last() -> None:
+    found = combine([Reason(1.1, "b"), Reason(NAMING, "d"), Reason(0.3, "never"), Reason(1.9, "a"), Reason(LIGHT, "c")])
+    assert found.reasons == ("a", "b", "d", "c")
+    assert found.line == "doubtful: a; b; d; c"
+    assert combine([Reason(NAMING, "d"), Reason(LIGHT, "c")]) == Verdict("trusted", ("c",))
+
+
+# --- signs -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["iez", "smoother", "online"])
+def test_an_ordinary_walk_is_trusted_by_each_kind_of_method(method: str) -> None:
+    assert judged(demo(), method) == Verdict("trusted", ())
+
+
+def test_velocity_that_a_wrong_bias_leaves() -> None:
+    """A force that is off by 0.5 m/s^2 leaves that times the stride's duration: 0.5 m/s, an eighth of the swing's."""
+    walk, solution = good().walk, good().solution
+    tilted = replace(walk, recording=samples(acc=demo().acc + np.array([0.5, 0.0, 0.0])))
+    seen = Seen(tilted, solution)
+    left = np.linalg.norm(seen.ends[0] - good().ends[0], axis=1)
+    np.testing.assert_allclose(left, 0.5 * np.diff(solution.stances.t), rtol=0.35)
+    reason = measure_velocity_closure(seen)
+    share = np.median(np.linalg.norm(seen.ends[0], axis=1)) / np.median(seen.fastest)
+    assert reason.weight == pytest.approx(weigh(share, 0.15, 0.3))
+
+
+def test_a_scale_error_shows_in_the_vertical() -> None:
+    scaled = Seen(replace(good().walk, recording=samples(gyr=demo().gyr * [1.0, 0.9, 1.0])), good().solution)
+    assert measure_tilt_closure(good()).weight < 0
+    assert measure_tilt_closure(scaled).weight > measure_tilt_closure(good()).weight + 1
+
+
+def test_strides_without_footfalls_are_seen_between_and_at_the_ends() -> None:
+    walk, solution = good().walk, good().solution
+    assert measure_time_without_footfall(good()).weight < 0
+    kept = walk.stances.footfall < walk.stances.n_footfalls // 2
+    stances = replace(walk.stances, start=walk.stances.start[kept], stop=walk.stances.stop[kept],
+                      footfall=walk.stances.footfall[kept])  # fmt: skip
+    cut = measure_time_without_footfall(Seen(replace(walk, stances=stances), solution))
+    assert cut.weight > 2
+    lost_s = float(cut.words.split(" s ")[0])
+    assert lost_s == pytest.approx(demo().t[-1] - demo().t[stances.stop[-1]], abs=0.1)
+
+
+def test_a_bias_out_of_range() -> None:
+    def biased(deg_s: float) -> float:
+        table = replace(good().solution.stances, gyro_bias=good().solution.stances.gyro_bias + np.radians(deg_s))
+        return measure_bias(Seen(good().walk, replace(good().solution, stances=table))).weight
+
+    assert biased(0.0) < 0.5
+    assert 1.0 < biased(2.0) < 2.0
+    assert biased(4.0) > 2.0
+
+
+def test_a_height_that_does_not_close_is_named_but_not_doubted() -> None:
+    table = good().solution.stances
+    shape = np.linspace(0.0, 1.0, len(table))[:, None]
+    closed = table.position - shape * (table.position[-1] - table.position[0])
+    lifted = closed + shape * [0.0, 0.0, 5.0 * table.position_sigma[-1, 2]]
+    for position, weight in ((closed, None), (lifted, LIGHT)):
+        reason = compare_heights(Seen(good().walk, replace(good().solution, stances=replace(table, position=position))))
+        assert (None if reason is None else reason.weight) == weight
+
+
+# --- spoiled recordings ----------------------------------------------------------------------------------------------
+
+
+def raw(recording: Recording, kept: np.ndarray | slice = np.s_[:]) -> Recording:
+    """The samples once more through the door of a file."""
+    row = np.arange(len(recording))[kept]
+    return Recording.from_raw(RawRecording(recording.t[kept], recording.acc[kept], recording.gyr[kept], row))
+
+
+def test_half_a_range_is_named() -> None:
+    limit = 0.5 * np.abs(demo().gyr).max()
+    spoiled = samples(gyr=np.clip(demo().gyr, -limit, limit))
+    found = judged(spoiled)
+    assert found.word != "trusted"
+    assert any("end of its range" in reason for reason in found.reasons)
+    assert measure_clipping(good()).weight < 1
+
+
+def test_twenty_samples_a_second_are_too_few() -> None:
+    found = judged(raw(demo(), np.s_[::10]))
+    assert found.word == "not to be used"
+    assert any("sample rate of 20 Hz" in reason for reason in found.reasons)
+
+
+def test_a_sensor_that_rings_on_the_shoe_is_named_loose() -> None:
+    t = demo().t
+    turn = Rotation.from_rotvec(np.radians(2.0) * np.sin(2 * np.pi * 9.0 * t)[:, None] * [1.0, 0.0, 0.0])
+    rate = np.gradient(np.radians(2.0) * np.sin(2 * np.pi * 9.0 * t), t)[:, None] * [1.0, 0.0, 0.0]
+    found = judged(samples(acc=turn.inv().apply(demo().acc), gyr=turn.inv().apply(demo().gyr) + rate))
+    assert found.word != "trusted"
+    assert any("loose on the shoe" in reason for reason in found.reasons)
+
+
+def test_a_sensor_that_slips_from_stride_to_stride_unseen() -> None:
+    """A turn of the shoe's sensor in the blow of a heel that the gyroscope does not see: the vertical jumps."""
+    walk, rng = good().walk, np.random.default_rng(3)
+    slip = np.zeros((len(demo()), 3))
+    for start in walk.stances.start[1:]:
+        slip[start:] = np.radians(8.0) * rng.uniform(-1.0, 1.0, 3)
+    shoe_R_sensor = Rotation.from_rotvec(slip)
+    found = judged(samples(acc=shoe_R_sensor.inv().apply(demo().acc), gyr=shoe_R_sensor.inv().apply(demo().gyr)))
+    assert found.word != "trusted"
+
+
+def test_a_gap_amid_the_walk_is_doubted() -> None:
+    kept = np.ones(len(demo()), dtype=bool)
+    middle = int(good().walk.stances.stop[20]) + 5
+    kept[middle : middle + 50] = False
+    found = judged(raw(demo(), kept))
+    assert found.word != "trusted"
+    assert any("nothing was recorded for 0.2" in reason for reason in found.reasons)
+
+
+def test_a_recording_that_was_moved_by_hand_is_not_to_be_used() -> None:
+    t = np.arange(0.0, 60.0, 0.005)
+    angle = np.column_stack([np.sin(1.3 * t), np.sin(0.9 * t + 1.0), 0.5 * np.sin(1.7 * t)])
+    nav_R_body = Rotation.from_rotvec(angle)
+    gyr = np.vstack([(nav_R_body[:-1].inv() * nav_R_body[1:]).as_rotvec() / 0.005, np.zeros(3)])
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (len(t), 3))
+    by_hand = Recording(t, nav_R_body.inv().apply([0.0, 0.0, 9.80665]) + noise, gyr + 0.1 * noise)
+    assert judged(by_hand).word == "not to be used"
