@@ -33,6 +33,7 @@ from fg_nav.evaluation.metrics import Consistency
 from fg_nav.recording import FootprintTruth, TrajectoryTruth
 from fg_nav.report.terminal import console
 from fg_nav.solution import Solution
+from fg_nav.verdict import UNUSABLE
 
 STORED = "stored"
 """In place of a method: what came with the recording."""
@@ -60,7 +61,8 @@ class Track:
 class Result:
     """What a method made of a walk; without `metrics` it failed, and `failure` says how.
 
-    `armse_m` is the error as PyShoe counts it, for walks with a true path.
+    `armse_m` is the error as PyShoe counts it, for walks with a true path; `end_sigma_m` the claim of the last footfall
+    over the ground; `verdict` the word for the path.
     """
 
     section: str
@@ -70,12 +72,20 @@ class Result:
     consistency: Consistency | None = None
     failure: str = ""
     armse_m: float | None = None
+    end_sigma_m: float = 0.0
+    verdict: str = ""
 
     def value(self, name: str) -> float:
         """Figure of merit `name`, infinite where it could not be had; of the NEES over its expectation too."""
         of = self if name == "armse_m" else self.consistency if name.endswith("_ratio") else self.metrics
         found = getattr(of, name, None)
         return float("inf") if found is None else float(found)
+
+    @property
+    def is_off_unseen(self) -> bool:
+        """Whether the end is off by more than three of its sigmas, and the verdict lets the path be used."""
+        off = self.value("end_error_m") > 3.0 * self.end_sigma_m
+        return self.method != STORED and off and self.verdict != UNUSABLE
 
     @property
     def miscount(self) -> float:
@@ -88,7 +98,13 @@ class Result:
         for name in WRITTEN:
             value = self.value(name)
             known |= {name: float(f"{value:.5g}")} if np.isfinite(value) else {}
-        return known | ({"failure": self.failure} if self.failure else {})
+        words = {"verdict": self.verdict, "failure": self.failure}
+        return known | {name: word for name, word in words.items() if word}
+
+
+def results_of(results: Sequence[Result], method: str) -> list[Result]:
+    """Results of one method."""
+    return [result for result in results if result.method == method]
 
 
 # --- what came with the recordings -----------------------------------------------------------------------------------

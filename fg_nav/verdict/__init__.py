@@ -11,6 +11,7 @@ footfalls            1/.      1/4       1/3     fewer strides than three are no 
 velocity             share    0.15      0.3     strapdown by the solution's attitude and bias from one footfall to the
                                                 next, where the foot stands: what is left, over the fastest of the
                                                 stride; half of it is missing in the stride's length. Median
+open strides         share    0.2       0.5     those of which more than 0.3 is left: the foot does not stand in some
 tilt                 deg      2         5       the same of the vertical: a gyroscope turns 100 deg in a swing, and a
                                                 scale error of 1 per cent makes 1 deg. Median
 turning              rad/s    0.8       1.2     rate in the stillest moment of a stance: a foot that stands turns by 0.1
@@ -23,8 +24,8 @@ standing still       1/m      1/0.15    1/0.1   the median stride is shorter: no
 longest stride       m        3.5       7       a sprinter's is 4.7 m; a missed stance makes two of one
 speed                m/s      9         12      of the foot; a walking one reaches 6, a running one 9 to 12
 climbing             m        0.5       1       height of a stride, of which one in twenty is above: stairs make 0.36
-clipping             share    0.05      0.15    time in which the gyroscope's samples are at the end of their range, of
-                                                that in which the foot swings: what is rebuilt there is a guess
+clipping             share    0.05      0.15    time in which a sensor is at the end of its range, of that in which the
+                                                foot swings: what is rebuilt there is a guess
 gyro bias            deg/s    1         3       of sensors that were calibrated once, 0.1 to 0.5
 rate                 s        1/80      1/40    a heel strikes within 20 ms
 unseen               s        0.1       0.5     the longest gap: a foot turns by 2 rad/s in it

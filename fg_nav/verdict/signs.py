@@ -19,6 +19,9 @@ MOVING_RAD_S = 1.0
 RUN_CYCLE_S = 0.85
 """Strides that are shorter, median, are those of a run."""
 
+OPEN_SHARE = 0.3
+"""Of the swing's speed: where so much is left at a stance, its stride is too long or short by half of it."""
+
 CLOSED_SHARE = 0.02
 """A walk that ends so near to its start, of the distance, ends where it began."""
 
@@ -76,11 +79,13 @@ def measure_time_without_footfall(seen: Seen) -> Reason | None:
 
 
 def measure_clipping(seen: Seen) -> Reason | None:
-    """Share of the swings in which the gyroscope is at the end of its range."""
-    _, gyr = seen.recording.peaks
+    """Share of the swings in which a sensor is at the end of its range."""
     swings = ~seen.walk.stances.mask if len(seen.walk.stances) else np.ones(len(seen.recording), dtype=np.bool_)
-    share = float((gyr.run[swings] > 0).any(axis=1).mean()) if swings.any() else 0.0
-    words = f"the gyroscope is at the end of its range in {100 * share:.0f} % of the swings, and rebuilt there"
+    if not swings.any():
+        return None
+    shares = [float((peaks.run[swings] > 0).any(axis=1).mean()) for peaks in seen.recording.peaks]
+    share, sensor = max(zip(shares, ("accelerometer", "gyroscope"), strict=True))
+    words = f"the {sensor} is at the end of its range in {100 * share:.0f} % of the swings, and rebuilt there"
     return Reason(weigh(share, 0.05, 0.15), words)
 
 
@@ -126,6 +131,14 @@ def measure_velocity_closure(seen: Seen) -> Reason | None:
         f"velocity does not close: {left:.2f} m/s, {100 * share:.0f} % of the swing's, is left where the foot stands"
     )
     return Reason(weigh(share, 0.15, 0.3), words)
+
+
+def count_open_strides(seen: Seen) -> Reason | None:
+    """Share of the strides of which much of the velocity is left."""
+    left = np.linalg.norm(seen.ends[0], axis=1) / max(_median(seen.fastest), 1e-3)
+    share = float(np.mean(left > OPEN_SHARE)) if len(left) else 0.0
+    words = f"in {100 * share:.0f} % of the strides velocity does not close by a third of the swing's: no stances there"
+    return Reason(weigh(share, 0.2, 0.5), words)
 
 
 def measure_tilt_closure(seen: Seen) -> Reason | None:
@@ -220,6 +233,7 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
 SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     count_footfalls,
     measure_velocity_closure,
+    count_open_strides,
     measure_tilt_closure,
     measure_turning_at_stances,
     measure_shaking,

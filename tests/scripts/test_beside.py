@@ -80,6 +80,15 @@ def test_sets_are_printed_and_judged(capsys):
     assert "C" not in {name.split(":")[0] for name in found}
 
 
+def test_an_end_that_is_off_is_unseen_unless_the_verdict_names_it():
+    off = replace(Metrics(distance_m=100.0, closure_m=0.0, strides_detected=80), end_error_m=3.1)
+    row = beside.Result("s", "w", "iez", off, end_sigma_m=1.0, verdict="doubtful")
+    assert row.is_off_unseen
+    assert not replace(row, verdict="not to be used").is_off_unseen
+    assert not replace(row, end_sigma_m=1.1).is_off_unseen
+    assert not replace(row, method="stored").is_off_unseen
+
+
 @needs_data
 def test_what_the_authors_stored_is_read_with_the_walks():
     [surveyed] = walks.read_gdlbio(DATA, [48])

@@ -16,6 +16,7 @@ from fg_nav.verdict import Verdict, combine, judge_path
 from fg_nav.verdict.seen import LIGHT, NAMING, Reason, Seen, weigh
 from fg_nav.verdict.signs import (
     compare_heights,
+    count_open_strides,
     measure_bias,
     measure_clipping,
     measure_tilt_closure,
@@ -138,6 +139,16 @@ def test_a_height_that_does_not_close_is_named_but_not_doubted() -> None:
     for position, weight in ((closed, None), (lifted, LIGHT)):
         reason = compare_heights(Seen(good().walk, replace(good().solution, stances=replace(table, position=position))))
         assert (None if reason is None else reason.weight) == weight
+
+
+def test_strides_that_end_in_motion_are_counted_one_by_one() -> None:
+    """A third of the rows are taken from mid-swing: the median is what it was, the share is not."""
+    table, t = good().solution.stances, demo().t
+    sample = table.sample.copy()
+    sample[1:-1:3] += np.searchsorted(t, t[0] + 0.5)
+    moved = replace(good().solution, stances=replace(table, sample=sample, t=t[sample]))
+    assert count_open_strides(good()).weight < 0
+    assert count_open_strides(Seen(good().walk, moved)).weight > 1
 
 
 # --- spoiled recordings ----------------------------------------------------------------------------------------------
