@@ -34,6 +34,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
 from numba import njit
 
@@ -41,7 +42,10 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import StreamError
 from fg_nav.frames import compute_heading
 from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.online.field import Verdict
+from fg_nav.online.strides import Place
 from fg_nav.recording import Recording
+from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
 
@@ -86,6 +90,33 @@ class StanceEstimate:
         )  # fmt: skip
         numbers = np.concatenate([[self.sample, self.t], *(matrix.ravel() for matrix in matrices)])
         return EstimateRow(numbers, self.field, self.field_reason)
+
+
+def estimate_stance(
+    place: Place,
+    pose: gtsam.Pose3,
+    velocity: Floats,
+    bias: gtsam.imuBias.ConstantBias,
+    body_cov: Floats,
+    bias_cov: Floats,
+    verdict: Verdict,
+) -> StanceEstimate:
+    """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph."""
+    position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
+    return StanceEstimate(
+        number=place.number,
+        sample=place.sample,
+        t=place.t,
+        position=position,
+        nav_R_body=attitude,
+        heading=float(compute_heading(attitude)),
+        velocity=velocity,
+        gyro_bias=np.asarray(bias.gyroscope()),
+        pose_cov=in_nav(attitude[None], body_cov[None])[0],
+        gyro_bias_sigma=np.sqrt(np.diagonal(bias_cov)[3:]),
+        field=verdict.word,
+        field_reason=verdict.reason,
+    )
 
 
 class EstimateRow(NamedTuple):

@@ -15,8 +15,9 @@ from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.rest import freeze_ends
+from fg_nav.online.backend import Backend
 from fg_nav.online.estimates import EstimateRow, split_rows
-from fg_nav.online.strides import Place
+from fg_nav.online.strides import Place, StrideWindow
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.stances import Stances
@@ -66,3 +67,23 @@ def build_path(
         recording, nodes.sample, nodes.position, nodes.velocity, attitude, gyro_bias, acc_bias, gravity
     )
     return path, freeze_ends(recording.t, stances, path.position, path.velocity)
+
+
+def trace_stride(
+    backend: Backend, recording: Recording, window: StrideWindow, begins: int, gravity: float
+) -> Trajectory:
+    """Return the path of the newest stride on its samples, which begin there in the window."""
+    nodes = range(window.before.first, window.place.stop)
+    poses = [backend.pose(X(j)) for j in nodes]
+    bias = [backend.bias(B(place.bias)).vector() for place in (window.before, window.place)]
+    both = np.array(bias)[window.nodes.footfall - window.nodes.footfall[0]]
+    return dense_trajectory(
+        recording,
+        window.nodes.sample - begins,
+        np.array([pose.translation() for pose in poses]),
+        np.array([backend.vector(V(j)) for j in nodes]),
+        np.array([pose.rotation().matrix() for pose in poses]),
+        np.ascontiguousarray(both[:, 3:]),
+        np.ascontiguousarray(both[:, :3]),
+        gravity,
+    )

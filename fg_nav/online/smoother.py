@@ -21,21 +21,27 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, M, V, X
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
-from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.backend import Backend
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar
 from fg_nav.online.differential import BiasLedger
-from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table, propagate_strapdown
+from fg_nav.online.estimates import (
+    EstimateRow,
+    StanceEstimate,
+    Track,
+    build_table,
+    estimate_stance,
+    propagate_strapdown,
+)
 from fg_nav.online.field import Verdict, measure_field
 from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.isam2 import ISAM2Backend
-from fg_nav.online.path import PathNodes, collect_nodes
+from fg_nav.online.path import PathNodes, collect_nodes, trace_stride
 from fg_nav.online.recovery import REASON, check_solution, recover
 from fg_nav.online.resolve import LAST_WITH_LAG, RESOLVE_AT, WalkSolution, solve_so_far
 from fg_nav.online.strides import (
@@ -51,9 +57,9 @@ from fg_nav.online.strides import (
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.count import count_factors, count_graph
 from fg_nav.smoother.differential_factors import LevelBias
-from fg_nav.smoother.graph import Trajectory, dense_trajectory
+from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.solver import UNSOLVED, in_nav
+from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.smoother.strides import stride_graph
 from fg_nav.solution import StanceTable
 
@@ -186,7 +192,9 @@ class OnlineSmoother:
             pose_key, bias_key = X(place.result), B(place.bias)
             pose, bias = values.atPose3(pose_key), values.atConstantBias(bias_key)
             velocity = values.atVector(V(place.result))
-            rows.append(self._row(place, pose, velocity, bias, covariances[pose_key], covariances[bias_key], verdict))
+            rows.append(
+                estimate_stance(place, pose, velocity, bias, covariances[pose_key], covariances[bias_key], verdict)
+            )
         table = build_table([*self._frozen, *(row.as_row() for row in rows)])
         return table, collect_nodes(self._frozen, self._places, values)
 
@@ -328,7 +336,11 @@ class OnlineSmoother:
         """Samples of the stride, the first of them in the window, and the path through the estimates of its nodes."""
         begins = max(0, min(int(window.stances.start[0]), len(window.recording) - MIN_SAMPLES))
         recording = window.recording.slice(begins, len(window.recording))
-        return recording, begins, self._track(recording, window, begins, self._options.parameters.gravity)
+        return (
+            recording,
+            begins,
+            trace_stride(self._backend, recording, window, begins, self._options.parameters.gravity),
+        )
 
     def _add_field(self, window: StrideWindow, recording: Recording, begins: int, track: Trajectory) -> Verdict:
         """Add the field at the newest footfall and along its stride; the verdict on it."""
@@ -353,29 +365,12 @@ class OnlineSmoother:
         self._counts["gated_out"] += has_field and verdict.word != QUASI_STATIC
         return Verdict(UNKNOWN, STANDS_ON) if continues else verdict
 
-    def _track(self, recording: Recording, window: StrideWindow, begins: int, gravity: float) -> Trajectory:
-        """Path of the stride on its samples, through the estimates of its nodes."""
-        nodes = range(window.before.first, window.place.stop)
-        poses = [self._backend.pose(X(j)) for j in nodes]
-        bias = [self._backend.bias(B(place.bias)).vector() for place in (window.before, window.place)]
-        both = np.array(bias)[window.nodes.footfall - window.nodes.footfall[0]]
-        return dense_trajectory(
-            recording,
-            window.nodes.sample - begins,
-            np.array([pose.translation() for pose in poses]),
-            np.array([self._backend.vector(V(j)) for j in nodes]),
-            np.array([pose.rotation().matrix() for pose in poses]),
-            np.ascontiguousarray(both[:, 3:]),
-            np.ascontiguousarray(both[:, :3]),
-            gravity,
-        )
-
     def _freeze(self) -> None:
         """Take the footfalls that left the graph out of the lists, each with its own verdict."""
         for marginalized in self._backend.take_marginalized():
             place = self._places.pop(0)
             assert place.number == marginalized.place.number
-            self._frozen.append(self._row(*marginalized, self._verdicts.pop(0)).as_row())
+            self._frozen.append(estimate_stance(*marginalized, self._verdicts.pop(0)).as_row())
 
     def _discard(self) -> None:
         """Discard footfalls before the newest, and samples that no window reaches any more."""
@@ -387,7 +382,7 @@ class OnlineSmoother:
         """Estimate of the newest footfall."""
         place, backend = self._places[-1], self._backend
         pose_key, bias_key = X(place.result), B(place.bias)
-        return self._row(
+        return estimate_stance(
             place,
             backend.pose(pose_key),
             backend.vector(V(place.result)),
@@ -395,31 +390,4 @@ class OnlineSmoother:
             backend.covariance(pose_key),
             backend.covariance(bias_key),
             self._verdicts[-1],
-        )
-
-    def _row(
-        self,
-        place: Place,
-        pose: gtsam.Pose3,
-        velocity: Floats,
-        bias: gtsam.imuBias.ConstantBias,
-        body_cov: Floats,
-        bias_cov: Floats,
-        verdict: Verdict,
-    ) -> StanceEstimate:
-        """Estimate of a footfall in navigation axes."""
-        position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
-        return StanceEstimate(
-            number=place.number,
-            sample=place.sample,
-            t=place.t,
-            position=position,
-            nav_R_body=attitude,
-            heading=float(compute_heading(attitude)),
-            velocity=velocity,
-            gyro_bias=np.asarray(bias.gyroscope()),
-            pose_cov=in_nav(attitude[None], body_cov[None])[0],
-            gyro_bias_sigma=np.sqrt(np.diagonal(bias_cov)[3:]),
-            field=verdict.word,
-            field_reason=verdict.reason,
         )

@@ -1,0 +1,111 @@
+"""Options of the command line that several verbs have: their types for typer, with their help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+METHOD_NAMES = (
+    "smoother, inertial, online, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
+    "all but the first three also smoothed, as `iez-rts`"
+)
+POCKET_METHOD_NAMES = "pocket or munoz-diaz2017"
+PRESET_NAMES = "tuned, physical or as-printed"
+GATE_NAMES = "ma2018, aiez, qsf, iqsf or none, which passes all; `fg-nav detect` shows them"
+"""In words for the help, which must not load the methods; a test holds both to those that there are."""
+
+RecordingPath = Annotated[
+    Path, typer.Argument(metavar="RECORDING", show_default=False, help="File with the recording.")
+]
+FormatName = Annotated[
+    str | None,
+    typer.Option("--format", metavar="NAME", help="Its format. \\[default: recognised from the content]"),
+]
+NoMag = Annotated[
+    bool,
+    typer.Option("--no-mag", help="Ignore the magnetometer: no verdicts on the field, and no filter with a compass."),
+]
+MagAxesWords = Annotated[
+    str | None,
+    typer.Option(
+        "--mag-axes",
+        metavar="X,Y,Z",
+        help="Axes of the magnetometer that are the gyroscope's x, y and z, such as --mag-axes=-y,x,z.",
+    ),
+]
+CalibrationPath = Annotated[
+    Path | None,
+    typer.Option("--calibration", metavar="FILE", help="Calibration to apply, from `fg-nav calibrate`."),
+]
+GateName = Annotated[
+    str | None,
+    typer.Option(
+        "--gate",
+        metavar="NAME",
+        help=f"Detector that passes the field at a footfall, or not: {GATE_NAMES}. \\[default: ma2018]",
+    ),
+]
+Polish = Annotated[
+    bool,
+    typer.Option("--polish", help="Solve the walk in batch too at its end: trajectory_polished.tum."),
+]
+Preset = Annotated[
+    str,
+    typer.Option(
+        "--preset",
+        metavar="NAME",
+        help=f"Parameters of the filters: {PRESET_NAMES}. The smoother has no presets.",
+    ),
+]
+PlaceWords = Annotated[
+    str | None,
+    typer.Option("--place", metavar="LAT,LON,YYYY-MM-DD", help="Where and when: the field of the Earth there."),
+]
+Heading = Annotated[
+    float | None,
+    typer.Option(
+        "--heading",
+        metavar="DEG",
+        help="Heading at the start, degrees clockwise from north: of the sensor's x axis, or of the first strides with "
+        "--mount pocket. "
+        "\\[default: what the compass says, in a method that uses it; else 0]",
+    ),
+]
+TruthPath = Annotated[
+    Path | None,
+    typer.Option("--truth", metavar="FILE", help="True path or footprints. \\[default: what the recording carries]"),
+]
+FixesPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--fixes",
+        metavar="FILE",
+        help="Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start.",
+    ),
+]
+AlignmentMode = Annotated[
+    Literal["yaw", "none", "origin", "se3"],
+    typer.Option("--alignment", help="How the solution is laid on the truth before errors are counted."),
+]
+MountPlace = Annotated[
+    Literal["foot", "pocket"], typer.Option("--mount", help="Where the sensor was worn; a pocket is one of trousers.")
+]
+StepConstant = Annotated[
+    float | None,
+    typer.Option("--step-constant", metavar="M", help="Of the person, with --mount pocket: a step over its opening."),
+]
+KnownDistance = Annotated[
+    float | None,
+    typer.Option(
+        "--known-distance", metavar="M", help="Walked in this recording, with --mount pocket: finds the step constant."
+    ),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace an older result in the folder.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 if the path is not to be used; it is written.")]
+Seed = Annotated[int, typer.Option(min=0, help="Draws person, sensor, walk, field and noise.")]
+OutDir = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: a fresh one under results/]"),
+]
