@@ -35,10 +35,9 @@ e = A b - r, A^T A = Lambda, A^T r = v.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from .residual import BIAS, Array
 from .rotation import Ints, skew
@@ -153,13 +152,8 @@ class Variogram:
 
     def covariance(self, square_m2: Array) -> Array:
         """Return gamma(inf) - gamma(r), uT^2, at squares of distances r."""
-        return np.asarray(_correlate(square_m2, self.sigma_uT, self.length_m, self.exponent))
-
-
-@njit(cache=True)
-def _correlate(square_m2: Any, sigma_uT: float, length_m: float, exponent: float) -> Any:
-    """gamma(inf) - gamma(r) at one square of a distance, or many."""
-    return sigma_uT**2 * np.exp(-((square_m2 / length_m**2) ** (exponent / 2)))
+        scaled = square_m2 / self.length_m**2
+        return np.asarray(self.sigma_uT**2 * np.exp(-(scaled ** (self.exponent / 2))))
 
 
 @dataclass(frozen=True)
@@ -271,25 +265,17 @@ def _pad(stretches: FieldStretches, most: int) -> _Padded:
 
 def _covariance(position: Array, weight: Array, noise: FieldNoise) -> Array:
     """C (S, most, most) uT^2; the identity where there is no sample."""
-    v = noise.variogram
-    covariance: Array = _fill_covariance(position, weight, noise.white_uT, v.sigma_uT, v.length_m, v.exponent)
-    return covariance
-
-
-@njit(cache=True)
-def _fill_covariance(
-    position: Array, weight: Array, white_uT: float, sigma_uT: float, length_m: float, exponent: float
-) -> Array:
-    """C of white noise and of a variogram: by far the most numbers of all, so each pair once."""
+    used = weight > 0.0
     covariance = np.zeros((*weight.shape, weight.shape[1]))
-    for s in range(len(weight)):
-        for i in range(weight.shape[1]):
-            covariance[s, i, i] = 1.0 if weight[s, i] == 0.0 else sigma_uT**2 + white_uT**2 / weight[s, i]
-            for j in range(i):
-                if weight[s, i] > 0.0 and weight[s, j] > 0.0:
-                    x, y, z = position[s, i] - position[s, j]
-                    covariance[s, i, j] = _correlate(x * x + y * y + z * z, sigma_uT, length_m, exponent)
-                    covariance[s, j, i] = covariance[s, i, j]
+    # Each pair once: powers and exponentials cost the most.
+    i, j = np.tril_indices(weight.shape[1], -1)
+    apart = position[:, i] - position[:, j]
+    square = np.einsum("spx,spx->sp", apart, apart)
+    pairs = np.where(used[:, i] & used[:, j], noise.variogram.covariance(square), 0.0)
+    covariance[:, i, j] = covariance[:, j, i] = pairs
+    alone = noise.variogram.sigma_uT**2 + noise.white_uT**2 / np.where(used, weight, 1.0)
+    diagonal = np.arange(weight.shape[1])
+    covariance[:, diagonal, diagonal] = np.where(used, alone, 1.0)
     return covariance
 
 

@@ -16,7 +16,6 @@ seen from the first frame, later rotations leave an earlier disturbance alone, s
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from .residual import Array
@@ -102,7 +101,8 @@ def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array)
     turn = (rates - (bias if bias.ndim == 1 else bias[segment])) * periods[:, None]
     before = np.roll(rotation_exp(turn), 1, axis=0)
     position = np.arange(len(segment)) - first
-    rotations: Array = _running_products(before, position)
+    before[position == 0] = np.eye(3)
+    rotations = _running_products(before, position)
     by_bias = rotations @ (left_jacobian(turn) * periods[:, None, None])
     total = np.cumsum(by_bias, axis=0) - by_bias
     return rotations, np.swapaxes(rotations, -1, -2) @ (total[first] - total)
@@ -121,19 +121,12 @@ def _sum_of(t: Array, one: Array, cross: Array, outer: Array) -> Array:
     return np.asarray(out)
 
 
-@njit(cache=True)
 def _running_products(factors: Array, position: Ints) -> Array:
-    """Products (T, 3, 3) of all rotations from a stretch's first to each, the identity, at `position` 0."""
-    out = np.empty_like(factors)
-    for t in range(len(out)):
-        if position[t] == 0:
-            out[t] = np.eye(3)
-            continue
-        for i in range(3):
-            for j in range(3):
-                out[t, i, j] = (
-                    out[t - 1, i, 0] * factors[t, 0, j]
-                    + out[t - 1, i, 1] * factors[t, 1, j]
-                    + out[t - 1, i, 2] * factors[t, 2, j]
-                )
+    """Products (T, 3, 3) of all rotations from a stretch's first to each, by doubling: log2 of the longest passes."""
+    out = factors.copy()
+    width = 1
+    while width <= position.max(initial=0):
+        far = np.flatnonzero(position >= width)
+        out[far] = out[far - width] @ out[far]
+        width *= 2
     return out
