@@ -18,8 +18,9 @@ AXES = "-y,-x,z"
 
 @pytest.fixture(scope="module")
 def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twenty-seven seconds at 100 Hz, 22 ms late."""
     path = tmp_path_factory.mktemp("recordings") / "turned.csv"
-    recording = replace(minute(5, 0.022), truth=None)
+    recording = replace(minute(5, 0.022, rate_hz=100.0), truth=None).slice(0, 2700)
     write_canonical(MagAxes(MagAxes.parse(AXES).P.T).apply_to(recording), path)
     return path
 
@@ -70,7 +71,7 @@ def test_axes_that_are_none_are_refused(fg_nav: FgNav, turned: Path) -> None:
 
 def test_a_stream_is_turned_row_by_row(fg_nav: FgNav, turned: Path) -> None:
     short = Path("short.csv")
-    short.write_text("".join(turned.read_text().splitlines(keepends=True)[:4400]))
+    short.write_text("".join(turned.read_text().splitlines(keepends=True)[:2400]))
     assert f"--mag-axes={AXES}" in fg_nav("stream", short, "--silence", "0.1", "--lag", "30").err
     ran = fg_nav("stream", short, "--silence", "0.1", f"--mag-axes={AXES}", "--out", "out")
     assert ran.code == 0
