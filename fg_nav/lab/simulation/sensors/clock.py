@@ -46,7 +46,7 @@ class ClockPrior:
     scale_sd : standard deviation of the clock's scale error e: 30e-6 for a crystal.
     dropped_share : of the samples, up to a half.
     burst : how many samples are lost in a row, on average, before the longest gap cuts it.
-    longest_gap_s : longest time without a sample, s; a recording with a gap of more than 0.1 s is refused.
+    longest_gap_s : longest time without a sample, s; a gap of more than 0.5 s cuts a recording that is read.
 
     Raises `SimulationError` if anything is negative, not a number or more than can be, naming the field.
     """
