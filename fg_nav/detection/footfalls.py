@@ -18,7 +18,8 @@ and that shows in the integrated acceleration. So:
 4. A stance reaches from its minimum as far as L stays below a threshold of its own, `MARGIN` above the minimum
    but between `FLOOR` and `CEILING`.
 5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
-6. No foot swings within `SHORTEST_SWING_S`: of two intervals closer than that, with the angular rate of a swing
+6. Where there is still a gap of more than a cycle, it is filled with the stillest moment of each (`cycles`).
+7. No foot swings within `SHORTEST_SWING_S`: of two intervals closer than that, with the angular rate of a swing
    between them, only the stiller is a stance: the other is the landing before it, or a mid-swing. Two rests stay two.
 
 Levels L are in decades of SHOE at the noise of `fg_nav.detection.stance`: L is reached by an angular rate of 0.2 deg/s,
@@ -34,6 +35,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection.cycles import find_cycle_stances, find_mid_swings
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 
@@ -87,6 +89,12 @@ MARGIN = 0.6
 FLOOR, CEILING = 4.0, 5.3
 """Its threshold is not below 20 deg/s or 2 m/s^2, nor above 90 deg/s or 9 m/s^2, unless the minimum itself is."""
 
+SHORTEST_REST_S = 0.2
+"""No swing is below `REST_LEVEL` for longer."""
+
+SHORTEST_REACH_S = 0.01
+"""Of the stance of a foot that runs, on either side of its stillest moment."""
+
 FREE_FALL_M_S2 = 1.0
 """A foot that stands feels gravity, and so more specific force than this."""
 
@@ -131,7 +139,7 @@ def choose_footfalls(
         return _find_nothing()
     found = [_search(t, level, v, candidates, link) for v, link in zip(velocity, (WALKING, ROUGH), strict=True)]
     stances, rough = (_grow_intervals(level, samples) for samples in found)
-    merged = _fill_gaps(t, stances, rough)
+    merged = _fill_cycles(t, acc, level, _fill_gaps(t, stances, rough))
     start, stop, threshold = merged[0].astype(np.int64), merged[1].astype(np.int64), merged[2]
     kept = _choose_apart(t, gyr, level, start, stop)
     return start[kept], stop[kept], threshold[kept]
@@ -192,8 +200,45 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
     return both[:, np.argsort(both[0], kind="stable")]
 
 
+def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floats:
+    """Drop mid-swings from the intervals (3, K), and fill gaps with the stances of a foot that runs: step 6."""
+    start, stop = stances[:2].astype(np.int64)
+    stillest = np.array([a + np.argmin(level[a:b]) for a, b in zip(start, stop, strict=True)], dtype=np.int64)
+    kept = stances[:, ~find_mid_swings(t, level, stillest)]
+    first, last = _find_minima(np.maximum(level, REST_LEVEL), PROMINENCE)
+    found = find_cycle_stances(t, acc, level, first[~_is_falling(acc[first])], *kept[:2])
+    known = _join(kept, _widen(_grow_intervals(level, found), found, t))
+    # A rest is a footfall, even where a run that ends in it shows no velocity.
+    rests = first[t[last] - t[first] >= SHORTEST_REST_S]
+    return _join(known, _grow_intervals(level, rests[_is_next_to(t, rests, known)]))
+
+
+def _join(stances: Floats, others: Floats) -> Floats:
+    """Intervals (3, K) in order."""
+    both = np.concatenate([stances, others], axis=1)
+    return both[:, np.argsort(both[0], kind="stable")]
+
+
+def _widen(intervals: Floats, samples: Ints, t: Floats) -> Floats:
+    """Widen intervals (3, K) about samples (K,) to no less than `SHORTEST_REACH_S` on either side."""
+    first = np.searchsorted(t, t[samples] - SHORTEST_REACH_S)
+    stop = np.minimum(np.searchsorted(t, t[samples] + SHORTEST_REACH_S) + 1, len(t))
+    return np.stack([np.minimum(intervals[0], first), np.maximum(intervals[1], stop), intervals[2]])
+
+
+def _is_next_to(t: Floats, samples: Ints, stances: Floats) -> Bools:
+    """Whether samples (K,) are outside the intervals, and a swing away from one or less."""
+    if stances.shape[1] == 0:
+        return np.zeros(len(samples), dtype=np.bool_)
+    start, stop = stances[:2].astype(np.int64)
+    after = np.searchsorted(start, samples, side="right")
+    before_s = np.where(after > 0, t[samples] - t[stop[after - 1] - 1], np.inf)
+    until_s = np.where(after < len(start), t[start[np.minimum(after, len(start) - 1)]] - t[samples], np.inf)
+    return np.asarray((before_s > 0) & (np.minimum(before_s, until_s) < LONGEST_LINK_S))
+
+
 def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints) -> Ints:
-    """Intervals (K,) that stay when those too close for a swing have gone, but for rests: step 6."""
+    """Intervals (K,) that stay when those too close for a swing have gone, but for rests: step 7."""
     least = np.array([level[a:b].min() for a, b in zip(start, stop, strict=True)])
     kept: list[int] = []
     for k in range(len(start)):
