@@ -13,19 +13,22 @@ one of many peaks that pile up just below the extreme, where those of a natural 
 
 Every sample at or above the lowest of the levels so found counts as clipped.
 
-The peaks are rebuilt from their flanks: those of a run of n cut samples, T = n h long, show how steeply the peak was
-entered and left. The parabola that stands on the run with these slopes, s the mean of the two, is s T / 4 high. A
-sensor's range L is not chosen for motions of a multiple of it, so of that height H there is taken
+The peaks are rebuilt from their flanks, which show how steeply a peak was entered and left. Where the clipping comes
+before a low-pass, the corners of the top are bent: the steps next to a run are too small, and cut samples next to it do
+not reach the level. So a flank is the line through the steepest of the `FLANK_STEPS` steps next to the run, and
+the peak reaches from where the line on one side meets the level to where that on the other does, T long. A parabola on
+T with the slope s at its ends, the mean of the two, is s T / 4 high; if s was found at a distance d outside, where a
+parabola is steeper, its height is H = s T / 4 * T / (T + 2 d), d less one step for flanks that bend the other way. A
+sensor's range L is not chosen for motions of a multiple of it, so of H there is taken
 
     H / (1 + H / (`MOST_RANGES` L)),
 
-and of its area, two thirds of height times T: never less than what was read. A slope is the steeper of the last whole
-step next to the run and the step into it, which the clipping can only have made smaller.
+and of its area, two thirds of height times T: never less than what was read.
 
-What is rebuilt is off by `OFF_SHARE` of the parabola, one sigma, and that is one error for the whole run: a peak that
-was higher was so in all its samples. A simulated foot's peak cut at 95 per cent hides 4 deg, rms, and rebuilt it is off
-by 1.1; at 85 per cent 5.6 and 2.4, at 70 per cent 10 and 3.4; `scripts/sample_errors.py peaks`
-prints what is left over its sigma.
+What is rebuilt is off by `OFF_SHARE` of the parabola with d = 0, one sigma, and that is one error for the whole run: a
+peak that was higher was so in all its samples. A simulated foot's peak cut at 95 per cent hides 4 deg, rms, and rebuilt
+it is off by 1.1; at 85 per cent 5.6 and 2.4, at 70 per cent 10 and 3.4, at 50 per cent 21 and 6.4;
+`scripts/sample_errors.py peaks` prints what is left over its sigma.
 
 Runs of more than `LONGEST_S`, and those without flanks, are left as they are, and may hide as much as they show.
 """
@@ -134,6 +137,12 @@ def _is_cut(step: Floats, run: tuple[int, int], corner: float) -> bool:
     return bool(before.size and after.size and before.max() > corner and after.max() > corner)
 
 
+FLANK_STEPS = 4
+"""Next to a run; a low-pass behind the range bends the first two."""
+
+LEAST_BEYOND = 0.25
+"""Samples by which a peak is longer than from its first cut sample to its last, on either side; half of one mostly."""
+
 LONGEST_S = 0.3
 """A swing lasts 0.4 s: in a longer run there is more than one peak."""
 
@@ -180,14 +189,20 @@ def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -
     edge = np.flatnonzero(np.diff(np.concatenate([[False], cut, [False]]).astype(np.int8)))
     start, stop = edge[::2], edge[1::2]
     count = stop - start
-    slope = _measure_slope(signal, clipped, start, -1, period_s), _measure_slope(signal, clipped, stop - 1, 1, period_s)
-    usable = (count * period_s <= LONGEST_S) & ~(np.isnan(slope[0]) & np.isnan(slope[1]))
-    mean_slope = np.zeros(len(start))
-    mean_slope[usable] = np.nanmean(np.array(slope)[:, usable], axis=0)
-    height = mean_slope * count * period_s / 4
-    area = 2 / 3 * height * count * period_s
-    hidden = area / (1 + height / (MOST_RANGES * signal[start]))
-    off = np.where(usable, OFF_SHARE * area, np.add.reduceat(np.append(signal, 0.0), edge)[::2] * period_s)
+    level = np.add.reduceat(np.append(signal, 0.0), edge)[::2] / np.maximum(count, 1)
+    before, after = (
+        _measure_flank(signal, clipped, start, level, -1),
+        _measure_flank(signal, clipped, stop - 1, level, 1),
+    )
+    flanks = np.stack([before, after])
+    usable = (count * period_s <= LONGEST_S) & ~np.isnan(flanks[:, 0]).all(axis=0)
+    slope, beyond, outward = np.zeros((3, len(start)))
+    slope[usable], beyond[usable], outward[usable] = np.nanmean(flanks[:, :, usable], axis=0)
+    length = count - 1 + 2 * beyond
+    area = slope * length**2 / 6 * period_s
+    inward = length / np.maximum(length + 2 * outward, 1.0)
+    hidden = area * inward / (1 + slope * length * inward / (4 * MOST_RANGES * level))
+    off = np.where(usable, OFF_SHARE * area, level * count * period_s)
     within = np.arange(len(start)).repeat(count)
     middle = (np.arange(len(within)) - (np.cumsum(count) - count)[within] + 0.5) / count[within]
     shape = middle * (1 - middle)
@@ -198,14 +213,22 @@ def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -
     return found
 
 
-def _measure_slope(signal: Floats, clipped: Bools, last: Ints, side: int, period_s: float) -> Floats:
-    """How steeply (R,) the signal rises to the samples `last` (R,) from before (`side` -1) or behind (1).
+def _measure_flank(signal: Floats, clipped: Bools, last: Ints, level: Floats, side: int) -> Floats:
+    """How a flank rises to the `level` (R,) of runs that begin (`side` -1) or end (1) with the samples `last` (R,).
 
-    NaN where there is nothing.
+    (3, R): the steepest of its steps; how far outside `last` the line through it meets the level; and how far outside
+    of there it is, less one, in samples. NaN where there is none.
     """
-    inside = (last + side >= 0) & (last + side < len(signal))
-    outer = np.where(inside, last + side, last)
-    beyond = np.clip(outer + side, 0, len(signal) - 1)
-    into = signal[last] - signal[outer]
-    whole = np.where(clipped[outer] | clipped[beyond], 0.0, signal[outer] - signal[beyond])
-    return np.where(inside, np.maximum(np.maximum(into, whole), 0.0) / period_s, np.nan)
+    index = last + side * np.arange(FLANK_STEPS + 1)[:, None]
+    inside = (index >= 0) & (index < len(signal))
+    index = np.clip(index, 0, len(signal) - 1)
+    value, cut = signal[index], clipped[index]
+    known = inside[1:] & ~cut[1:]
+    known[1:] &= ~cut[1:-1]
+    step = np.where(known, value[:-1] - value[1:], -np.inf)
+    outer = step.argmax(axis=0) + 1
+    steepest = np.maximum(np.take_along_axis(step, outer[None] - 1, axis=0)[0], 0.0)
+    below = level - np.take_along_axis(value, outer[None], axis=0)[0]
+    meets = np.clip(outer - below / np.maximum(steepest, 1e-12), LEAST_BEYOND, outer)
+    flank = np.stack([steepest, meets, np.maximum(outer - 1.5 - meets, 0.0)])
+    return np.where(known.any(axis=0), flank, np.nan)

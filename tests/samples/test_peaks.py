@@ -57,10 +57,22 @@ def test_a_parabola_sampled_finely_is_found_but_for_what_the_range_forbids() -> 
     found = rebuild_peaks(cut, 1 / rate_hz)
     hidden = (gyr - cut)[:, 2]
     np.testing.assert_allclose(
-        (found.whole - cut)[:, 2], hidden / (1 + height / (MOST_RANGES * LIMIT)), atol=0.05 * height
+        (found.whole - cut)[:, 2], hidden / (1 + height / (MOST_RANGES * LIMIT)), atol=0.07 * height
     )
     angle = hidden.sum() / 3 / rate_hz
-    assert np.sum(found.sigma[:, 2] ** 2) / 3 / rate_hz**2 == pytest.approx((OFF_SHARE * angle) ** 2, rel=0.1)
+    off_share = np.sqrt(np.sum(found.sigma[:, 2] ** 2) / 3) / rate_hz / angle
+    assert OFF_SHARE < off_share < 1.2 * OFF_SHARE  # of a flank as steep throughout as where it is steepest
+
+
+@pytest.mark.parametrize("share", [0.95, 0.85, 0.7])
+def test_a_low_pass_behind_the_range_changes_little(share: float) -> None:
+    """It bends the corners of the flat top: fewer samples reach the level, and the steps next to them are smaller."""
+    gyr = swings(np.random.default_rng(7))
+    cut = pitch_cut(gyr, share * 10.0)
+    bent = np.apply_along_axis(np.convolve, 0, cut, [0.25, 0.5, 0.25], "same")
+    sharp, smooth = (by_swing((rebuild_peaks(some, 1 / RATE_HZ).whole - some)[:, 1]) for some in (cut, bent))
+    np.testing.assert_allclose(smooth, sharp, atol=0.35 * np.abs(sharp).max())
+    assert np.abs(smooth).sum() > 0.8 * np.abs(sharp).sum()
 
 
 @pytest.mark.parametrize("pointed", [0.5, 1.0, 2.0, 6.0])
@@ -75,7 +87,7 @@ def test_what_is_left_of_an_angle_is_as_its_sigma_says(pointed: float, share: fl
     deep = np.abs(by_swing((gyr - cut)[:, 1])) > np.radians(0.5)
     assert deep.sum() > 15
     over_sigma = np.sqrt(np.mean(left[deep] ** 2 / variance[deep]))
-    assert 0.05 < over_sigma < 1.5
+    assert 0.02 < over_sigma < 1.5  # a peak that is nearly a parabola is found to a fiftieth of it
 
 
 def test_one_error_of_a_run_is_the_larger_the_longer_the_run() -> None:
