@@ -88,6 +88,8 @@ class SmootherParameters:
     choose_bias_walk: bool = True
     """Choose `gyro_bias_walk_deg_s` by the evidence of the walk (`bias_walk`); the value above is for walks that do not
     show another."""
+    refuse_stances: bool = True
+    """Trust stances less in which the foot moves by what the rest of the walk says (`refused_stances`)."""
     gyro_scale: bool = True
     """Take off the gyroscope's scale errors that the walk shows with its magnetic field (`gyro_scale`)."""
     tilt_sigma_deg: float = 1.0
@@ -103,6 +105,11 @@ class SmootherParameters:
 
 
 PLAIN = SmootherParameters(
-    roll_sigma_m=0.0, unsteady_s=0.0, settling_m=0.0, settling_sigma_m=1e-6, known_lever=(0.0, 0.0, 0.0)
+    roll_sigma_m=0.0,
+    unsteady_s=0.0,
+    settling_m=0.0,
+    settling_sigma_m=1e-6,
+    known_lever=(0.0, 0.0, 0.0),
+    refuse_stances=False,
 )
 """Plain zero velocity: every instant of a stance is equally, fully still. For ablation."""

@@ -6,9 +6,10 @@
     choose_swing_noise   -> noise of a swing, by the evidence below
     graph.build_problem  -> nodes, factors and initial values
     solve                -> values near the minimum
+    weaken_refused_stances -> the same, with ties weakened that the walk refuses (`refused_stances`)
     choose_bias_walk     -> random walk of the gyro bias (`bias_walk`)
 
-`walk_problem` is all seven steps: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
+`walk_problem` is all of it: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
 walk adds `strides.stride_graph`. The evidence builds and solves, on pieces of the walk.
 
 `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
@@ -49,6 +50,7 @@ from fg_nav.smoother.bias_walk import choose_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS, log_root
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.refused_stances import weaken_refused_stances
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, compute_error
 from fg_nav.smoother.strides import preintegrate
 from fg_nav.stances import Stances
@@ -210,7 +212,9 @@ def walk_problem(
     known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
-    problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
+    solved = solve(problem, FIRST_CONVERGENCE)
+    problem = replace(problem, values=solved.values)
+    problem = weaken_refused_stances(problem, solved) if p.refuse_stances else problem
     return choose_bias_walk(problem) if p.choose_bias_walk else problem
 
 

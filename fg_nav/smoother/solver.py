@@ -278,7 +278,7 @@ def _joint(R: Floats, S: Floats, parent: Floats, separator: Ints) -> Floats:
     for i in range(s):
         for j in range(s):
             joint[f + i, f + j] = parent[separator[i], separator[j]]
-    R_inverse = _upper_inverse(R)
+    R_inverse = invert_upper(R)
     W = -np.dot(R_inverse, np.ascontiguousarray(S))
     cross = np.dot(W, np.ascontiguousarray(joint[f:, f:]))
     joint[:f, f:] = cross
@@ -288,7 +288,7 @@ def _joint(R: Floats, S: Floats, parent: Floats, separator: Ints) -> Floats:
 
 
 @njit(cache=True)
-def _upper_inverse(R: Floats) -> Floats:
+def invert_upper(R: Floats) -> Floats:
     """Inverse of an upper triangular matrix, by back substitution."""
     n = R.shape[0]
     inverse = np.zeros((n, n))

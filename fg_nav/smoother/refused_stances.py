@@ -1,0 +1,193 @@
+"""Stances in which the foot moves: found by what the rest of the walk says of its velocity there, and trusted less.
+
+Crawling, ladders, a foot that drags or slips, a mid-swing taken for a stance: the detector sees a still sensor, and the
+tie of its velocity to zero is wrong by decimeters a second. Its own residual does not show it, since pose and velocity
+follow the tie. What the walk says without it does. Let the velocity of the stance of footfall k be off by a constant
+d_k (nav, m/s) in all its rows. With their residuals e_k at the minimum, whitened, H_k how they change with d_k, J their
+Jacobian and P the covariance of their variables,
+
+    M_k = I - J P J^T,     F_k = H_k^T M_k H_k,     d_k = F_k^-1 H_k^T e_k,     T_k = d_k^T F_k d_k
+
+T_k is by how much twice the error falls at the minimum where d_k is free (a deletion diagnostic; Cook 1977), chi^2 of
+three degrees of freedom where the stance is one. It costs one pass down the Bayes tree, as the jumps of the potential
+do (`potential`), with all nodes of a footfall kept together.
+
+A stance is refused where T is above `LEAST_STATISTIC` and the largest within `NEIGHBORS` footfalls, for a wrong tie
+spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are not dropped: their sigma grows to |d_k|.
+Then the walk is solved again, until none is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import V, X
+from scipy.ndimage import maximum_filter1d
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.zero_velocity import StanceVelocity
+from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, dimension_of, invert_upper
+from fg_nav.text import format_count
+
+LEAST_STATISTIC = 20.0
+"""T below which none is refused: chi^2 of three degrees of freedom, two in ten thousand stances. On real walks with
+sigmas that allow for real feet, the median is 0.1 and the largest 1 to 6."""
+
+LEAST_SPEED_M_S = 0.15
+"""|d| below which none is refused: feet that walk fast roll with as much."""
+
+NEIGHBORS = 2
+"""Footfalls on either side whose T a wrong tie swells."""
+
+ROUNDS = 4
+"""Of solving again."""
+
+FEWEST_FOOTFALLS = 5
+"""A walk of fewer has no neighbors to speak against a stance."""
+
+
+@dataclass(frozen=True)
+class StanceDoubt:
+    """Of each footfall: `statistic` T (F,), and the velocity d (F, 3) m/s, nav, that the rest of the walk gives it."""
+
+    statistic: Floats
+    velocity: Floats
+
+    def refused(self) -> Bools:
+        """Which footfalls (F,) are refused."""
+        largest = self.statistic >= maximum_filter1d(self.statistic, 2 * NEIGHBORS + 1)
+        fast = np.linalg.norm(self.velocity, axis=1) > LEAST_SPEED_M_S
+        return np.asarray(largest & (self.statistic > LEAST_STATISTIC) & fast)
+
+
+def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> WalkProblem:
+    """Return a problem, solved near its minimum, with the ties weakened that the walk refuses, and new values."""
+    refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
+    for _ in range(ROUNDS if len(refused) >= FEWEST_FOOTFALLS else 0):
+        # What the rest of the walk says of each stance.
+        doubt = measure_doubt(problem, solved)
+        now = doubt.refused()
+        if not now.any():
+            break
+        # The same ties with a sigma as large as what they are off by; and solve again.
+        refused |= now
+        off = np.where(now, np.linalg.norm(doubt.velocity, axis=1), 0.0)
+        problem = replace(problem, velocities=_widen(problem.velocities, off[problem.nodes.footfall]))
+        solved = solve(problem, FIRST_CONVERGENCE)
+        problem = replace(problem, values=solved.values)
+    return _with_note(problem, refused) if refused.any() else problem
+
+
+def _widen(block: ResidualBlock, off: Floats) -> ResidualBlock:
+    """Add a sigma `off` (M,) m/s to the ties of each node."""
+    ties = block.residuals
+    assert isinstance(ties, StanceVelocity)
+    return ResidualBlock(replace(ties, sigma=np.hypot(ties.sigma, off[:, None])), block.keys)
+
+
+def _with_note(problem: WalkProblem, refused: Bools) -> WalkProblem:
+    nodes = problem.nodes
+    first = problem.recording.t[nodes.sample[nodes.result[refused]]][0]
+    note = (
+        f"{format_count(int(refused.sum()), 'stance')} of {len(refused)} trusted less, the first at {first:.1f} s: "
+        "by the rest of the walk the foot moves there"
+    )
+    return replace(problem, known=replace(problem.known, notes=(*problem.known.notes, note)))
+
+
+def measure_doubt(problem: WalkProblem, solved: Solved) -> StanceDoubt:
+    """Measure T and d of every footfall, at the minimum of the last linearization."""
+    nodes, block = problem.nodes, problem.velocities
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    jacobian, step = np.concatenate(jacobians, axis=2), solved.tree.optimize()
+    found = StanceDoubt(np.zeros(len(nodes.result)), np.zeros((len(nodes.result), 3)))
+    for footfall, rows, covariance in footfall_covariances(solved.tree, nodes.footfall, nodes.first):
+        ties = np.arange(nodes.first[footfall], nodes.first[footfall + 1])
+        J = np.zeros((3 * len(ties), len(covariance)))
+        e = np.empty(3 * len(ties))
+        for i, k in enumerate(ties):
+            of_keys = np.concatenate([np.arange(*rows[key]) for key in block.keys[k]])
+            J[3 * i : 3 * i + 3, of_keys] = jacobian[k]
+            moved = np.concatenate([step.at(key) for key in block.keys[k]])
+            e[3 * i : 3 * i + 3] = residual[k] + jacobian[k] @ moved
+        H = jacobians[1][ties].reshape(-1, 3)
+        F = H.T @ H - (H.T @ J) @ covariance @ (J.T @ H)
+        found.velocity[footfall], found.statistic[footfall] = _solve_shift(F, H.T @ e)
+    return found
+
+
+def _solve_shift(F: Floats, by: Floats) -> tuple[Floats, float]:
+    """D = F^-1 b and T = d^T b, without the directions in which the walk leaves nothing open."""
+    strength, axes = np.linalg.eigh(F)
+    seen = strength > LEAST_SHARE * strength[-1]
+    along = axes[:, seen].T @ by / strength[seen]
+    d = axes[:, seen] @ along
+    return d, float(d @ by)
+
+
+LEAST_SHARE = 1e-6
+"""Of the strongest direction, below which rounding decides."""
+
+
+Rows = dict[int, tuple[int, int]]
+"""First row and row after the last of each key."""
+
+
+def footfall_covariances(
+    tree: gtsam.GaussianBayesTree, footfall: Ints, first: Ints
+) -> Iterator[tuple[int, Rows, Floats]]:
+    """Yield each footfall with the rows and the joint covariance of all variables of its ties.
+
+    `footfall` (M,) of each node, `first` (F+1,) node of each. With the notation of `solver`, and A what is known of the
+    parent's clique and of the same footfall above it, P_FA = W P_SA.
+    """
+    of_key = {key(j): int(f) for j, f in enumerate(footfall) for key in (X, V)}
+    begins = {X(int(j)): f for f, j in enumerate(first[:-1])}
+    nothing: Rows = {}
+    stack = [(root, nothing, np.zeros((0, 0))) for root in tree.roots()]
+    while stack:
+        clique, above, covariance = stack.pop()
+        conditional = clique.conditional()
+        keys = conditional.keys()
+        rows, covariance = _add_frontals(conditional, keys, above, covariance)
+        frontal = [key for key in keys if key not in above]
+        yield from ((begins[key], rows, covariance) for key in frontal if key in begins)
+        # Below are needed this clique, and what of its footfalls has been left above.
+        inside = {of_key[key] for key in frontal if key in of_key}
+        kept = [key for key in rows if key in keys or of_key.get(key) in inside]
+        index = _indices(kept, rows)
+        covariance, rows = covariance[np.ix_(index, index)], _stack(kept)
+        stack += [(clique[i], rows, covariance) for i in range(clique.nrChildren())]
+
+
+def _add_frontals(
+    conditional: gtsam.GaussianConditional, keys: list[int], above: Rows, covariance: Floats
+) -> tuple[Rows, Floats]:
+    """Rows and joint covariance of the frontal variables of a clique and all that is known above it."""
+    inverse = invert_upper(conditional.R())
+    f, n = len(inverse), len(inverse) + len(covariance)
+    at = _indices([key for key in keys if key in above], above)
+    W = -inverse @ conditional.S()
+    joint = np.empty((n, n))
+    joint[f:, f:] = covariance
+    joint[:f, f:] = W @ covariance[at]
+    joint[f:, :f] = joint[:f, f:].T
+    joint[:f, :f] = inverse @ inverse.T + joint[:f, f:][:, at] @ W.T
+    rows = _stack([key for key in keys if key not in above])
+    return rows | {key: (a + f, b + f) for key, (a, b) in above.items()}, joint
+
+
+def _stack(keys: list[int]) -> Rows:
+    """Rows of keys one below the other."""
+    ends = accumulate((dimension_of(key) for key in keys), initial=0)
+    return dict(zip(keys, pairwise(ends), strict=True))
+
+
+def _indices(keys: list[int], rows: Rows) -> Ints:
+    return np.array([i for key in keys for i in range(*rows[key])], dtype=np.int64)
