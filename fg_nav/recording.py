@@ -171,6 +171,18 @@ class Recording:
         acc, gyr = self.clipping
         return rebuild_peaks(self.acc, self.period_s, acc), rebuild_peaks(self.gyr, self.period_s, gyr)
 
+    def raise_peaks(self, factor: float) -> Recording:
+        """Return the same samples with this many times as much rebuilt of the rate above what was read."""
+        acc, gyr = self.peaks
+        raised = replace(self)
+        raised.__dict__.update(
+            period_s=self.period_s,
+            gaps=self.gaps,
+            clipping=self.clipping,
+            peaks=(acc, gyr._replace(whole=self.gyr + factor * (gyr.whole - self.gyr))),
+        )
+        return raised
+
     @cached_property
     def clipping(self) -> tuple[Floats, Floats]:
         """Levels (2, 3) from which on specific force and rate are clipped, as in `fg_nav.samples.saturation`."""

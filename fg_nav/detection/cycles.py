@@ -99,7 +99,8 @@ def measure_period(t: Floats, level: Floats, sample: int) -> float:
     """Measure the period of the motion about a sample, s; zero where it has none."""
     first, last = np.searchsorted(t, t[sample] + np.array([-REACH_S, REACH_S]))
     times = np.arange(t[first], t[min(last, len(t) - 1)], STEP_S)
-    signal = np.clip(level[np.searchsorted(t, times)], *CUT_LEVELS)
+    at = np.minimum(np.searchsorted(t, times), len(t) - 1)  # rounding may put the last beyond the end
+    signal = np.clip(level[at], *CUT_LEVELS)
     lags = np.arange(round(CYCLE_S[0] / STEP_S) - 1, round(CYCLE_S[1] / STEP_S) + 2)
     if len(signal) < 2 * lags[-1]:
         return 0.0

@@ -3,6 +3,7 @@
     find_start           -> start in the first stance, rests
     rests                -> gyro bias and its sigma
     estimate_lever       -> lever of the rolling foot
+    choose_peak_height   -> how far clipped peaks of the rate rise above the range, by the same evidence
     choose_swing_noise   -> noise of a swing, by the evidence below
     graph.build_problem  -> nodes, factors and initial values
     solve                -> values near the minimum
@@ -22,6 +23,10 @@ strides shows it. With a graph that is linear about its minimum, and all that do
 E the error at the minimum, R the triangle of its square-root information, S_i the noise covariance of inertial
 factor i. The largest k is taken whose evidence is within `MOST_NATS` of the best: what the walk does not show stays
 pessimistic.
+
+Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.saturation`). What that is off by is
+common to a gait, a sensor and its low-pass: one factor a walk on all, with the prior 1 +- `OFF_SHARE`, is chosen among
+`HEIGHTS` by the same evidence, at the k that is best with each.
 
 The strides come in up to `PIECES` stretches from the beginning, the middle and the end, each with a gauge of its own,
 and their evidence is added. No k is taken that a piece alone finds too small by more than `MOST_NATS`: a walk that is
@@ -46,6 +51,7 @@ from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
+from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.bias_walk import choose_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS, log_root
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
@@ -71,6 +77,12 @@ STANDING_S = 1.0
 FEWEST_STRIDES = 8
 """A walk of fewer keeps the level it was given."""
 
+HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)
+"""Of rebuilt peaks of the rate, in what their flanks say: what they are off by is common to a gait and a sensor."""
+
+FEWEST_PEAKS = 8
+"""Fewer that were cut show no height."""
+
 INERTIAL_KEYS = 5
 """An inertial factor joins two poses, two velocities and a bias; none other joins as many."""
 
@@ -90,6 +102,18 @@ def choose_swing_noise(
 
     The `gyr_relative_density` of `p` is kept where the walk is too short to show another.
     """
+    evidence, strides = _measure_evidence(recording, stances, known, p, levels)
+    if not len(evidence):
+        level = p.gyr_relative_density
+        return SwingNoise(level, f"swing noise {_words(level)}: too few strides to see it from")
+    level = choose_level(levels, evidence)
+    return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {format_count(strides, 'stride')}")
+
+
+def _measure_evidence(
+    recording: Recording, stances: Stances, known: Known, p: SmootherParameters, levels: tuple[float, ...]
+) -> tuple[Floats, int]:
+    """Return -log evidence (pieces, levels) of these levels of swing noise, and of how many strides it is."""
     evidences, strides = [], 0
     for piece_recording, piece_stances in _pieces(recording, stances):
         try:
@@ -98,11 +122,31 @@ def choose_swing_noise(
         except EstimationError:
             continue
         strides += piece_stances.n_footfalls - 1
-    if not evidences:
-        level = p.gyr_relative_density
-        return SwingNoise(level, f"swing noise {_words(level)}: too few strides to see it from")
-    level = choose_level(levels, np.array(evidences))
-    return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {format_count(strides, 'stride')}")
+    return np.array(evidences), strides
+
+
+def choose_peak_height(
+    recording: Recording, stances: Stances, known: Known, p: SmootherParameters
+) -> tuple[Recording, tuple[str, ...]]:
+    """Return the recording with its clipped peaks of the rate as high as the walk shows, and in words how high."""
+    heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
+    if _count_peaks(recording) < FEWEST_PEAKS:
+        return recording, ()
+    raised = [recording.raise_peaks(height) for height in heights]
+    evidence = [_measure_evidence(one, stances, known, p, LEVELS)[0] for one in raised]
+    # A height is out with which a piece cannot be solved, and its prior is what the sigma of a rebuilt peak says.
+    cost = [one.sum(axis=0).min() if len(one) == len(evidence[0]) > 0 else np.inf for one in evidence]
+    best = int(np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2))
+    if best == 0:
+        return recording, ()
+    note = f"clipped peaks of the rate are taken {heights[best]:g} times as high above the range as their flanks say"
+    return raised[best], (note,)
+
+
+def _count_peaks(recording: Recording) -> int:
+    """Count the peaks of the rate that were cut."""
+    run = recording.peaks[1].run
+    return int(np.round((1.0 / run[run > 0]).sum()))
 
 
 def choose_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
@@ -209,7 +253,7 @@ def walk_problem(
     """
     start = find_start(recording, stances, heading or 0.0, p.rest)
     rests = _whole_rests(start.rests, recording, p) if in_progress else start.rests
-    known, swing = _estimate_known(recording, stances, rests, p)
+    recording, known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
     solved = solve(problem, FIRST_CONVERGENCE)
@@ -221,22 +265,24 @@ def walk_problem(
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:
     """Return the noise of the rate in a swing, 1/sqrt(Hz), that the smoother uses on this walk."""
     rests = find_start(recording, stances, parameters=p.rest).rests
-    return _estimate_known(recording, stances, rests, p)[1].gyr_relative_density
+    return _estimate_known(recording, stances, rests, p)[2].gyr_relative_density
 
 
 def _estimate_known(
     recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters
-) -> tuple[Known, SwingNoise]:
+) -> tuple[Recording, Known, SwingNoise]:
+    """Return the recording with clipped peaks as high as the walk shows, what is known of the walk, and its noise."""
     bias, sigma = _bias_from_rests(rests, np.radians(p.gyro_bias_sigma_deg_s))
     if p.known_lever is not None:
         lever = RollingLever(np.array(p.known_lever), np.zeros((3, 3)), 0)
     else:
         lever = estimate_lever(recording, stances)
     known = Known(bias, sigma, rests, lever)
-    swing = SwingNoise(p.gyr_relative_density, "swing noise as given")
+    swing, peaks = SwingNoise(p.gyr_relative_density, "swing noise as given"), tuple[str, ...]()
     if p.choose_swing_noise:
+        recording, peaks = choose_peak_height(recording, stances, known, p)
         swing = choose_swing_noise(recording, stances, known, p)
-    return replace(known, notes=(_bias_note(known), _lever_note(lever), swing.note)), swing
+    return recording, replace(known, notes=(_bias_note(known), _lever_note(lever), *peaks, swing.note)), swing
 
 
 def _whole_rests(rests: tuple[Rest, ...], recording: Recording, p: SmootherParameters) -> tuple[Rest, ...]:

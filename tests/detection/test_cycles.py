@@ -100,10 +100,14 @@ def test_the_period_is_that_of_the_level():
     noise = np.random.default_rng(1).normal(5.5, 0.5, len(T))
     assert measure_period(T, noise, middle) == 0.0
     assert measure_period(T, np.full(len(T), 5.0), middle) == 0.0
+    assert all(
+        measure_period(T + 0.1 * k, make_level(), len(T) - 250) > 0.0 for k in range(50)
+    )  # whatever rounding says
 
 
 def test_the_lowest_of_each_cycle_is_a_stance_and_the_mid_swing_is_not():
-    np.testing.assert_allclose(find(make_level(), landing(STANCES)), STANCES, atol=0.006)
+    """The last one waits for what is not recorded yet: that may be lower."""
+    np.testing.assert_allclose(find(make_level(), landing(STANCES)), STANCES[:-1], atol=0.006)
     assert is_lowest_of_cycle(T, make_level(), round(0.4 * RATE_HZ), PERIOD_S)
     assert not is_lowest_of_cycle(T, make_level(), round(0.75 * RATE_HZ), PERIOD_S)
 
