@@ -48,9 +48,6 @@ NEIGHBORS = 2
 ROUNDS = 4
 """Of solving again."""
 
-FEWEST_FOOTFALLS = 5
-"""A walk of fewer has no neighbors to speak against a stance."""
-
 
 @dataclass(frozen=True)
 class StanceDoubt:
@@ -69,7 +66,7 @@ class StanceDoubt:
 def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> WalkProblem:
     """Return a problem, solved near its minimum, with the ties weakened that the walk refuses, and new values."""
     refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
-    for _ in range(ROUNDS if len(refused) >= FEWEST_FOOTFALLS else 0):
+    for _ in range(ROUNDS):
         # What the rest of the walk says of each stance.
         doubt = measure_doubt(problem, solved)
         now = doubt.refused()
