@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
@@ -53,6 +54,23 @@ def test_stride_counts(walks, number):
     assert isinstance(recording.truth, FootprintTruth)
     assert recording.truth.stride_count is not None
     assert abs(count(recording) - recording.truth.stride_count) <= 1
+
+
+@pytest.mark.parametrize("number", [52, 54, 56, 60, 66, 68, 70])
+def test_strides_of_runs_are_found_within_three_percent(number):
+    """Indoor runs whose gyroscope clips in every stride; each stance was marked by hand."""
+    walked = loadmat(DATA / "gdlbio" / f"SensorConnectData_{number}_GDLBIO.mat")
+    samples = walked["imu_data"].astype(np.float64)
+    recording = Recording(walked["timestamps"].ravel().astype(np.float64), samples[:, :3], samples[:, 3:])
+    strides = walked["strideIndex"].size - 1
+    assert abs(count(recording) - strides) <= 0.03 * strides
+
+
+@pytest.mark.parametrize("number", [35, 43])
+def test_strides_of_walks_with_running_in_them(number):
+    recording = gdin(number)
+    assert isinstance(recording.truth, FootprintTruth)
+    assert count(recording) == recording.truth.stride_count
 
 
 @pytest.mark.parametrize("number", [22, 33])
