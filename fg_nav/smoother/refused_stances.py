@@ -12,9 +12,9 @@ T_k is by how much twice the error falls at the minimum where d_k is free (a del
 three degrees of freedom where the stance is one. It costs one pass down the Bayes tree, as the jumps of the potential
 do (`potential`), with all nodes of a footfall kept together.
 
-A stance is refused where T is above `LEAST_STATISTIC` and the largest within `NEIGHBORS` footfalls, for a wrong tie
-spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are not dropped: their sigma grows to |d_k|.
-Then the walk is solved again, until none is refused.
+A stance is refused where T is above `LEAST_STATISTIC` (of a mid-swing `LEAST_OF_SWING`) and the largest within
+`NEIGHBORS` footfalls, for a wrong tie spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are
+not dropped: their sigma grows to |d_k|. Then the walk is solved again, until none is refused.
 """
 
 from __future__ import annotations
@@ -39,6 +39,10 @@ LEAST_STATISTIC = 40.0
 """T below which none is refused. On real walks the median is 0.1 to 2; a swing with a shock that its noise does not
 cover brings the stances on both sides to 15 to 35; one that moves at 0.35 m/s has 52, at 0.7 m/s 340."""
 
+SWINGS_M_S, LEAST_OF_SWING = 1.5, 20.0
+"""With so large a |d| T need be no more than that: no shock makes a stance look like a mid-swing, and a mid-swing among
+the stances raises the noise of all swings, by which its T comes down to 21 to 40."""
+
 LEAST_SPEED_M_S = 0.15
 """|d| below which none is refused: feet that walk fast roll with as much."""
 
@@ -59,8 +63,9 @@ class StanceDoubt:
     def refused(self) -> Bools:
         """Which footfalls (F,) are refused."""
         largest = self.statistic >= maximum_filter1d(self.statistic, 2 * NEIGHBORS + 1)
-        fast = np.linalg.norm(self.velocity, axis=1) > LEAST_SPEED_M_S
-        return np.asarray(largest & (self.statistic > LEAST_STATISTIC) & fast)
+        speed = np.linalg.norm(self.velocity, axis=1)
+        limit = np.where(speed > SWINGS_M_S, LEAST_OF_SWING, LEAST_STATISTIC)
+        return np.asarray(largest & (self.statistic > limit) & (speed > LEAST_SPEED_M_S))
 
 
 def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> WalkProblem:
