@@ -133,3 +133,14 @@ def _has_landed(t: Floats, acc: Floats, sample: int) -> bool:
     """Whether the foot came down shortly before a sample."""
     first = np.searchsorted(t, t[sample] - LANDING_S)
     return bool(np.linalg.norm(acc[first : sample + 1], axis=1).max() > LANDING_M_S2)
+
+
+def is_next_to(t: Floats, samples: Ints, stances: Floats, longest_s: float) -> Bools:
+    """Whether samples (K,) are outside the intervals (3, S), and less than `longest_s` away from one."""
+    if stances.shape[1] == 0:
+        return np.zeros(len(samples), dtype=np.bool_)
+    start, stop = stances[:2].astype(np.int64)
+    after = np.searchsorted(start, samples, side="right")
+    before_s = np.where(after > 0, t[samples] - t[stop[after - 1] - 1], np.inf)
+    until_s = np.where(after < len(start), t[start[np.minimum(after, len(start) - 1)]] - t[samples], np.inf)
+    return np.asarray((before_s > 0) & (np.minimum(before_s, until_s) < longest_s))

@@ -35,7 +35,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.detection.cycles import find_cycle_stances, find_mid_swings
+from fg_nav.detection.cycles import find_cycle_stances, find_mid_swings, is_next_to
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 
@@ -196,8 +196,7 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
     inside = (rough[0] >= before[gap]) & (rough[1] <= after[gap])
     edges = np.minimum(np.stack([before, after]), len(t) - 1).astype(np.int64)
     wide = (t[edges[1]] - t[edges[0]])[gap] > LONGEST_SWING_S
-    both = np.concatenate([stances, rough[:, inside & wide]], axis=1)
-    return both[:, np.argsort(both[0], kind="stable")]
+    return _join(stances, rough[:, inside & wide])
 
 
 def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floats:
@@ -210,7 +209,7 @@ def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floa
     known = _join(kept, _widen(_grow_intervals(level, found), found, t))
     # A rest is a footfall, even where a run that ends in it shows no velocity.
     rests = first[t[last] - t[first] >= SHORTEST_REST_S]
-    return _join(known, _grow_intervals(level, rests[_is_next_to(t, rests, known)]))
+    return _join(known, _grow_intervals(level, rests[is_next_to(t, rests, known, LONGEST_LINK_S)]))
 
 
 def _join(stances: Floats, others: Floats) -> Floats:
@@ -224,17 +223,6 @@ def _widen(intervals: Floats, samples: Ints, t: Floats) -> Floats:
     first = np.searchsorted(t, t[samples] - SHORTEST_REACH_S)
     stop = np.minimum(np.searchsorted(t, t[samples] + SHORTEST_REACH_S) + 1, len(t))
     return np.stack([np.minimum(intervals[0], first), np.maximum(intervals[1], stop), intervals[2]])
-
-
-def _is_next_to(t: Floats, samples: Ints, stances: Floats) -> Bools:
-    """Whether samples (K,) are outside the intervals, and a swing away from one or less."""
-    if stances.shape[1] == 0:
-        return np.zeros(len(samples), dtype=np.bool_)
-    start, stop = stances[:2].astype(np.int64)
-    after = np.searchsorted(start, samples, side="right")
-    before_s = np.where(after > 0, t[samples] - t[stop[after - 1] - 1], np.inf)
-    until_s = np.where(after < len(start), t[start[np.minimum(after, len(start) - 1)]] - t[samples], np.inf)
-    return np.asarray((before_s > 0) & (np.minimum(before_s, until_s) < LONGEST_LINK_S))
 
 
 def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints) -> Ints:
