@@ -83,7 +83,7 @@ class OnlineField:
         factors, values = found.problem.field, found.solved.values
         assert factors is not None
         self._noise_uT = found.compass_sigma_uT
-        self._p = replace(found.problem.parameters.magnetic, potential=len(factors.potential) > 0)
+        self._p = replace(factors.parameters, potential=len(factors.potential) > 0)
         self._level_R_body = factors.path.level_R_body
         nodes = found.problem.nodes.result.tolist()
         nav_R_body = np.array([values.atPose3(X(j)).rotation().matrix() for j in nodes])

@@ -18,7 +18,8 @@ from fg_nav.online.field import OnlineField
 from fg_nav.recording import Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.differential import add_differential_field
-from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
+from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
+from fg_nav.smoother.field_shape import solve_where_field_tells
 from fg_nav.smoother.graph import Known, WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
@@ -120,7 +121,7 @@ def _solve_once(
     if obstacle:
         solved = solve(problem)
         return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle)), solved
-    found = solve_with_field(problem, field, track)
+    found = solve_where_field_tells(problem, field, track)
     return WalkSolution(found.problem, found.solved.values, OnlineField(found, field), found.verdict), found.solved
 
 

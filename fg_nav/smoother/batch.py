@@ -30,7 +30,8 @@ from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import add_differential_field, write_note
-from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field, solve_with_field
+from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
+from fg_nav.smoother.field_shape import solve_where_field_tells
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.parameters import SmootherParameters
@@ -145,7 +146,7 @@ def _solve_walk(
     # The field is compared along the solution, and joins it.
     if obstacle:
         return problem, solve(problem), ignore_field(problem, obstacle)
-    with_field = solve_with_field(problem, field, track)
+    with_field = solve_where_field_tells(problem, field, track)
     return with_field.problem, with_field.solved, with_field.verdict
 
 

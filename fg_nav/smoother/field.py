@@ -234,7 +234,7 @@ def _solve_in_rounds(
         problem, solved = free_jumps(problem, solved)
     assert problem.field is not None
     states, verdicts = problem.field.states(solved.values), residuals.verdicts
-    notes = (*_write_notes(residuals, states), *notes, *describe_jumps(problem, solved))
+    notes = (*_write_notes(residuals, states, p.compass), *notes, *describe_jumps(problem, solved))
     verdict = FieldVerdict(verdicts.words, verdicts.reason, notes)
     return FieldSolution(problem, solved, states, verdict, _compass_sigma(residuals, p))
 
@@ -319,7 +319,7 @@ def _with_field(
 def _read_compass(
     problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
 ) -> CompassReadings:
-    passed, nav_R_body, body_field = residuals.verdicts.quasi_static, residuals.nav_R_body, field.body_field
+    passed, nav_R_body, body_field = residuals.verdicts.quasi_static & p.compass, residuals.nav_R_body, field.body_field
     sigma = np.where(passed, _compass_sigma(residuals, p), np.inf)
     if not (problem.heading_known or p.potential or passed.sum() >= FEWEST_SEEN):
         # Their mean as one reading in the middle of the walk.
@@ -383,13 +383,13 @@ def _expect_field(residuals: FieldResiduals, rough: FieldRoughness, direction: t
     return FieldPrior(np.array([0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
 
 
-def _write_notes(residuals: FieldResiduals, states: Floats) -> tuple[str, ...]:
+def _write_notes(residuals: FieldResiduals, states: Floats, compass: bool) -> tuple[str, ...]:
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
     rough, verdicts = residuals.rough, residuals.verdicts
     return (
         f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
-        f"the compass of {100 * verdicts.coverage:.0f} % of the footfalls is used (gate {verdicts.detector})",
+        f"the compass of {100 * verdicts.coverage * compass:.0f} % of the footfalls is used (gate {verdicts.detector})",
         f"it deviates by {_write(rough.across, 'uT')}, by region {_write(rough.regional, 'uT')}, "
         f"its potential by {_write(rough.potential, 'uT m')}",
         f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",

@@ -119,12 +119,13 @@ class FieldFactors:
         p: FieldParameters,
         lost_share: float = 0.0,
     ) -> None:
-        self.readings, self.path, self.lost_share, self.rough, self._p = readings, path, lost_share, rough, p
+        self.readings, self.path, self.lost_share, self.rough = readings, path, lost_share, rough
+        self.parameters = p
         self.telescoping, self.drift_uT_m = split_potential(rough.potential, lost_share, path.distance_m)
         self.prior = replace(prior, sigma=np.where(np.arange(SIZE) == PHI, self.telescoping.sigma, prior.sigma))
         pose, state = [X(int(j)) for j in readings.node], [M(k) for k in range(len(readings.node))]
         self._states = state
-        used = np.flatnonzero(np.isfinite(readings.sigma_uT) & p.compass)
+        used = np.flatnonzero(np.isfinite(readings.sigma_uT))
         level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
         compass = MagneticHeading(readings.body_field[used], level, readings.nav_R_level[used], readings.sigma_uT[used])
         self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
@@ -155,7 +156,7 @@ class FieldFactors:
         return self._with(self.path, share)
 
     def _with(self, path: FieldPath, lost_share: float) -> FieldFactors:
-        return FieldFactors(self.readings, path, self.prior, self.rough, self._p, lost_share)
+        return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, lost_share)
 
     def compute_jumps(self, values: gtsam.Values) -> Floats:
         """(J,) uT m, by how much the integrals of the strides that were left out differ from what was expected."""

@@ -1,0 +1,81 @@
+"""Does the field refute the shape that a walk has without it? If not, the walk keeps it, and the field shows north.
+
+Line integrals and compass know a heading to some tenths of a degree over a leg of a short walk. So does a gyroscope
+whose bias a rest has shown, where the foot stood still, and nothing says so: what is assumed of a rest (a foot that
+sways) and of a swing is what may be. Weighed by such sigmas the field would bend a walk that is better than they claim.
+Whether it knows better, it has to show itself. With psi_k the heading of footfall k and psi'_k that without the field,
+
+    E_1 = min E,     E_0 = min E with psi_k = psi'_k + c at all footfalls,     c one unknown turn,
+
+E half the sum of squares of the walk with its field, E_0 - E_1 is the logarithm of the likelihood ratio. Where the
+shape is right it is half a chi^2 of as many degrees of freedom as there are bends that the field can see, two to six.
+Below `MOST_NATS` the shape stands. Tilt, biases and the state of the field stay free in both.
+
+    E_0 is linear about the minimum: one more elimination, with the row psi_k - c at each footfall, c eliminated last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X, Z
+
+from fg_nav.factors.rotation import turn_about_up
+from fg_nav.magnetic import FootfallField
+from fg_nav.smoother.evidence import MOST_NATS, eliminate
+from fg_nav.smoother.field import COMPASS_ROUNDS, FieldSolution, solve_with_field
+from fg_nav.smoother.graph import Trajectory, WalkProblem, solve
+from fg_nav.smoother.solver import compute_error, linearize, time_order
+
+SHAPE_SIGMA_DEG = 0.1
+"""Within which a footfall has the heading that it has without the field: of a still rest and a good gyroscope."""
+
+
+def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
+    """Smooth a walk, whose values are near its minimum without the field with it; `track` is theirs."""
+    found = solve_with_field(problem, field, track)
+    # Where the heading is given the field has no north to show; one that shows north alone bends nothing.
+    factors = found.problem.field
+    assert factors is not None
+    if problem.heading_known or (len(factors.potential) == 0 and len(factors.heading) <= 1):
+        return found
+    # Is a walk of the shape without the field less likely?
+    without = solve(problem).values
+    nats = refute_shape(found, without)
+    if nats > MOST_NATS:
+        return found
+    # It is not: the field shows north.
+    kept = _show_north(replace(problem, values=without), field, track)
+    note = (
+        f"the path keeps the shape that it has without the field, which shows north alone: it speaks against that "
+        f"shape by {nats:.1f} nats, and {MOST_NATS:.0f} are asked for"
+    )
+    return replace(kept, verdict=replace(kept.verdict, notes=(*kept.verdict.notes, note)))
+
+
+def _show_north(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
+    """Smooth a walk with the mean of its field as one reading of the compass, where its heading is not given."""
+    magnetic = replace(problem.parameters.magnetic, compass=False, potential=False, rounds=1 - COMPASS_ROUNDS)
+    without = replace(problem, parameters=replace(problem.parameters, magnetic=magnetic))
+    found = solve_with_field(without, field, track)
+    return replace(found, problem=replace(found.problem, parameters=problem.parameters))
+
+
+def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:
+    """By how many nats a walk with its field is less likely with the headings that it has without it."""
+    problem, values = found.problem, found.solved.values
+    node, common = problem.nodes.result.tolist(), Z(problem.floors)
+    linear = linearize(problem.graph, problem.blocks, values)
+    nav_R_body, held = (np.array([some.atPose3(X(j)).rotation().matrix() for j in node]) for some in (values, without))
+    turn = np.unwrap(turn_about_up(nav_R_body @ np.swapaxes(held, -1, -2)))
+    weight = 1.0 / np.radians(SHAPE_SIGMA_DEG)
+    one, by_common = gtsam.noiseModel.Unit.Create(1), np.array([[-weight]])
+    for j, R, psi in zip(node, nav_R_body, turn - np.median(turn), strict=True):
+        by_pose = np.zeros((1, 6))
+        by_pose[0, :3] = weight * R[2]
+        linear.push_back(gtsam.JacobianFactor(X(j), by_pose, common, by_common, np.array([-weight * psi]), one))
+    ordering = time_order(problem.nodes, with_field=True, floors=problem.floors)
+    ordering.push_back(common)
+    return eliminate(linear, ordering)[0] - compute_error(problem.graph, problem.blocks, values)
