@@ -36,10 +36,10 @@ SHAPE_SIGMA_DEG = 0.1
 def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
     """Smooth a walk, whose values are near its minimum without the field with it; `track` is theirs."""
     found = solve_with_field(problem, field, track)
-    # Where the heading is given the field has no north to show; one that shows north alone bends nothing.
+    # Without a rest the shape is not known; with a heading that is given, or where north alone is shown, none is bent.
     factors = found.problem.field
     assert factors is not None
-    if problem.heading_known or (len(factors.potential) == 0 and len(factors.heading) <= 1):
+    if not problem.known.rests or problem.heading_known or not (len(factors.potential) or len(factors.heading) > 1):
         return found
     # Is a walk of the shape without the field less likely?
     without = solve(problem).values

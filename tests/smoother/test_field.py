@@ -255,7 +255,7 @@ def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None,
     error = heading_error_deg(found)
     assert np.abs(np.diff(error)).max() < 0.1
     assert np.abs(error).max() < 0.5
-    blind = replace_field(potential_drift_m=drift_m, gate="none")
+    blind = replace_field(NOT_RESTED, potential_drift_m=drift_m, gate="none")
     assert jump_at(20, heading_error_deg(smoothed(recording, heading, blind))) > 2.0 * jump_at(20, error)
 
 
