@@ -26,7 +26,7 @@ from fg_nav.factors.rotation import turn_about_up
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.field import COMPASS_ROUNDS, FieldSolution, solve_with_field
-from fg_nav.smoother.graph import Trajectory, WalkProblem, solve
+from fg_nav.smoother.graph import Trajectory, WalkProblem
 from fg_nav.smoother.solver import compute_error, linearize, time_order
 
 SHAPE_SIGMA_DEG = 0.1
@@ -34,20 +34,17 @@ SHAPE_SIGMA_DEG = 0.1
 
 
 def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
-    """Smooth a walk, whose values are near its minimum without the field with it; `track` is theirs."""
+    """Smooth a walk, whose values are near its minimum without the field, with it; `track` is theirs."""
     found = solve_with_field(problem, field, track)
-    # Without a rest the shape is not known; with a heading that is given, or where north alone is shown, none is bent.
-    factors = found.problem.field
-    assert factors is not None
-    if not problem.known.rests or problem.heading_known or not (len(factors.potential) or len(factors.heading) > 1):
+    # Without a rest the shape is not known; with a heading that is given the direction of the field is looked for.
+    if not problem.known.rests or problem.heading_known:
         return found
     # Is a walk of the shape without the field less likely?
-    without = solve(problem).values
-    nats = refute_shape(found, without)
+    nats = refute_shape(found, problem.values)
     if nats > MOST_NATS:
         return found
     # It is not: the field shows north.
-    kept = _show_north(replace(problem, values=without), field, track)
+    kept = _show_north(problem, field, track)
     note = (
         f"the path keeps the shape that it has without the field, which shows north alone: it speaks against that "
         f"shape by {nats:.1f} nats, and {MOST_NATS:.0f} are asked for"
@@ -58,7 +55,7 @@ def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: T
 def _show_north(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
     """Smooth a walk with the mean of its field as one reading of the compass, where its heading is not given."""
     magnetic = replace(problem.parameters.magnetic, compass=False, potential=False, rounds=1 - COMPASS_ROUNDS)
-    without = replace(problem, parameters=replace(problem.parameters, magnetic=magnetic))
+    without = replace(problem, differential=None, parameters=replace(problem.parameters, magnetic=magnetic))
     found = solve_with_field(without, field, track)
     return replace(found, problem=replace(found.problem, parameters=problem.parameters))
 

@@ -9,20 +9,24 @@ the tangent space of the state at the end, by D s,
 R the attitude and f the specific force since the start of the interval, theta, rho and nu brought to the body axes at
 its end. So s is one variable of the solved graph, linearized at its minimum, with the columns J of each inertial factor
 
-    J = -(de/dpose_end, de/dv_end nav_R_end) D     and the prior     s = 0 +- `SCALE_SIGMA` per axis.
+    J = -(de/dpose_end, de/dv_end nav_R_end) D     and, if there is an error, the prior     s = 0 +- `SCALE_SIGMA`.
 
-It is eliminated last (`sensitivity`), which leaves its minimum s and covariance P. Against s = 0 its evidence is
+What else is wrong in all swings alike looks like a scale: axes that are not square, a bent mounting, soft iron. So s
+has a part 0 +- `ALIKE_SIGMA` in any case. The walk is eliminated first (`sensitivity`), which leaves the information L
+on s and its product eta with the estimate. With a prior of covariance S,
 
-    log p(z | s free) / p(z | s = 0) = 1/2 s^T P^-1 s - 1/2 log(|SCALE_SIGMA^2 I| / |P|)     (MacKay 2003, section 28)
+    log p(z | S) = 1/2 eta^T P eta - 1/2 log|I + S L| + const,     P = (L + S^-1)^-1     (MacKay 2003, section 28)
 
-Only where that is more than `MOST_NATS` the samples are corrected and the walk is solved again; else, and without a
-field, the gyroscope stays as it is: on a walk without a heading a scale of a percent explains what it must not.
+and the evidence for an error of the scale is that of S_1 = (SCALE_SIGMA^2 + ALIKE_SIGMA^2) I over that of
+S_0 = ALIKE_SIGMA^2 I. Only where that is more than `MOST_NATS` the samples are corrected by s = P eta, and the walk is
+solved again; else, and without a field, the gyroscope stays as it is: on a walk without a heading a scale of a percent
+explains what it must not.
 
 Either way the covariances of the walk hold what is not known of the scale. A variable that moves by X s with it has,
-where the samples were corrected, X P X^T more. Where they were not, both models are possible, s = 0 as likely before
-the walk as any s of the prior, and the second moment about the solution with s = 0 is that of the two together,
+where the samples were corrected, X P X^T more. Where they were not, both models are possible and as likely before the
+walk, and the second moment about the solution with s = 0 is that of the two together (Hoeting et al. 1999),
 
-    w X (P + s s^T) X^T,     w = 1 / (1 + p(z | s = 0) / p(z | s free))     (model average; Hoeting et al. 1999)
+    X (w (P_1 + s_1 s_1^T) + (1 - w) (P_0 + s_0 s_0^T)) X^T,     w = 1 / (1 + p(z | S_0) / p(z | S_1)).
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
@@ -49,17 +53,25 @@ from fg_nav.smoother.solver import Solved, dimension_of
 SCALE_SIGMA = 0.01
 """Prior of the scale of each axis: a few tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part."""
 
+ALIKE_SIGMA = 0.002
+"""What looks like a scale without being one: axes out of square by 0.1 to 0.3 deg, by the sheet of a calibrated
+part."""
+
 INERTIAL_KEYS = 5
 """Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many."""
 
 
 @dataclass(frozen=True)
 class GyroScale:
-    """Scale errors (3,) of the gyroscope, their covariance (3, 3), and the nats by which they explain a walk better."""
+    """Scale errors (3,) of the gyroscope, their covariance (3, 3), and the nats by which they explain a walk better.
+
+    `moment_otherwise` (3, 3) is the second moment of what is wrong in all swings alike if they are none.
+    """
 
     scale: Floats
     covariance: Floats
     nats: float
+    moment_otherwise: Floats
 
     @property
     def is_shown(self) -> bool:
@@ -70,7 +82,8 @@ class GyroScale:
     def second_moment(self) -> Floats:
         """Of the errors (3, 3) about zero, over both models: with them, and without."""
         weight = 1.0 / (1.0 + np.exp(-self.nats))
-        return np.asarray(weight * (self.covariance + np.outer(self.scale, self.scale)))
+        moment = self.covariance + np.outer(self.scale, self.scale)
+        return np.asarray(weight * moment + (1.0 - weight) * self.moment_otherwise)
 
     @property
     def note(self) -> str:
@@ -110,14 +123,26 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     step = solved.tree.optimize()
     steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
     left = b - (A @ steps[..., None])[..., 0]
-    # The walk is eliminated, and the prior joins.
+    # The walk is eliminated, and what it says of the scale is weighed.
     columns = SharedColumns(solved.tree, _sum_by_key(np.swapaxes(A, 1, 2) @ by_scale, keys), 3)
     own = np.einsum("kri,krj->ij", by_scale, by_scale)
-    information = own - columns.explained + np.eye(3) / SCALE_SIGMA**2
-    scale = np.linalg.solve(information, np.einsum("kri,kr->i", by_scale, left))
-    occam = 3.0 * np.log(SCALE_SIGMA) + 0.5 * np.linalg.slogdet(information)[1]
-    nats = float(0.5 * scale @ information @ scale - occam)
-    return WalkScale(GyroScale(scale, np.asarray(np.linalg.inv(information)), nats), columns)
+    information = own - columns.explained
+    return WalkScale(compare_models(information, np.einsum("kri,kr->i", by_scale, left)), columns)
+
+
+def compare_models(information: Floats, pull: Floats) -> GyroScale:
+    """Weigh an error of the scale against none, by the information L (3, 3) of a walk and its product eta (3,)."""
+    scale, covariance, evidence = _fit(information, pull, float(np.hypot(SCALE_SIGMA, ALIKE_SIGMA)))
+    alike, alike_covariance, without = _fit(information, pull, ALIKE_SIGMA)
+    return GyroScale(scale, covariance, evidence - without, alike_covariance + np.outer(alike, alike))
+
+
+def _fit(information: Floats, pull: Floats, sigma: float) -> tuple[Floats, Floats, float]:
+    """Return s, P and log p(z | S) with S = sigma^2 I."""
+    covariance = np.asarray(np.linalg.inv(information + np.eye(3) / sigma**2))
+    scale = covariance @ pull
+    occam = 0.5 * np.linalg.slogdet(np.eye(3) + sigma**2 * information)[1]
+    return scale, covariance, float(0.5 * pull @ scale - occam)
 
 
 POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)

@@ -5,13 +5,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.mechanisation import NavState, rotation_vector, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.gyro_scale import GyroScale, sense_scale
+from fg_nav.smoother.gyro_scale import ALIKE_SIGMA, SCALE_SIGMA, GyroScale, compare_models, sense_scale
 from fg_nav.solution import Solution
 from tests.simulated import corridor
 from tests.smoother.test_field import earth, heading_error_deg, in_field
@@ -87,13 +88,34 @@ def test_sigmas_hold_a_scale_that_the_walk_does_not_refute() -> None:
 
 @pytest.mark.parametrize("nats", [-2.0, 0.0, 2.0, 8.0])
 def test_second_moment_is_that_of_both_models_drawn(nats: float) -> None:
-    """With probability w the errors are N(s, P), else they are zero."""
+    """With probability w the errors are N(s, P), else they are smaller."""
     rng = np.random.default_rng(1)
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.0, -1.0, 1.0]]) * 1e-3
-    with_errors = rng.random(200_000) < np.exp(nats) / (1.0 + np.exp(nats))
-    drawn = with_errors[:, None] * (SCALE / 4 + rng.standard_normal((200_000, 3)) @ root.T)
-    found = GyroScale(SCALE / 4, root @ root.T, nats).second_moment
+    with_errors = (rng.random(200_000) < np.exp(nats) / (1.0 + np.exp(nats)))[:, None]
+    normal = rng.standard_normal((200_000, 3))
+    drawn = np.where(with_errors, SCALE / 4 + normal @ root.T, 2e-4 * normal)
+    found = GyroScale(SCALE / 4, root @ root.T, nats, 4e-8 * np.eye(3)).second_moment
     np.testing.assert_allclose(found, drawn.T @ drawn / len(drawn), atol=0.02 * np.trace(found) + 1e-9)
+
+
+def test_nats_are_those_of_the_densities_of_the_estimate() -> None:
+    """What the walk says is one estimate of the scale with a covariance; it is drawn about zero by either model."""
+    root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.0, -1.0, 1.0]]) * 1e-3
+    covariance = root @ root.T
+    information = np.linalg.inv(covariance)
+    found = compare_models(information, information @ SCALE)
+    densities = [
+        multivariate_normal(cov=covariance + variance * np.eye(3)).logpdf(SCALE)
+        for variance in (SCALE_SIGMA**2 + ALIKE_SIGMA**2, ALIKE_SIGMA**2)
+    ]
+    assert found.nats == pytest.approx(densities[0] - densities[1], rel=1e-9)
+
+
+def test_a_small_error_is_no_scale_however_long_the_walk() -> None:
+    """Axes out of square look like a few tenths of a percent in any walk; two percent are a scale in a short one."""
+    small, large = 0.003 * np.array([1.0, -1.0, 1.0]), 0.02 * np.array([0.0, 1.0, 0.0])
+    assert not compare_models(np.eye(3) / 1e-8, small / 1e-8).is_shown
+    assert compare_models(np.eye(3) / 1e-5, large / 1e-5).is_shown
 
 
 def test_without_a_field_the_scale_is_left_as_it_is() -> None:
@@ -101,7 +123,7 @@ def test_without_a_field_the_scale_is_left_as_it_is() -> None:
 
 
 def test_corrected_samples_are_those_without_the_errors() -> None:
-    found = GyroScale(SCALE, np.eye(3) * 1e-6, 10.0).remove_from(scaled(SCALE))
+    found = GyroScale(SCALE, np.eye(3) * 1e-6, 10.0, np.zeros((3, 3))).remove_from(scaled(SCALE))
     np.testing.assert_allclose(found.gyr, in_field(earth()).gyr, atol=1e-12)
 
 
