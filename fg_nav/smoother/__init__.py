@@ -3,8 +3,8 @@
 In the order of the data: `strides` (samples to nodes and inertial measurements, and a stride to factors), `graph` (a
 walk as a problem, and its solution at the recording's rate), `problem` (the same with lever, bias and noise estimated
 first), `bias_walk` (the random walk of the bias), `solver` (Gauss-Newton, covariances), `constraints` and `field` (what
-joins the first solution), `field_shape` (whether the field may bend it), `bias_prior` and `gyro_scale` (what a solution shows of the gyroscope, for which the walk is
-solved again), and `batch`, which calls them.
+joins the first solution), `field_shape` (whether the field may bend it), `bias_prior` and `gyro_scale` (what a solution
+shows of the gyroscope, for which the walk is solved again), and `batch`, which calls them.
 """
 
 from fg_nav.smoother.batch import smooth

@@ -177,7 +177,7 @@ def test_where_the_field_is_rough_a_told_heading_has_a_say() -> None:
 
 
 def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
-    """In a field that is another at each footfall, 3 uT a component: 8 deg of compass; the gyroscope has no scale error."""
+    """In a field that is another at each footfall, 3 uT a component: 8 deg of compass; no gyroscope scale."""
     normed, claimed = [], []
     p = replace(NOT_RESTED, gyro_scale=False)
     for seed in range(8):
