@@ -219,10 +219,11 @@ def _join(stances: Floats, others: Floats) -> Floats:
 
 
 def _widen(intervals: Floats, samples: Ints, t: Floats) -> Floats:
-    """Widen intervals (3, K) about samples (K,) to no less than `SHORTEST_REACH_S` on either side."""
-    first = np.searchsorted(t, t[samples] - SHORTEST_REACH_S)
-    stop = np.minimum(np.searchsorted(t, t[samples] + SHORTEST_REACH_S) + 1, len(t))
-    return np.stack([np.minimum(intervals[0], first), np.maximum(intervals[1], stop), intervals[2]])
+    """Widen intervals (3, K) to no less than `SHORTEST_REACH_S` on either side of the samples (S,) in them."""
+    wide, of = intervals.copy(), np.searchsorted(intervals[0], samples, side="right") - 1
+    np.minimum.at(wide[0], of, np.searchsorted(t, t[samples] - SHORTEST_REACH_S))
+    np.maximum.at(wide[1], of, np.minimum(np.searchsorted(t, t[samples] + SHORTEST_REACH_S) + 1, len(t)))
+    return wide
 
 
 def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints) -> Ints:

@@ -100,7 +100,8 @@ def solve_so_far(
     if prior is None:
         return solution
     p = replace(p, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    return _solve_once(recording, stances, heading, field, unseen, p)[0]
+    solution = _solve_once(recording, stances, heading, field, unseen, p)[0]
+    return replace(solution, verdict=replace(solution.verdict, notes=(prior.note, *solution.verdict.notes)))
 
 
 def _solve_once(
@@ -116,7 +117,7 @@ def _solve_once(
     if field is None:
         solved = solve(problem)
         return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle)), solved
-    track = trajectory_of(recording, problem.nodes, problem.values, p.gravity)
+    track = trajectory_of(problem.recording, problem.nodes, problem.values, p.gravity)
     problem = add_differential_field(problem, problem.values, track)
     if obstacle:
         solved = solve(problem)

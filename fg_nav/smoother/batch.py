@@ -141,7 +141,7 @@ def _solve_walk(
     if field is None:
         return problem, solve(problem), ignore_field(problem, obstacle)
     # While the foot stands the field shows the gyro bias, also where it shows no heading.
-    track = trajectory_of(recording, problem.nodes, problem.values, parameters.gravity)
+    track = trajectory_of(problem.recording, problem.nodes, problem.values, parameters.gravity)
     problem = add_differential_field(problem, problem.values, track)
     # The field is compared along the solution, and joins it.
     if obstacle:

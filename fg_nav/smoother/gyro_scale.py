@@ -49,6 +49,7 @@ from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.sensitivity import SharedColumns
 from fg_nav.smoother.solver import Solved, dimension_of
+from fg_nav.smoother.strides import INERTIAL_KEYS
 
 SCALE_SIGMA = 0.01
 """Prior of the scale of each axis: a few tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part."""
@@ -56,9 +57,6 @@ SCALE_SIGMA = 0.01
 ALIKE_SIGMA = 0.002
 """What looks like a scale without being one: axes out of square by 0.1 to 0.3 deg, by the sheet of a calibrated
 part."""
-
-INERTIAL_KEYS = 5
-"""Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many."""
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.refused_stances import weaken_refused_stances
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, compute_error
-from fg_nav.smoother.strides import preintegrate
+from fg_nav.smoother.strides import INERTIAL_KEYS, preintegrate
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
@@ -82,9 +82,6 @@ HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)
 
 FEWEST_PEAKS = 8
 """Fewer that were cut show no height."""
-
-INERTIAL_KEYS = 5
-"""An inertial factor joins two poses, two velocities and a bias; none other joins as many."""
 
 
 @dataclass(frozen=True)

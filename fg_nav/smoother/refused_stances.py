@@ -54,7 +54,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class StanceDoubt:
+class StanceStatistics:
     """Of each footfall: `statistic` T (F,), and the velocity d (F, 3) m/s, nav, that the rest of the walk gives it."""
 
     statistic: Floats
@@ -73,13 +73,13 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> WalkProblem:
     refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
     for _ in range(ROUNDS):
         # What the rest of the walk says of each stance.
-        doubt = measure_doubt(problem, solved)
-        now = doubt.refused()
+        found = compute_stance_statistics(problem, solved)
+        now = found.refused()
         if not now.any():
             break
         # The same ties with a sigma as large as what they are off by; and solve again.
         refused |= now
-        off = np.where(now, np.linalg.norm(doubt.velocity, axis=1), 0.0)
+        off = np.where(now, np.linalg.norm(found.velocity, axis=1), 0.0)
         problem = replace(problem, velocities=_widen(problem.velocities, off[problem.nodes.footfall]))
         solved = solve(problem, FIRST_CONVERGENCE)
         problem = replace(problem, values=solved.values)
@@ -103,12 +103,12 @@ def _with_note(problem: WalkProblem, refused: Bools) -> WalkProblem:
     return replace(problem, known=replace(problem.known, notes=(*problem.known.notes, note)))
 
 
-def measure_doubt(problem: WalkProblem, solved: Solved) -> StanceDoubt:
+def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceStatistics:
     """Measure T and d of every footfall, at the minimum of the last linearization."""
     nodes, block = problem.nodes, problem.velocities
     residual, jacobians = block.evaluate(solved.linearized_at)
     jacobian, step = np.concatenate(jacobians, axis=2), solved.tree.optimize()
-    found = StanceDoubt(np.zeros(len(nodes.result)), np.zeros((len(nodes.result), 3)))
+    found = StanceStatistics(np.zeros(len(nodes.result)), np.zeros((len(nodes.result), 3)))
     for footfall, rows, covariance in footfall_covariances(solved.tree, nodes.footfall, nodes.first):
         ties = np.arange(nodes.first[footfall], nodes.first[footfall + 1])
         J = np.zeros((3 * len(ties), len(covariance)))

@@ -130,6 +130,9 @@ def _apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> Ints:
     return np.array(kept, dtype=np.int64)
 
 
+INERTIAL_KEYS = 5
+"""Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many."""
+
 POSITION_DENSITY = 1e-3
 """White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
 

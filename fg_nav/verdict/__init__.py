@@ -7,7 +7,7 @@ verdict is by the heaviest sign, and signs of `MANY` together spoil a path as on
 ==================== ======== ========= ======= =====================================================================
 sign                 unit     doubtful  no use  what it rests on
 ==================== ======== ========= ======= =====================================================================
-footfalls            1/.      1/4       1/3     fewer strides than three are no walk
+footfalls            1/.      1/4       1/3     three strides or fewer are no walk
 velocity             share    0.15      0.3     strapdown by the solution's attitude and bias from one footfall to the
                                                 next, where the foot stands: what is left, over the fastest of the
                                                 stride; half of it is missing in the stride's length. Median
@@ -67,11 +67,6 @@ class Verdict:
 
     word: Word
     reasons: tuple[str, ...]
-
-    @property
-    def line(self) -> str:
-        """The verdict in one line."""
-        return f"{self.word}: {'; '.join(self.reasons)}" if self.reasons else self.word
 
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:

@@ -64,7 +64,7 @@ class Seen:
 
     @cached_property
     def fastest(self) -> Floats:
-        """(K,) m/s, the highest speed in each stride."""
+        """(K,) m/s, the highest speed in each stride; in the last, up to the end of the recording."""
         speed = np.linalg.norm(self.solution.velocity, axis=1)
         sample = self.solution.stances.sample
         return np.maximum.reduceat(speed, sample[:-1]) if len(sample) > 1 else np.zeros(0)

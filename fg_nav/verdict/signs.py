@@ -162,7 +162,7 @@ def measure_stride(seen: Seen) -> Reason | None:
 
 
 def measure_longest_stride(seen: Seen) -> Reason | None:
-    """A stride that nobody makes."""
+    """A stride longer than a foot makes."""
     longest = float(seen.lengths.max(initial=0.0))
     return Reason(weigh(longest, 3.5, 7.0), f"a stride of {longest:.1f} m: stances were missed, or it drifted")
 

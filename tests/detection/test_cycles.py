@@ -8,6 +8,7 @@ import pytest
 from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
 from fg_nav.detection.cycles import find_cycle_stances, find_mid_swings, is_lowest_of_cycle, measure_period
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -125,3 +126,13 @@ def test_a_doubtful_footfall_in_a_mid_swing_is_one_and_one_of_its_cycle_is_not()
     np.testing.assert_array_equal(find_mid_swings(T, make_level(), samples), [False, True])
     still = make_level(swing=4.9, stance=4.0)
     np.testing.assert_array_equal(find_mid_swings(T, still, samples), [False, False])
+
+
+def test_stances_of_cycles_without_a_swing_between_them_become_one():
+    t = np.arange(0.0, 12.0, 0.01)
+    level = 4.3 - 0.2 * np.cos(2 * np.pi * t / 0.8)  # never above the threshold of its minima
+    acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (len(t), 1))
+    acc[np.arange(70, len(t), 80), 2] = 25.0
+    start, stop, _ = ff._fill_cycles(t, acc, level, np.zeros((3, 0)))
+    assert start.tolist() == [0]
+    assert stop.tolist() == [len(t)]

@@ -327,3 +327,4 @@ def test_a_bias_beyond_its_prior_widens_it_as_in_batch() -> None:
     p = SmootherParameters(rest=RestParameters(shortest_s=1e3, shortest_at_end_s=1e3))
     online, batch = fed(off, OnlineOptions(parameters=p)), smooth(off.recording, off.stances, p, 0.0)
     assert online.parameters.gyro_bias_sigma_deg_s == batch.parameters["gyro_bias_sigma_deg_s"] > 0.15
+    assert any(note.startswith("gyro bias of up to") for note in online.notes)

@@ -14,8 +14,8 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.refused_stances import (
     LEAST_STATISTIC,
+    compute_stance_statistics,
     footfall_covariances,
-    measure_doubt,
     weaken_refused_stances,
 )
 from fg_nav.smoother.solver import compute_error, linearize, time_order
@@ -84,14 +84,14 @@ def test_the_statistic_is_by_how_much_the_error_falls_where_the_velocity_is_free
     moves = np.where(problem.nodes.footfall == footfall, speed, 0.0)[:, None] * [1.0, 0.0, 0.0]
     moved = shift(problem, moves)
     solved = solve(moved, 1e-9)
-    doubt = measure_doubt(moved, solved)
+    found = compute_stance_statistics(moved, solved)
     before = compute_error(moved.graph, moved.blocks, solved.values)
 
     def fall(velocity: Floats) -> float:
         free = shift(moved, np.where(problem.nodes.footfall == footfall, 1.0, 0.0)[:, None] * velocity)
         return 2 * (before - compute_error(free.graph, free.blocks, solve(free, 1e-9).values))
 
-    d, statistic = doubt.velocity[footfall], doubt.statistic[footfall]
+    d, statistic = found.velocity[footfall], found.statistic[footfall]
     assert fall(d) == pytest.approx(statistic, rel=0.02, abs=1e-4)
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -112,7 +112,7 @@ def shift(problem: WalkProblem, velocity: Floats) -> WalkProblem:
 
 def test_a_walk_keeps_all_its_stances(problem):
     solved = solve(problem)
-    assert measure_doubt(problem, solved).statistic.max() < 0.15 * LEAST_STATISTIC
+    assert compute_stance_statistics(problem, solved).statistic.max() < 0.15 * LEAST_STATISTIC
     assert weaken_refused_stances(problem, solved).velocities is problem.velocities
 
 

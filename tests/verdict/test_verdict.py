@@ -79,7 +79,6 @@ def test_the_heaviest_sign_decides_or_many_together(weights: list[float], word: 
 def test_reasons_come_by_weight_and_light_ones_last() -> None:
     found = combine([Reason(1.1, "b"), Reason(NAMING, "d"), Reason(0.3, "never"), Reason(1.9, "a"), Reason(LIGHT, "c")])
     assert found.reasons == ("a", "b", "d", "c")
-    assert found.line == "doubtful: a; b; d; c"
     assert combine([Reason(NAMING, "d"), Reason(LIGHT, "c")]) == Verdict("trusted", ("c",))
 
 
