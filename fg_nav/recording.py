@@ -269,8 +269,13 @@ def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:
 
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
-    """Truth that was recorded with the samples, stamp for stamp, moves with their stamps."""
-    if isinstance(truth, FootprintTruth) and truth.t is not None and (np.diff(stamped) > 0).all():
+    """Truth that was recorded with the samples, stamp for stamp, moves with their stamps.
+
+    Footprints lose their times where the clock began again: one time is then that of two samples.
+    """
+    if isinstance(truth, FootprintTruth) and truth.t is not None:
+        if (np.diff(truth.t) <= 0).any() or (np.diff(stamped) < 0).any():
+            return replace(truth, t=None)
         return replace(truth, t=truth.t + np.interp(truth.t, stamped, t - stamped))
     if isinstance(truth, TrajectoryTruth) and np.array_equal(truth.t, stamped):
         return replace(truth, t=t)

@@ -41,6 +41,16 @@ def test_times_of_footprints_move_with_the_stamps_that_are_evened(tmp_path: Path
     np.testing.assert_allclose(recording.truth.t, recording.t[::100], atol=1e-9)
 
 
+def test_footprints_lose_their_times_where_the_clock_began_again(tmp_path: Path) -> None:
+    path, middle = tmp_path / "walk.mat", len(RAW.t) // 2
+    write_gdlbio(RAW, path, timestamps=np.concatenate([RAW.t[:middle], RAW.t[: len(RAW.t) - middle]]))
+    recording = read(path)
+    assert isinstance(recording.truth, FootprintTruth)
+    assert recording.truth.t is None
+    assert recording.provenance is not None
+    assert any("the clock beg" in note for note in recording.provenance.notes)
+
+
 def test_a_walk_may_have_no_footprints(tmp_path: Path) -> None:
     path = tmp_path / "walk.mat"
     write_gdlbio(RAW, path, GCP=None)
