@@ -31,7 +31,10 @@ from real_walks import (
     NEES,
     PYSHOE,
     RMSE,
+    RUN,
     SPACE,
+    STORED,
+    SURVEYED,
     VICON_DETECTED,
     VICON_LABELLED,
 )
@@ -285,13 +288,20 @@ def write_summary(walks: Walks) -> list[str]:
     vicon = [of(walks, VICON_LABELLED, method, RMSE) for method in (INERTIAL, IEZ)]
     loops = [of(walks, LOOPS, method, "closure_percent", "{:.2f}", WORST) for method in (INERTIAL, IEZ)]
     gdin = "10 indoor walks of 35 to 150 m (`gdin`): rmse at surveyed footprints, mean / median (m)"
+    surveyed = {"11 indoor walks of 10 to 120 m": SURVEYED, "7 runs, or gyroscope clipped": RUN}
     return [
         "| | `inertial` | `smoother`, with the compass | `iez` | PyShoe |",
         "|---|---:|---:|---:|---:|",
         _line(["28 motion-captured trials: rmse 2-D, mean / median (m)", vicon[0], "-", vicon[1], PYSHOE_2D]),
         _line([gdin, *footprints]),
+        *(_line([f"{what} (`gdlbio`): the same", *_of_stored(walks, part)]) for what, part in surveyed.items()),
         _line(["5 loops of 23 to 78 m: closure in % of the distance, median / worst", loops[0], "-", loops[1], "-"]),
     ]
+
+
+def _of_stored(walks: Walks, section: str) -> tuple[str, ...]:
+    ours, filtered, stored = (of(walks, section, method, RMSE) for method in (INERTIAL, IEZ, STORED))
+    return ours, "-", filtered, stored
 
 
 def write_vicon(walks: Walks) -> list[str]:
