@@ -53,7 +53,8 @@ def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: T
 
 
 def _show_north(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
-    """Smooth a walk with the mean of its field as one reading of the compass, where its heading is not given."""
+    """Smooth a walk with the mean of its field as one reading of the compass."""
+    # One round in all: walks without line integrals are given `COMPASS_ROUNDS` more.
     magnetic = replace(problem.parameters.magnetic, compass=False, potential=False, rounds=1 - COMPASS_ROUNDS)
     without = replace(problem, differential=None, parameters=replace(problem.parameters, magnetic=magnetic))
     found = solve_with_field(without, field, track)

@@ -36,7 +36,7 @@ def _median(values: Floats) -> float:
 def count_footfalls(seen: Seen) -> Reason | None:
     """Too few strides for a walk."""
     count = len(seen.strides)
-    if count >= 4 and len(seen.swings):
+    if count > 4:
         return None
     return Reason(
         weigh(1.0 / max(count, 1), 1 / 4, 1 / 3), f"no walking: {count} strides in {seen.recording.duration_s:.0f} s"
