@@ -61,7 +61,6 @@ from fg_nav.magnetic.footfall_field import integrate_attitude
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
 from fg_nav.recording import Recording
-from fg_nav.report.terminal import progress
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.strides import POSITION_DENSITY
 from fg_nav.stances import Stances
@@ -106,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     some = read_or_simulate(chosen.long, chosen.real)
     compile_all()
-    repeats = measure_repeats(some, chosen.repeats)
+    repeats = harness.repeat_measurement(measure_calls, some, chosen.repeats)
     figures = print_costs(some, repeats)
     print_solutions(some)
     if chosen.filters:
@@ -148,16 +147,6 @@ def run_bare_loop(recording: Recording) -> None:
     period = np.diff(recording.t).tolist()
     for acc, gyr, h in zip(recording.acc[:-1], recording.gyr[:-1], period, strict=True):
         integrate(acc, gyr, h)
-
-
-def measure_repeats(some: Mapping[str, Recording], repeats: int) -> list[Repeat]:
-    """Time all calls on all walks, that many times."""
-    measured: list[Repeat] = []
-    with progress("benchmark") as report:
-        for k in range(repeats):
-            report(k / repeats)
-            measured.append({name: measure_calls(recording) for name, recording in some.items()})
-    return measured
 
 
 def measure_calls(recording: Recording) -> dict[str, Time]:

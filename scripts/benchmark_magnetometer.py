@@ -27,7 +27,6 @@ from fg_nav.arrays import Floats
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.navigate import prepare_walk, run_method
 from fg_nav.recording import Recording
-from fg_nav.report.terminal import progress
 from fg_nav.walk import Options, Walk
 
 RATIO = 1.5
@@ -69,15 +68,10 @@ def simulate_walks(seed: int, rate_hz: float) -> dict[str, Recording]:
     return {name: walk.recording for name, walk in walks.items()}
 
 
-def measure_repeats(walks: Mapping[str, Recording], repeats: int) -> list[Repeat]:
+def measure_repeats(walks: Mapping[str, Recording], repeats: int) -> Sequence[Repeat]:
     """Time both modes on all walks, that many times, after a run of the last walk that compiles."""
     measure_modes(list(walks.values())[-1])
-    measured: list[Repeat] = []
-    with progress("benchmark") as report:
-        for k in range(repeats):
-            report(k / repeats)
-            measured.append({name: measure_modes(recording) for name, recording in walks.items()})
-    return measured
+    return harness.repeat_measurement(measure_modes, walks, repeats)
 
 
 def measure_modes(recording: Recording) -> dict[str, float]:

@@ -153,6 +153,16 @@ def measure_time(call: Callable[[], T]) -> tuple[Time, T]:
     return Time(perf_counter() - wall, process_time() - cpu), result
 
 
+def repeat_measurement(measure: Callable[[S], T], walks: Mapping[str, S], repeats: int) -> list[dict[str, T]]:
+    """Measure all walks that many times, one after the other in each repeat; a progress bar shows how far it is."""
+    measured: list[dict[str, T]] = []
+    with progress("benchmark") as report:
+        for k in range(repeats):
+            report(k / repeats)
+            measured.append({name: measure(walk) for name, walk in walks.items()})
+    return measured
+
+
 # --- words -----------------------------------------------------------------------------------------------------------
 
 

@@ -130,6 +130,17 @@ def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int 
     return numbers.reshape(-1) if columns is None else numbers
 
 
+def mat_samples(variables: Mapping[str, Any], imu: str, stamps: str, path: Path) -> tuple[Floats, Floats, Floats]:
+    """Take stamps (N,), specific force (N, 3) and rates (N, 3) from a vector, and an array of six columns.
+
+    Raises `FormatError` if one is missing, damaged, or does not fit the other.
+    """
+    samples, t = mat_array(variables, imu, path, columns=6), mat_array(variables, stamps, path)
+    if len(t) != len(samples):
+        raise FormatError(f"{path.name} has {len(samples)} samples but {len(t)} time stamps: export it again.")
+    return t, samples[:, :3].copy(), samples[:, 3:].copy()
+
+
 def _run_reader(path: Path, reader: Callable[[str], T]) -> T:
     try:
         with warnings.catch_warnings():

@@ -19,7 +19,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, load_mat, mat_array
+from fg_nav.io.content import Content, load_mat, mat_array, mat_samples
 from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
 
@@ -38,13 +38,11 @@ def read(content: Content) -> RawRecording:
     """
     path = content.path
     variables = load_mat(path)
-    imu, t = mat_array(variables, "imu", path, columns=6), mat_array(variables, "ts", path)
-    if len(t) != len(imu):
-        raise FormatError(f"{path.name} has {len(imu)} samples but {len(t)} time stamps: export it again.")
+    t, acc, gyr = mat_samples(variables, "imu", "ts", path)
     return RawRecording(
         t=t,
-        acc=imu[:, :3].copy(),
-        gyr=imu[:, 3:].copy(),
+        acc=acc,
+        gyr=gyr,
         row=np.arange(1, len(t) + 1),
         truth=_truth(variables, t, path),
         provenance=Provenance(path=path, format="pyshoe"),

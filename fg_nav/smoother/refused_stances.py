@@ -52,6 +52,9 @@ NEIGHBORS = 2
 ROUNDS = 4
 """Of solving again."""
 
+LEAST_SHARE = 1e-6
+"""Of the strongest direction of F, below which rounding decides."""
+
 
 @dataclass(frozen=True)
 class StanceStatistics:
@@ -131,10 +134,6 @@ def _solve_shift(F: Floats, by: Floats) -> tuple[Floats, float]:
     along = axes[:, seen].T @ by / strength[seen]
     d = axes[:, seen] @ along
     return d, float(d @ by)
-
-
-LEAST_SHARE = 1e-6
-"""Of the strongest direction, below which rounding decides."""
 
 
 Rows = dict[int, tuple[int, int]]

@@ -250,7 +250,7 @@ def test_walks_of_the_benchmark_double(monkeypatch):
 
 def test_every_call_is_timed_and_judged(demo, capsys):
     some = {"half": demo.recording.slice(0, len(demo.recording) // 2), "demo": demo.recording}
-    repeats = benchmark.measure_repeats(some, 2)
+    repeats = harness.repeat_measurement(benchmark.measure_calls, some, 2)
     for repeat in repeats:
         of = repeat["demo"]
         assert all(time.wall > 0 for time in of.values())
