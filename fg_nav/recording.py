@@ -173,6 +173,8 @@ class Recording:
 
     def raise_peaks(self, factor: float) -> Recording:
         """Return the same samples with this many times as much rebuilt of the rate above what was read."""
+        if factor == 1.0:
+            return self
         acc, gyr = self.peaks
         raised = replace(self)
         raised.__dict__.update(

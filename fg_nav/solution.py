@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Solution:
     estimator estimated at each footfall when it was complete, before it knew what came after; None from all others.
     `graph` counts its factors by kind (`smoother.count`), empty where there is none.
     `polished` is the batch solution of the same walk, where an online estimator was asked for it.
+    `recording` has the samples as they were integrated, with clipped peaks as high and rates of the scale that the walk
+    showed; None where they are those that were given.
     """
 
     method: str
@@ -77,3 +80,4 @@ class Solution:
     graph: Mapping[str, int] = field(default_factory=dict)
     moment: StanceTable | None = None
     polished: Solution | None = None
+    recording: Recording | None = None

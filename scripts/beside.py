@@ -83,8 +83,8 @@ class Result:
 
     @property
     def is_off_unseen(self) -> bool:
-        """Whether the end is off by more than three of its sigmas, and the verdict lets the path be used."""
-        off = self.value("end_error_m") > 3.0 * self.end_sigma_m
+        """Whether the end of a path is off by more than three of its sigmas, and the verdict lets it be used."""
+        off = 3.0 * self.end_sigma_m < self.value("end_error_m") < np.inf
         return self.method != STORED and off and self.verdict != UNUSABLE
 
     @property

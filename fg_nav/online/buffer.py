@@ -102,6 +102,9 @@ class WalkSoFar:
     buffer : filled by its owner.
     with_mag : whether recordings are cut out with the magnetometer.
     axes_given : whether it is used whatever its axes look like.
+
+    `peak_height` is how high clipped peaks of the rate are above the range, in what their flanks say, in the recordings
+    that are cut out; not in those of all samples, by which it is chosen.
     """
 
     def __init__(self, buffer: SampleBuffer, with_mag: bool = True, axes_given: bool = False) -> None:
@@ -113,6 +116,7 @@ class WalkSoFar:
         self._discarded = 0
         self._sensor: tuple[float, tuple[Floats, Floats]] | None = None
         self._extreme = np.zeros((2, 2, 3))  # specific force and rate, upper and lower end
+        self.peak_height = 1.0
 
     @property
     def buffer(self) -> SampleBuffer:
@@ -212,7 +216,7 @@ class WalkSoFar:
         return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
 
     def _of_sensor(self, part: Recording) -> Recording:
-        """A part of the walk, clipped at the levels of the whole.
+        """A part of the walk, clipped at the levels of the whole, its peaks as high as the whole shows.
 
         Where the whole had not clipped yet: at its own levels, if they are at the end of all readings so far. What is
         flat in a part may be a person who stands.
@@ -223,7 +227,7 @@ class WalkSoFar:
         of_part = zip(part.clipping, self._extreme, strict=True)
         at_end = (np.where(level >= AT_END * extreme, level, np.inf) for level, extreme in of_part)
         acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(known, at_end, strict=True))
-        return part.assume(period_s, (acc, gyr))
+        return part.assume(period_s, (acc, gyr)).raise_peaks(self.peak_height)
 
     def _check(self, rows: Floats, footfall: Footfall, until: int) -> None:
         """Refuse what is no walk; `rows` begin with the last one known."""

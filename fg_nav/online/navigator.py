@@ -135,10 +135,11 @@ class OnlineNavigator:
         stances, (table, nodes) = self.stances(), self._smoother.solution()
         p, table = self._smoother.parameters, _select_rows(table, self._is_new())
         if self.options.lag_s is None:
-            recording = self.recording()
+            recording = self.recording().raise_peaks(self._smoother.peak_height)
             path, ends = build_path(recording, nodes, stances, p.gravity)
             t = recording.t
         else:
+            recording = None
             path, t = Trajectory(table.position, np.zeros_like(table.position), table.nav_R_body), table.t
             ends = (f"the past was corrected for {self.options.lag_s:g} s, and is known at footfalls only",)
         return Solution(
@@ -151,6 +152,7 @@ class OnlineNavigator:
             notes=(*self._smoother.notes, *ends, *self.judge.notes),
             graph=self._smoother.counts,
             moment=_select_rows(self.causal(), self._is_new()),
+            recording=recording,
         )
 
     def polish(

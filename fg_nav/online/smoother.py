@@ -6,9 +6,10 @@
     solution             -> where the foot is now, and the estimates of all footfalls so far
 
 At a few early footfalls (`resolve.RESOLVE_AT`) the walk so far is solved again in batch, with lever, swing noise, gyro
-bias, its random walk and the roughness of the field estimated on it. After the last re-solve lever, swing noise, bias
-walk and the gyro bias to linearize at stay fixed, so the optimum differs slightly from the batch's. The roughness of
-the field is measured again every `field.ROUGH_EVERY` footfalls.
+bias, its random walk, the height of clipped peaks and the roughness of the field estimated on it, and the stances that
+it refuses trusted less. After the last re-solve all these and the gyro bias to linearize at stay fixed, and between
+two of them no new stance is refused, so the optimum differs slightly from the batch's. The roughness of the field is
+measured again every `field.ROUGH_EVERY` footfalls.
 """
 
 from __future__ import annotations
@@ -159,6 +160,11 @@ class OnlineSmoother:
         return self._options.parameters if self._batch is None else self._batch.parameters
 
     @property
+    def peak_height(self) -> float:
+        """How high clipped peaks of the rate are above the range, in what their flanks say."""
+        return self._walk.peak_height
+
+    @property
     def counts(self) -> dict[str, int]:
         """Factors that were added since the walk began, by kind."""
         return dict(self._counts)
@@ -261,6 +267,7 @@ class OnlineSmoother:
             self._backend = before
             return False
         self._batch, self._places, self._frozen = batch, places, []
+        self._walk.peak_height = batch.known.peak_height
         self._t_first = places[0].t
         self._verdicts = [Verdict(*both) for both in zip(batch.verdict.words, batch.verdict.reason, strict=True)]
         self._rests = RestLedger.from_rests(batch.known.rests)

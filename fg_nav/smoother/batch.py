@@ -174,6 +174,7 @@ def _solution_of(
         parameters=asdict(p),
         notes=(*problem.known.notes, steps, *write_note(problem.differential), *verdict.notes, *tails),
         graph=count_factors(problem),
+        recording=recording,
     )
 
 

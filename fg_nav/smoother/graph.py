@@ -60,13 +60,15 @@ UNKNOWN_HEADING_DEG = 60.0
 class Known:
     """What is known of sensor, mounting and walk before the graph is built.
 
-    Gyro bias (3,) rad/s to start from and the sigma of its prior about zero, rests, lever; and the same in words.
+    Gyro bias (3,) rad/s to start from and the sigma of its prior about zero, rests, lever, how high clipped peaks of
+    the rate are above the range, in what their flanks say; and the same in words.
     """
 
     gyro_bias: Floats
     gyro_bias_sigma: float
     rests: tuple[Rest, ...]
     lever: RollingLever
+    peak_height: float = 1.0
     notes: tuple[str, ...] = ()
 
 

@@ -122,22 +122,20 @@ def _measure_evidence(
     return np.array(evidences), strides
 
 
-def choose_peak_height(
-    recording: Recording, stances: Stances, known: Known, p: SmootherParameters
-) -> tuple[Recording, tuple[str, ...]]:
-    """Return the recording with its clipped peaks of the rate as high as the walk shows, and in words how high."""
+def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> float:
+    """Choose how high the clipped peaks of the rate are above the range, in what their flanks say.
+
+    It is the most probable height, without the `MOST_NATS` of the noise: a large noise is the cautious choice, and no
+    height is, since too high is as wrong as too low. What the walk does not show the prior keeps at 1.
+    """
     heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
     if _count_peaks(recording) < FEWEST_PEAKS:
-        return recording, ()
-    raised = [recording.raise_peaks(height) for height in heights]
+        return 1.0
+    raised = (recording.raise_peaks(height) for height in heights)
     evidence = [_measure_evidence(one, stances, known, p, LEVELS)[0] for one in raised]
     # A height is out with which a piece cannot be solved, and its prior is what the sigma of a rebuilt peak says.
     cost = [one.sum(axis=0).min() if len(one) == len(evidence[0]) > 0 else np.inf for one in evidence]
-    best = int(np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2))
-    if best == 0:
-        return recording, ()
-    note = f"clipped peaks of the rate are taken {heights[best]:g} times as high above the range as their flanks say"
-    return raised[best], (note,)
+    return float(heights[np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2)])
 
 
 def _count_peaks(recording: Recording) -> int:
@@ -275,11 +273,13 @@ def _estimate_known(
     else:
         lever = estimate_lever(recording, stances)
     known = Known(bias, sigma, rests, lever)
-    swing, peaks = SwingNoise(p.gyr_relative_density, "swing noise as given"), tuple[str, ...]()
+    swing = SwingNoise(p.gyr_relative_density, "swing noise as given")
     if p.choose_swing_noise:
-        recording, peaks = choose_peak_height(recording, stances, known, p)
+        known = replace(known, peak_height=choose_peak_height(recording, stances, known, p))
+        recording = recording.raise_peaks(known.peak_height)
         swing = choose_swing_noise(recording, stances, known, p)
-    return recording, replace(known, notes=(_bias_note(known), _lever_note(lever), *peaks, swing.note)), swing
+    notes = _bias_note(known), _lever_note(lever), *_peak_notes(known.peak_height), swing.note
+    return recording, replace(known, notes=notes), swing
 
 
 def _whole_rests(rests: tuple[Rest, ...], recording: Recording, p: SmootherParameters) -> tuple[Rest, ...]:
@@ -308,6 +308,12 @@ def _bias_note(known: Known) -> str:
         return "gyro bias from the walk alone, there is no rest in it"
     bias = np.round(np.degrees(known.gyro_bias), 3).tolist()
     return f"gyro bias {bias} deg/s from {format_count(len(known.rests), 'rest')}"
+
+
+def _peak_notes(height: float) -> tuple[str, ...]:
+    if height == 1.0:
+        return ()
+    return (f"clipped peaks of the rate are taken {height:g} times as high above the range as their flanks say",)
 
 
 def _lever_note(lever: RollingLever) -> str:

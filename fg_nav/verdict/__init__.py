@@ -48,7 +48,7 @@ from typing import TYPE_CHECKING, Literal
 
 from fg_nav.solution import Solution
 from fg_nav.verdict.seen import LIGHT, NAMING, NO_USE, Reason, Seen
-from fg_nav.verdict.signs import SIGNS, SIGNS_WITHOUT_FOOTFALLS
+from fg_nav.verdict.signs import SIGNS, SIGNS_WITHOUT_FOOTFALLS, count_footfalls
 
 if TYPE_CHECKING:
     from fg_nav.walk import Walk
@@ -72,7 +72,10 @@ class Verdict:
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
     """Judge what a method made of a walk."""
     seen = Seen(walk, solution)
-    signs = SIGNS if walk.options.mount != "pocket" else SIGNS_WITHOUT_FOOTFALLS
+    if walk.options.mount == "pocket":
+        signs = SIGNS_WITHOUT_FOOTFALLS
+    else:
+        signs = SIGNS if len(solution.stances) else (count_footfalls, *SIGNS_WITHOUT_FOOTFALLS)
     found = [reason for reason in (measure(seen) for measure in signs) if reason is not None]
     return combine(found)
 

@@ -46,11 +46,12 @@ def weigh(value: float, doubtful: float, no_use: float) -> float:
 class Seen:
     """A walk and its solution, and what several signs need of them.
 
-    Strides are those from one row of the solution's table to the next.
+    Strides are those from one row of the solution's table to the next; the recording is the one that was solved.
     """
 
     def __init__(self, walk: Walk, solution: Solution) -> None:
-        self.walk, self.solution, self.recording = walk, solution, walk.recording
+        self.walk, self.solution = walk, solution
+        self.recording = walk.recording if solution.recording is None else solution.recording
 
     @cached_property
     def strides(self) -> Floats:
@@ -64,10 +65,10 @@ class Seen:
 
     @cached_property
     def fastest(self) -> Floats:
-        """(K,) m/s, the highest speed in each stride; in the last, up to the end of the recording."""
+        """(K,) m/s, the highest speed in each stride."""
         speed = np.linalg.norm(self.solution.velocity, axis=1)
         sample = self.solution.stances.sample
-        return np.maximum.reduceat(speed, sample[:-1]) if len(sample) > 1 else np.zeros(0)
+        return np.maximum.reduceat(speed[: sample[-1]], sample[:-1]) if len(sample) > 1 else np.zeros(0)
 
     @cached_property
     def swings(self) -> Floats:

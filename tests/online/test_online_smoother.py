@@ -14,6 +14,7 @@ from fg_nav.detection import RestParameters, detect_stances, find_rests
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation.comparison import align
+from fg_nav.lab.simulation.motion import Style
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
@@ -25,7 +26,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters
 from tests.online.walks import NORTH, push, short_walk
-from tests.simulated import corridor
+from tests.simulated import corridor, straight_walk
 from tests.smoother.walks import Walk, demo, part
 
 FOOTFALLS = 40
@@ -328,3 +329,29 @@ def test_a_bias_beyond_its_prior_widens_it_as_in_batch() -> None:
     online, batch = fed(off, OnlineOptions(parameters=p)), smooth(off.recording, off.stances, p, 0.0)
     assert online.parameters.gyro_bias_sigma_deg_s == batch.parameters["gyro_bias_sigma_deg_s"] > 0.15
     assert any(note.startswith("gyro bias of up to") for note in online.notes)
+
+
+# --- what the walk showed so far -------------------------------------------------------------------------------------
+
+
+@cache
+def clipped_run() -> Walk:
+    """A run whose rate is cut at 8.9 rad/s."""
+    run = straight_walk(style=Style.RUN, strides=20, seed=1).recording
+    cut = replace(run, gyr=np.clip(run.gyr, -8.9, 8.9))
+    return Walk(cut, detect_stances(cut))
+
+
+def test_between_re_solves_clipped_peaks_are_as_high_as_the_walk_showed():
+    walk = clipped_run()
+    online = fed(walk, footfalls=18)
+    assert 18 not in RESOLVE_AT
+    height, window = online.peak_height, online._walk.cut_recording(0)
+    rise = walk.recording.peaks[1].whole - walk.recording.gyr
+    assert height > 1.0
+    assert rise.any()
+    np.testing.assert_allclose(window.peaks[1].whole - window.gyr, height * rise[: len(window)], atol=1e-9)
+    # So the strides since are those of the batch.
+    batch = smooth(*vars(part(walk, 18)).values()).stances
+    own, other = (np.diff(table.position[-3:], axis=0) for table in (online.smoothed(), batch))
+    np.testing.assert_allclose(own, other, atol=1e-3)

@@ -87,6 +87,7 @@ def test_an_end_that_is_off_is_unseen_unless_the_verdict_names_it():
     assert not replace(row, verdict="not to be used").is_off_unseen
     assert not replace(row, end_sigma_m=1.1).is_off_unseen
     assert not replace(row, method="stored").is_off_unseen
+    assert not replace(row, metrics=None, failure="there is no solution").is_off_unseen
 
 
 @needs_data

@@ -127,6 +127,12 @@ def test_mid_swings_that_are_called_stances_are_refused_and_no_other(walk, stanc
     assert f"{len(swings)} stance" in refused.known.notes[-1]
 
 
+def test_a_walk_in_progress_is_handed_the_weakened_ties(walk, stances):
+    refused = walk_problem(walk.recording, with_false(walk, stances, [5]), 0.0, FIXED)
+    in_batch = compute_error(refused.graph, refused.blocks, refused.values)
+    assert refused.factors().error(refused.values) == pytest.approx(in_batch, rel=1e-6)
+
+
 def test_the_path_and_its_sigmas_are_those_of_the_walk_without_them(walk, stances):
     honest, spoiled = (smooth(walk.recording, some) for some in (stances, with_false(walk, stances, [3, 7, 10])))
     apart = np.linalg.norm(honest.position - spoiled.position, axis=1)

@@ -1,6 +1,6 @@
 """The verdict on a path: signs against physics, their weights, and what they make together."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
@@ -148,6 +148,41 @@ def test_strides_that_end_in_motion_are_counted_one_by_one() -> None:
     moved = replace(good().solution, stances=replace(table, sample=sample, t=t[sample]))
     assert count_open_strides(good()).weight < 0
     assert count_open_strides(Seen(good().walk, moved)).weight > 1
+
+
+def test_the_samples_that_were_solved_are_judged() -> None:
+    """Peaks that the walk shows higher than their flanks do: what is left of the velocity is that of these."""
+    limit = 0.9 * np.abs(demo().gyr).max()
+    clipped = samples(gyr=np.clip(demo().gyr, -limit, limit))
+    walk, solution = solved(clipped)
+    raised = clipped.raise_peaks(2.2)
+    seen = Seen(walk, replace(solution, recording=raised))
+    assert seen.recording is raised
+    np.testing.assert_array_equal(seen.ends[1], Seen(replace(walk, recording=raised), solution).ends[1])
+    assert (seen.ends[1] != Seen(walk, solution).ends[1]).any()
+
+
+def test_the_fastest_of_the_last_stride_is_not_what_came_after_it() -> None:
+    walk, solution = good().walk, good().solution
+    velocity, last = solution.velocity.copy(), int(solution.stances.sample[-1])
+    velocity[last + 1 :] = [99.0, 0.0, 0.0]
+    np.testing.assert_array_equal(Seen(walk, replace(solution, velocity=velocity)).fastest, good().fastest)
+    speed = np.linalg.norm(solution.velocity, axis=1)
+    assert good().fastest[-1] == speed[solution.stances.sample[-2] : last].max()
+
+
+@pytest.mark.parametrize("footfalls", [0, 1])
+def test_a_path_without_footfalls_has_a_verdict(footfalls: int) -> None:
+    walk, solution = good().walk, good().solution
+    table = solution.stances
+    kept = {f.name: getattr(table, f.name)[:footfalls] for f in fields(table) if getattr(table, f.name) is not None}
+    stands = walk.stances.footfall < footfalls
+    few = replace(walk.stances, start=walk.stances.start[stands], stop=walk.stances.stop[stands],
+                  footfall=walk.stances.footfall[stands])  # fmt: skip
+    found = judge_path(replace(walk, stances=few), replace(solution, stances=replace(table, **kept)))
+    assert found.word == "not to be used"
+    assert "no walking: 0 strides" in " ".join(found.reasons)
+    assert "nan" not in " ".join(found.reasons)
 
 
 # --- spoiled recordings ----------------------------------------------------------------------------------------------
