@@ -30,6 +30,9 @@ gyro bias            deg/s    1         3       of sensors that were calibrated 
 rate                 s        1/80      1/40    a heel strikes within 20 ms
 unseen               s        0.1       0.5     the longest gap: a foot turns by 2 rad/s in it
 heading              deg      30        90      the solution's own sigma at the end
+hidden turning       sigma    2         3       of the heading, and 2 deg: what clipped peaks of the rate may hide of
+                                                the turning about up, one error in all peaks to the left and one in all
+                                                to the right; where neither field nor fixes show the heading
 position             share    0.1       0.3     the same over the distance, horizontally
 worn                 -        -         -       the turning is not that of a foot (`detection.mount`): names what it is
                                                 like; a thigh is of no use
@@ -44,14 +47,12 @@ Of a sensor in a pocket only those count that need no footfalls.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from fg_nav.solution import Solution
 from fg_nav.verdict.seen import LIGHT, NAMING, NO_USE, Reason, Seen
 from fg_nav.verdict.signs import SIGNS, SIGNS_WITHOUT_FOOTFALLS, count_footfalls
-
-if TYPE_CHECKING:
-    from fg_nav.walk import Walk
+from fg_nav.walk import Walk
 
 Word = Literal["trusted", "doubtful", "not to be used"]
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import TurnSigns, measure_turning
+from fg_nav.estimators import WITH_FIXES
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.solution import Solution
-
-if TYPE_CHECKING:
-    from fg_nav.walk import Walk
+from fg_nav.walk import Walk, ignores_field
 
 NO_USE = 2.0
 """Weight of a sign that spoils a path alone."""
@@ -90,6 +89,13 @@ class Seen:
         return _integrate_strides(
             acc, gyr, h, table.sample, table.nav_R_body.copy(), table.gyro_bias.copy(), GRAVITY_M_S2
         )
+
+    @property
+    def holds_heading(self) -> bool:
+        """Whether something outside the gyroscope shows the heading along the walk."""
+        by_fixes = len(self.walk.fixes) > 0 and self.solution.method in WITH_FIXES
+        by_field = QUASI_STATIC in self.solution.stances.field and not ignores_field(self.solution.method)
+        return by_fixes or by_field
 
     @cached_property
     def turning(self) -> TurnSigns:

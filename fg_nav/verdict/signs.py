@@ -22,6 +22,9 @@ RUN_CYCLE_S = 0.85
 OPEN_SHARE = 0.3
 """Of the swing's speed: where so much is left at a stance, its stride is too long or short by half of it."""
 
+HARMLESS_RAD = np.radians(2.0)
+"""Of heading: it puts the end of a walk off by 2 per cent of the distance, or less."""
+
 CLOSED_SHARE = 0.02
 """A walk that ends so near to its start, of the distance, ends where it began."""
 
@@ -191,6 +194,25 @@ def measure_heading_sigma(seen: Seen) -> Reason | None:
     return Reason(weigh(sigma, 30.0, 90.0), f"the heading at the end is known to {sigma:.0f} deg only")
 
 
+def measure_hidden_turning(seen: Seen) -> Reason | None:
+    """Heading that clipped peaks may hide, over the sigma that the solution claims."""
+    recording, solution = seen.recording, seen.solution
+    peaks = recording.peaks[1]
+    if not peaks.run.any() or seen.holds_heading:
+        return None
+    # The sigmas of a peak's samples are those of independent errors: as one error each has its share of the whole.
+    missing = np.sign(recording.gyr) * peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
+    about_up = (solution.nav_R_body[:, 2] * missing).sum(axis=1) * recording.period_s
+    # Peaks to the left and to the right are those of two moments of the gait, each with one error in all strides.
+    hidden = float(np.hypot(about_up[about_up > 0].sum(), about_up[about_up < 0].sum()))
+    apart = hidden / float(np.hypot(solution.stances.heading_sigma[-1], HARMLESS_RAD))
+    words = (
+        f"clipped peaks of the gyroscope, rebuilt, leave {np.degrees(hidden):.0f} deg of heading open, "
+        f"{apart:.1f} of the sigmas claimed"
+    )
+    return Reason(weigh(apart, 2.0, 3.0), words)
+
+
 def measure_position_sigma(seen: Seen) -> Reason | None:
     """A place that is not known any more."""
     table = seen.solution.stances
@@ -244,6 +266,7 @@ SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     measure_climbing,
     measure_bias,
     measure_heading_sigma,
+    measure_hidden_turning,
     measure_position_sigma,
     *SIGNS_WITHOUT_FOOTFALLS,
     contradict_magnetometer,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.estimators import estimate
 from fg_nav.lab.simulation import simulate
 from fg_nav.navigate import prepare_walk
-from fg_nav.recording import RawRecording, Recording
+from fg_nav.recording import Fix, RawRecording, Recording
 from fg_nav.solution import Solution
 from fg_nav.verdict import Verdict, combine, judge_path
 from fg_nav.verdict.seen import LIGHT, NAMING, Reason, Seen, weigh
@@ -19,6 +19,7 @@ from fg_nav.verdict.signs import (
     count_open_strides,
     measure_bias,
     measure_clipping,
+    measure_hidden_turning,
     measure_tilt_closure,
     measure_time_without_footfall,
     measure_velocity_closure,
@@ -160,6 +161,51 @@ def test_the_samples_that_were_solved_are_judged() -> None:
     assert seen.recording is raised
     np.testing.assert_array_equal(seen.ends[1], Seen(replace(walk, recording=raised), solution).ends[1])
     assert (seen.ends[1] != Seen(walk, solution).ends[1]).any()
+
+
+def spinning(rate_rad_s: float, clipped: float, turns: int = 4) -> tuple[Recording, Recording]:
+    """The walk's samples, but the foot turns about up and back so many times, 0.2 s each; as it is, and clipped."""
+    t, gyr = demo().t, np.zeros_like(demo().gyr)
+    for k in range(turns):
+        for sign, begin in ((1.0, 5.0 + 2.0 * k), (-1.0, 6.0 + 2.0 * k)):
+            at = (t - begin) / 0.2
+            inside = (at > 0) & (at < 1)
+            gyr[inside, 2] = sign * rate_rad_s * np.sin(np.pi * at[inside])
+    return samples(gyr=gyr), samples(gyr=np.clip(gyr, -clipped, clipped))
+
+
+def test_what_clipped_peaks_hide_of_the_heading_adds_up_over_the_walk() -> None:
+    """One error in all turns to the left and one in all to the right: each of them grows with the number of turns."""
+    walk, solution = good().walk, good().solution
+    level = replace(solution, nav_R_body=np.tile(np.eye(3), (len(demo()), 1, 1)))
+    table = level.stances
+
+    def hidden(turns: int, sigma_deg: float) -> float:
+        claimed = replace(table, heading_sigma=np.full(len(table), np.radians(sigma_deg)))
+        whole, clipped = spinning(12.0, 9.0, turns)
+        seen = Seen(replace(walk, recording=clipped), replace(level, stances=claimed))
+        assert measure_hidden_turning(Seen(replace(walk, recording=whole), level)) is None
+        one = np.degrees(np.abs(whole.gyr - clipped.gyr).sum() * demo().period_s) / (2 * turns)
+        reason = measure_hidden_turning(seen)
+        open_deg = float(reason.words.split(" leave ")[1].split(" deg")[0])
+        assert 0.3 * one < open_deg / (np.sqrt(2) * turns) < one  # OFF_SHARE of it
+        assert reason.weight == pytest.approx(weigh(open_deg / np.hypot(sigma_deg, 2.0), 2.0, 3.0), abs=0.2)
+        return reason.weight
+
+    assert hidden(4, 4.0) < hidden(8, 4.0)
+    assert hidden(8, 4.0) - hidden(8, 12.0) > 1.0
+
+
+def test_clipped_peaks_hide_no_heading_that_is_shown_otherwise() -> None:
+    walk, solution = replace(good().walk, recording=spinning(12.0, 9.0)[1]), good().solution
+    table = replace(solution.stances, field=("quasi-static",) * len(solution.stances))
+    with_field = replace(solution, stances=table)
+    assert measure_hidden_turning(Seen(walk, solution)) is not None
+    assert measure_hidden_turning(Seen(walk, replace(with_field, method="smoother"))) is None
+    assert measure_hidden_turning(Seen(walk, replace(with_field, method="iez"))) is not None
+    fixed = replace(walk, fixes=(Fix(0.0, np.zeros(3), np.ones(3)),))
+    assert measure_hidden_turning(Seen(fixed, replace(solution, method="smoother"))) is None
+    assert measure_hidden_turning(Seen(fixed, solution)) is not None
 
 
 def test_the_fastest_of_the_last_stride_is_not_what_came_after_it() -> None:
