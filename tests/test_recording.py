@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fg_nav.errors import RecordingError
 from fg_nav.recording import Provenance, RawRecording, Recording
-from fg_nav.samples.stamps import MAX_BRIDGED_S
+from fg_nav.samples.stamps import MAX_BRIDGED_S, order_stamps
 from tests.io.samples import tilting
 
 RAW = replace(tilting(np.random.default_rng(6)), provenance=Provenance(Path("some/walk.csv"), "canonical"))
@@ -144,6 +144,18 @@ def test_a_clock_that_begins_again_is_set_on_where_nothing_is_missing(back_s: fl
     (note,) = recording.provenance.notes
     assert note.startswith("the clock began again at row 302 (t = ")
     assert "with nothing missing" in note
+
+
+@pytest.mark.parametrize("at_once", [2, 4])
+def test_samples_read_at_once_do_not_make_the_period_that_of_their_stamps(at_once: int) -> None:
+    """Stamped as they are read, 50 us apart: where the clock begins again it is set on by the sensor's period."""
+    number = np.arange(len(RAW.t))
+    t = (number // at_once) * (at_once * 0.005) + (number % at_once) * 5e-5
+    t[1000:] -= t[1000]
+    samples = np.column_stack([RAW.acc, RAW.gyr])
+    found = order_stamps(t, samples, RAW.row)
+    assert len(found.kept) == len(t)
+    assert found.t[1000] - found.t[999] == pytest.approx(0.005, rel=0.02)
 
 
 def test_a_recording_that_jumps_where_its_clock_begins_again_is_cut() -> None:

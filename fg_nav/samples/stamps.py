@@ -81,9 +81,18 @@ def order_stamps(t: Floats, samples: Floats, row: Ints) -> Ordered:
 
 
 def _mean_period(t: Floats) -> float:
-    """Mean step, s, of those that are neither backward nor gaps; so polled samples count."""
+    """Mean step, s, of those that are neither backward nor gaps; so polled samples count.
+
+    What is no gap follows from the step that is usual where the time goes: stamps that all but coincide, as those of
+    samples polled at once do, take none of it.
+    """
     step = np.diff(t)
-    usual = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
+    forward = np.sort(step[step > 0])
+    if not len(forward):
+        return 0.0
+    forward = forward[forward <= max(forward[0], MAX_BRIDGED_S)]
+    elapsed = np.cumsum(forward)
+    usual = forward[np.searchsorted(elapsed, elapsed[-1] / 2)]
     return float(step[(step >= 0) & (step < 10 * usual)].mean())
 
 
