@@ -63,6 +63,8 @@ class Solution:
     `parameters` are the effective ones, ready for JSON; `notes` are remarks for the user. `moment` is what an online
     estimator estimated at each footfall when it was complete, before it knew what came after; None from all others.
     `graph` counts its factors by kind (`smoother.count`), empty where there is none.
+    `distance_sigma_m` is that of the distance travelled, the sum of the moves from stance to stance; None where the
+    estimator does not tell.
     `polished` is the batch solution of the same walk, where an online estimator was asked for it.
     `recording` has the samples as they were integrated, with clipped peaks as high and rates of the scale that the walk
     showed; None where they are those that were given.
@@ -78,6 +80,7 @@ class Solution:
     parameters: Mapping[str, object] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     graph: Mapping[str, int] = field(default_factory=dict)
+    distance_sigma_m: float | None = None
     moment: StanceTable | None = None
     polished: Solution | None = None
     recording: Recording | None = None

@@ -142,6 +142,8 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         "runtime_s": solution.runtime_s,
         "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
     }
+    if solution.distance_sigma_m is not None:
+        figures["distance_sigma_m"] = solution.distance_sigma_m
     if solution.graph:
         figures["graph"] = dict(solution.graph)
     if outcome.comparison is not None:

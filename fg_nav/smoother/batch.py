@@ -8,12 +8,12 @@ solve         Gauss-Newton (`solver`), where there are fixes or constraints, and
 differential  field while the foot stands: factors on the gyro bias (`differential`)
 field         the magnetic field, in rounds, each of which solves again (`field`)
 scale         of the gyroscope, by the field: all again with corrected samples where it is wrong (`gyro_scale`)
-solution      marginals -> sigmas (`solver`); nodes -> dense trajectory (`graph`)
+solution      marginals -> sigmas (`solver`), that of the distance (`combinations`); nodes -> trajectory (`graph`)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache, partial
 from time import perf_counter
@@ -27,6 +27,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
+from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import add_differential_field, write_note
@@ -75,6 +76,19 @@ def smooth(
     EstimationError
         With stances of another recording, a fix that is not on the walk, or where the solution cannot be found.
     """
+    return smooth_jointly(recording, stances, parameters, heading, progress, field, fixes)[0]
+
+
+def smooth_jointly(
+    recording: Recording,
+    stances: Stances,
+    parameters: SmootherParameters = SmootherParameters(),
+    heading: float | None = 0.0,
+    progress: Callable[[float], None] | None = None,
+    field: FootfallField | None = None,
+    fixes: Sequence[Fix] = (),
+) -> tuple[Solution, FootfallCovariance]:
+    """Smooth a walk as `smooth` does; return the joint covariance of its footfalls too, which holds the whole graph."""
     _compile()
     _check(recording, stances, field)
     return _smooth(recording, stances, parameters, heading, progress, field, fixes)
@@ -88,7 +102,7 @@ def _smooth(
     progress: Callable[[float], None] | None,
     field: FootfallField | None,
     fixes: Sequence[Fix],
-) -> Solution:
+) -> tuple[Solution, FootfallCovariance]:
     began = perf_counter()
     solve_walk = partial(_solve_walk, stances=stances, heading=heading, progress=progress, field=field, fixes=fixes)
     problem, solved, verdict = solve_walk(recording, parameters=parameters)
@@ -99,7 +113,7 @@ def _smooth(
         parameters = replace(parameters, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
         problem, solved, verdict = solve_walk(recording, parameters=parameters)
         notes = (prior.note,)
-    by_scale = None
+    by_scale: Mapping[int, Floats] = {}
     # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
     if parameters.gyro_scale and shows_heading(problem):
         scale = estimate_gyro_scale(problem, solved)
@@ -111,10 +125,11 @@ def _smooth(
             unknown = scale.found.covariance
         by_scale = scale.spread(unknown)
     verdict = replace(verdict, notes=(*notes, *verdict.notes))
-    solution = _solution_of(problem, solved, verdict, by_scale, stances, perf_counter() - began)
+    joint = FootfallCovariance.of(solved, problem.nodes, by_scale)
+    solution = _solution_of(problem, solved, verdict, joint, stances, began)
     if progress is not None:
         progress(1.0)
-    return solution
+    return solution, joint
 
 
 def _solve_walk(
@@ -154,12 +169,14 @@ def _solution_of(
     problem: WalkProblem,
     solved: Solved,
     verdict: FieldVerdict,
-    by_scale: dict[int, Floats] | None,
+    joint: FootfallCovariance,
     stances: Stances,
-    runtime_s: float,
+    began: float,
 ) -> Solution:
-    """Return the dense trajectory, and the stances with their sigmas."""
+    """Return the dense trajectory, and the stances with their sigmas; the clock showed `began` at the start."""
     recording, p = problem.recording, problem.parameters
+    table = stance_table(recording.t, problem.nodes, solved, verdict, joint.shared)
+    path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
     position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
     tails = freeze_ends(recording.t, stances, position, velocity)
     steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
@@ -169,12 +186,13 @@ def _solution_of(
         position=position,
         velocity=velocity,
         nav_R_body=nav_R_body,
-        stances=stance_table(recording.t, problem.nodes, solved, verdict, by_scale),
-        runtime_s=runtime_s,
+        stances=table,
+        runtime_s=perf_counter() - began,
         parameters=asdict(p),
         notes=(*problem.known.notes, steps, *write_note(problem.differential), *verdict.notes, *tails),
         graph=count_factors(problem),
         recording=recording,
+        distance_sigma_m=float(np.sqrt(path_variance[0, 0])),
     )
 
 

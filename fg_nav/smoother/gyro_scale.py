@@ -103,8 +103,9 @@ class WalkScale:
     columns: SharedColumns
 
     def spread(self, covariance: Floats) -> dict[int, Floats]:
-        """Return the covariance of each variable of the walk by one (3, 3) of the scale."""
-        return {key: moved @ covariance @ moved.T for key, moved in self.columns.solve().items()}
+        """Return by how much (d, 3) each variable moves with numbers of unit covariance, for a scale of this (3, 3)."""
+        lower = np.linalg.cholesky(covariance)
+        return {key: moved @ lower for key, moved in self.columns.solve().items()}
 
 
 def shows_heading(problem: WalkProblem) -> bool:

@@ -20,7 +20,7 @@ milliseconds.)
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -302,26 +302,31 @@ def invert_upper(R: Floats) -> Floats:
     return inverse
 
 
+def pose_in_nav(nav_R_body: Floats) -> Floats:
+    """(F, 4, 6) from the tangent spaces of poses, body axes, to place and yaw in navigation axes."""
+    turn = np.zeros((len(nav_R_body), 6, 6))
+    turn[:, :3, :3] = turn[:, 3:, 3:] = nav_R_body
+    return turn[:, [3, 4, 5, 2]]
+
+
 def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     """Covariances (F, 4, 4) of place and yaw in navigation axes, from those of poses (F, 6, 6) in body axes."""
-    turn = np.zeros_like(body_cov)
-    turn[:, :3, :3] = turn[:, 3:, 3:] = nav_R_body
-    place_and_yaw = [3, 4, 5, 2]
-    return np.asarray((turn @ body_cov @ turn.transpose(0, 2, 1))[:, place_and_yaw][:, :, place_and_yaw])
+    turn = pose_in_nav(nav_R_body)
+    return np.asarray(turn @ body_cov @ turn.transpose(0, 2, 1))
 
 
 def stance_table(
-    t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, shared: dict[int, Floats] | None = None
+    t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, shared: Mapping[int, Floats]
 ) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall.
 
-    `shared` has the covariance of each variable by what the tree does not hold (`sensitivity`).
+    `shared` has by how much each variable is moved (d, n) by numbers of unit covariance that the tree does not hold.
     """
     pose_keys = [X(j) for j in nodes.result]
     bias_keys = [B(k) for k in nodes.bias]
     covariance = marginal_covariances(solved.tree, {*pose_keys, *bias_keys})
-    if shared is not None:
-        covariance = {key: own + shared[key] for key, own in covariance.items()}
+    if shared:
+        covariance = {key: own + shared[key] @ shared[key].T for key, own in covariance.items()}
     poses = [solved.values.atPose3(key) for key in pose_keys]
     attitude = np.array([pose.rotation().matrix() for pose in poses])
     body = np.array([covariance[key] for key in pose_keys])
