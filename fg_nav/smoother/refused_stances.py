@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise
 
 import gtsam
 import numpy as np
@@ -32,7 +31,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, dimension_of, invert_upper
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Rows, Solved, clique_covariances
 from fg_nav.text import format_count
 
 LEAST_STATISTIC = 40.0
@@ -136,59 +135,15 @@ def _solve_shift(F: Floats, by: Floats) -> tuple[Floats, float]:
     return d, float(d @ by)
 
 
-Rows = dict[int, tuple[int, int]]
-"""First row and row after the last of each key."""
-
-
 def footfall_covariances(
     tree: gtsam.GaussianBayesTree, footfall: Ints, first: Ints
 ) -> Iterator[tuple[int, Rows, Floats]]:
     """Yield each footfall with the rows and the joint covariance of all variables of its ties.
 
-    `footfall` (M,) of each node, `first` (F+1,) node of each. With the notation of `solver`, and A what is known of the
-    parent's clique and of the same footfall above it, P_FA = W P_SA.
+    `footfall` (M,) of each node, `first` (F+1,) node of each: with this one, eliminated first, the others are known.
     """
     of_key = {key(j): int(f) for j, f in enumerate(footfall) for key in (X, V)}
     begins = {X(int(j)): f for f, j in enumerate(first[:-1])}
-    nothing: Rows = {}
-    stack = [(root, nothing, np.zeros((0, 0))) for root in tree.roots()]
-    while stack:
-        clique, above, covariance = stack.pop()
-        conditional = clique.conditional()
-        keys = conditional.keys()
-        rows, covariance = _add_frontals(conditional, keys, above, covariance)
-        frontal = [key for key in keys if key not in above]
-        yield from ((begins[key], rows, covariance) for key in frontal if key in begins)
-        # Below are needed this clique, and what of its footfalls has been left above.
-        inside = {of_key[key] for key in frontal if key in of_key}
-        kept = [key for key in rows if key in keys or of_key.get(key) in inside]
-        index = _indices(kept, rows)
-        covariance, rows = covariance[np.ix_(index, index)], _stack(kept)
-        stack += [(clique[i], rows, covariance) for i in range(clique.nrChildren())]
-
-
-def _add_frontals(
-    conditional: gtsam.GaussianConditional, keys: list[int], above: Rows, covariance: Floats
-) -> tuple[Rows, Floats]:
-    """Rows and joint covariance of the frontal variables of a clique and all that is known above it."""
-    inverse = invert_upper(conditional.R())
-    f, n = len(inverse), len(inverse) + len(covariance)
-    at = _indices([key for key in keys if key in above], above)
-    W = -inverse @ conditional.S()
-    joint = np.empty((n, n))
-    joint[f:, f:] = covariance
-    joint[:f, f:] = W @ covariance[at]
-    joint[f:, :f] = joint[:f, f:].T
-    joint[:f, :f] = inverse @ inverse.T + joint[:f, f:][:, at] @ W.T
-    rows = _stack([key for key in keys if key not in above])
-    return rows | {key: (a + f, b + f) for key, (a, b) in above.items()}, joint
-
-
-def _stack(keys: list[int]) -> Rows:
-    """Rows of keys one below the other."""
-    ends = accumulate((dimension_of(key) for key in keys), initial=0)
-    return dict(zip(keys, pairwise(ends), strict=True))
-
-
-def _indices(keys: list[int], rows: Rows) -> Ints:
-    return np.array([i for key in keys for i in range(*rows[key])], dtype=np.int64)
+    for rows, covariance in clique_covariances(tree, of_key):
+        for key in [key for key in rows if key in begins]:
+            yield begins.pop(key), rows, covariance

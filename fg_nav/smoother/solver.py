@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
 
 import gtsam
@@ -238,26 +239,35 @@ def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dic
     return found
 
 
+Rows = dict[int, tuple[int, int]]
+"""First row and row after the last of each key."""
+
+
 def clique_covariances(
-    tree: gtsam.GaussianBayesTree,
-) -> Iterator[tuple[dict[int, tuple[int, int]], Floats]]:
-    """Yield the rows of each key and the joint covariance of every clique, parents first."""
-    nothing: dict[int, tuple[int, int]] = {}
+    tree: gtsam.GaussianBayesTree, together: Mapping[int, int] = MappingProxyType({})
+) -> Iterator[tuple[Rows, Floats]]:
+    """Yield the rows of each key and the joint covariance of every clique, parents first.
+
+    `together` has the group of some keys. With a clique come all of a group above it that has a frontal variable in it,
+    and in all cliques between: where what is known of the parent is A, P_FA = W P_SA.
+    """
+    nothing: Rows = {}
     stack = [(root, nothing, np.zeros((1, 1))) for root in tree.roots()]
     while stack:
-        clique, parent_rows, parent_covariance = stack.pop()
+        clique, above, covariance = stack.pop()
         conditional = clique.conditional()
         keys = conditional.keys()
-        R = conditional.R()
-        separator = _rows_of([key for key in keys if key in parent_rows], parent_rows)
-        covariance = _joint(R, conditional.S(), parent_covariance, separator)
-        rows = _stacked(keys)
+        groups = {together[key] for key in keys if key in together and key not in above}
+        carried = [key for key in above if together.get(key) in groups and key not in keys] if groups else []
+        known = _rows_of([*(key for key in keys if key in above), *carried], above)
+        covariance = _joint(conditional.R(), conditional.S(), covariance, known)
+        rows = _stacked([*keys, *carried])
         yield rows, covariance
         stack += [(clique[i], rows, covariance) for i in range(clique.nrChildren())]
 
 
-def _stacked(keys: list[int]) -> dict[int, tuple[int, int]]:
-    """First row and row after the last of each key, one below the other."""
+def _stacked(keys: list[int]) -> Rows:
+    """Rows of keys one below the other."""
     rows, first = {}, 0
     for key in keys:
         last = first + dimension_of(key)
@@ -266,29 +276,30 @@ def _stacked(keys: list[int]) -> dict[int, tuple[int, int]]:
     return rows
 
 
-def _rows_of(keys: list[int], rows: dict[int, tuple[int, int]]) -> Ints:
+def _rows_of(keys: list[int], rows: Rows) -> Ints:
     return np.array([i for key in keys for i in range(*rows[key])], dtype=np.int64)
 
 
 @njit(cache=True)
-def _joint(R: Floats, S: Floats, parent: Floats, separator: Ints) -> Floats:
-    """Covariance of frontal and separator variables together."""
-    f, s = R.shape[0], S.shape[1]
-    joint = np.empty((f + s, f + s))
-    for i in range(s):
-        for j in range(s):
-            joint[f + i, f + j] = parent[separator[i], separator[j]]
-    R_inverse = invert_upper(R)
+def _joint(R: Floats, S: Floats, parent: Floats, known: Ints) -> Floats:
+    """Covariance of the frontal variables and of those at rows `known` of the parent's, the separator first of them."""
+    f, n = R.shape[0], len(known)
+    joint = np.empty((f + n, f + n))
+    for i in range(n):
+        for j in range(n):
+            joint[f + i, f + j] = parent[known[i], known[j]]
+    R_inverse = _invert_upper(R)
     W = -np.dot(R_inverse, np.ascontiguousarray(S))
-    cross = np.dot(W, np.ascontiguousarray(joint[f:, f:]))
+    s = W.shape[1]
+    cross = np.dot(W, np.ascontiguousarray(joint[f : f + s, f:]))
     joint[:f, f:] = cross
     joint[f:, :f] = cross.T
-    joint[:f, :f] = np.dot(R_inverse, R_inverse.T) + np.dot(cross, W.T)
+    joint[:f, :f] = np.dot(R_inverse, R_inverse.T) + np.dot(np.ascontiguousarray(cross[:, :s]), W.T)
     return joint
 
 
 @njit(cache=True)
-def invert_upper(R: Floats) -> Floats:
+def _invert_upper(R: Floats) -> Floats:
     """Inverse of an upper triangular matrix, by back substitution."""
     n = R.shape[0]
     inverse = np.zeros((n, n))
