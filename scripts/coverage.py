@@ -269,14 +269,16 @@ def judge(rows: Sequence[Row]) -> list[Figure]:
     for section in dict.fromkeys(row.section for row in rows):
         some = [row for row in rows if row.section == section]
         harness.print_heading(f"{section}: {len(some)} walks")
-        cells = []
+        cells, failed = [], sum(bool(row.failure) for row in some)
         for name in FREEDOM:
             measured = [row.found[name] for row in some if name in row.found]
             if not measured:
                 continue
             # A walk that could not be measured has nothing inside.
-            inside = sum(one.inside for one in measured) / len(some)
-            ends = sum(one.ends_inside for one in measured) / len(some)
+            count = len(measured) + failed
+            inside, ends = (
+                sum(values) / count for values in zip(*((m.inside, m.ends_inside) for m in measured), strict=True)
+            )
             figure = Figure(section, name, "smoother", inside, *ASKED, pattern="{:.2f}")
             figures.append(figure)
             ratio = harness.spread([one.ratio for one in measured], "{:.2f}")

@@ -175,6 +175,8 @@ class _Errors:
         found = {"horizontal": Measured(np.linalg.norm(e[:, :2], axis=1), squared, 2)}
         for name, ahead in zip(("along", "across"), self._directions(), strict=True):
             moved = np.linalg.norm(ahead, axis=1) > 0.0
+            if not moved.any():
+                continue
             error = np.sum(ahead * e[:, :2], axis=1)[moved]
             found[name] = Measured(error, error**2 / np.einsum("ki,kij,kj->k", ahead, C, ahead)[moved], 1)
         if self.seen.has_height:
