@@ -1,7 +1,7 @@
 """Whether the smoother's sigmas hold 95 % of the errors: real walks, and simulated ways that do not come back.
 
-    python scripts/coverage.py [--data DIR] [--only SET ...] [--seeds N] [--first SEED] [--length M] [--jobs N]
-                               [--per-walk] [--json FILE]
+    python scripts/sigma_coverage.py [--data DIR] [--only SET ...] [--seeds N] [--first SEED] [--length M] [--jobs N]
+                                     [--per-walk] [--json FILE]
 
 =========== ==========================================================================================================
 vicon       28 trials with motion capture, own stances

@@ -16,7 +16,7 @@ from tests.scripts import load_script
 from tests.smoother.walks import demo, part
 
 joint_errors = load_script("joint_errors")
-coverage = load_script("coverage")
+coverage = load_script("sigma_coverage")
 
 DRAWS, YAW = 200, 0.7
 
