@@ -17,12 +17,11 @@ from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.online.field import OnlineField
 from fg_nav.recording import Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
-from fg_nav.smoother.differential import add_differential_field
-from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
-from fg_nav.smoother.field_shape import solve_where_field_tells
-from fg_nav.smoother.graph import Known, WalkProblem, solve, trajectory_of
+from fg_nav.smoother.field import FieldVerdict
+from fg_nav.smoother.graph import Known, WalkProblem
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.solved_walk import solve_walk
 from fg_nav.smoother.solver import Solved
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
@@ -112,18 +111,9 @@ def _solve_once(
     unseen: str,
     p: SmootherParameters,
 ) -> tuple[WalkSolution, Solved]:
-    problem = walk_problem(recording, stances, heading, p, in_progress=True)
-    obstacle = unseen or find_obstacle(field, p.magnetic)
-    if field is None:
-        solved = solve(problem)
-        return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle)), solved
-    track = trajectory_of(problem.recording, problem.nodes, problem.values, p.gravity)
-    problem = add_differential_field(problem, problem.values, track)
-    if obstacle:
-        solved = solve(problem)
-        return WalkSolution(problem, solved.values, None, ignore_field(problem, obstacle)), solved
-    found = solve_where_field_tells(problem, field, track)
-    return WalkSolution(found.problem, found.solved.values, OnlineField(found, field), found.verdict), found.solved
+    found = solve_walk(walk_problem(recording, stances, heading, p, in_progress=True), field, unseen)
+    going_on = None if found.field is None or field is None else OnlineField(found.field, field)
+    return WalkSolution(found.problem, found.solved.values, going_on, found.verdict), found.solved
 
 
 def measure_walk_field(

@@ -6,7 +6,8 @@ fixes         known positions, added to the first solution (`constraints`)
 constraints   straight stretches and floors, found on the first solution, where they are asked for
 solve         Gauss-Newton (`solver`), where there are fixes or constraints, and where the field is not used
 differential  field while the foot stands: factors on the gyro bias (`differential`)
-field         the magnetic field, in rounds, each of which solves again (`field`)
+field         the magnetic field, in rounds, each of which solves again (`field`); both by `solved_walk.solve_walk`
+prior         of the gyro bias: all again with a wider one where the bias is too large for it (`bias_prior`)
 scale         of the gyroscope, by the field: all again with corrected samples where it is wrong (`gyro_scale`)
 solution      marginals -> sigmas (`solver`), that of the distance (`combinations`); nodes -> trajectory (`graph`)
 """
@@ -17,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache, partial
 from time import perf_counter
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,14 +32,13 @@ from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.count import count_factors
-from fg_nav.smoother.differential import add_differential_field, write_note
-from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
-from fg_nav.smoother.field_shape import solve_where_field_tells
-from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
+from fg_nav.smoother.differential import write_note
+from fg_nav.smoother.graph import solve, trajectory_of
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, stance_table
+from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -104,76 +105,75 @@ def _smooth(
     fixes: Sequence[Fix],
 ) -> tuple[Solution, FootfallCovariance]:
     began = perf_counter()
-    solve_walk = partial(_solve_walk, stances=stances, heading=heading, progress=progress, field=field, fixes=fixes)
-    problem, solved, verdict = solve_walk(recording, parameters=parameters)
-    notes: tuple[str, ...] = ()
+    solve_again = partial(
+        _solve_from_samples, stances=stances, heading=heading, progress=progress, field=field, fixes=fixes
+    )
     # A bias that is too large for its prior is the sign of a sensor that was not calibrated: solved with a wider one.
-    prior = find_bias_prior(problem, solved)
-    if prior is not None:
-        parameters = replace(parameters, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-        problem, solved, verdict = solve_walk(recording, parameters=parameters)
-        notes = (prior.note,)
-    by_scale: Mapping[int, Floats] = {}
+    walk, parameters, of_bias = _fit_bias_prior(solve_again, recording, parameters)
     # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
-    if parameters.gyro_scale and shows_heading(problem):
-        scale = estimate_gyro_scale(problem, solved)
-        unknown = scale.found.second_moment
-        if scale.found.is_shown:
-            problem, solved, verdict = solve_walk(scale.found.remove_from(recording), parameters=parameters)
-            notes = (*notes, scale.found.note)
-            scale = estimate_gyro_scale(problem, solved)
-            unknown = scale.found.covariance
-        by_scale = scale.spread(unknown)
-    verdict = replace(verdict, notes=(*notes, *verdict.notes))
-    joint = FootfallCovariance.of(solved, problem.nodes, by_scale)
-    solution = _solution_of(problem, solved, verdict, joint, stances, began)
+    walk, by_scale, of_scale = _fit_gyro_scale(solve_again, recording, parameters, walk)
+    # The dense path, and the sigmas of its footfalls.
+    walk = replace(walk, verdict=replace(walk.verdict, notes=(*of_bias, *of_scale, *walk.verdict.notes)))
+    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, by_scale)
+    solution = _solution_of(walk, joint, stances, began)
     if progress is not None:
         progress(1.0)
     return solution, joint
 
 
-def _solve_walk(
+def _solve_from_samples(
     recording: Recording,
-    stances: Stances,
     parameters: SmootherParameters,
+    stances: Stances,
     heading: float | None,
     progress: Callable[[float], None] | None,
     field: FootfallField | None,
     fixes: Sequence[Fix],
-) -> tuple[WalkProblem, Solved, FieldVerdict]:
-    """Return the problem of a walk as it was solved last, its solution, and the verdict on its field."""
+) -> SolvedWalk:
     # The walk by its inertial sensor and its stances, with values near the minimum.
-    problem = walk_problem(recording, stances, heading, parameters, progress)
+    inertial = walk_problem(recording, stances, heading, parameters, progress)
     # Fixes and constraints between footfalls need that solution to be placed.
-    inertial = problem
-    if fixes:
-        problem = add_fixes(problem, problem.values, fixes)
+    problem = add_fixes(inertial, inertial.values, fixes) if fixes else inertial
     if parameters.walk.straight or parameters.walk.floors:
         problem = add_constraints(problem, problem.values)
     if problem is not inertial:
         problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
-    obstacle = find_obstacle(field, parameters.magnetic)
-    if field is None:
-        return problem, solve(problem), ignore_field(problem, obstacle)
-    # While the foot stands the field shows the gyro bias, also where it shows no heading.
-    track = trajectory_of(problem.recording, problem.nodes, problem.values, parameters.gravity)
-    problem = add_differential_field(problem, problem.values, track)
-    # The field is compared along the solution, and joins it.
-    if obstacle:
-        return problem, solve(problem), ignore_field(problem, obstacle)
-    with_field = solve_where_field_tells(problem, field, track)
-    return with_field.problem, with_field.solved, with_field.verdict
+    return solve_walk(problem, field)
 
 
-def _solution_of(
-    problem: WalkProblem,
-    solved: Solved,
-    verdict: FieldVerdict,
-    joint: FootfallCovariance,
-    stances: Stances,
-    began: float,
-) -> Solution:
+Solve: TypeAlias = Callable[[Recording, SmootherParameters], SolvedWalk]
+"""Solves a walk with these samples and parameters."""
+
+
+def _fit_bias_prior(
+    solve_again: Solve, recording: Recording, parameters: SmootherParameters
+) -> tuple[SolvedWalk, SmootherParameters, tuple[str, ...]]:
+    """Solve a walk, with a wider prior of the gyro bias where it shows one; return the parameters and notes too."""
+    walk = solve_again(recording, parameters)
+    prior = find_bias_prior(walk.problem, walk.solved)
+    if prior is None:
+        return walk, parameters, ()
+    parameters = replace(parameters, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
+    return solve_again(recording, parameters), parameters, (prior.note,)
+
+
+def _fit_gyro_scale(
+    solve_again: Solve, recording: Recording, parameters: SmootherParameters, walk: SolvedWalk
+) -> tuple[SolvedWalk, Mapping[int, Floats], tuple[str, ...]]:
+    """Return a walk without the scale of its gyroscope that the field shows, the covariance by the rest, and notes."""
+    if not (parameters.gyro_scale and shows_heading(walk.problem)):
+        return walk, {}, ()
+    scale = estimate_gyro_scale(walk.problem, walk.solved)
+    if not scale.found.is_shown:
+        return walk, scale.spread(scale.found.second_moment), ()
+    walk = solve_again(scale.found.remove_from(recording), parameters)
+    left = estimate_gyro_scale(walk.problem, walk.solved)
+    return walk, left.spread(left.found.covariance), (scale.found.note,)
+
+
+def _solution_of(walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, began: float) -> Solution:
     """Return the dense trajectory, and the stances with their sigmas; the clock showed `began` at the start."""
+    problem, solved, verdict = walk.problem, walk.solved, walk.verdict
     recording, p = problem.recording, problem.parameters
     table = stance_table(recording.t, problem.nodes, solved, verdict, joint.shared)
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]

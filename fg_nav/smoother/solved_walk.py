@@ -1,0 +1,37 @@
+"""A walk as it was solved last: with its magnetic field where it has one that shows something, in batch and online."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fg_nav.magnetic import FootfallField
+from fg_nav.smoother.differential import add_differential_field
+from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, ignore_field
+from fg_nav.smoother.field_shape import solve_where_field_tells
+from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
+from fg_nav.smoother.solver import Solved
+
+
+@dataclass(frozen=True)
+class SolvedWalk:
+    """The problem of the last solution, its minimum, the verdict on the field; `field` where that was used."""
+
+    problem: WalkProblem
+    solved: Solved
+    verdict: FieldVerdict
+    field: FieldSolution | None = None
+
+
+def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
+    """Solve a walk, whose values are near its minimum without the field; `unseen` says why there is no field."""
+    obstacle = unseen or find_obstacle(field, problem.parameters.magnetic)
+    if field is None:
+        return SolvedWalk(problem, solve(problem), ignore_field(problem, obstacle))
+    # While the foot stands the field shows the gyro bias, also where it shows no heading.
+    track = trajectory_of(problem.recording, problem.nodes, problem.values, problem.parameters.gravity)
+    problem = add_differential_field(problem, problem.values, track)
+    # The field is compared along the solution, and joins it.
+    if obstacle:
+        return SolvedWalk(problem, solve(problem), ignore_field(problem, obstacle))
+    found = solve_where_field_tells(problem, field, track)
+    return SolvedWalk(found.problem, found.solved, found.verdict, found)
