@@ -315,6 +315,9 @@ def simulate(
         Literal["still", "rocking", "none"] | None,
         typer.Option(help="What the foot does where the person stands; none: there is no standing."),
     ] = None,
+    feet: Annotated[
+        Literal["still", "moving"] | None, typer.Option(help="Whether the loaded foot moves on, as real ones do.")
+    ] = None,
     out: OutDir = None,
     force: Force = False,
 ) -> None:
@@ -322,7 +325,7 @@ def simulate(
     from fg_nav.commands.simulate import simulate
     from fg_nav.lab.simulation import Choices
 
-    choices = Choices(sensor, site, field, worn, rate, turn, calibrated, rests=rests)
+    choices = Choices(sensor, site, field, worn, rate, turn, calibrated, rests=rests, feet=feet)
     simulate(scenario, seed, choices, out, force)
 
 

@@ -1,7 +1,7 @@
 """Whether the smoother's sigmas hold 95 % of the errors: real walks, and simulated ways that do not come back.
 
-    python scripts/sigma_coverage.py [--data DIR] [--only SET ...] [--seeds N] [--first SEED] [--length M] [--jobs N]
-                                     [--per-walk] [--json FILE]
+    python scripts/sigma_coverage.py [--data DIR] [--only SET ...] [--seeds N] [--first SEED] [--length M] [--feet KIND]
+                                     [--jobs N] [--per-walk] [--json FILE]
 
 =========== ==========================================================================================================
 vicon       28 trials with motion capture, own stances
@@ -9,7 +9,7 @@ gdin        10 indoor walks with surveyed footprints, and with the magnetometer 
 gdlbio      11 indoor walks with every footprint surveyed
 simulated   ways of 700 m that end far from where they began, legs of 50 to 120 m within 60 degrees of one direction, a
             sensor in the heel; without a magnetometer, and with one in smooth and indoor fields; heading at the start
-            given and not given
+            given and not given. Feet that move on in stance as real ones do (`--feet still`: that do not)
 =========== ==========================================================================================================
 
 Of every walk: the share of footfalls whose error lies in the region of 95 %, after the gauge that the walk leaves open
@@ -45,6 +45,7 @@ from fg_nav.lab.simulation import Choices, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stand
 from fg_nav.lab.simulation.plan import Walk as Walking
+from fg_nav.lab.simulation.scenarios import FEET, Feet
 from fg_nav.navigate import prepare_walk
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.smoother.batch import smooth_jointly
@@ -96,6 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         seeds=10,
         first=FIRST_SEED,
         length=option(700.0, "of the simulated ways", metavar="M"),
+        feet=option("moving", "of the simulated ways", choices=FEET),
         jobs=1,
         per_walk=False,
         json=None,
@@ -195,18 +197,18 @@ def measure_simulated(chosen: Chosen) -> list[Row]:
     tasks = [(field, seed) for field in FIELDS for seed in harness.seeds_of(chosen)]
     return [
         row
-        for rows in harness.map_walks(partial(measure_way, chosen.length), tasks, chosen.jobs, "ways")
+        for rows in harness.map_walks(partial(measure_way, chosen.length, chosen.feet), tasks, chosen.jobs, "ways")
         for row in rows
     ]
 
 
-def measure_way(length_m: float, task: tuple[str | None, int]) -> list[Row]:
+def measure_way(length_m: float, feet: Feet, task: tuple[str | None, int]) -> list[Row]:
     """Measure one way with its heading given and not.
 
     Without a field the two differ in what is open, not in the solution.
     """
     field, seed = task
-    walk = make_way(length_m, field, seed)
+    walk = make_way(length_m, feet, field, seed)
     rows = []
     for is_given in (True, False):
         section = f"simulated, {field or 'no magnetometer'}, heading {'given' if is_given else 'not given'}"
@@ -215,7 +217,7 @@ def measure_way(length_m: float, task: tuple[str | None, int]) -> list[Row]:
     return rows
 
 
-def make_way(length_m: float, field: str | None, seed: int) -> SimulatedWalk:
+def make_way(length_m: float, feet: Feet, field: str | None, seed: int) -> SimulatedWalk:
     """Simulate a way."""
     sensor = magnetic_walks.make_sensor()
     base = replace(
@@ -225,7 +227,7 @@ def make_way(length_m: float, field: str | None, seed: int) -> SimulatedWalk:
         worn="heel",
         sensor=sensor if field else replace(sensor, mag=None),
     )
-    return simulate(base, seed, Choices(field=field or "homogeneous"))
+    return simulate(base, seed, Choices(field=field or "homogeneous", feet=feet))
 
 
 def draw_route(length_m: float, rng: np.random.Generator) -> list[Section]:

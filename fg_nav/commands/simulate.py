@@ -71,6 +71,7 @@ def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
         "site": walk.scenario.site,
         "field": walk.scenario.field,
         "rests": walk.scenario.rests,
+        "feet": walk.scenario.feet,
         "choices": walk.choices,
         "biases": {
             "time_s": walk.biases.t,

@@ -18,6 +18,7 @@ Pivot and angles are sums of ramps, their shocks bursts (`fg_nav.lab.simulation.
 * the foot rolls slowly forward about the pivot, so that the sensor moves by w x r and does not stand still;
 * the sole gives way under the load and springs back in the next push-off; a foot that stands on stays pressed;
 * the foot slips a little, mostly forward, in one stride much as in the last; the next swing makes up for it;
+* it moves on where the person's feet never stand still (`Person.with_moving_feet`), slowest in mid-stance;
 * a sensor in the heel rocks on it to and fro (`fg_nav.lab.simulation.rocking`).
 
 Between strides the foot stands and sways, or rocks on. Every stride differs in vigour; short strides are gentler, fast
@@ -49,6 +50,7 @@ from fg_nav.lab.simulation.steps import (
     LAND,
     LEAN,
     LIFT,
+    MOVE_ON,
     PRESS,
     PUSH,
     RAISE,
@@ -162,15 +164,16 @@ def _make_ramps(track: Track) -> Ramps:
 
 
 def _move_level(steps: Steps) -> tuple[Track, Track]:
-    """East and north. A slip is made up for in the swing before it: the foot ends where its footprint is."""
+    """East and north. What the foot slips and moves on is made up for in the swing before: it ends on its footprint."""
     heading, footprint = steps.strides.heading[1:], steps.strides.footprint
-    step = np.diff(footprint[:, :2], axis=0) - steps.slip
+    step = np.diff(footprint[:, :2], axis=0) - steps.slip - steps.moved_on
     aside = rotate_to_level(heading, np.zeros(len(steps)), -steps.gait("circumduction_m") * steps.vigour)
     east, north = (
         [
             steps.swing(FORWARD, step[:, axis]),
             steps.swing(ASIDE, aside[:, axis]),
             steps.stance(SLIP, steps.slip[:, axis]),
+            steps.stance(MOVE_ON, steps.moved_on[:, axis]),
         ]
         for axis in (0, 1)
     )

@@ -3,6 +3,7 @@
     like = "office"                     # where worn, sensor, site and field come from; all of them can be given too
     field = "smooth"
     rests = "none"                      # the foot stands still, rocking, or not at all ("none")
+    feet = "moving"                     # in stance the foot comes to a stand ("still") or moves on, as real ones do
     magnets = [[1.5, 10.0, 0.0]]        # east, north, up of permanent magnets, m
 
     [course]
@@ -38,7 +39,7 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Path, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
-from fg_nav.lab.simulation.scenarios import Rests, Scenario, Worn, scenario
+from fg_nav.lab.simulation.scenarios import Feet, Rests, Scenario, Worn, scenario
 from fg_nav.lab.simulation.sensors import SensorPrior
 
 SUFFIX = ".toml"
@@ -108,6 +109,7 @@ class ScenarioTable(BaseModel):
     magnets: tuple[tuple[Number, Number, Number], ...] = ()
     aligned: bool | None = None
     rests: Rests | None = None
+    feet: Feet | None = None
     sensor: Any = Field(default_factory=dict)
 
 
@@ -161,6 +163,7 @@ def _make_scenario(name: str, content: Mapping[str, Any]) -> Scenario:
         table.magnets,
         like.aligned if table.aligned is None else table.aligned,
         table.rests or like.rests,
+        table.feet or like.feet,
     )
 
 

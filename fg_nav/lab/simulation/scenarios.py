@@ -41,6 +41,9 @@ WORN: tuple[Worn, ...] = get_args(Worn)
 Rests: TypeAlias = Literal["still", "rocking", "none"]
 RESTS: tuple[Rests, ...] = get_args(Rests)
 
+Feet: TypeAlias = Literal["still", "moving"]
+FEET: tuple[Feet, ...] = get_args(Feet)
+
 Route: TypeAlias = Callable[[np.random.Generator], Sequence[Section]]
 
 STREET_FIELDS: Mapping[str, tuple[tuple[tuple[float, float, float], ...], float]] = {
@@ -74,6 +77,7 @@ class Scenario:
         it is turned as drawn by the seed. Nothing to sensors elsewhere.
     rests : whether the foot stands still between paths, rocks there, or does not stand at all: the recording then
         begins in a stance of the first stride and ends in one of the last.
+    feet : whether feet that are walked on come to a stand in stance, but for rolling and slip, or move on as real ones.
     """
 
     name: str
@@ -86,6 +90,7 @@ class Scenario:
     magnets: tuple[tuple[float, float, float], ...] = ()
     aligned: bool = False
     rests: Rests = "still"
+    feet: Feet = "still"
 
     @property
     def prior(self) -> SensorPrior:
@@ -99,7 +104,7 @@ class Choices:
 
     Attributes
     ----------
-    sensor, site, field, worn, rests : see `Scenario`.
+    sensor, site, field, worn, rests, feet : see `Scenario`.
     rate_hz : of the recording; None for the sensor's own.
     turned_deg : the whole course, clockwise.
     calibrated : leave out the magnetometer's hard and soft iron.
@@ -115,17 +120,19 @@ class Choices:
     calibrated: bool = False
     aligned: bool = False
     rests: Rests | None = None
+    feet: Feet | None = None
 
     def apply_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with what was chosen in place of its defaults.
 
-        Raises `SimulationError` for a sensor, a place to wear it or a kind of rests that does not exist, a rate or turn
-        that cannot be, or the calibration of a magnetometer that the sensor has not.
+        Raises `SimulationError` for a sensor, a place to wear it, a kind of rests or feet that does not exist, a rate
+        or turn that cannot be, or the calibration of a magnetometer that the sensor has not.
         """
-        chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn", "rests")}
+        chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn", "rests", "feet")}
         changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
         _check_worn(changed.worn)
         _check_rests(changed.rests)
+        _check_feet(changed.feet)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
         prior = _remove_iron(prior) if self.calibrated else prior
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
@@ -140,6 +147,11 @@ def _check_worn(worn: str) -> None:
 def _check_rests(rests: str) -> None:
     if rests not in RESTS:
         raise SimulationError(f"rests cannot be '{rests}': choose one of {', '.join(RESTS)}.")
+
+
+def _check_feet(feet: str) -> None:
+    if feet not in FEET:
+        raise SimulationError(f"feet cannot be '{feet}': choose one of {', '.join(FEET)}.")
 
 
 def _remove_iron(prior: SensorPrior) -> SensorPrior:

@@ -28,6 +28,7 @@ ROLL_OVER   pitch    the foot rolls forward in stance (in shares of the stance)
 STIR        pitch    slowly up to heel-off
 LEAN        roll,yaw the loaded foot leans over and back (in shares of the stance)
 SLIP        place    the foot slips in stance, mostly early (in shares of the stance)
+MOVE_ON     place    a foot that never stands still moves on, slowest in mid-stance (in shares of the stance)
 =========== ======== ==================================================================================================
 
 A person executes strides with durations of swing and stance, vigour and slip of their own (`draw_steps`). Every stride
@@ -83,6 +84,10 @@ STIR: Phase = ((-0.36, 0.24, 1.00),)
 ROLL_OVER: Phase = ((-0.40, 0.80, 0.50), (0.20, 1.40, 0.50))
 LEAN: Phase = ((-0.30, 0.50, 1.00), (0.30, 1.30, -1.00))
 SLIP: Phase = ((-0.10, 0.70, 1.00),)
+MOVE_ON: Phase = ROLL_OVER
+
+SLOWEST = 0.769
+"""Velocity of `MOVE_ON` in mid-stance over its mean, all of the move in the time of the stance: 0.923 / 1.2."""
 
 _SWINGING = (
     PUSH,
@@ -186,6 +191,7 @@ class Steps:
     stirred : (K,) rad, forward pitch up to heel-off.
     settled, rolled, pressed, slip : in the stance after each stride: forward pitch as the foot settles, and as it rolls
         over, (K,) rad; by how much the sole gives way, (K,) m; and slip, (K, 2) m in nav.
+    moved_on : likewise, by how much a foot that never stands still moves on, (K, 2) m in nav.
     """
 
     strides: Strides
@@ -197,6 +203,7 @@ class Steps:
     rolled: Floats
     pressed: Floats
     slip: Floats
+    moved_on: Floats
 
     def __len__(self) -> int:
         return len(self.strides)
@@ -241,9 +248,10 @@ def draw_steps(strides: Strides, person: Person, unrest: float, rng: np.random.G
     """
     _check(strides)
     nothing = np.zeros(len(strides))
-    steps = Steps(strides, person, *(nothing,) * 6, np.zeros((len(strides), 2)))
+    steps = Steps(strides, person, *(nothing,) * 6, *(np.zeros((len(strides), 2)),) * 2)
     white = rng.standard_normal((6, len(strides)))
     turning = unrest * (1 + steps.gait("rollover_scatter") * white[1])
+    steps = replace(steps, swing_s=_draw_swing_share(steps, white[3]) * strides.duration)
     return replace(
         steps,
         vigour=_compute_effort(steps) * (1 + steps.gait("vigour") * white[0]),
@@ -251,8 +259,8 @@ def draw_steps(strides: Strides, person: Person, unrest: float, rng: np.random.G
         settled=steps.gait("settle_rad") * turning,
         rolled=np.where(_walks_on(strides), steps.gait("rollover_rad") * turning, 0.0),  # or it stands
         pressed=np.maximum(steps.gait("sole_m") + steps.gait("sole_sd_m") * white[2], 0.0),
-        swing_s=_draw_swing_share(steps, white[3]) * strides.duration,
         slip=_draw_slip(steps, white[4:]),
+        moved_on=_compute_moves_on(steps),
     )
 
 
@@ -286,6 +294,17 @@ def _draw_slip(steps: Steps, white: Floats) -> Floats:
         steps.strides.heading[1:],
         steps.gait("slip_m") + steps.gait("slip_sd_m") * forward,
         steps.gait("slip_sideways_m") * left,
+    )
+
+
+def _compute_moves_on(steps: Steps) -> Floats:
+    """(K, 2) m in nav by which the foot moves on in each stance that it is walked on, by the person's shares."""
+    strides, person = steps.strides, steps.person
+    length = np.linalg.norm(np.diff(strides.footprint[:, :2], axis=0), axis=1)
+    speed = np.where(_walks_on(strides), length / strides.duration, 0.0)
+    stance_s = (strides.duration - steps.swing_s) / SLOWEST
+    return rotate_to_level(
+        strides.heading[1:], person.forward_s_m * speed**2 * stance_s, person.sideways * speed * stance_s
     )
 
 

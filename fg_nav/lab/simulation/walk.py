@@ -161,6 +161,7 @@ def simulate(
     chosen = choices.apply_to(scenario(name) if isinstance(name, str) else name)
     streams = Streams(seed, chosen.name)
     person = Person().draw(streams.lasting("person")) if person is None else person
+    person = person.with_moving_feet(streams.lasting("feet")) if chosen.feet == "moving" else person
     sensor = chosen.prior.draw(streams.lasting("sensor"))
     earth = find_earth_field(chosen.site)
     strides, crossings = _plan_strides(chosen, person, streams)

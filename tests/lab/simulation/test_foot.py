@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2, compute_heading
+from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Strides, Style
 from fg_nav.lab.simulation.mount import HEEL, INSTEP, Mount
-from fg_nav.lab.simulation.path import Pose, straight
+from fg_nav.lab.simulation.path import Pose, arc, straight
 from fg_nav.lab.simulation.person import Gait, Person, Shock
 from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan
 from tests.scripts import load_script
@@ -389,3 +390,48 @@ def test_a_foot_may_only_stand() -> None:
     state = motion.at(np.linspace(0, 3, 50))
     np.testing.assert_allclose(np.linalg.norm(state.force, axis=1), GRAVITY_M_S2, rtol=1e-3)
     np.testing.assert_array_equal(motion.flat, [[0.0, 3.0]])
+
+
+def stance_velocity(person: Person) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Velocity (K, 3) m/s of the pivot in the middle of each stance between strides, its direction, and the speed."""
+    foot = made([Stand(4.0), Walk(arc(8.0, 2.0)), Stand(3.0)], person)
+    strides, flat = foot.strides, foot.motion.flat[1:-1].mean(axis=1)
+    h = 1e-4
+    before, after = (foot.pivot(foot.motion.at(flat + step)) for step in (-h, h))
+    speed = np.linalg.norm(np.diff(strides.footprint, axis=0), axis=1) / strides.duration
+    ahead = np.stack([np.sin(strides.heading), np.cos(strides.heading)], axis=1)
+    return (after - before) / (2 * h), ahead[1:-1], speed[:-1]
+
+
+def test_a_foot_moves_on_in_stance_by_its_shares_of_the_walking_speed() -> None:
+    person = Person()
+    still, ahead, speed = stance_velocity(person)
+    moving = stance_velocity(replace(person, forward_s_m=0.02, sideways=-0.01))[0]
+    moves = (moving - still)[:, :2]
+    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    assert np.sum(moves * ahead, axis=1) == pytest.approx(0.02 * speed**2, rel=0.05)
+    assert np.sum(moves * left, axis=1) == pytest.approx(-0.01 * speed, rel=0.05)
+
+
+def test_a_foot_that_moves_on_stands_where_its_person_does_and_meets_its_footprints() -> None:
+    person = replace(Person(), forward_s_m=0.03, sideways=0.02)
+    foot = made([Stand(4.0), Walk(straight(20.0)), Stand(3.0)], person)
+    still = made([Stand(4.0), Walk(straight(20.0)), Stand(3.0)])
+    ends = np.array([1.0, foot.strides.end_s - 0.5])
+    places = [one.motion.at(ends) for one in (foot, still)]
+    assert places[0].position == pytest.approx(places[1].position, abs=1e-9)
+    assert places[0].velocity == pytest.approx(places[1].velocity, abs=1e-9)
+
+
+def test_moving_feet_are_drawn_for_their_seed_and_leave_all_else_as_it_is() -> None:
+    still, moving = (simulate("demo", 4, Choices(feet=feet)) for feet in (None, "moving"))
+    again = simulate("stairs", 4, Choices(feet="moving"))
+    assert (still.person.forward_s_m, still.person.sideways) == (0.0, 0.0)
+    assert 0.0 < moving.person.forward_s_m == again.person.forward_s_m
+    assert replace(moving.person, forward_s_m=0.0, sideways=0.0) == still.person
+    assert np.array_equal(moving.strides.footprint, still.strides.footprint)
+    assert np.array_equal(moving.biases.gyr, still.biases.gyr)
+    with pytest.raises(SimulationError, match="feet cannot be 'cold'"):
+        simulate("demo", 1, Choices(feet="cold"))  # type: ignore[arg-type]
+    with pytest.raises(SimulationError, match="forward_s_m"):
+        Person(forward_s_m=0.5)
