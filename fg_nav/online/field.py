@@ -23,8 +23,9 @@ from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import QUASI_STATIC, apply_gate, count_needed
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import FieldSolution, choose_steady
+from fg_nav.smoother.field import choose_steady
 from fg_nav.smoother.field_factors import integrate_path, transition
+from fg_nav.smoother.field_rounds import FieldSolution
 from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.potential import LEAST_JUMP_UT_M
 from fg_nav.smoother.roughness import (

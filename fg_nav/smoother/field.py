@@ -1,24 +1,18 @@
-"""The walk with its magnetic field: rounds of looking at the field along the smoothed walk and smoothing it again.
+"""The magnetic field along a smoothed walk: what it shows there, and the factors that it is to have in the next round.
 
-    trajectory         -> line integrals of the field over the strides, which no heading changes
-    repeat a few times
-        attitudes      -> field at each footfall, in nav
-        gate           -> footfalls whose compass is used: the detector's statistic is below its threshold
-        deviations     -> roughness of the field
-        walk and field -> solution
+    attitudes      -> field at each footfall, in nav
+    gate           -> footfalls whose compass is used: the detector's statistic is below its threshold
+    deviations     -> roughness of the field
+    all of these   -> readings of the compass, prior of the field's state, direction in which it is expected
 
 The gate (`FieldParameters.gate`) is a detector of `magnetic.detectors`, judged with the attitudes of the round. It is
 hard: a heading it rejects is not in the graph. On a rough floor it may reject all of them; what needs a mean field is
-then taken from all footfalls. The first trajectory is that of the walk without the field. Its heading has drifted, so
-in the first round strength stands in for the deviation across.
+then taken from all footfalls. The first walk is that without the field. Its heading has drifted, so in the first round
+strength stands in for the deviation across.
 
-Where the heading at the start was given, the field's direction is estimated about it. Where it was not, north is where
-the field points: its direction is fixed, the start is free, and the walk is first turned there.
-
-Whether the line integrals are used is decided by the evidence of the walk (`path_noise`); where its potential jumps
-the strides are left out (`potential`). The integrals show how the field deviates from footfall to footfall, and from
-one region of the building to the next. A walk without them cannot tell a slow deviation from a drift of its heading.
-There the heading has one unknown north and white noise, of a sigma that each round takes from the footfalls that pass,
+The line integrals show how the field deviates from footfall to footfall, and from one region of the building to the
+next. A walk without them cannot tell a slow deviation from a drift of its heading. There the heading has one unknown
+north and white noise, of a sigma that each round takes from the footfalls that pass,
 
     sigma^2 = noise^2 + max(robust(e)^2 - noise^2, 0) N / min(N, regions),
 
@@ -37,23 +31,12 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.errors import EstimationError
 from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior, across_field
-from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import UNKNOWN, FieldVerdicts, apply_gate
 from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath, integrate_path
-from fg_nav.smoother.graph import (
-    UNKNOWN_HEADING_DEG,
-    StartPrior,
-    Trajectory,
-    WalkProblem,
-    solve,
-    turn_walk,
-)
+from fg_nav.smoother.graph import Trajectory, WalkProblem
 from fg_nav.smoother.parameters import FieldParameters
-from fg_nav.smoother.path_noise import PathNoise, choose_path_noise
-from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.roughness import (
     LEAST_SIGMA_UT,
     REGIONAL_LENGTH_M,
@@ -66,7 +49,6 @@ from fg_nav.smoother.roughness import (
     roughness_of,
     usual_deviation,
 )
-from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved
 
 COMPASS_SIGMA_UT = 0.3
 """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
@@ -82,9 +64,6 @@ HARD_IRON_LEVEL_UT = 0.3
 
 HARD_IRON_UP_UT = 15.0
 """The same upward: a calibration from footfalls cannot see it, and in a swing it turns forward."""
-
-COMPASS_ROUNDS = 1
-"""More rounds without the line integral: noise and heading are found together."""
 
 REGIONAL_SHARE_OF_MEAN = 0.3
 """By how much regions turn the mean field of a short walk, as a share of how the field differs between footfalls."""
@@ -118,20 +97,6 @@ class FieldVerdict:
     words: tuple[str, ...]
     reason: tuple[str, ...]
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class FieldSolution:
-    """A walk solved with its field: the problem of the last round, its minimum, the states (F, 8), and the verdict.
-
-    `compass_sigma_uT` is the noise of a footfall's compass.
-    """
-
-    problem: WalkProblem
-    solved: Solved
-    states: Floats
-    verdict: FieldVerdict
-    compass_sigma_uT: float
 
 
 @dataclass(frozen=True)
@@ -170,101 +135,27 @@ def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
     return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, ())
 
 
-def solve_with_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
-    """Smooth a walk, whose values are near its minimum without the field, with it; `track` is that of the values."""
-    p = problem.parameters.magnetic
-    notes: tuple[str, ...] = ()
-    # Without a heading the walk is turned until its mean field points north.
-    if not problem.heading_known:
-        problem, track = _turn_north(problem, track, np.nanmean(_nav_field(field, _attitudes(problem)), axis=0))
-    path = _integrate_path(problem, field, track)
-    if p.potential:
-        found, notes = _try_line_integral(problem, field, path, p)
-        if found is not None:
-            return found
-    # A walk that does not show that its line integrals can be used does without them.
-    p = replace(p, potential=False, rounds=p.rounds + COMPASS_ROUNDS)
-    by_compass = _solve_in_rounds(problem, field, path, p, notes)
-    assert isinstance(by_compass, FieldSolution)
-    return by_compass
-
-
-def _try_line_integral(
-    problem: WalkProblem, field: FootfallField, path: FieldPath, p: FieldParameters
-) -> tuple[FieldSolution | None, tuple[str, ...]]:
-    """Smooth a walk with its line integrals; or say why they are not used."""
-    try:
-        found = _solve_in_rounds(problem, field, path, p)
-    except EstimationError:
-        return None, ("line integral of the field not used: with it there is no solution",)
-    if isinstance(found, PathNoise):
-        return None, (found.describe(p.potential_drift_m),)
-    return found, ()
-
-
-def _solve_in_rounds(
-    problem: WalkProblem, field: FootfallField, path: FieldPath, p: FieldParameters, notes: tuple[str, ...] = ()
-) -> FieldSolution | PathNoise:
-    """Smooth a walk with its field; or return the noise of its line integrals, where it is too large to use them."""
-    # The first round has residuals without the heading, and finds the direction in which the field is expected.
-    values = gtsam.Values(problem.values)
-    residuals = _compare_field(problem, field, values, path, None, p)
-    direction = _expect_direction(problem, field, residuals, path, p)
-    problem = _with_field(problem, field, residuals, path, direction, p)
-    assert problem.field is not None
-    problem.field.insert(values)
-    close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
-    problem, solved = free_jumps(problem, solve(replace(problem, values=values), close), close)
-    # Later rounds take noise, verdicts and the sigma of an unknown north from the smoothed walk.
-    for _ in range(p.rounds - 1):
-        assert problem.field is not None
-        states, path = problem.field.states(solved.values), problem.field.path
-        residuals = _compare_field(problem, field, solved.values, path, states, p)
-        if not problem.heading_known:
-            direction = _expect_direction(problem, field, residuals, path, p)
-        problem = _with_field(problem, field, residuals, path, direction, p)
-        assert problem.field is not None
-        if len(problem.field.potential):
-            noise = choose_path_noise(problem, solved.values)
-            if noise.drift_m >= p.potential_drift_m:
-                return noise
-            problem = replace(problem, field=problem.field.assume_lost_share(noise.lost_share))
-            notes = (noise.describe(p.potential_drift_m),)
-        solved = solve(replace(problem, values=solved.values))
-        problem, solved = free_jumps(problem, solved)
-    assert problem.field is not None
-    states, verdicts = problem.field.states(solved.values), residuals.verdicts
-    notes = (*_write_notes(residuals, states, p.compass), *notes, *describe_jumps(problem, solved))
-    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes)
-    return FieldSolution(problem, solved, states, verdict, _compass_sigma(residuals, p))
-
-
-def _turn_north(problem: WalkProblem, track: Trajectory, nav_north: Floats) -> tuple[WalkProblem, Trajectory]:
-    """Turn the walk about up, so that what points along `nav_north` (3,) points north; its start is free."""
-    turn, values = yaw_rotation(float(np.arctan2(*nav_north[:2]))), gtsam.Values(problem.values)
-    turn_walk(values, problem.nodes, turn)
-    start = StartPrior(values.atPose3(X(0)).rotation().matrix(), float(np.radians(UNKNOWN_HEADING_DEG)))
-    return replace(problem, values=values, start=start), track.turn(turn)
-
-
-def _attitudes(problem: WalkProblem, values: gtsam.Values | None = None) -> Floats:
+def list_attitudes(problem: WalkProblem, values: gtsam.Values | None = None) -> Floats:
+    """List the attitudes (F, 3, 3) at the footfalls."""
     values = problem.values if values is None else values
     return np.array([values.atPose3(X(int(j))).rotation().matrix() for j in problem.nodes.result])
 
 
-def _nav_field(field: FootfallField, nav_R_body: Floats) -> Floats:
+def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
+    """Rotate the field at the footfalls into nav, (F, 3) uT."""
     return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
 
 
-def _integrate_path(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldPath:
+def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldPath:
+    """Integrate the field along the strides of a walk."""
     recording, nodes = problem.recording, problem.nodes
     assert recording.mag is not None
-    up_uT = float(np.nanmedian(_nav_field(field, _attitudes(problem))[:, 2]))
+    up_uT = float(np.nanmedian(rotate_field(field, list_attitudes(problem))[:, 2]))
     footfall = nodes.sample[nodes.result]
     return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT)
 
 
-def _compare_field(
+def compare_field(
     problem: WalkProblem,
     field: FootfallField,
     values: gtsam.Values,
@@ -273,8 +164,8 @@ def _compare_field(
     p: FieldParameters,
 ) -> FieldResiduals:
     """Compare the field along the walk with its mean; `states` (F, 8) of the last round, None before the first."""
-    nav_R_body = _attitudes(problem, values)
-    nav_field = _nav_field(field, nav_R_body)
+    nav_R_body = list_attitudes(problem, values)
+    nav_field = rotate_field(field, nav_R_body)
     seen = np.isfinite(nav_field[:, 0])
     level = np.hypot(nav_field[:, 0], nav_field[:, 1])
     verdicts = apply_gate(replace(field, nav_R_body=nav_R_body), p.gate)
@@ -301,7 +192,7 @@ def choose_steady(seen: Bools, passed: Bools) -> Bools:
     return passed if passed.sum() >= FEWEST_SEEN else seen
 
 
-def _with_field(
+def add_field_factors(
     problem: WalkProblem,
     field: FootfallField,
     residuals: FieldResiduals,
@@ -320,22 +211,22 @@ def _read_compass(
     problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
 ) -> CompassReadings:
     passed, nav_R_body, body_field = residuals.verdicts.quasi_static & p.compass, residuals.nav_R_body, field.body_field
-    sigma = np.where(passed, _compass_sigma(residuals, p), np.inf)
+    sigma = np.where(passed, compass_sigma(residuals, p), np.inf)
     if not (problem.heading_known or p.potential or passed.sum() >= FEWEST_SEEN):
         # Their mean as one reading in the middle of the walk.
         middle, body_field = len(sigma) // 2, body_field.copy()
-        mean = _nav_field(field, nav_R_body)[residuals.steady].mean(axis=0)
+        mean = rotate_field(field, nav_R_body)[residuals.steady].mean(axis=0)
         body_field[middle] = nav_R_body[middle].T @ mean
         sigma[middle] = np.hypot(COMPASS_SIGMA_UT, _average(residuals.rough.across, path))
     return CompassReadings(problem.nodes.result, body_field, nav_R_body, sigma)
 
 
-def _compass_sigma(residuals: FieldResiduals, p: FieldParameters) -> float:
+def compass_sigma(residuals: FieldResiduals, p: FieldParameters) -> float:
     """Noise of a footfall's compass, uT."""
     return COMPASS_SIGMA_UT if p.potential else residuals.white_uT
 
 
-def _expect_direction(
+def expect_direction(
     problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
 ) -> tuple[float, float]:
     """Direction of the mean field, rad clockwise from north, and its sigma.
@@ -349,7 +240,7 @@ def _expect_direction(
     of_regions = 0.0 if p.potential else float(np.hypot(_average(region, path), chosen_uT)) / strength
     if not problem.heading_known:
         return 0.0, float(np.hypot(np.radians(DECLINATION_SIGMA_DEG), of_regions))
-    first = _nav_field(field, residuals.nav_R_body)[residuals.steady][:FIRST_FOOTFALLS]
+    first = rotate_field(field, residuals.nav_R_body)[residuals.steady][:FIRST_FOOTFALLS]
     east, north, _ = first.mean(axis=0)
     deviations = np.hypot(residuals.rough.across.sigma, residuals.rough.regional.sigma) / strength
     sigma, found = float(np.hypot(np.radians(REFERENCE_SIGMA_DEG), of_regions)), float(np.arctan2(east, north))
@@ -383,7 +274,8 @@ def _expect_field(residuals: FieldResiduals, rough: FieldRoughness, direction: t
     return FieldPrior(np.array([0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
 
 
-def _write_notes(residuals: FieldResiduals, states: Floats, compass: bool) -> tuple[str, ...]:
+def write_notes(residuals: FieldResiduals, states: Floats, compass: bool) -> tuple[str, ...]:
+    """Write what was found of the field, with its states (F, 8)."""
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
     rough, verdicts = residuals.rough, residuals.verdicts

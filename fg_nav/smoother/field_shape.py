@@ -25,7 +25,7 @@ from gtsam.symbol_shorthand import X, Z
 from fg_nav.factors.rotation import turn_about_up
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.evidence import MOST_NATS, eliminate
-from fg_nav.smoother.field import COMPASS_ROUNDS, FieldSolution, solve_with_field
+from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_for_north, solve_with_field
 from fg_nav.smoother.graph import Trajectory, WalkProblem
 from fg_nav.smoother.solver import compute_error, linearize, time_order
 
@@ -35,7 +35,8 @@ SHAPE_SIGMA_DEG = 0.1
 
 def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
     """Smooth a walk, whose values are near its minimum without the field, with it; `track` is theirs."""
-    found = solve_with_field(problem, field, track)
+    walk = look_along(problem, field, track)
+    found = solve_with_field(walk)
     # Without a rest the shape is not known; with a heading that is given the direction of the field is looked for.
     if not problem.known.rests or problem.heading_known:
         return found
@@ -44,21 +45,12 @@ def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: T
     if nats > MOST_NATS:
         return found
     # It is not: the field shows north.
-    kept = _show_north(problem, field, track)
+    kept = solve_for_north(walk)
     note = (
         f"the path keeps the shape that it has without the field, which shows north alone: it speaks against that "
         f"shape by {nats:.1f} nats, and {MOST_NATS:.0f} are asked for"
     )
     return replace(kept, verdict=replace(kept.verdict, notes=(*kept.verdict.notes, note)))
-
-
-def _show_north(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
-    """Smooth a walk with the mean of its field as one reading of the compass."""
-    # One round in all: walks without line integrals are given `COMPASS_ROUNDS` more.
-    magnetic = replace(problem.parameters.magnetic, compass=False, potential=False, rounds=1 - COMPASS_ROUNDS)
-    without = replace(problem, differential=None, parameters=replace(problem.parameters, magnetic=magnetic))
-    found = solve_with_field(without, field, track)
-    return replace(found, problem=replace(found.problem, parameters=problem.parameters))
 
 
 def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.differential import add_differential_field
-from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, ignore_field
+from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
+from fg_nav.smoother.field_rounds import FieldSolution
 from fg_nav.smoother.field_shape import solve_where_field_tells
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.solver import Solved

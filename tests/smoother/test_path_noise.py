@@ -11,7 +11,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.evidence import MOST_NATS
-from fg_nav.smoother.field import solve_with_field
+from fg_nav.smoother.field_rounds import look_along, solve_with_field
 from fg_nav.smoother.path_noise import (
     REFUTED_NATS,
     SHARES,
@@ -84,7 +84,7 @@ def over_rough_floor(seed: int) -> Recording:
 def noise_on(recording: Recording, stances: Stances) -> PathNoise:
     """Of a walk solved with its integrals."""
     problem = walk_problem(recording, stances, None, ALWAYS)
-    found = solve_with_field(problem, average_footfall_field(recording, stances), track_of(problem))
+    found = solve_with_field(look_along(problem, average_footfall_field(recording, stances), track_of(problem)))
     return choose_path_noise(found.problem, found.solved.values)
 
 
