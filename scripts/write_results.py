@@ -14,31 +14,21 @@ A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`; `B
 from __future__ import annotations
 
 import json
-import math
 import re
-import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import harness
-import numpy as np
-from real_fields import MERITS
-from real_walks import (
-    FOOTPRINTS,
-    LOOPS,
-    NEES,
-    PYSHOE,
-    RMSE,
-    RUN,
-    SPACE,
-    STORED,
-    SURVEYED,
-    VICON_DETECTED,
-    VICON_LABELLED,
+from walk_tables import (
+    Walks,
+    write_ablation,
+    write_indoor,
+    write_pairs,
+    write_row,
+    write_summary,
+    write_vicon,
 )
-from walks import GDIN
 
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.results import (
@@ -214,12 +204,12 @@ def _paper(found: Reproduction) -> Iterator[str]:
 
 
 def _table(experiment: Experiment, walks: int) -> Iterator[str]:
-    yield _line(["", "paper", *experiment.columns, "verdict"])
+    yield write_row(["", "paper", *experiment.columns, "verdict"])
     yield "|---|" + "---:|" * (1 + len(experiment.columns)) + "---|"
     for row in experiment.rows:
         ours = [_figure(row, column, walks) for column in experiment.columns]
         verdict = f"**{row.verdict}**" if row.verdict else ""
-        yield _line(
+        yield write_row(
             [
                 format_name(row),
                 format_printed(row),
@@ -234,19 +224,10 @@ def _figure(row: Row, column: str, walks: int) -> str:
     return f"**{figure}**" if column == row.judged and row.verdict else figure
 
 
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(_in_table(cell) for cell in cells) + " |"
-
-
-def _in_table(text: str) -> str:
-    """What would end a cell, or be taken for a tag, is written so that it is not."""
-    return re.sub(r"<(?=[A-Za-z/!])", "&lt;", text.replace("|", "\\|").replace("\n", " "))
-
-
 def headlines(found: Sequence[Reproduction], page: str) -> list[str]:
     """Return the lines of another page, of the papers that are there."""
     beside = BESIDE.get(page, ())
-    lines = [_line(["", "paper", "its method here", *beside, "ours"]), "|---|" + "---:|" * (3 + len(beside))]
+    lines = [write_row(["", "paper", "its method here", *beside, "ours"]), "|---|" + "---:|" * (3 + len(beside))]
     by_name = {(one.paper, experiment.name): (one, experiment) for one in found for experiment in one.experiments}
     there = (line for line in HEADLINES[page] if (line.paper, line.experiment) in by_name)
     return [*lines, *(_headline(*by_name[line.paper, line.experiment], line, beside) for line in there)]
@@ -258,7 +239,7 @@ def _headline(found: Reproduction, experiment: Experiment, line: Line, beside: S
     ours = next((column for column in OURS if column in first.ours), "")
     what = format_name(replace(first, quantity=line.what or first.quantity))
     figures = [_figures(rows, column, walks) for column in (first.judged, *beside, ours)]
-    return _line([f"{found.paper}, {experiment.name}: {what}", format_printed(first), *figures])
+    return write_row([f"{found.paper}, {experiment.name}: {what}", format_printed(first), *figures])
 
 
 def _row_named(found: Reproduction, experiment: Experiment, name: str) -> Row:
@@ -272,121 +253,6 @@ def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
     """Of one row with its spread, of several the medians."""
     figures = [format_spread(row, column, walks) for row in rows]
     return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
-
-
-# --- real walks ------------------------------------------------------------------------------------------------------
-
-Walks = Mapping[str, Any]
-"""Content of `real-walks.json`."""
-
-INERTIAL, IEZ = "smoother", "iez"
-
-
-def write_summary(walks: Walks) -> list[str]:
-    """Figures of all sets in three lines."""
-    footprints = [of_pairs(walks, "without"), of_pairs(walks, "raw"), of(walks, FOOTPRINTS, IEZ, RMSE), "-"]
-    vicon = [of(walks, VICON_LABELLED, method, RMSE) for method in (INERTIAL, IEZ)]
-    loops = [of(walks, LOOPS, method, "closure_percent", "{:.2f}", WORST) for method in (INERTIAL, IEZ)]
-    gdin = "10 indoor walks of 35 to 150 m (`gdin`): rmse at surveyed footprints, mean / median (m)"
-    surveyed = {"11 indoor walks of 10 to 120 m": SURVEYED, "7 runs, or gyroscope clipped": RUN}
-    return [
-        "| | `inertial` | `smoother`, with the compass | `iez` | PyShoe |",
-        "|---|---:|---:|---:|---:|",
-        _line(["28 motion-captured trials: rmse 2-D, mean / median (m)", vicon[0], "-", vicon[1], PYSHOE_2D]),
-        _line([gdin, *footprints]),
-        *(_line([f"{what} (`gdlbio`): the same", *_of_stored(walks, part)]) for what, part in surveyed.items()),
-        _line(["5 loops of 23 to 78 m: closure in % of the distance, median / worst", loops[0], "-", loops[1], "-"]),
-    ]
-
-
-def _of_stored(walks: Walks, section: str) -> tuple[str, ...]:
-    ours, filtered, stored = (of(walks, section, method, RMSE) for method in (INERTIAL, IEZ, STORED))
-    return ours, "-", filtered, stored
-
-
-def write_vicon(walks: Walks) -> list[str]:
-    """Figures of the motion-captured trials."""
-    rows = {
-        "PyShoe's labels as stances: rmse 2-D, mean / median (m)": (VICON_LABELLED, RMSE, "{:.3f}", MEAN, PYSHOE_2D),
-        "the same, rmse 3-D": (VICON_LABELLED, SPACE, "{:.3f}", MEAN, PYSHOE_3D),
-        "the same, best-fit scale, median": (VICON_LABELLED, "scale", "{:.4f}", MIDDLE, "-"),
-        "the same, NEES of the positions over its expectation, median": (VICON_LABELLED, NEES, "{:.2f}", MIDDLE, "-"),
-        "own stances: rmse 2-D, mean / median (m)": (VICON_DETECTED, RMSE, "{:.3f}", MEAN, "-"),
-        "the same, rmse 3-D, median / worst trial": (VICON_DETECTED, SPACE, "{:.3f}", WORST, "-"),
-    }
-    return _of_both(walks, rows)
-
-
-def write_indoor(walks: Walks) -> list[str]:
-    """Figures of the indoor walks and loops."""
-    rows = {
-        "10 `gdin` walks of 35 to 150 m: footprint rmse, mean / median (m)": (FOOTPRINTS, RMSE, "{:.3f}", MEAN, ""),
-        "the same, median / worst walk": (FOOTPRINTS, RMSE, "{:.2f}", WORST, ""),
-        "the same, best-fit scale, median": (FOOTPRINTS, "scale", "{:.3f}", MIDDLE, ""),
-        "5 loops of 23 to 78 m: closure in % of the distance, median / worst": (
-            LOOPS, "closure_percent", "{:.2f}", WORST, "",
-        ),
-    }  # fmt: skip
-    return _of_both(walks, rows)
-
-
-def _of_both(walks: Walks, rows: Mapping[str, tuple[str, str, str, Sequence[Summary], str]]) -> list[str]:
-    beside = any(row[-1] for row in rows.values())
-    lines = ["| | `inertial` | `iez` |" + " PyShoe |" * beside, "|---|---:|---:|" + "---:|" * beside]
-    for words, (section, name, pattern, summaries, other) in rows.items():
-        both = [of(walks, section, method, name, pattern, summaries) for method in (INERTIAL, IEZ)]
-        lines.append(_line([words, *both, *([other] if beside else [])]))
-    return lines
-
-
-def write_pairs(walks: Walks) -> list[str]:
-    """Each walk without and with the magnetometer."""
-    lines = ["| walk | without | as recorded | calibrated on the walk |", "|---|---:|---:|---:|"]
-    for group, merit in MERITS.items():
-        some = [pair for pair in walks["magnetometer"] if pair["group"] == group]
-        rows = {f"{group} {pair['name']}": [pair[kind] for kind in KINDS] for pair in some}
-        rows[f"{group}, mean: {merit}"] = np.mean(list(rows.values()), axis=0).tolist()
-        lines += [_line([name, *(f"{value:.3f}" for value in values)]) for name, values in rows.items()]
-    return lines
-
-
-def write_ablation(walks: Walks) -> list[str]:
-    """The smoother without one of its parts."""
-    rows = walks["ablation"]
-    lines = [_line(list(rows[0])), "|---|" + "---:|" * (len(rows[0]) - 1)]
-    return lines + [_line([_cell(cell) for cell in row.values()]) for row in rows]
-
-
-def _cell(value: object) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
-
-
-Summary = Callable[[Sequence[float]], float]
-MEAN: Sequence[Summary] = (statistics.fmean, statistics.median)
-WORST: Sequence[Summary] = (statistics.median, max)
-MIDDLE: Sequence[Summary] = (statistics.median,)
-KINDS = ("without", "raw", "walk")
-PYSHOE_2D, PYSHOE_3D = (" / ".join(f"{PYSHOE[of][plane]:.3f}" for of in ("mean", "median")) for plane in (0, 1))
-
-
-def of(
-    walks: Walks,
-    section: str,
-    method: str,
-    name: str,
-    pattern: str = "{:.3f}",
-    summaries: Sequence[Summary] = MEAN,
-) -> str:
-    """A figure of merit over the walks of a section; a walk that failed is infinitely bad."""
-    rows = [one for one in walks["walks"] if (one["section"], one["method"]) == (section, method)]
-    values = [one.get(name, math.inf) for one in rows]
-    return " / ".join(pattern.format(summary(values)) for summary in summaries)
-
-
-def of_pairs(walks: Walks, kind: str) -> str:
-    """Mean and median over the gdin walks without the magnetometer, or with it."""
-    values = [pair[kind] for pair in walks["magnetometer"] if pair["group"] == GDIN]
-    return " / ".join(f"{summary(values):.3f}" for summary in MEAN)
 
 
 BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Walks], list[str]]] = {

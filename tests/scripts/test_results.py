@@ -15,6 +15,7 @@ from tests.scripts import load_script
 
 ROOT = Path(__file__).parents[2]
 script = load_script("write_results")
+tables = load_script("walk_tables")
 
 PAGE = ROOT / "docs" / "results.md"
 FILES = [PAGE.parent / "results" / f"{name}.json" for name in ("ma2018", "aiez2017", "munoz-diaz2017")]
@@ -98,13 +99,13 @@ def test_every_block_stands_in_one_page():
 
 def test_figures_of_the_real_walks_are_their_means_and_medians():
     walks = json.loads(WALKS.read_text())
-    rmse = [one["rmse_2d_m"] for one in walks["walks"] if (one["section"], one["method"]) == (script.FOOTPRINTS, "iez")]
-    assert script.of(walks, script.FOOTPRINTS, "iez", "rmse_2d_m") == f"{np.mean(rmse):.3f} / {np.median(rmse):.3f}"
+    rmse = [one["rmse_2d_m"] for one in walks["walks"] if (one["section"], one["method"]) == (tables.FOOTPRINTS, "iez")]
+    assert tables.of(walks, tables.FOOTPRINTS, "iez", "rmse_2d_m") == f"{np.mean(rmse):.3f} / {np.median(rmse):.3f}"
     without = [one["without"] for one in walks["magnetometer"] if one["group"] == "gdin"]
     inertial = [
         one["rmse_2d_m"]
         for one in walks["walks"]
-        if (one["section"], one["method"]) == (script.FOOTPRINTS, script.INERTIAL)
+        if (one["section"], one["method"]) == (tables.FOOTPRINTS, tables.INERTIAL)
     ]
     assert without == pytest.approx(inertial, abs=1e-4)  # two ways to the same figure
 
