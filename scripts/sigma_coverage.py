@@ -5,7 +5,7 @@
 
 =========== ==========================================================================================================
 vicon       28 trials with motion capture, own stances
-gdin        10 indoor walks with surveyed footprints, and with the magnetometer of eight of them as recorded
+gdin        10 indoor walks with surveyed footprints, without their magnetometer and with it as recorded
 gdlbio      11 indoor walks with every footprint surveyed
 simulated   ways of 700 m that end far from where they began, legs of 50 to 120 m within 60 degrees of one direction, a
             sensor in the heel; without a magnetometer, and with one in smooth and indoor fields; heading at the start
@@ -25,6 +25,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -81,7 +82,7 @@ class Row:
     def as_dict(self) -> dict[str, object]:
         """Ready for JSON."""
         parts = {
-            name: {"inside": one.inside, "end": one.ends_inside, "ratio": one.ratio, "end_error": float(one.error[-1])}
+            name: {"inside": round(one.inside, 4), "end": one.ends_inside, "ratio": round(one.ratio, 3)}
             for name, one in self.found.items()
         }
         return {"section": self.section, "walk": self.walk, "failure": self.failure, **parts}
@@ -106,7 +107,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.per_walk:
         print_walks(rows)
     figures = judge(rows)
-    harness.print_verdict(figures, chosen.json, walks=[row.as_dict() for row in rows])
+    made = date.today().isoformat()
+    harness.print_verdict(figures, chosen.json, made=made, walks=[row.as_dict() for row in rows])
 
 
 # --- real walks ------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Tables of the real walks for README and docs, of the file that `real_walks.py` writes."""
+"""Tables of the walks for README and docs, of the files that `real_walks.py` and `sigma_coverage.py` write."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from joint_errors import FREEDOM
 from real_fields import MERITS
 from real_walks import (
     FOOTPRINTS,
@@ -151,3 +152,22 @@ def of_pairs(walks: Walks, kind: str) -> str:
     """Mean and median over the gdin walks without the magnetometer, or with it."""
     values = [pair[kind] for pair in walks["magnetometer"] if pair["group"] == GDIN]
     return " / ".join(f"{summary(values):.3f}" for summary in MEAN)
+
+
+def write_coverage(content: Mapping[str, Any]) -> list[str]:
+    """Shares of errors in the region of 95 % and error over sigma, one row a section of `coverage.json`."""
+    lines = [write_row(["", "walks", *FREEDOM]), "|---|---:|" + "---:|" * len(FREEDOM)]
+    for section in dict.fromkeys(walk["section"] for walk in content["walks"]):
+        some = [walk for walk in content["walks"] if walk["section"] == section]
+        figures = {one["name"]: one for one in content["figures"] if one["section"] == section}
+        cells = [_of_coverage(figures.get(name), [walk[name] for walk in some if name in walk]) for name in FREEDOM]
+        lines.append(write_row([section, f"{len(some)}", *cells]))
+    return lines
+
+
+def _of_coverage(figure: Mapping[str, Any] | None, found: Sequence[Mapping[str, Any]]) -> str:
+    if figure is None:
+        return "-"
+    ratio = statistics.median(one["ratio"] for one in found)
+    missed = ", missed" if figure["mark"] == "missed" else ""
+    return f"{figure['measured']:.0%}, {ratio:.2f}{missed}"

@@ -6,6 +6,7 @@
 ============================================= ======================================================================
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav reproduce PAPER`
 `real-walks.json`                             `python scripts/real_walks.py --ablation --json FILE`
+`coverage.json`                               `python scripts/sigma_coverage.py --json FILE`
 ============================================= ======================================================================
 
 A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`; `BLOCKS` has the names.
@@ -23,6 +24,7 @@ import harness
 from walk_tables import (
     Walks,
     write_ablation,
+    write_coverage,
     write_indoor,
     write_pairs,
     write_row,
@@ -140,8 +142,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def write_pages(root: Path) -> dict[Path, str]:
     """Text of every page that has results in it."""
     papers = [read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
-    walks = json.loads((root / FOLDER / "real-walks.json").read_text(encoding="utf-8"))
-    blocks = {name: write_block(papers, walks) for name, write_block in BLOCKS.items()}
+    walks, coverage = (
+        json.loads((root / FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in ("real-walks", "coverage")
+    )
+    blocks = {name: write_block(papers, walks, coverage) for name, write_block in BLOCKS.items()}
     pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
     found = {page: fill_marks(read_page(page), blocks) for page in pages if MARKED.search(read_page(page))}
     return {root / "docs" / "results.md": document(papers), **found}
@@ -255,14 +259,15 @@ def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
     return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
 
 
-BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Walks], list[str]]] = {
-    "papers": lambda papers, _: headlines(papers, "README.md"),
-    "pocket": lambda papers, _: headlines(papers, "docs/pocket.md"),
-    "real-walks": lambda _, walks: write_summary(walks),
-    "vicon": lambda _, walks: write_vicon(walks),
-    "indoor": lambda _, walks: write_indoor(walks),
-    "magnetometer": lambda _, walks: write_pairs(walks),
-    "ablation": lambda _, walks: write_ablation(walks),
+BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Walks, Walks], list[str]]] = {
+    "papers": lambda papers, *_: headlines(papers, "README.md"),
+    "pocket": lambda papers, *_: headlines(papers, "docs/pocket.md"),
+    "real-walks": lambda _, walks, __: write_summary(walks),
+    "vicon": lambda _, walks, __: write_vicon(walks),
+    "indoor": lambda _, walks, __: write_indoor(walks),
+    "magnetometer": lambda _, walks, __: write_pairs(walks),
+    "ablation": lambda _, walks, __: write_ablation(walks),
+    "coverage": lambda _, __, coverage: write_coverage(coverage),
 }
 """Tables of other pages by the names of their marks."""
 

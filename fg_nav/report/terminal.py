@@ -18,6 +18,7 @@ _PIPE_WIDTH = 1000
 
 FIGURES = (
     ("distance_m", "distance (m)", "{:.2f}"),
+    ("distance_sigma_m", "its sigma (m)", "{:.2f}"),
     ("strides", "strides", "{:d}"),
     ("strides_true", "strides in truth", "{:d}"),
     ("closure_m", "start to end (m)", "{:.3f}"),
