@@ -22,7 +22,6 @@ from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear
 from .walk_constraints import (
     FloorHeight,
     StraightWalk,
-    floor_labels,
     position_fix_factor,
     position_fix_noise,
     straight_triples,
@@ -42,7 +41,6 @@ __all__ = [
     "StanceVelocity",
     "StraightWalk",
     "factor_of",
-    "floor_labels",
     "guarded_factor",
     "integrate_field",
     "linear_factor_of",

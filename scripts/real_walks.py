@@ -46,7 +46,7 @@ from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.report.terminal import console
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.parameters import PLAIN
+from fg_nav.smoother.parameters import PLAIN, WalkParameters
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.verdict import judge_path
@@ -352,7 +352,8 @@ DEFAULT = SmootherParameters()
 ABLATION: Mapping[str, SmootherParameters] = {
     "default": DEFAULT,
     "no lever": replace(DEFAULT, known_lever=(0.0, 0.0, 0.0)),
-    "no settling": replace(DEFAULT, settling_m=0.0),
+    "no floors": replace(DEFAULT, walk=WalkParameters(floors=False)),
+    "no floors, 1.5 mm a sole": replace(DEFAULT, settling_m=0.0015, walk=WalkParameters(floors=False)),
     "plain zero velocity": PLAIN,
     "one node a stance": replace(DEFAULT, shortest_interval_s=1e3),
     "nodes 0.05 s apart": replace(DEFAULT, node_spacing_s=0.05),

@@ -2,9 +2,9 @@
 
 problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk
               (`problem.walk_problem`, which calls `graph.build_problem`)
-fixes         known positions, added to the first solution (`constraints`)
-constraints   straight stretches and floors, found on the first solution, where they are asked for
-solve         Gauss-Newton (`solver`), where there are fixes or constraints, and where the field is not used
+fixes         known positions, added to the first solution (`constraints`), which is solved again
+constraints   level floors found on that solution, and straight stretches where they are asked for
+solve         Gauss-Newton (`solver`), where the field is not used
 differential  field while the foot stands: factors on the gyro bias (`differential`)
 field         the magnetic field, in rounds, each of which solves again (`field`); both by `solved_walk.solve_walk`
 prior         of the gyro bias: all again with a wider one where the bias is too large for it (`bias_prior`)
@@ -33,6 +33,7 @@ from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import write_note
+from fg_nav.smoother.floors import write_floor_note
 from fg_nav.smoother.graph import solve, trajectory_of
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.parameters import SmootherParameters
@@ -131,14 +132,12 @@ def _solve_from_samples(
     fixes: Sequence[Fix],
 ) -> SolvedWalk:
     # The walk by its inertial sensor and its stances, with values near the minimum.
-    inertial = walk_problem(recording, stances, heading, parameters, progress)
-    # Fixes and constraints between footfalls need that solution to be placed.
-    problem = add_fixes(inertial, inertial.values, fixes) if fixes else inertial
-    if parameters.walk.straight or parameters.walk.floors:
-        problem = add_constraints(problem, problem.values)
-    if problem is not inertial:
+    problem = walk_problem(recording, stances, heading, parameters, progress)
+    # Fixes need that solution to be placed, and constraints between footfalls the one with fixes.
+    if fixes:
+        problem = add_fixes(problem, problem.values, fixes)
         problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
-    return solve_walk(problem, field)
+    return solve_walk(add_constraints(problem, problem.values), field)
 
 
 Solve: TypeAlias = Callable[[Recording, SmootherParameters], SolvedWalk]
@@ -179,6 +178,7 @@ def _solution_of(walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, 
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
     position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
     tails = freeze_ends(recording.t, stances, position, velocity)
+    floors = write_floor_note(problem.floor)
     steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
     return Solution(
         method="smoother",
@@ -189,7 +189,7 @@ def _solution_of(walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, 
         stances=table,
         runtime_s=perf_counter() - began,
         parameters=asdict(p),
-        notes=(*problem.known.notes, steps, *write_note(problem.differential), *verdict.notes, *tails),
+        notes=(*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes, *tails),
         graph=count_factors(problem),
         recording=recording,
         distance_sigma_m=float(np.sqrt(path_variance[0, 0])),

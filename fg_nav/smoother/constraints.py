@@ -9,20 +9,16 @@ A heading that was given becomes a prior of some degrees as soon as the fixes sh
 is first turned about its start to where it fits the fixes best, and then its heading is free. A fix is tied to the node
 nearest in time. Between the two the foot moves on, at walking pace on the mean; its sigma grows by as much.
 
-Constraints are off unless asked for.
+Straight on (`factors.StraightWalk`), off unless asked for: the change of course between footfalls n strides apart.
+Nothing is assumed in a curve, as a row of zeros holds no information. A corner that begins within the last stride of a
+displacement turns its course by a few degrees, which passes for straight. On a walk that turns one way more often than
+the other such changes do not cancel: on loops to the right they were worth 0.04 deg a stride. So no footfall may stand
+farther off the line between the ends of its displacement than people weave; drift bends such a line by centimetres.
 
-Straight on (`factors.StraightWalk`): the change of course between footfalls n strides apart. Nothing is assumed in a
-curve, as a row of zeros holds no information. A corner that begins within the last stride of a displacement turns its
-course by a few degrees, which passes for straight. On a walk that turns one way more often than the other such changes
-do not cancel: on loops to the right they were worth 0.04 deg a stride. So no footfall may stand farther off the line
-between the ends of its displacement than people weave; drift bends such a line by centimetres.
-
-Floors (`factors.floor_height`). Each floor has its height Z as a variable. Factors from footfall to footfall would do
-without, but sum up to a walk of their own: after a thousand strides a floor of factors of 2 cm is as steep as 0.6 m. A
-variable costs one row in each clique between the first footfall on a floor and the last, and floors are few. Which
-footfall is on which floor is proposed from a first solution. Its height drifts by metres, smoothly: some millimetres a
-stride, while a stride on stairs climbs decimetres. `keep_steps` keeps of the heights what was climbed in strides above
-the step, and of that the floors are proposed; how long the walk stayed away makes no difference.
+Floors (`factors.FloorHeight`), where the walk shows them (`floors.find_floors`). Each has its height Z as a variable.
+Factors from footfall to footfall would do without, but sum up to a walk of their own: after a thousand strides a floor
+of factors of 2 cm is as steep as 0.6 m. A variable costs one row in each clique between the first footfall on a floor
+and the last.
 """
 
 from __future__ import annotations
@@ -39,27 +35,21 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.walk_constraints import (
-    STEP_M,
     FloorHeight,
     StraightWalk,
-    floor_labels,
     position_fix_factor,
     position_fix_noise,
     straight_triples,
 )
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import Fix
+from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
-from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import GtsamFactors
 from fg_nav.smoother.strides import Nodes
 
 STRAIGHT_WITHIN_M = 0.15
 """Off the line between its ends within which a stretch may be straight: two sigmas of weaving by 7 cm."""
-
-FLOOR_SIGMA_M = 0.02
-"""Height of the sensor in a stance above its floor: mats, thresholds, and how the foot is set down, a centimetre
-each."""
 
 GIVEN_HEADING_DEG = 5.0
 """Sigma of the heading at the start that was given, where fixes show it as well: a compass held by hand, or a line
@@ -184,25 +174,23 @@ def free_heading(problem: WalkProblem, pinned: PinnedFixes, values: gtsam.Values
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
     """Add the straight stretches and floors found on a first solution, into whose values the floors are put."""
-    found, floors = find_constraints(problem.nodes.result, values, problem.parameters.walk)
-    return replace(problem, constraints=(*problem.constraints, *found), floors=floors)
+    p, nodes = problem.parameters, problem.nodes
+    position = np.array([values.atPose3(X(int(j))).translation() for j in nodes.result])
+    if p.walk.straight:
+        problem = replace(problem, constraints=(*problem.constraints, find_courses(nodes.result, position)))
+    if not p.walk.floors:
+        return problem
+    floor = find_floors(problem.recording.t[nodes.sample[nodes.result]], position, p.settling_sigma_m)
+    for number in range(floor.max(initial=-1) + 1):
+        values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
+    heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)
+    return replace(problem, constraints=(*problem.constraints, heights), floor=floor)
 
 
-def find_constraints(node: Ints, values: gtsam.Values, p: WalkParameters) -> tuple[tuple[ResidualBlock, ...], int]:
-    """Return the constraints that are asked for on footfalls at `node` (F,), and the number of floors."""
-    position = np.array([values.atPose3(X(int(j))).translation() for j in node])
-    found, floors = [], 0
-    if p.straight:
-        triples = straight_triples(position)
-        triples = triples[off_line(position, triples) <= STRAIGHT_WITHIN_M]
-        found.append(constrain_courses(node, triples))
-    if p.floors:
-        label = floor_labels(keep_steps(position[:, 2], STEP_M), STEP_M)
-        found.append(constrain_heights(node, label, FLOOR_SIGMA_M))
-        floors = int(label.max(initial=-1)) + 1
-        for floor in range(floors):
-            values.insert(Z(floor), np.array([position[label == floor, 2].mean()]))
-    return tuple(found), floors
+def find_courses(node: Ints, position: Floats) -> ResidualBlock:
+    """Constrain the courses between footfalls at `node` (F,) and `position` (F, 3) m where a walk is straight."""
+    triples = straight_triples(position)
+    return constrain_courses(node, triples[off_line(position, triples) <= STRAIGHT_WITHIN_M])
 
 
 def constrain_courses(node: Ints, triples: Ints) -> ResidualBlock:
@@ -229,9 +217,3 @@ def _off_line(place: Floats) -> float:
     from_first = place - place[0]
     across = from_first[:, 0] * along[1] - from_first[:, 1] * along[0]
     return float(np.abs(across).max() / np.linalg.norm(along))
-
-
-def keep_steps(height: Floats, step_m: float) -> Floats:
-    """Heights (F,) m with all changes of no more than a step taken out, from zero."""
-    climbed = np.diff(height, prepend=height[:1])
-    return np.cumsum(np.where(np.abs(climbed) > step_m, climbed, 0.0))

@@ -26,6 +26,7 @@ from fg_nav.factors.rotation import turn_about_up
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_for_north, solve_with_field
+from fg_nav.smoother.floors import count_floors
 from fg_nav.smoother.graph import Trajectory, WalkProblem
 from fg_nav.smoother.solver import compute_error, linearize, time_order
 
@@ -56,7 +57,7 @@ def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: T
 def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:
     """By how many nats a walk with its field is less likely with the headings that it has without it."""
     problem, values = found.problem, found.solved.values
-    node, common = problem.nodes.result.tolist(), Z(problem.floors)
+    node, common = problem.nodes.result.tolist(), Z(count_floors(problem.floor))
     linear = linearize(problem.graph, problem.blocks, values)
     nav_R_body, held = (np.array([some.atPose3(X(j)).rotation().matrix() for j in node]) for some in (values, without))
     turn = np.unwrap(turn_about_up(nav_R_body @ np.swapaxes(held, -1, -2)))
@@ -66,6 +67,6 @@ def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:
         by_pose = np.zeros((1, 6))
         by_pose[0, :3] = weight * R[2]
         linear.push_back(gtsam.JacobianFactor(X(j), by_pose, common, by_common, np.array([-weight * psi]), one))
-    ordering = time_order(problem.nodes, with_field=True, floors=problem.floors)
+    ordering = time_order(problem.nodes, with_field=True, floor=problem.floor)
     ordering.push_back(common)
     return eliminate(linear, ordering)[0] - compute_error(problem.graph, problem.blocks, values)

@@ -100,7 +100,8 @@ class WalkProblem:
     start : prior on the first pose.
     graph : inertial factors, and those on biases and settling.
     velocities : of the stances.
-    constraints : factors of fixes, straight stretches and floors, and the number of floors.
+    constraints : factors of fixes, straight stretches and floors.
+    floor : (F,) floor of each footfall, -1 on none; None where they were not looked for.
     field : factors of the magnetic field, where it is used.
     differential : those of the differential field on the gyro bias, where the magnetometer is used.
     values : of all variables, to start from.
@@ -116,7 +117,7 @@ class WalkProblem:
     velocities: ResidualBlock
     values: gtsam.Values
     constraints: tuple[LinearizableBlock, ...] = ()
-    floors: int = 0
+    floor: Ints | None = None
     field: FieldFactors | None = None
     differential: DifferentialFactors | None = None
 
@@ -140,7 +141,7 @@ class WalkProblem:
 
 def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
     """Minimize the error of a walk, to this difference of promised and true error per variable."""
-    ordering = time_order(problem.nodes, problem.field is not None, problem.floors)
+    ordering = time_order(problem.nodes, problem.field is not None, problem.floor)
     return minimize(problem.graph, problem.blocks, problem.values, ordering, convergence)
 
 

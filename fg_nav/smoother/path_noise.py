@@ -104,7 +104,7 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> tuple[gtsa
     first, then = gtsam.Ordering(), gtsam.Ordering()
     for key in between:
         first.push_back(key)
-    ordering, gone = time_order(problem.nodes, with_field=True, floors=problem.floors), set(between)
+    ordering, gone = time_order(problem.nodes, with_field=True, floor=problem.floor), set(between)
     for key in map(ordering.at, range(ordering.size())):
         if key not in gone:
             then.push_back(key)

@@ -84,15 +84,17 @@ class GtsamFactors:
         return (linear.at(i) for i in range(linear.size()))
 
 
-def time_order(nodes: Nodes, with_field: bool = False, floors: int = 0) -> gtsam.Ordering:
+def time_order(nodes: Nodes, with_field: bool = False, floor: Ints | None = None) -> gtsam.Ordering:
     """Order in which the variables are eliminated: node by node, bias and settling after the last node that uses them.
 
-    With the field its state M at each footfall follows the node of the footfall's result. Floors come after all else,
-    as the walk may come back to each.
+    With the field its state M at each footfall follows the node of the footfall's result. Floors come after the last
+    footfall on them, of which `floor` (F,) has the number.
     """
     ordering = gtsam.Ordering()
     bias = nodes.bias[nodes.footfall]
     footfall = {int(j): k for k, j in enumerate(nodes.result)} if with_field else {}
+    last_on = {} if floor is None else dict(zip(floor.tolist(), nodes.result.tolist(), strict=True))
+    leaves = {j: number for number, j in last_on.items() if number >= 0}
     for j in range(len(nodes)):
         if j > 0 and bias[j] != bias[j - 1]:
             ordering.push_back(S(bias[j - 1]))
@@ -101,10 +103,10 @@ def time_order(nodes: Nodes, with_field: bool = False, floors: int = 0) -> gtsam
         ordering.push_back(V(j))
         if j in footfall:
             ordering.push_back(M(footfall[j]))
+        if j in leaves:
+            ordering.push_back(Z(leaves[j]))
     ordering.push_back(S(bias[-1]))
     ordering.push_back(B(bias[-1]))
-    for floor in range(floors):
-        ordering.push_back(Z(floor))
     return ordering
 
 

@@ -299,7 +299,7 @@ def _stance_noise(
     still = VELOCITY_SIGMA**2 + (p.unsteady_s * off_gravity) ** 2
     rolling = p.roll_sigma_m**2 * (rate**2).sum(axis=1)
     sigma = np.repeat(np.sqrt(still + rolling)[:, None], 3, axis=1)
-    sigma[:, 2] = np.hypot(sigma[:, 2], sinking)
+    sigma[:, 2] = np.hypot(sigma[:, 2], p.settling_sigma_m * sinks_per_m)
     return settling, sigma
 
 

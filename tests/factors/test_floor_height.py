@@ -1,4 +1,4 @@
-"""Floor heights: Jacobians, what they do to a drifting climb, and which footfalls are proposed for which floor."""
+"""Floor heights: Jacobians, and what they do to a drifting climb."""
 
 import gtsam
 import numpy as np
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.residual import factor_of
-from fg_nav.factors.walk_constraints import FloorHeight, floor_labels
+from fg_nav.factors.walk_constraints import FloorHeight
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
@@ -52,36 +52,6 @@ def up_and_down(level=20):
     return height, floor
 
 
-@given(seed=st.integers(0, 1000), drift=st.floats(-0.015, 0.015), shift=heights)
-@settings(max_examples=40, deadline=None)
-def test_floors_are_distinguished_in_spite_of_drift(seed, drift, shift):
-    height, floor = up_and_down()
-    seen = height + shift + drift * np.arange(len(height)) + np.random.default_rng(seed).normal(0, 0.01, len(height))
-    np.testing.assert_array_equal(floor_labels(seen), floor)
-
-
-def test_a_floor_is_known_by_where_it_was_left():
-    """Two metres of drift on the ground floor: more than to the half of the storey."""
-    height, floor = up_and_down(level=200)
-    drift = 0.01 * np.minimum(np.arange(len(height)), 200)
-    np.testing.assert_array_equal(floor_labels(height + drift), floor)
-
-
-def test_a_landing_and_a_kerb_are_no_floors():
-    landing = np.concatenate(
-        [np.zeros(10), [0.34, 0.68, 1.02, 1.36, 1.7, 1.7, 1.7, 2.04, 2.38, 2.72, 3.06], np.full(10, 3.4)]
-    )
-    np.testing.assert_array_equal(floor_labels(landing), np.repeat([0, -1, 1], [10, 11, 10]))
-    kerb = np.concatenate([np.zeros(10), np.full(10, 0.15), np.zeros(10)])
-    np.testing.assert_array_equal(floor_labels(kerb), 0)
-
-
-def test_a_walk_that_is_too_short_or_empty_is_on_no_floor():
-    np.testing.assert_array_equal(floor_labels(np.zeros(3)), [-1, -1, -1])
-    assert floor_labels(np.zeros(0)).shape == (0,)
-    np.testing.assert_array_equal(floor_labels(np.zeros(4)), 0)
-
-
 def climbed(rng, sigma, step_sigma, floors=True):
     """Heights found from noisy, biased steps, and true heights of the sensor; NEES of the last one."""
     height, floor = up_and_down()
@@ -97,11 +67,10 @@ def climbed(rng, sigma, step_sigma, floors=True):
         if k > 0:
             step = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, seen[k - 1]]))
             graph.push_back(gtsam.BetweenFactorPose3(X(k - 1), X(k), step, step_noise))
-    labels = floor_labels(at)
-    for k in np.flatnonzero(labels >= 0) if floors else []:
-        graph.push_back(factor_of(FloorHeight(sigma), [X(k), Z(labels[k])]))
-    for f in np.unique(labels[labels >= 0]) if floors else []:
-        values.insert(Z(f), np.array([at[labels == f].mean()]))
+    for k in np.flatnonzero(floor >= 0) if floors else []:
+        graph.push_back(factor_of(FloorHeight(sigma), [X(k), Z(floor[k])]))
+    for f in np.unique(floor[floor >= 0]) if floors else []:
+        values.insert(Z(f), np.array([at[floor == f].mean()]))
     values = values.retract(graph.linearize(values).optimize())
     last = X(len(at) - 1)
     apart = values.atPose3(last).z() - truth[-1]

@@ -6,31 +6,29 @@ from itertools import pairwise
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X, Z
+from gtsam.symbol_shorthand import V, X, Z
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors import guarded_factor
 from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.factors.walk_constraints import (
-    STEP_M,
     FloorHeight,
     StraightWalk,
     change_of_course,
-    floor_labels,
     straight_probability,
     straight_triples,
 )
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother import SmootherParameters, constraints, smooth
+from fg_nav.smoother import constraints, smooth
 from fg_nav.smoother.constraints import (
     STRAIGHT_WITHIN_M,
     constrain_courses,
     constrain_heights,
-    find_constraints,
-    keep_steps,
+    find_courses,
     off_line,
 )
+from fg_nav.smoother.floors import LEVEL_SIGMA_M
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize, time_order
 from tests.factors.straight import straight_walk_factor, straight_walk_noise
@@ -38,8 +36,7 @@ from tests.smoother.walks import DEFAULT, demo, problem
 
 STRIDE_M = 1.3
 STRAIGHT = StraightWalk()
-STRAIGHT_ONLY = WalkParameters(straight=True)
-FLOORS_ONLY = WalkParameters(floors=True)
+STRAIGHT_ONLY = WalkParameters(straight=True, floors=False)
 FIRM = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
 STOREY, RISER = 3.4, 0.34
 
@@ -79,11 +76,13 @@ def order(count: int, floors: int = 0) -> gtsam.Ordering:
     return ordering
 
 
-def with_constraints(poses: list[gtsam.Pose3], sigma: Floats, p: WalkParameters) -> Solved:
-    """A dead-reckoned walk with its constraints."""
-    values = values_of(poses)
-    blocks, floors = find_constraints(np.arange(len(poses)), values, p)
-    return minimize(dead_reckoned(poses, sigma), blocks, values, order(len(poses), floors), 1e-6, 50)
+def on_floors(poses: list[gtsam.Pose3], floor: Ints, sigma: Floats) -> Solved:
+    """A dead-reckoned walk with its floors."""
+    values, count = values_of(poses), int(floor.max()) + 1
+    for k in range(count):
+        values.insert(Z(k), np.zeros(1))
+    block = constrain_heights(np.arange(len(poses)), floor, LEVEL_SIGMA_M)
+    return minimize(dead_reckoned(poses, sigma), [block], values, order(len(poses), count), 1e-6, 50)
 
 
 def anywhere(count: int, seed: int = 0) -> gtsam.Values:
@@ -135,12 +134,16 @@ def test_courses_are_the_factors_with_their_mixture() -> None:
     assert change == pytest.approx(expected.error(step) - expected.error(nothing), rel=1e-9)
 
 
-@pytest.mark.parametrize("p", [STRAIGHT_ONLY, FLOORS_ONLY], ids=["straight", "floors"])
-def test_linear_model_has_the_error_at_hand_and_its_slope(p: WalkParameters, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", ["straight", "floors"])
+def test_linear_model_has_the_error_at_hand_and_its_slope(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     values = anywhere(60)
     monkeypatch.setattr(constraints, "STRAIGHT_WITHIN_M", np.inf)
-    monkeypatch.setattr(constraints, "STEP_M", 1.0)
-    (part,), _ = find_constraints(np.arange(60), values, p)
+    if kind == "straight":
+        part = find_courses(np.arange(60), positions(values, 60))
+    else:
+        values.insert(Z(0), np.array([0.3]))
+        part = constrain_heights(np.arange(60), np.zeros(60, dtype=np.intp), LEVEL_SIGMA_M)
+    assert len(part) > 5
     model = linear(part, values)
     assert model.error(steps_of(values, 2, 0.0)) == pytest.approx(part.error(values), rel=1e-9)
     for seed in range(5):
@@ -211,7 +214,7 @@ def course_after(turn: Floats, drift: float) -> float:
     """Course at the end, rad, of a walk that drifts and is tied to be straight."""
     graph, values = drifting(turn, drift)
     count = len(turn) + 1
-    blocks, _ = find_constraints(np.arange(count), values, STRAIGHT_ONLY)
+    blocks = [find_courses(np.arange(count), positions(values, count))]
     ordering = order(count)
     ordering.push_back(BIAS)
     solved = minimize(graph, blocks, values, ordering, 1e-6, 50)
@@ -271,24 +274,6 @@ def storeys(level: int = 60, visits: tuple[int, ...] = (0, 1, 0, 2, 1, 0)) -> tu
     return np.concatenate(height), np.concatenate(floor)
 
 
-@pytest.mark.parametrize("drift_m", [-0.03, -0.013, 0.0, 0.013, 0.03])
-def test_floors_are_told_by_their_stairs_whatever_the_drift(drift_m: float) -> None:
-    height, floor = storeys(level=300)
-    seen = height + drift_m * np.arange(len(height)) + np.random.default_rng(0).normal(0, 0.008, len(height))
-    assert abs(seen[-1] - height[-1]) >= 50.0 * abs(drift_m)
-    label = floor_labels(keep_steps(seen, STEP_M))
-    np.testing.assert_array_equal(label, floor)
-    if abs(drift_m) > 0.01:  # and the heights as they are do not tell
-        assert not np.array_equal(floor_labels(seen), floor)
-
-
-def test_steps_are_kept_and_drift_is_not() -> None:
-    np.testing.assert_allclose(
-        keep_steps(np.array([5.0, 5.02, 5.3, 5.65, 5.6, 5.3]), 0.1), [0, 0, 0.28, 0.63, 0.63, 0.33]
-    )
-    assert not keep_steps(np.linspace(0.0, 20.0, 1000), 0.1).any()
-
-
 def test_heights_are_the_factors() -> None:
     values, rng = anywhere(30), np.random.default_rng(3)
     label = rng.integers(-1, 3, 30)
@@ -307,36 +292,33 @@ def test_heights_are_the_factors() -> None:
 CLIMBING = np.array([1e-4, 1e-4, 1e-4, 0.01, 0.01, 0.015])
 
 
-@pytest.mark.parametrize("drift_m", [0.0, 0.013])
-def test_a_floor_that_is_visited_again_gets_its_height_back(drift_m: float) -> None:
+def test_a_floor_that_is_visited_again_gets_its_height_back() -> None:
     height, floor = storeys()
-    seen = np.diff(height) + drift_m + np.random.default_rng(1).normal(0, 0.005, len(height) - 1)
-    solved = with_constraints(walked(np.zeros(len(seen)), seen), CLIMBING, FLOORS_ONLY)
+    seen = np.diff(height) + 0.01 * np.random.default_rng(1).standard_normal(len(height) - 1)
+    solved = on_floors(walked(np.zeros(len(seen)), seen), floor, CLIMBING)
     found = positions(solved.values, len(height))[:, 2]
     for k in range(3):
         assert np.ptp(found[floor == k]) < 0.05
     floors = np.array([found[floor == k].mean() for k in range(3)])
-    np.testing.assert_allclose(floors - floors[0], STOREY * np.arange(3), atol=0.1 + 20 * drift_m)
+    np.testing.assert_allclose(floors - floors[0], STOREY * np.arange(3), atol=0.1)
 
 
 def test_a_walk_on_no_floor_is_left_alone() -> None:
-    poses = walked(np.zeros(20), np.full(20, 0.3))
-    values = values_of(poses)
-    (heights,), floors = find_constraints(np.arange(21), values, FLOORS_ONLY)
-    assert floors == 0
-    assert heights.error(values) == 0.0
-    assert list(heights.linearize(values)) == []
+    block = constrain_heights(np.arange(21), np.full(21, -1), LEVEL_SIGMA_M)
+    assert list(block.linearize(gtsam.Values())) == []
 
 
 def test_marginals_are_those_of_the_information_matrix() -> None:
     """With block across ten footfalls and floors at the end of the order, down the tree as if on a chain."""
-    height, _ = storeys(level=12, visits=(0, 1, 0))
+    height, floor = storeys(level=12, visits=(0, 1, 0))
     rng = np.random.default_rng(5)
     poses = walked(rng.normal(0, 0.01, len(height) - 1), np.diff(height))
     values = values_of(poses)
-    blocks, floors = find_constraints(np.arange(len(poses)), values, WalkParameters(straight=True, floors=True))
-    ordering = order(len(poses), floors)
-    assert floors == 2
+    node = np.arange(len(poses))
+    blocks = find_courses(node, positions(values, len(poses))), constrain_heights(node, floor, LEVEL_SIGMA_M)
+    for k in range(2):
+        values.insert(Z(k), np.zeros(1))
+    ordering = order(len(poses), 2)
     graph = dead_reckoned(poses, SIGMA).linearize(values)
     for block in blocks:
         for factor in block.linearize(values):
@@ -352,34 +334,34 @@ def test_marginals_are_those_of_the_information_matrix() -> None:
     assert first == len(full)
 
 
-def test_floors_are_eliminated_after_all_else() -> None:
+def test_a_floor_is_eliminated_when_it_is_left_for_good() -> None:
     one = problem(demo())
-    plain, with_floors = time_order(one.nodes), time_order(one.nodes, floors=2)
-    assert [with_floors.at(i) for i in range(plain.size())] == [plain.at(i) for i in range(plain.size())]
-    assert [with_floors.at(plain.size() + i) for i in range(2)] == [Z(0), Z(1)]
+    floor = np.full(len(one.nodes.result), -1)
+    floor[[2, 3, 9]], floor[[5, 6]] = 0, 1
+    ordering = time_order(one.nodes, floor=floor)
+    keys = [ordering.at(i) for i in range(ordering.size())]
+    for number, last in ((0, 9), (1, 6)):
+        at = int(one.nodes.result[last])
+        assert keys.index(V(at)) + 1 == keys.index(Z(number)) < keys.index(X(at + 1))
+    plain = time_order(one.nodes)
+    assert [key for key in keys if key not in (Z(0), Z(1))] == [plain.at(i) for i in range(plain.size())]
 
 
-def test_all_is_off_unless_asked_for() -> None:
-    values = anywhere(30)
-    p = SmootherParameters().walk
-    assert (p.straight, p.floors) == (False, False)
-    assert find_constraints(np.arange(30), values, p) == ((), 0)
-    assert values.size() == 30
-
-
-def test_a_smoothed_walk_is_flat_with_floors_and_its_path_the_same() -> None:
+def test_straight_legs_are_off_unless_asked_for_and_floors_can_be_switched_off() -> None:
+    assert (DEFAULT.walk.straight, DEFAULT.walk.floors) == (False, True)
     walk = demo()
-    free = smooth(walk.recording, walk.stances, DEFAULT)
-    flat = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=FLOORS_ONLY))
-    assert np.ptp(flat.stances.position[:, 2]) < min(0.02, 0.5 * np.ptp(free.stances.position[:, 2]))
+    free = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=WalkParameters(floors=False)))
+    flat = smooth(walk.recording, walk.stances, DEFAULT)
+    assert not any("level floor" in note for note in free.notes)
+    assert any("1 level floor" in note for note in flat.notes)
+    assert np.ptp(flat.stances.position[:, 2]) < min(0.02, 0.1 * np.ptp(free.stances.position[:, 2]))
     assert np.linalg.norm((flat.position - free.position)[:, :2], axis=1).max() < 0.1
     assert flat.stances.position_cov[-1, 2, 2] < 0.2 * free.stances.position_cov[-1, 2, 2]
-    assert flat.parameters["walk"]["floors"] is True
 
 
 def test_a_smoothed_walk_with_straight_legs_keeps_its_corners() -> None:
     walk = demo()
-    free = smooth(walk.recording, walk.stances, DEFAULT)
+    free = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=WalkParameters(floors=False)))
     held = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=STRAIGHT_ONLY))
     assert np.linalg.norm((held.position - free.position)[:, :2], axis=1).max() < 0.3
     assert held.stances.heading_sigma[-1] < free.stances.heading_sigma[-1]

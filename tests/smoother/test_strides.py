@@ -35,6 +35,8 @@ from tests.smoother.walks import (
 )
 
 KNOWN = replace(DEFAULT, known_lever=LEVER)
+SOFT = replace(KNOWN, settling_m=0.0015)
+"""On a sole that is expected to give way by 1.5 mm."""
 
 
 def converged(one: Problem, steps: int = 12) -> gtsam.Values:
@@ -124,7 +126,7 @@ def test_lever_says_how_a_rolling_foot_moves() -> None:
 
 def test_sole_sinks_in_a_stance_of_the_walk_and_not_in_a_rest() -> None:
     walk = noise_free()
-    one = problem(walk, KNOWN)
+    one = problem(walk, SOFT)
     velocity, attitude = stance_truth(walk)
     inner = inner_nodes(one)
     sample, settling = one.nodes.sample[inner], at_nodes(one, "settling")
@@ -148,7 +150,7 @@ def test_a_standing_in_pieces_sinks_no_more_than_in_one() -> None:
         stop=np.insert(s.stop, k, middle),
         footfall=np.append(s.footfall[: k + 1], s.footfall[k:] + 1),
     )
-    strides = problem(Walk(walk.recording, cut)).strides
+    strides = problem(Walk(walk.recording, cut), SOFT).strides
     first, second = (strides[s.footfall[k] + i] for i in (0, 1))
     assert first.velocity.settling.any()
     assert not second.velocity.settling.any()
@@ -166,11 +168,11 @@ def test_a_sole_settles_once_in_a_footfall_though_its_stance_is_in_pieces() -> N
         stop=np.insert(s.stop, k, middle - 10),
         footfall=np.insert(s.footfall, k, s.footfall[k]),
     )
-    whole, pieces = (problem(Walk(walk.recording, stances)).strides for stances in (s, torn))
+    whole, pieces = (problem(Walk(walk.recording, stances), SOFT).strides for stances in (s, torn))
     footfall = int(s.footfall[k])
     per_m = whole[footfall].velocity.sinks_per_m[0]
     np.testing.assert_allclose(pieces[footfall].velocity.sinks_per_m, per_m)
-    np.testing.assert_allclose(pieces[footfall].velocity.settling[:, 2], -DEFAULT.settling_m * per_m)
+    np.testing.assert_allclose(pieces[footfall].velocity.settling[:, 2], -SOFT.settling_m * per_m)
 
 
 def test_velocities_are_firm_where_the_foot_is_still() -> None:
@@ -202,7 +204,7 @@ def test_plain_zero_velocity_is_zero_and_equally_firm() -> None:
     one = problem(demo(), PLAIN)
     assert not at_nodes(one, "body_velocity").any()
     assert not at_nodes(one, "settling").any()
-    np.testing.assert_allclose(at_nodes(one, "sigma"), VELOCITY_SIGMA)
+    np.testing.assert_allclose(at_nodes(one, "sigma"), VELOCITY_SIGMA, rtol=1e-6)
 
 
 def test_every_node_is_reached_and_every_rest_is_told_once() -> None:

@@ -1,0 +1,223 @@
+"""Level floors where a walk shows them; ramps, stairs and what it does not show are left alone.
+
+Between footfalls of one foot the first solution moves by d = (dx, dy) over ground and climbs by
+
+    dz = c + m + noise,    m = 0           on a level floor
+                               g . d       on a plane of gradient g: a ramp, climbed one way and descended the other
+                               s |d|       on a way that climbs though it turns: a curved ramp
+                               anything    on a step: heavy tails about zero
+
+c is what all strides of the walk climb in excess, in whatever direction: the sole, the mounting (`settling_sigma_m`).
+It is known to its prior, so straight ahead a slope of half a percent may be nothing but c. A walk that turns shows the
+two apart, as no ground climbs on all sides.
+
+The ground passes from stride to stride into any other with probability `CHANGE`, by their shares. With c and g on
+grids this is a hidden Markov model: a pass forth and a pass back (Rabiner 1989) yield the probability of each ground
+under each stride, summed over c; a slope counts that climbs by `NOTICED_M` over the width of the walk. A stride is
+level where that has odds of `MOST_NATS`; level strides in a row are a stretch. The cost is linear in the walk.
+
+A stretch is on a floor that was left earlier if the strides between climbed by h = 0 +- sigma, their noise and that of
+their c, against being on any other level within `LEVELS_WITHIN_M`, again by `MOST_NATS`:
+
+    log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MOST_NATS.
+
+Otherwise it is a floor of its own, whose height the walk alone knows. So a kerb separates two floors, and after too
+many strides elsewhere a floor is not recognized. The noise is that of the walk itself, by differences of successive
+climbs and of successive means of `BLOCK` strides, the larger, by medians: slopes and steps do not move them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.strides import SETTLING_TIME_S
+from fg_nav.text import format_count
+
+CHANGE = 1.0 / 30.0
+"""Probability that the ground changes from a stride to the next: each 40 m."""
+
+DRIFTS_M = np.arange(-18.0, 18.1, 1.0) * 1e-3
+"""Grid of c, m a stride."""
+
+SLOPES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1])
+"""Grid of gradients: from below what is noticed to the steepest ramp, doubled from one to the next."""
+
+NOTICED_M = 0.05
+"""What a slope climbs by over the width of the whole walk for it to matter."""
+
+DIRECTIONS = 12
+"""Of a plane's gradient."""
+
+SHARES = np.array([0.8, 0.1, 0.09, 0.01])
+"""Of strides on level ground, steps, planes and curved ramps, before any is seen: their logarithms count."""
+
+LEVEL_ODDS = float(np.exp(MOST_NATS))
+
+STEP_SCALE_M = 0.3
+"""Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time."""
+
+OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3.0
+"""Footfalls on a threshold, a mat, or half turned."""
+
+LEAST_NOISE_M = 0.007
+"""Of the climb of a stride: floors are not more even."""
+
+BLOCK = 5
+"""Strides in whose mean the noise that is common to neighbors shows."""
+
+LEVELS_WITHIN_M = 10.0
+"""Of a floor lie the other levels that a walk may come to: three storeys."""
+
+FEWEST = 4
+"""Footfalls of a level stretch: a landing has two or three."""
+
+
+LEVEL_SIGMA_M = 0.015
+"""Height of the sensor in a stance above its floor: mats, thresholds, and how the foot is set down."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Probability `level` (K,) of each stride; c as `drift` and `drift_sigma`, and the `noise` of a stride, m."""
+
+    level: Floats
+    drift: float
+    drift_sigma: float
+    noise: float
+
+
+def find_floors(t: Floats, position: Floats, settling_sigma_m: float) -> Ints:
+    """Return the floor (F,) of footfalls at `t` (F,) s and `position` (F, 3) m, 0, 1, ... as they are met; -1 on none.
+
+    `settling_sigma_m` is that of the excess S, from which c has its prior.
+    """
+    if len(position) < FEWEST:
+        return np.full(len(position), -1, dtype=np.intp)
+    step = np.diff(position, axis=0)
+    ground = judge_ground(step, settling_sigma_m / SETTLING_TIME_S * float(np.median(np.diff(t))))
+    return _number_floors(ground.level > LEVEL_ODDS / (1.0 + LEVEL_ODDS), step[:, 2], ground)
+
+
+def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
+    """Judge the ground under strides `step` (K, 3) m, with c known to this sigma before."""
+    noise, chain = estimate_noise(step[:, 2]), _Chain(step)
+    level, total = _pass_forth(chain, noise)
+    level *= _pass_back(chain, noise, total)
+    log_weight = np.log(total).sum(axis=0) - 0.5 * (DRIFTS_M / drift_sigma_m) ** 2
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    drift = float(weight @ DRIFTS_M)
+    return Ground(level @ weight, drift, float(np.sqrt(weight @ (DRIFTS_M - drift) ** 2)), noise)
+
+
+class _Chain:
+    """The grounds that strides (K, 3) m may be on: `level` the first, a step the second, and slopes."""
+
+    def __init__(self, step: Floats) -> None:
+        width = np.linalg.norm(np.ptp(np.cumsum(step[:, :2], axis=0), axis=0))
+        slopes = SLOPES[SLOPES * width > NOTICED_M]
+        angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        gradients = (slopes[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)).reshape(-1, 2)
+        both_ways = np.concatenate([slopes, -slopes])
+        on_planes = step[:, :2] @ gradients.T
+        on_curves = np.linalg.norm(step[:, :2], axis=1)[:, None] * both_ways
+        self.climb = step[:, 2]
+        self.expected = np.hstack([np.zeros((len(step), 2)), on_planes, on_curves])
+        counts = np.array([1, 1, len(gradients), len(both_ways)])
+        self.share = np.repeat(SHARES / np.maximum(counts, 1), counts)
+        self.share /= self.share.sum()
+
+    def __len__(self) -> int:
+        return len(self.climb)
+
+    def likelihood(self, k: int, noise: float) -> Floats:
+        """Of stride k for each c and on each ground, (C, S) 1/m."""
+        x = (self.climb[k] - DRIFTS_M[:, None] - self.expected[k]) / noise
+        usual, wide = np.exp(-0.5 * x**2), np.exp(-0.5 * (x / OUTLIER_SCALE) ** 2) / OUTLIER_SCALE
+        found = ((1.0 - OUTLIER_SHARE) * usual + OUTLIER_SHARE * wide) / (np.sqrt(2.0 * np.pi) * noise)
+        found[:, 1] = STEP_SCALE_M / (np.pi * (STEP_SCALE_M**2 + self.climb[k] ** 2))
+        return np.asarray(found)
+
+
+def _pass_forth(chain: _Chain, noise: float) -> tuple[Floats, Floats]:
+    """Probability (K, C) of level ground under each stride by what was seen so far, and of what is seen next."""
+    level, total = np.empty((2, len(chain), len(DRIFTS_M)))
+    seen = np.tile(chain.share, (len(DRIFTS_M), 1))
+    for k in range(len(chain)):
+        seen = ((1.0 - CHANGE) * seen + CHANGE * chain.share) * chain.likelihood(k, noise)
+        total[k] = seen.sum(axis=1)
+        seen /= total[k][:, None]
+        level[k] = seen[:, 0]
+    return level, total
+
+
+def _pass_back(chain: _Chain, noise: float, total: Floats) -> Floats:
+    """By how much (K, C) what is seen after each stride makes level ground under it more probable."""
+    more, after = np.empty_like(total), np.ones((len(DRIFTS_M), len(chain.share)))
+    for k in range(len(chain) - 1, -1, -1):
+        more[k] = after[:, 0]
+        after = after * chain.likelihood(k, noise) / total[k][:, None]
+        after = (1.0 - CHANGE) * after + CHANGE * (after @ chain.share)[:, None]
+    return more
+
+
+def estimate_noise(climb: Floats) -> float:
+    """Noise m of the climbs (K,) m of strides."""
+    blocks = climb[: len(climb) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+    each, together = (_scatter(np.diff(x)) for x in (climb, blocks))
+    return max(each, float(BLOCK**0.5) * together, LEAST_NOISE_M)
+
+
+def _scatter(difference: Floats) -> float:
+    """Sigma of values from their differences, by the median."""
+    return float(np.median(np.abs(difference)) / (0.6745 * np.sqrt(2.0))) if len(difference) > 2 else 0.0
+
+
+def _number_floors(level: Bools, climb: Floats, ground: Ground) -> Ints:
+    """Floor (F,) of each footfall from which strides (F-1,) are level, and what they climb."""
+    label = np.full(len(level) + 1, -1, dtype=np.intp)
+    off = np.where(level, 0.0, 1.0)
+    strides = np.append(0.0, np.cumsum(off))
+    height = np.append(0.0, np.cumsum(off * (climb - ground.drift)))
+    left: list[int] = []
+    for first, last in _stretches(level):
+        if last - first + 1 >= FEWEST:
+            label[first : last + 1] = floor = _recognize(first, left, strides, height, ground)
+            left[floor:] = [last, *left[floor + 1 :]]
+    return label
+
+
+def _stretches(level: Bools) -> Ints:
+    """First and last footfall (n, 2) of level strides in a row."""
+    edge = np.diff(np.concatenate([[0], level.astype(np.int64), [0]]))
+    return np.stack([np.flatnonzero(edge > 0), np.flatnonzero(edge < 0)], axis=1)
+
+
+def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground: Ground) -> int:
+    """Floor on which footfall `at` is, of those left at footfalls `left`, or the next number."""
+    if not left:
+        return 0
+    between = strides[at] - strides[left]
+    variance = 2 * LEVEL_SIGMA_M**2 + ground.noise**2 * between + (ground.drift_sigma * between) ** 2
+    climbed = height[at] - height[left]
+    nats = np.log(2.0 * LEVELS_WITHIN_M) - 0.5 * (climbed**2 / variance + np.log(2.0 * np.pi * variance))
+    best = int(np.argmax(nats))
+    return best if nats[best] > MOST_NATS else len(left)
+
+
+def count_floors(floor: Ints | None) -> int:
+    """Count the floors of a walk; none where they were not looked for."""
+    return 0 if floor is None else int(floor.max(initial=-1)) + 1
+
+
+def write_floor_note(floor: Ints | None) -> tuple[str, ...]:
+    """Say how many floors were recognized, where there are any."""
+    count = count_floors(floor)
+    if floor is None or count == 0:
+        return ()
+    on = int(np.count_nonzero(floor >= 0))
+    return (f"{format_count(count, 'level floor')} with {on} of {format_count(len(floor), 'footfall')}",)
