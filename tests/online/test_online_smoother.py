@@ -27,7 +27,7 @@ from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters
 from tests.online.walks import NORTH, push, short_walk
 from tests.simulated import corridor, straight_walk
-from tests.smoother.walks import Walk, demo, part
+from tests.smoother.walks import FREE, Walk, demo, part
 
 FOOTFALLS = 40
 EARTH = np.array([1.0, 20.0, -43.0])
@@ -78,11 +78,12 @@ def footfall_at(start: np.ndarray, stop: np.ndarray, stillest: int, continues: b
 
 
 def polished(walk: Walk, options: OnlineOptions = OnlineOptions()):
-    """The batch on the same footfalls, without the gyroscope's scale, of which a walk in progress knows nothing."""
+    """The batch on the same footfalls, without gyroscope scale and level floors, which a walk in progress has not."""
     cut = part(walk, FOOTFALLS)
     recording, stances = cut.recording, cut.stances
     field = None if recording.mag is None else average_footfall_field(recording, stances)
-    return smooth(recording, stances, replace(options.parameters, gyro_scale=False), options.heading_rad, None, field)
+    p = replace(options.parameters, gyro_scale=False, walk=FREE.walk)
+    return smooth(recording, stances, p, options.heading_rad, None, field)
 
 
 def farthest(table, other) -> float:
@@ -223,7 +224,7 @@ def test_a_long_standing_given_in_pieces_is_one_rest():
         continues = start > ends[0]
         piece = footfall_at(np.array([start]), np.array([stop]), int(start + stop) // 2, continues)
         online.add_footfall(piece, stop)
-    in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances).stances
+    in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances, FREE).stances
     np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.1)
     np.testing.assert_allclose(in_pieces.position[last - 1], whole_walk.position[last - 1], atol=0.1)
 
@@ -352,6 +353,6 @@ def test_between_re_solves_clipped_peaks_are_as_high_as_the_walk_showed():
     assert rise.any()
     np.testing.assert_allclose(window.peaks[1].whole - window.gyr, height * rise[: len(window)], atol=1e-9)
     # So the strides since are those of the batch.
-    batch = smooth(*vars(part(walk, 18)).values()).stances
+    batch = smooth(*vars(part(walk, 18)).values(), FREE).stances
     own, other = (np.diff(table.position[-3:], axis=0) for table in (online.smoothed(), batch))
     np.testing.assert_allclose(own, other, atol=1e-3)

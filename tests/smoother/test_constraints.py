@@ -32,7 +32,7 @@ from fg_nav.smoother.floors import LEVEL_SIGMA_M
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize, time_order
 from tests.factors.straight import straight_walk_factor, straight_walk_noise
-from tests.smoother.walks import DEFAULT, demo, problem
+from tests.smoother.walks import DEFAULT, FREE, demo, problem
 
 STRIDE_M = 1.3
 STRAIGHT = StraightWalk()
@@ -350,7 +350,7 @@ def test_a_floor_is_eliminated_when_it_is_left_for_good() -> None:
 def test_straight_legs_are_off_unless_asked_for_and_floors_can_be_switched_off() -> None:
     assert (DEFAULT.walk.straight, DEFAULT.walk.floors) == (False, True)
     walk = demo()
-    free = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=WalkParameters(floors=False)))
+    free = smooth(walk.recording, walk.stances, FREE)
     flat = smooth(walk.recording, walk.stances, DEFAULT)
     assert not any("level floor" in note for note in free.notes)
     assert any("1 level floor" in note for note in flat.notes)
@@ -361,7 +361,7 @@ def test_straight_legs_are_off_unless_asked_for_and_floors_can_be_switched_off()
 
 def test_a_smoothed_walk_with_straight_legs_keeps_its_corners() -> None:
     walk = demo()
-    free = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=WalkParameters(floors=False)))
+    free = smooth(walk.recording, walk.stances, FREE)
     held = smooth(walk.recording, walk.stances, replace(DEFAULT, walk=STRAIGHT_ONLY))
     assert np.linalg.norm((held.position - free.position)[:, :2], axis=1).max() < 0.3
     assert held.stances.heading_sigma[-1] < free.stances.heading_sigma[-1]

@@ -21,6 +21,7 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
+from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
 from fg_nav.smoother.strides import (
     Nodes,
@@ -37,6 +38,9 @@ from tests.real_data import DATA
 from tests.simulated import IDEAL, QUIET, corridor
 
 DEFAULT = SmootherParameters()
+
+FREE = replace(DEFAULT, walk=WalkParameters(floors=False))
+"""Without level floors: the height by the foot alone, as online."""
 
 
 @dataclass(frozen=True)
