@@ -5,6 +5,7 @@ import pytest
 
 from fg_nav import cli
 from tests.command_line import FgNav, Ran
+from tests.pictures import sketch_pictures
 
 
 @pytest.fixture
@@ -13,6 +14,7 @@ def fg_nav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], 
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)
+    sketch_pictures(monkeypatch)
 
     def call(*arguments: object) -> Ran:
         monkeypatch.setattr(sys, "argv", ["fg-nav", *map(str, arguments)])

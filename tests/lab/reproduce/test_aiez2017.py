@@ -11,6 +11,7 @@ from fg_nav.lab.reproduce.aiez2017.magnet import NEAR, magnet_part
 from fg_nav.lab.reproduce.results import MISSED, MISSED_EXPLAINED, REPRODUCED
 from fg_nav.text import to_json
 from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
+from tests.pictures import sketch_pictures
 
 SEEDS = (101, 102)
 TABLE_1 = {"iez:as-printed": 9.49, "qsf-stance:as-printed": 3.0, "aiez:as-printed": 2.0}
@@ -25,6 +26,7 @@ def folder(tmp_path_factory):
 def found(folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(aiez2017, "CORRIDORS", 1)
+        sketch_pictures(patch)
         store_walks(folder, keys(aiez2017.FIELDS, SEEDS), lambda key: TABLE_1.get(key.method, 0.5))
         return aiez2017.reproduce(folder, SEEDS, workers=1)
 

@@ -13,6 +13,7 @@ from fg_nav.lab.reproduce.ma2018.walks import LAID
 from fg_nav.lab.reproduce.results import ABOVE, MISSED, MISSED_EXPLAINED, PUT_IN, REPRODUCED, Reason, reason_for
 from fg_nav.magnetic import DETECTORS
 from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
+from tests.pictures import sketch_pictures
 
 SEEDS = (101, 102)
 PRINTED_FIGURES = [3, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16]
@@ -83,7 +84,9 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def found(measured, folder):
     store_walks(folder, walked.keys(ma2018.FIELDS, SEEDS), error_m)
-    return ma2018.reproduce(folder, SEEDS, workers=1)
+    with pytest.MonkeyPatch.context() as patch:
+        sketch_pictures(patch)
+        return ma2018.reproduce(folder, SEEDS, workers=1)
 
 
 def test_every_experiment_is_there_and_every_figure_is_drawn(found, folder):

@@ -21,7 +21,7 @@ from fg_nav.lab.reproduce.results import write_reproduction
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.pocket import PocketTrack
-from fg_nav.report.plots import style
+from tests.pictures import sketch_pictures
 
 SHORT_M = 6.0
 
@@ -189,7 +189,7 @@ def kept(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kept")
     shown = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "DPI", 40)  # half of the time goes into the pictures
+        sketch_pictures(patch)
         return folder, paper.reproduce(folder, [7], 1, shown.append, True, SHORT_M), shown
 
 
