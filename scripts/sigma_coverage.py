@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments,
         data=None,
         only=option(list(SETS), "sets of walks", nargs="+", choices=tuple(SETS)),
-        seeds=10,
+        seeds=20,
         first=FIRST_SEED,
         length=option(700.0, "of the simulated ways", metavar="M"),
         feet=option("moving", "of the simulated ways", choices=FEET),

@@ -78,6 +78,16 @@ def test_summary_has_the_keys_and_the_figures(tmp_path: Path, walk: Walk) -> Non
     assert "made for a test" in str(summary["notes"])
 
 
+def test_summary_has_the_sigma_of_the_distance_where_the_estimator_tells(tmp_path: Path, walk: Walk) -> None:
+    outcome = walks.outcome(walk)
+    write_result(tmp_path, walk, outcome)
+    assert "distance_sigma_m" not in loaded(tmp_path / "summary.json")
+    (tmp_path / "known").mkdir()
+    known = replace(outcome, solution=replace(outcome.solution, distance_sigma_m=0.25))
+    write_result(tmp_path / "known", walk, known)
+    assert loaded(tmp_path / "known" / "summary.json")["distance_sigma_m"] == 0.25
+
+
 def test_summary_without_truth_claims_no_error(tmp_path: Path, walk: Walk) -> None:
     bare = walks.without_truth(walk)
     write_result(tmp_path, bare, walks.outcome(bare))
