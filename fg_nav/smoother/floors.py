@@ -9,7 +9,8 @@ Between footfalls of one foot the first solution moves by d = (dx, dy) over grou
 
 c is what all strides of the walk climb in excess, in whatever direction: the sole, the mounting (`settling_sigma_m`).
 It is known to its prior, so straight ahead a slope of half a percent may be nothing but c. A walk that turns shows the
-two apart, as no ground climbs on all sides.
+two apart, as no ground climbs on all sides: where a gradient of `TILT_SIGMA` common to all strides would leave the
+height of a footfall unknown by more than `TILT_M`, no floor is taken for level.
 
 The ground passes from stride to stride into any other with probability `CHANGE`, by their shares. With c and g on
 grids this is a hidden Markov model: a pass forth and a pass back (Rabiner 1989) yield the probability of each ground
@@ -60,8 +61,9 @@ LEVEL_ODDS = float(np.exp(MOST_NATS))
 STEP_SCALE_M = 0.3
 """Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time."""
 
-OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3.0
-"""Footfalls on a threshold, a mat, or half turned."""
+TILT_SIGMA, TILT_M = 0.01, 0.15
+"""Gradient of ground that passes for level, before the walk; and of how much of height it may leave any footfall
+uncertain: a step."""
 
 LEAST_NOISE_M = 0.007
 """Of the climb of a stride: floors are not more even."""
@@ -98,8 +100,11 @@ def find_floors(t: Floats, position: Floats, settling_sigma_m: float) -> Ints:
     if len(position) < FEWEST:
         return np.full(len(position), -1, dtype=np.intp)
     step = np.diff(position, axis=0)
-    ground = judge_ground(step, settling_sigma_m / SETTLING_TIME_S * float(np.median(np.diff(t))))
-    return _number_floors(ground.level > LEVEL_ODDS / (1.0 + LEVEL_ODDS), step[:, 2], ground)
+    drift_sigma_m = settling_sigma_m / SETTLING_TIME_S * float(np.median(np.diff(t)))
+    ground = judge_ground(step, drift_sigma_m)
+    level = ground.level > LEVEL_ODDS / (1.0 + LEVEL_ODDS)
+    level &= _find_tilt_sigma(step[level, :2], ground.noise, drift_sigma_m) < TILT_M
+    return _number_floors(level, step[:, 2], ground)
 
 
 def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
@@ -112,6 +117,15 @@ def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
     weight /= weight.sum()
     drift = float(weight @ DRIFTS_M)
     return Ground(level @ weight, drift, float(np.sqrt(weight @ (DRIFTS_M - drift) ** 2)), noise)
+
+
+def _find_tilt_sigma(over_ground: Floats, noise: float, drift_sigma_m: float) -> float:
+    """Largest sigma of height, m, by a gradient common to the level strides (L, 2) m, c being unknown as well."""
+    design = np.column_stack([np.ones(len(over_ground)), over_ground]) / noise
+    prior = np.diag(np.array([drift_sigma_m, TILT_SIGMA, TILT_SIGMA]) ** -2.0)
+    gradient = np.linalg.inv(design.T @ design + prior)[1:, 1:]
+    place = np.cumsum(over_ground, axis=0)
+    return float(np.einsum("ki,ij,kj->k", place, gradient, place).max(initial=0.0) ** 0.5)
 
 
 class _Chain:
@@ -137,8 +151,7 @@ class _Chain:
     def likelihood(self, k: int, noise: float) -> Floats:
         """Of stride k for each c and on each ground, (C, S) 1/m."""
         x = (self.climb[k] - DRIFTS_M[:, None] - self.expected[k]) / noise
-        usual, wide = np.exp(-0.5 * x**2), np.exp(-0.5 * (x / OUTLIER_SCALE) ** 2) / OUTLIER_SCALE
-        found = ((1.0 - OUTLIER_SHARE) * usual + OUTLIER_SHARE * wide) / (np.sqrt(2.0 * np.pi) * noise)
+        found = np.exp(-0.5 * x**2) / (np.sqrt(2.0 * np.pi) * noise)
         found[:, 1] = STEP_SCALE_M / (np.pi * (STEP_SCALE_M**2 + self.climb[k] ** 2))
         return np.asarray(found)
 
