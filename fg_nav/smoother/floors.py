@@ -61,6 +61,9 @@ LEVEL_ODDS = float(np.exp(MOST_NATS))
 STEP_SCALE_M = 0.3
 """Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time."""
 
+OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3.0
+"""Of strides whose height is worse than the others', in runs above all: the more, the later a kerb is one."""
+
 TILT_SIGMA, TILT_M = 0.01, 0.15
 """Gradient of ground that passes for level, before the walk; and of how much of height it may leave any footfall
 uncertain: a step."""
@@ -151,7 +154,8 @@ class _Chain:
     def likelihood(self, k: int, noise: float) -> Floats:
         """Of stride k for each c and on each ground, (C, S) 1/m."""
         x = (self.climb[k] - DRIFTS_M[:, None] - self.expected[k]) / noise
-        found = np.exp(-0.5 * x**2) / (np.sqrt(2.0 * np.pi) * noise)
+        usual, wide = np.exp(-0.5 * x**2), np.exp(-0.5 * (x / OUTLIER_SCALE) ** 2) / OUTLIER_SCALE
+        found = ((1.0 - OUTLIER_SHARE) * usual + OUTLIER_SHARE * wide) / (np.sqrt(2.0 * np.pi) * noise)
         found[:, 1] = STEP_SCALE_M / (np.pi * (STEP_SCALE_M**2 + self.climb[k] ** 2))
         return np.asarray(found)
 
