@@ -161,7 +161,8 @@ def test_factors_of_somebody_else_do_no_harm(tmp_path, name, place):
     path = [str(ROOT)] if place == "working directory" else [str(tmp_path / "other"), str(ROOT)]
     cwd = tmp_path / "other" if place == "working directory" else tmp_path
     for command in (["-m", "fg_nav.cli", "--version"], ["-c", "import fg_nav.smoother, fg_nav.online, fg_nav.factors"]):
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(path)}
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
+        environment.pop("PYTHONSAFEPATH", None)  # which would leave the working directory out
         done = subprocess.run([sys.executable, *command], cwd=cwd, env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
