@@ -9,6 +9,7 @@ differential  field while the foot stands: factors on the gyro bias (`differenti
 field         the magnetic field, in rounds, each of which solves again (`field`); both by `solved_walk.solve_walk`
 prior         of the gyro bias: all again with a wider one where the bias is too large for it (`bias_prior`)
 scale         of the gyroscope, by the field: all again with corrected samples where it is wrong (`gyro_scale`)
+moving foot   what is not known of the walk's scale joins the sigmas (`moving_foot`)
 solution      marginals -> sigmas (`solver`), that of the distance (`combinations`); nodes -> trajectory (`graph`)
 """
 
@@ -36,8 +37,10 @@ from fg_nav.smoother.differential import write_note
 from fg_nav.smoother.floors import write_floor_note
 from fg_nav.smoother.graph import solve, trajectory_of
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
+from fg_nav.smoother.moving_foot import spread_moving_foot
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.sensitivity import join_shared
 from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, stance_table
 from fg_nav.solution import Solution
@@ -113,9 +116,10 @@ def _smooth(
     walk, parameters, of_bias = _fit_bias_prior(solve_again, recording, parameters)
     # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
     walk, by_scale, of_scale = _fit_gyro_scale(solve_again, recording, parameters, walk)
-    # The dense path, and the sigmas of its footfalls.
+    # The dense path, and the sigmas of its footfalls, with the scale of the walk that a moving foot leaves unknown.
     walk = replace(walk, verdict=replace(walk.verdict, notes=(*of_bias, *of_scale, *walk.verdict.notes)))
-    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, by_scale)
+    shared = join_shared(by_scale, spread_moving_foot(walk.problem, walk.solved) if parameters.moving_foot else {})
+    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, shared)
     solution = _solution_of(walk, joint, stances, began)
     if progress is not None:
         progress(1.0)
@@ -164,10 +168,10 @@ def _fit_gyro_scale(
         return walk, {}, ()
     scale = estimate_gyro_scale(walk.problem, walk.solved)
     if not scale.found.is_shown:
-        return walk, scale.spread(scale.found.second_moment), ()
+        return walk, scale.columns.spread(scale.found.second_moment), ()
     walk = solve_again(scale.found.remove_from(recording), parameters)
     left = estimate_gyro_scale(walk.problem, walk.solved)
-    return walk, left.spread(left.found.covariance), (scale.found.note,)
+    return walk, left.columns.spread(left.found.covariance), (scale.found.note,)
 
 
 def _solution_of(walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, began: float) -> Solution:

@@ -13,7 +13,7 @@ E the error at the minimum of the linear graph, R the triangle of its square-roo
 swing (`problem`) the largest q is taken whose evidence is within `MOST_NATS` of the best, because noise of the graph
 that is assumed larger than it is hides a walk of the bias. But a larger q than the one assumed is taken only where the
 walk could have refuted it: where log|R| + 1/2 sum log|S|, what remains of the evidence of a bias that does not walk,
-grows by more than `MOST_NATS`. So short walks keep the q assumed.
+grows by more than `REFUTING_NATS`. So short walks keep the q assumed.
 
 The evidence is that of the inertial graph. With the magnetic field it is larger, and chooses the same.
 """
@@ -37,6 +37,9 @@ LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
 walk so far also takes up what scale errors and an uneven field leave, which look like a walk. In a simulated office
 whose bias walks by 2e-4 the evidence chooses that level, and the error with an indoor field grows from 0.08 to 0.11
 m."""
+
+REFUTING_NATS = MOST_NATS + 1.0
+"""One more than would refute it: then a larger q is taken only where the error falls by a nat for it."""
 
 Change = gtsam.BetweenFactorConstantBias
 """From one bias variable to the next."""
@@ -69,7 +72,7 @@ def choose_level(levels: Floats, error: Floats, volume: Floats, assumed: float) 
     evidence = error + volume
     accepted = evidence <= evidence.min() + MOST_NATS
     if accepted[levels == assumed].all():
-        accepted &= (levels <= assumed) | (volume > volume[levels == assumed] + MOST_NATS)
+        accepted &= (levels <= assumed) | (volume > volume[levels == assumed] + REFUTING_NATS)
     return float(levels[accepted].max())
 
 

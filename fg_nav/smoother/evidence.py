@@ -4,6 +4,11 @@
 
 E the error at the minimum, R the triangle of the square-root information, S_i the noise covariances of the factors; of
 these each caller adds those that its assumption changes. All else is left out.
+
+A few numbers s shared by many factors, with the prior 0 and S: of the walk that is eliminated without them
+(`sensitivity`) there is left the information L on s and its product eta with the estimate, and
+
+    s = P eta,     P = (L + S^-1)^-1,     log p(z | S) = 1/2 eta^T P eta - 1/2 log|I + S L| + const.
 """
 
 from __future__ import annotations
@@ -11,6 +16,7 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
+from fg_nav.arrays import Floats
 from fg_nav.smoother.solver import list_cliques
 
 MOST_NATS = 3.0
@@ -27,3 +33,11 @@ def log_root(tree: gtsam.GaussianBayesTree) -> float:
     """log|R|, half the logarithm of the determinant of the information."""
     diagonals = (np.diagonal(clique.conditional().R()) for clique in list_cliques(tree))
     return float(sum(np.log(np.abs(diagonal)).sum() for diagonal in diagonals))
+
+
+def fit_shared(information: Floats, pull: Floats, prior: Floats) -> tuple[Floats, Floats, float]:
+    """Return s (n,), P (n, n) and log p(z | S), by L (n, n), eta (n,) and the prior S (n, n)."""
+    covariance = np.asarray(np.linalg.inv(information + np.linalg.inv(prior)))
+    found = covariance @ pull
+    occam = 0.5 * np.linalg.slogdet(np.eye(len(prior)) + prior @ information)[1]
+    return found, covariance, float(0.5 * pull @ found - occam)

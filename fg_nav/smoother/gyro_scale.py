@@ -15,7 +15,7 @@ What else is wrong in all swings alike looks like a scale: axes that are not squ
 has a part 0 +- `ALIKE_SIGMA` in any case. The walk is eliminated first (`sensitivity`), which leaves the information L
 on s and its product eta with the estimate. With a prior of covariance S,
 
-    log p(z | S) = 1/2 eta^T P eta - 1/2 log|I + S L| + const,     P = (L + S^-1)^-1     (MacKay 2003, section 28)
+    log p(z | S) = 1/2 eta^T P eta - 1/2 log|I + S L| + const,     P = (L + S^-1)^-1     (`evidence.fit_shared`)
 
 and the evidence for an error of the scale is that of S_1 = (SCALE_SIGMA^2 + ALIKE_SIGMA^2) I over that of
 S_0 = ALIKE_SIGMA^2 I. Only where that is more than `MOST_NATS` the samples are corrected by s = P eta, and the walk is
@@ -45,10 +45,10 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
-from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.evidence import MOST_NATS, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
-from fg_nav.smoother.sensitivity import SharedColumns
-from fg_nav.smoother.solver import Solved, dimension_of
+from fg_nav.smoother.sensitivity import SharedColumns, sum_by_key
+from fg_nav.smoother.solver import Solved
 from fg_nav.smoother.strides import INERTIAL_KEYS
 
 SCALE_SIGMA = 0.01
@@ -102,11 +102,6 @@ class WalkScale:
     found: GyroScale
     columns: SharedColumns
 
-    def spread(self, covariance: Floats) -> dict[int, Floats]:
-        """Return by how much (d, 3) each variable moves with numbers of unit covariance, for a scale of this (3, 3)."""
-        lower = np.linalg.cholesky(covariance)
-        return {key: moved @ lower for key, moved in self.columns.solve().items()}
-
 
 def shows_heading(problem: WalkProblem) -> bool:
     """Whether a walk has a field with anything to compare the gyroscope's scale with."""
@@ -123,7 +118,7 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
     left = b - (A @ steps[..., None])[..., 0]
     # The walk is eliminated, and what it says of the scale is weighed.
-    columns = SharedColumns(solved.tree, _sum_by_key(np.swapaxes(A, 1, 2) @ by_scale, keys), 3)
+    columns = SharedColumns(solved.tree, sum_by_key(np.swapaxes(A, 1, 2) @ by_scale, keys), 3)
     own = np.einsum("kri,krj->ij", by_scale, by_scale)
     information = own - columns.explained
     return WalkScale(compare_models(information, np.einsum("kri,kr->i", by_scale, left)), columns)
@@ -131,17 +126,10 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
 
 def compare_models(information: Floats, pull: Floats) -> GyroScale:
     """Weigh an error of the scale against none, by the information L (3, 3) of a walk and its product eta (3,)."""
-    scale, covariance, evidence = _fit(information, pull, float(np.hypot(SCALE_SIGMA, ALIKE_SIGMA)))
-    alike, alike_covariance, without = _fit(information, pull, ALIKE_SIGMA)
+    prior = np.eye(3) * (SCALE_SIGMA**2 + ALIKE_SIGMA**2)
+    scale, covariance, evidence = fit_shared(information, pull, prior)
+    alike, alike_covariance, without = fit_shared(information, pull, np.eye(3) * ALIKE_SIGMA**2)
     return GyroScale(scale, covariance, evidence - without, alike_covariance + np.outer(alike, alike))
-
-
-def _fit(information: Floats, pull: Floats, sigma: float) -> tuple[Floats, Floats, float]:
-    """Return s, P and log p(z | S) with S = sigma^2 I."""
-    covariance = np.asarray(np.linalg.inv(information + np.eye(3) / sigma**2))
-    scale = covariance @ pull
-    occam = 0.5 * np.linalg.slogdet(np.eye(3) + sigma**2 * information)[1]
-    return scale, covariance, float(0.5 * pull @ scale - occam)
 
 
 POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)
@@ -157,17 +145,6 @@ def _linearize_inertial(
     factors = [cast("gtsam.JacobianFactor", linear.at(i)) for i in inertial]
     A, b = zip(*(factor.jacobian() for factor in factors), strict=True)
     return np.array(A), np.array(b), [list(factor.keys()) for factor in factors]
-
-
-def _sum_by_key(products: Floats, keys: list[list[int]]) -> dict[int, Floats]:
-    """Sum the rows (K, 24, 3) that belong to the same variable."""
-    total: dict[int, Floats] = {}
-    last = np.cumsum([dimension_of(key) for key in keys[0]])[:-1]
-    for position, part in enumerate(np.split(products, last, axis=1)):
-        for one, rows in zip(keys, part, strict=True):
-            key = one[position]
-            total[key] = total[key] + rows if key in total else rows
-    return total
 
 
 def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:

@@ -54,8 +54,9 @@ class SmootherParameters:
     """White error of the specific force in stance, m/s^2/sqrt(Hz); data sheets have 0.001, skin and shoe the rest."""
     acc_relative_density: float = 0.01
     """The same per m/s^2 by which |specific force| differs from gravity, 1/sqrt(Hz): shocks, scale, jitter."""
-    gyr_density_deg_s: float = 0.015
-    """White error of the angular rate in stance, deg/s/sqrt(Hz); data sheets have 0.005 to 0.015."""
+    gyr_density_deg_s: float = 0.05
+    """White error of the angular rate, deg/s/sqrt(Hz); data sheets have 0.005 to 0.015, a shoe that gives under its
+    load the rest: what it turns the sensor by is not what it turns the foot by."""
     gyr_relative_density: float = 0.001
     """The same per rad/s of rate, 1/sqrt(Hz): scale, misalignment, jitter."""
     choose_swing_noise: bool = True
@@ -64,8 +65,9 @@ class SmootherParameters:
     saturated_share: float = 0.1
     """What a peak cut at the end of the range may hide, one sigma, as a share of the range."""
 
-    roll_sigma_m: float = 0.05
-    """How far the point about which the foot turns wanders, m: half the width of a foot."""
+    roll_sigma_m: float = 0.15
+    """How far the point about which the foot turns wanders in a stance, m: from heel to toe, half the length of a
+    foot."""
     unsteady_s: float = 0.03
     """Time for which an acceleration in stance may already have lasted, s: a footfall's tremble is at 10 Hz."""
     settling_m: float = 0.0
@@ -74,6 +76,9 @@ class SmootherParameters:
     settling_sigma_m: float = 0.002
     """By how much all stances of a walk may do so, m, and one stance more or less than the others: on 53 real walks
     shoe, gait and mounting together are worth 7 mm of height a stride, rms; 2 mm in `SETTLING_TIME_S` make as much."""
+    moving_foot: bool = True
+    """Count in the sigmas that a foot moves on at its stillest instant, by a share that belongs to the walk
+    (`moving_foot`)."""
     known_lever: tuple[float, float, float] | None = None
     """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
 
@@ -113,5 +118,6 @@ PLAIN = SmootherParameters(
     walk=WalkParameters(floors=False),
     known_lever=(0.0, 0.0, 0.0),
     refuse_stances=False,
+    moving_foot=False,
 )
 """Plain zero velocity: every instant of a stance is equally, fully still. For ablation."""

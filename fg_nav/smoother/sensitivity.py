@@ -13,7 +13,7 @@ c_S - S^T Y_F to the cliques above; the pass down is X_F = R^-1 (Y_F - S X_S).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import gtsam
 import numpy as np
@@ -74,6 +74,29 @@ class SharedColumns:
                 found[key] = X[row : row + dimension_of(key)]
                 row += dimension_of(key)
         return found
+
+    def spread(self, covariance: Floats) -> dict[int, Floats]:
+        """Return by how much (d, n) each variable moves with numbers of unit covariance, for one (n, n) of s."""
+        lower = np.linalg.cholesky(covariance)
+        return {key: moved @ lower for key, moved in self.solve().items()}
+
+
+def join_shared(one: Mapping[int, Floats], other: Mapping[int, Floats]) -> Mapping[int, Floats]:
+    """Return by how much each variable moves with the numbers of both, which are independent; either may be empty."""
+    if not (one and other):
+        return one or other
+    return {key: np.hstack([moved, other[key]]) for key, moved in one.items()}
+
+
+def sum_by_key(products: Floats, keys: Sequence[Sequence[int]]) -> dict[int, Floats]:
+    """Sum the rows of A^T C (K, d, n) of K factors of a kind that belong to the same variable; keys (K, variables)."""
+    total: dict[int, Floats] = {}
+    last = np.cumsum([dimension_of(key) for key in keys[0]])[:-1]
+    for position, part in enumerate(np.split(products, last, axis=1)):
+        for one, rows in zip(keys, part, strict=True):
+            key = one[position]
+            total[key] = total[key] + rows if key in total else rows
+    return total
 
 
 def _split(keys: Sequence[int], rows: int) -> tuple[Sequence[int], Sequence[int]]:

@@ -16,7 +16,8 @@ from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import linearize, time_order
 from tests.smoother.walks import DEFAULT, Walk, demo, part
 
-GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4)
+GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4, gyr_density_deg_s=0.015)
+"""Noise of the simulated gyroscope: with that of a shoe a minute shows no walk of the bias."""
 
 
 def walking(walk: Walk, density: float, seed: int = 0) -> Walk:

@@ -179,7 +179,7 @@ def test_where_the_field_is_rough_a_told_heading_has_a_say() -> None:
 def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
     """In a field that is another at each footfall, 3 uT a component: 8 deg of compass; no gyroscope scale."""
     normed, claimed = [], []
-    p = replace(NOT_RESTED, gyro_scale=False)
+    p = replace(NOT_RESTED, gyro_scale=False, gyr_density_deg_s=0.015)  # noise of the simulated gyroscope
     for seed in range(8):
         recording = in_field(earth(), seed, 0.1)
         found = smoothed(recording, None, p, seed, roughened(recording, seed))
@@ -206,7 +206,9 @@ def test_its_doubt_about_north_is_in_all_its_poses() -> None:
     """As if the whole walk were turned about its start by one angle of that sigma."""
     recording = in_field(earth())
     field = roughened(recording, 0)
-    p = replace_field(potential=False)
+    p = replace_field(
+        replace(DEFAULT, moving_foot=False, gyr_density_deg_s=0.015), potential=False
+    )  # small, as they turn
     told, turned = (smoothed(recording, heading, p, field=field).stances for heading in (0.0, None))
     more = turned.pose_cov - told.pose_cov
     north = np.sqrt(more[:, 3, 3].mean())

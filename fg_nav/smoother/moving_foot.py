@@ -1,0 +1,75 @@
+"""A foot that moves on at its stillest instant: the scale of a walk, counted in its sigmas.
+
+Motion capture sees the sensor on a shoe move on at 1 to 5 percent of the walking speed when it is stillest, forward
+more than sideways; some of that is the rolling about the lever, and some is not. So every stride is off by the same
+share, and the walk by its scale. In a stance after a stride of the horizontal displacement d (m) in T (s) the velocity
+is off by
+
+    c_1 a + c_2 (up x a),     a = d / T,     navigation axes, m/s,
+
+c = (c_1, c_2) the same for a whole walk, 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`). A foot that stands for long does not
+move on. On a straight even walk nothing inertial shows c (Galilei). Where a walk turns, stops or changes its pace, it
+does, but rolling that the lever does not describe looks the same there. So c is not taken off, and with what the walk
+says of it, information L and estimate s = P eta with P = (L + S^-1)^-1 (`evidence.fit_shared`), the covariances of the
+walk grow by X (P + s s^T) X^T: the second moment about the solution with c = 0, X how a variable moves with c
+(`sensitivity`). The columns C of c are those of the residual e of a stance's velocity (`factors.zero_velocity`),
+
+    C = -(de/dv) (a, up x a).
+"""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+
+from fg_nav.arrays import Floats
+from fg_nav.factors.zero_velocity import StanceVelocity
+from fg_nav.smoother.evidence import fit_shared
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.sensitivity import SharedColumns, sum_by_key
+from fg_nav.smoother.solver import Solved
+
+FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01
+"""Shares of the walking speed: scatter between the shoes, mountings and gaits of motion-captured walks."""
+
+LONGEST_STRIDE_S = 1.5
+"""What is longer was standing."""
+
+
+def spread_moving_foot(problem: WalkProblem, solved: Solved) -> dict[int, Floats]:
+    """Return by how much (d, 2) each variable moves, for numbers of unit covariance, with what is not known of c."""
+    columns, information, pull = weigh_moving_foot(problem, solved)
+    prior = np.diag([FORWARD_SIGMA**2, SIDEWAYS_SIGMA**2])
+    share, covariance, _ = fit_shared(information, pull, prior)
+    return columns.spread(covariance + np.outer(share, share))
+
+
+def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of c in the tree of a solved walk, its information L (2, 2) on c, and eta (2,)."""
+    # The ties of the stances with their columns of c, and what is left of them at the minimum.
+    block = problem.velocities
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    by_share = -jacobians[1] @ find_motion(problem, solved.values)
+    jacobian, step = np.concatenate(jacobians, axis=2), solved.tree.optimize()
+    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in block.keys])
+    left = -(residual + (jacobian @ steps[..., None])[..., 0])
+    # The walk is eliminated, and what it says of c is left.
+    columns = SharedColumns(solved.tree, sum_by_key(np.swapaxes(jacobian, 1, 2) @ by_share, block.keys), 2)
+    information = np.einsum("kri,krj->ij", by_share, by_share) - columns.explained
+    return columns, information, np.einsum("kri,kr->i", by_share, left)
+
+
+def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    """Return (a, up x a) (M, 3, 2) m/s at each node, navigation axes; zero in the first and in long stances."""
+    nodes = problem.nodes
+    t = problem.recording.t[nodes.sample[nodes.result]]
+    position = np.array([values.atPose3(X(int(j))).translation() for j in nodes.result])
+    d = np.diff(position, axis=0, prepend=position[:1])
+    a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), LONGEST_STRIDE_S)[:, None]
+    level = np.zeros(len(a))
+    motion = np.stack([np.column_stack([a, level]), np.column_stack([-a[:, 1], a[:, 0], level])], axis=2)
+    ties = problem.velocities.residuals
+    assert isinstance(ties, StanceVelocity)
+    walks = ties.sinks_per_m > 0.0
+    return np.asarray(motion[nodes.footfall] * walks[:, None, None])
