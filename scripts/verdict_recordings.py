@@ -93,20 +93,20 @@ def _spoiled(data: Path) -> Iterator[Case]:
     known = dict(_real_walks(data))
     some = [known[name] for name in list(known)[::8]]
     for path in some[:6]:
-        yield Case("clipped", path.stem, lambda path=path: clip(_read(path), 0.5))
+        yield Case("clipped", path.stem, partial(_spoil, partial(_read, path), partial(clip, share=0.5)))
     for path in some[:6]:
-        yield Case("20 Hz", path.stem, lambda path=path: thin_out(_read(path), 20.0))
+        yield Case("20 Hz", path.stem, partial(_spoil, partial(_read, path), partial(thin_out, rate_hz=20.0)))
     for seed in range(6):
-        yield Case(
-            "loose", f"simulated {FIRST_SEED + seed}", lambda seed=seed: loosen(_simulate(FIRST_SEED + seed), seed)
-        )
+        walk = partial(_simulate, FIRST_SEED + seed)
+        yield Case("loose", f"simulated {FIRST_SEED + seed}", partial(_spoil, walk, partial(loosen, seed=seed)))
     changes = {
         "gyroscope negated": -np.eye(3),
         "x and y exchanged": np.eye(3)[[1, 0, 2]],
         "z negated": np.diag([1.0, 1.0, -1.0]),
     }
     for path, (name, change) in zip(some[:6], [*changes.items()] * 2, strict=True):
-        yield Case("wrong axes", f"{path.stem}, {name}", lambda path=path, change=change: turn_gyr(_read(path), change))
+        turned = partial(_spoil, partial(_read, path), partial(turn_gyr, change=change))
+        yield Case("wrong axes", f"{path.stem}, {name}", turned)
 
 
 # --- making them -----------------------------------------------------------------------------------------------------
@@ -114,6 +114,10 @@ def _spoiled(data: Path) -> Iterator[Case]:
 
 def _read(path: Path) -> RawRecording:
     return replace(read_raw(path), mag=None)
+
+
+def _spoil(load: Callable[[], RawRecording], change: Callable[[RawRecording], RawRecording]) -> RawRecording:
+    return change(load())
 
 
 def _read_segment(data: Path, name: str) -> RawRecording:

@@ -1,5 +1,6 @@
 """The script of the verdicts: recordings are spoiled as they say, judged, and counted."""
 
+import pickle
 from functools import partial
 
 import numpy as np
@@ -47,3 +48,10 @@ def test_good_ones_are_to_be_trusted_and_others_not(simulated, capsys):
     out = capsys.readouterr().out
     assert "wrong axes" in out
     assert "good, a" not in out
+
+
+def test_every_case_can_go_to_another_process(tmp_path):
+    """Of folders without a recording: those with one in their name are listed all the same."""
+    cases = recordings.list_cases(tmp_path)
+    assert {"loose", "clipped", "wrong axes"} <= {case.kind for case in cases}
+    assert [case.name for case in pickle.loads(pickle.dumps(cases))] == [case.name for case in cases]
