@@ -352,6 +352,9 @@ DEFAULT = SmootherParameters()
 ABLATION: Mapping[str, SmootherParameters] = {
     "default": DEFAULT,
     "no lever": replace(DEFAULT, known_lever=(0.0, 0.0, 0.0)),
+    "rolling trusted": replace(DEFAULT, roll_sigma_m=0.05, gyr_density_deg_s=0.015),
+    "no stance refused": replace(DEFAULT, refuse_stances=False),
+    "moving foot not counted": replace(DEFAULT, moving_foot=False),
     "no floors": replace(DEFAULT, walk=WalkParameters(floors=False)),
     "no floors, 1.5 mm a sole": replace(DEFAULT, settling_m=0.0015, walk=WalkParameters(floors=False)),
     "plain zero velocity": PLAIN,
@@ -364,7 +367,13 @@ ABLATION: Mapping[str, SmootherParameters] = {
 
 def measure_ablation(data: Path) -> list[dict[str, object]]:
     """Measure and print every variant of the smoother on the same walks; returns the rows, ready for JSON."""
-    chosen = [walks.read_vicon_labelled(data), walks.read_gdin(data), walks.read_loops(data), walks.read_gdlbio(data)]
+    chosen = [
+        walks.read_vicon_labelled(data),
+        walks.read_gdin(data),
+        walks.read_loops(data),
+        walks.read_gdlbio(data),
+        walks.read_gdlbio(data, walks.GDLBIO_RUN),
+    ]
     rows = [{"smoother": name, **measure_variant(name, p, chosen)} for name, p in ABLATION.items()]
     harness.print_heading("What each part of the smoother contributes")
     harness.print_table(list(rows[0]), [[str(cell) for cell in row.values()] for row in rows])
@@ -372,12 +381,12 @@ def measure_ablation(data: Path) -> list[dict[str, object]]:
 
 
 def measure_variant(name: str, parameters: SmootherParameters, chosen: Sequence[Sequence[Walk]]) -> dict[str, object]:
-    """Figures of one variant on the Vicon trials, the gdin walks, the loops and the walked gdlbio ones."""
+    """Figures of one variant on the Vicon trials, the gdin walks, the loops, and gdlbio's walks and runs."""
 
     def estimate(recording: Recording, stances: Stances) -> Solution:
         return smooth(recording, stances, parameters)
 
-    vicon, gdin, loops, gdlbio = (
+    vicon, gdin, loops, gdlbio, run = (
         results_of(run_methods(name, some, {"smoother": estimate}), "smoother") for some in chosen
     )
     found = {
@@ -392,6 +401,7 @@ def measure_variant(name: str, parameters: SmootherParameters, chosen: Sequence[
         "loops, %": median(loops, "closure_percent"),
         "gdlbio mean": float(values(gdlbio, RMSE).mean()),
         "gdlbio median": median(gdlbio, RMSE),
+        "gdlbio run, median": median(run, RMSE),
     }
     return {name: harness.finite(float(f"{value:.4g}")) for name, value in found.items()}
 

@@ -45,6 +45,7 @@ from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import Verdict
 from fg_nav.online.strides import Place
 from fg_nav.recording import Recording
+from fg_nav.smoother.moving_foot import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
@@ -100,9 +101,14 @@ def estimate_stance(
     body_cov: Floats,
     bias_cov: Floats,
     verdict: Verdict,
+    moving_foot: bool,
 ) -> StanceEstimate:
-    """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph."""
+    """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph.
+
+    With a `moving_foot` the scale of the walk that it leaves unknown is in the covariance.
+    """
     position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
+    pose_cov = in_nav(attitude[None], body_cov[None])[0]
     return StanceEstimate(
         number=place.number,
         sample=place.sample,
@@ -112,7 +118,7 @@ def estimate_stance(
         heading=float(compute_heading(attitude)),
         velocity=velocity,
         gyro_bias=np.asarray(bias.gyroscope()),
-        pose_cov=in_nav(attitude[None], body_cov[None])[0],
+        pose_cov=extend_covariance(pose_cov, position) if moving_foot else pose_cov,
         gyro_bias_sigma=np.sqrt(np.diagonal(bias_cov)[3:]),
         field=verdict.word,
         field_reason=verdict.reason,

@@ -193,14 +193,11 @@ class OnlineSmoother:
     def solution(self) -> tuple[StanceTable, PathNodes]:
         """Return the present estimates: one row a footfall, and the nodes of the path."""
         values, covariances = self._backend.solution(self._places)
-        rows = []
+        rows, moving_foot = [], self.parameters.moving_foot
         for place, verdict in zip(self._places, self._verdicts, strict=True):
-            pose_key, bias_key = X(place.result), B(place.bias)
-            pose, bias = values.atPose3(pose_key), values.atConstantBias(bias_key)
-            velocity = values.atVector(V(place.result))
-            rows.append(
-                estimate_stance(place, pose, velocity, bias, covariances[pose_key], covariances[bias_key], verdict)
-            )
+            pose, bias = X(place.result), B(place.bias)
+            state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
+            rows.append(estimate_stance(place, *state, covariances[pose], covariances[bias], verdict, moving_foot))
         table = build_table([*self._frozen, *(row.as_row() for row in rows)])
         return table, collect_nodes(self._frozen, self._places, values)
 
@@ -377,7 +374,9 @@ class OnlineSmoother:
         for marginalized in self._backend.take_marginalized():
             place = self._places.pop(0)
             assert place.number == marginalized.place.number
-            self._frozen.append(estimate_stance(*marginalized, self._verdicts.pop(0)).as_row())
+            self._frozen.append(
+                estimate_stance(*marginalized, self._verdicts.pop(0), self.parameters.moving_foot).as_row()
+            )
 
     def _discard(self) -> None:
         """Discard footfalls before the newest, and samples that no window reaches any more."""
@@ -397,4 +396,5 @@ class OnlineSmoother:
             backend.covariance(pose_key),
             backend.covariance(bias_key),
             self._verdicts[-1],
+            self.parameters.moving_foot,
         )

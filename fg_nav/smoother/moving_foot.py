@@ -15,6 +15,8 @@ walk grow by X (P + s s^T) X^T: the second moment about the solution with c = 0,
 (`sensitivity`). The columns C of c are those of the residual e of a stance's velocity (`factors.zero_velocity`),
 
     C = -(de/dv) (a, up x a).
+
+A walk in progress has the prior instead: (c_1 d, c_2 up x d) in each position, d what the walk has come so far.
 """
 
 from __future__ import annotations
@@ -73,3 +75,15 @@ def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
     assert isinstance(ties, StanceVelocity)
     walks = ties.sinks_per_m > 0.0
     return np.asarray(motion[nodes.footfall] * walks[:, None, None])
+
+
+def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
+    """Return the covariance (4, 4) of a pose in a walk in progress, with what is not known of c.
+
+    `position` (3,) m from the start.
+    """
+    east, north = position[:2]
+    moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
+    extended = pose_cov.copy()
+    extended[:2, :2] += moved @ moved.T
+    return extended

@@ -90,9 +90,8 @@ def test_a_stride_extends_the_graph_and_is_never_solved_in_batch_instead(
 
 @pytest.mark.usefixtures("solved_again_early")
 def test_a_walk_in_progress_finds_the_bias_by_it_as_the_batch_does() -> None:
-    with_it, without = (
-        replace(WITHOUT_REST, magnetic=replace(NO_HEADING, differential=used)) for used in (True, False)
-    )
+    given = replace(WITHOUT_REST, gyr_density_deg_s=0.015)  # noise of the simulated gyroscope
+    with_it, without = (replace(given, magnetic=replace(NO_HEADING, differential=used)) for used in (True, False))
     online = fed(in_field(), OnlineOptions(parameters=with_it))
     table, batch = online.smoothed(), polished(in_field(), OnlineOptions(parameters=with_it)).stances
     inertial = fed(in_field(), OnlineOptions(parameters=without)).smoothed()

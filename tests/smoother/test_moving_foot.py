@@ -13,7 +13,13 @@ from fg_nav.factors.residual import ResidualBlock
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.moving_foot import FORWARD_SIGMA, SIDEWAYS_SIGMA, find_motion, weigh_moving_foot
+from fg_nav.smoother.moving_foot import (
+    FORWARD_SIGMA,
+    SIDEWAYS_SIGMA,
+    extend_covariance,
+    find_motion,
+    weigh_moving_foot,
+)
 from fg_nav.smoother.problem import _cut, walk_problem
 from fg_nav.smoother.solver import Solved
 from tests.simulated import RIGID
@@ -98,3 +104,12 @@ def test_a_straight_even_walk_does_not_show_it() -> None:
     )
     assert straight > (0.95 * FORWARD_SIGMA) ** 2
     assert turning < 0.9 * straight
+
+
+def test_a_walk_in_progress_has_a_scale_and_a_turn_about_its_start() -> None:
+    position, own = np.array([30.0, 40.0, 5.0]), 0.01 * np.eye(4)
+    more = extend_covariance(own, position) - own
+    along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    assert along @ more[:2, :2] @ along == pytest.approx((50.0 * FORWARD_SIGMA) ** 2)
+    assert across @ more[:2, :2] @ across == pytest.approx((50.0 * SIDEWAYS_SIGMA) ** 2)
+    assert not more[2:].any()
