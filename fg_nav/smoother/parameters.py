@@ -65,9 +65,8 @@ class SmootherParameters:
     saturated_share: float = 0.1
     """What a peak cut at the end of the range may hide, one sigma, as a share of the range."""
 
-    roll_sigma_m: float = 0.15
-    """How far the point about which the foot turns wanders in a stance, m: from heel to toe, half the length of a
-    foot."""
+    roll_sigma_m: float = 0.12
+    """How far the point about which the foot turns wanders in a stance, m: half of the way from heel to toe."""
     unsteady_s: float = 0.03
     """Time for which an acceleration in stance may already have lasted, s: a footfall's tremble is at 10 Hz."""
     settling_m: float = 0.0
