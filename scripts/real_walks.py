@@ -111,8 +111,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     harness.print_verdict(figures, chosen.json, **content)
 
 
-# --- sets of walks ---------------------------------------------------------------------------------------------------
-
 Section: TypeAlias = tuple[list[Result], list[Figure]]
 
 
@@ -205,8 +203,6 @@ def measure_walk(section: str, walk: Walk, method: str, estimate: Estimate) -> R
     return Result(section, walk.name, method, metrics, consistency, "", armse_m, sigma, verdict)
 
 
-# --- tables ----------------------------------------------------------------------------------------------------------
-
 Columns: TypeAlias = Mapping[str, Callable[[Result], str]]
 
 
@@ -252,9 +248,6 @@ def values(results: Sequence[Result], name: str) -> Floats:
 def median(results: Sequence[Result], name: str) -> float:
     """Median of a figure of merit over the walks."""
     return float(np.median(values(results, name)))
-
-
-# --- what is asked ---------------------------------------------------------------------------------------------------
 
 
 def judge_labelled(section: str, results: Sequence[Result]) -> list[Figure]:
@@ -345,8 +338,6 @@ def judge_closures(section: str, results: Sequence[Result]) -> list[Figure]:
     return found
 
 
-# --- the smoother's parts --------------------------------------------------------------------------------------------
-
 DEFAULT = SmootherParameters()
 
 ABLATION: Mapping[str, SmootherParameters] = {
@@ -367,13 +358,8 @@ ABLATION: Mapping[str, SmootherParameters] = {
 
 def measure_ablation(data: Path) -> list[dict[str, object]]:
     """Measure and print every variant of the smoother on the same walks; returns the rows, ready for JSON."""
-    chosen = [
-        walks.read_vicon_labelled(data),
-        walks.read_gdin(data),
-        walks.read_loops(data),
-        walks.read_gdlbio(data),
-        walks.read_gdlbio(data, walks.GDLBIO_RUN),
-    ]
+    readers = walks.read_vicon_labelled, walks.read_gdin, walks.read_loops, walks.read_gdlbio
+    chosen = [*(read(data) for read in readers), walks.read_gdlbio(data, walks.GDLBIO_RUN)]
     rows = [{"smoother": name, **measure_variant(name, p, chosen)} for name, p in ABLATION.items()]
     harness.print_heading("What each part of the smoother contributes")
     harness.print_table(list(rows[0]), [[str(cell) for cell in row.values()] for row in rows])

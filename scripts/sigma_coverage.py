@@ -276,12 +276,12 @@ def judge(rows: Sequence[Row]) -> list[Figure]:
         cells, failed = [], sum(bool(row.failure) for row in some)
         for name in FREEDOM:
             measured = [row.found[name] for row in some if name in row.found]
-            if not measured:
-                continue
-            # A walk that could not be measured has nothing inside.
+            # A walk that could not be measured has nothing inside; a set without heights has none to measure.
             count = len(measured) + failed
+            if not count:
+                continue
             inside, ends = (
-                sum(values) / count for values in zip(*((m.inside, m.ends_inside) for m in measured), strict=True)
+                sum(values) / count for values in ([m.inside for m in measured], [m.ends_inside for m in measured])
             )
             figure = Figure(section, name, "smoother", inside, *ASKED, pattern="{:.2f}")
             figures.append(figure)

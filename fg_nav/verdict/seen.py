@@ -94,8 +94,14 @@ class Seen:
     def holds_heading(self) -> bool:
         """Whether something outside the gyroscope shows the heading along the walk."""
         by_fixes = len(self.walk.fixes) > 0 and self.solution.method in WITH_FIXES
-        by_field = QUASI_STATIC in self.solution.stances.field and not ignores_field(self.solution.method)
-        return by_fixes or by_field
+        return by_fixes or self._heading_by_field
+
+    @property
+    def _heading_by_field(self) -> bool:
+        """Whether the field shows it: of a graph by its factors, of which one alone says where north is."""
+        if graph := self.solution.graph:
+            return graph["magnetic_heading"] > 1 or graph["field_potential"] > 0
+        return QUASI_STATIC in self.solution.stances.field and not ignores_field(self.solution.method)
 
     @cached_property
     def turning(self) -> TurnSigns:

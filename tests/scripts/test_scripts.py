@@ -115,7 +115,7 @@ def test_both_methods_are_measured_on_the_same_walk(demo):
 def test_each_part_left_out_is_a_smoother_of_its_own(demo):
     variants = dict(real_walks.ABLATION)
     assert len({repr(parameters) for parameters in variants.values()}) >= len(variants) - 1  # one is the default's
-    rows = {name: real_walks.measure_variant(name, p, [[demo]] * 4) for name, p in variants.items()}
+    rows = {name: real_walks.measure_variant(name, p, [[demo]] * 5) for name, p in variants.items()}
     assert all(None not in row.values() for row in rows.values())
     default = rows["default"]
     # 9 cm above the ground, on a foot that rolls by some 20 deg/s, the sensor goes 3 cm/s in stance. Taken for zero
@@ -160,7 +160,7 @@ def test_loops_are_printed_and_written(tmp_path, capsys):
     assert [row["walk"] for row in written["walks"][::2]] == list(walks.LOOPS)
     percent = [row["closure_percent"] for row in written["walks"] if row["method"] == "smoother"]
     median = next(f for f in written["figures"] if f["name"] == "closure, median (%)")
-    assert median["measured"] == pytest.approx(np.median(percent), rel=1e-5)  # walks are written with five digits
+    assert median["measured"] == pytest.approx(np.median(percent), rel=5e-5)  # walks are written with five digits
     out = capsys.readouterr().out
     assert "openshoe 13" in out
     assert "figures are as asked" in out

@@ -206,9 +206,7 @@ def test_its_doubt_about_north_is_in_all_its_poses() -> None:
     """As if the whole walk were turned about its start by one angle of that sigma."""
     recording = in_field(earth())
     field = roughened(recording, 0)
-    p = replace_field(
-        replace(DEFAULT, moving_foot=False, gyr_density_deg_s=0.015), potential=False
-    )  # small, as they turn
+    p = replace_field(replace(DEFAULT, moving_foot=False, gyr_density_deg_s=0.015), potential=False)
     told, turned = (smoothed(recording, heading, p, field=field).stances for heading in (0.0, None))
     more = turned.pose_cov - told.pose_cov
     north = np.sqrt(more[:, 3, 3].mean())
