@@ -47,7 +47,7 @@ from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.smoother.evidence import MOST_NATS, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
-from fg_nav.smoother.sensitivity import SharedColumns, sum_by_key
+from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
 from fg_nav.smoother.solver import Solved
 from fg_nav.smoother.strides import INERTIAL_KEYS
 
@@ -110,18 +110,13 @@ def shows_heading(problem: WalkProblem) -> bool:
 
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
-    # The inertial factors with their columns of the scale, and what is left of them at the minimum.
+    # The inertial factors with their columns of the scale.
     A, b, keys = _linearize_inertial(problem.graph, solved.linearized_at)
     moved = _columns(problem, solved.linearized_at)
     by_scale = -(A[:, :, POSE_END] @ moved[:, :6] + A[:, :, VELOCITY_END] @ moved[:, 6:])
-    step = solved.tree.optimize()
-    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
-    left = b - (A @ steps[..., None])[..., 0]
     # The walk is eliminated, and what it says of the scale is weighed.
-    columns = SharedColumns(solved.tree, sum_by_key(np.swapaxes(A, 1, 2) @ by_scale, keys), 3)
-    own = np.einsum("kri,krj->ij", by_scale, by_scale)
-    information = own - columns.explained
-    return WalkScale(compare_models(information, np.einsum("kri,kr->i", by_scale, left)), columns)
+    columns, information, pull = weigh_shared(solved.tree, A, b, keys, by_scale)
+    return WalkScale(compare_models(information, pull), columns)
 
 
 def compare_models(information: Floats, pull: Floats) -> GyroScale:

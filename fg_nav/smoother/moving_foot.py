@@ -29,7 +29,7 @@ from fg_nav.arrays import Floats
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.sensitivity import SharedColumns, sum_by_key
+from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
 from fg_nav.smoother.solver import Solved
 
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01
@@ -49,17 +49,10 @@ def spread_moving_foot(problem: WalkProblem, solved: Solved) -> dict[int, Floats
 
 def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
     """Return the columns of c in the tree of a solved walk, its information L (2, 2) on c, and eta (2,)."""
-    # The ties of the stances with their columns of c, and what is left of them at the minimum.
     block = problem.velocities
     residual, jacobians = block.evaluate(solved.linearized_at)
     by_share = -jacobians[1] @ find_motion(problem, solved.values)
-    jacobian, step = np.concatenate(jacobians, axis=2), solved.tree.optimize()
-    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in block.keys])
-    left = -(residual + (jacobian @ steps[..., None])[..., 0])
-    # The walk is eliminated, and what it says of c is left.
-    columns = SharedColumns(solved.tree, sum_by_key(np.swapaxes(jacobian, 1, 2) @ by_share, block.keys), 2)
-    information = np.einsum("kri,krj->ij", by_share, by_share) - columns.explained
-    return columns, information, np.einsum("kri,kr->i", by_share, left)
+    return weigh_shared(solved.tree, np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:

@@ -88,6 +88,23 @@ def join_shared(one: Mapping[int, Floats], other: Mapping[int, Floats]) -> Mappi
     return {key: np.hstack([moved, other[key]]) for key, moved in one.items()}
 
 
+def weigh_shared(
+    tree: gtsam.GaussianBayesTree, A: Floats, b: Floats, keys: Sequence[Sequence[int]], C: Floats
+) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of numbers that K factors of a kind share, the walk's information L on them, and eta.
+
+    The factors |A x + C s - b|^2, linearized with the tree: A (K, r, d), b (K, r), C (K, r, n), and their keys. L
+    (n, n) and eta (n,) are what is left of them where the walk is eliminated.
+    """
+    # What is left of the factors at the minimum without the numbers.
+    step = tree.optimize()
+    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
+    left = b - (A @ steps[..., None])[..., 0]
+    # The walk is eliminated, and takes off what it explains.
+    columns = SharedColumns(tree, sum_by_key(np.swapaxes(A, 1, 2) @ C, keys), C.shape[2])
+    return columns, np.einsum("kri,krj->ij", C, C) - columns.explained, np.einsum("kri,kr->i", C, left)
+
+
 def sum_by_key(products: Floats, keys: Sequence[Sequence[int]]) -> dict[int, Floats]:
     """Sum the rows of A^T C (K, d, n) of K factors of a kind that belong to the same variable; keys (K, variables)."""
     total: dict[int, Floats] = {}
