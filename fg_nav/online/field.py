@@ -23,7 +23,7 @@ from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import QUASI_STATIC, apply_gate, count_needed
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import choose_steady
+from fg_nav.smoother.field import choose_steady, rotate_field
 from fg_nav.smoother.field_factors import integrate_path, transition
 from fg_nav.smoother.field_rounds import FieldSolution
 from fg_nav.smoother.graph import Trajectory
@@ -36,6 +36,7 @@ from fg_nav.smoother.roughness import (
     split_potential,
     usual_deviation,
 )
+from fg_nav.smoother.solver import list_attitudes
 from fg_nav.stances import Stances
 
 RECENT = 4000
@@ -87,8 +88,8 @@ class OnlineField:
         self._p = replace(factors.parameters, potential=len(factors.potential) > 0)
         self._level_R_body = factors.path.level_R_body
         nodes = found.problem.nodes.result.tolist()
-        nav_R_body = np.array([values.atPose3(X(j)).rotation().matrix() for j in nodes])
-        nav = np.einsum("kij,kj->ki", nav_R_body, field.body_field)
+        nav_R_body = list_attitudes(nodes, values)
+        nav = rotate_field(field, nav_R_body)
         raw = field_deviation(nav, found.states[:, E_H])
         distance = np.append(0.0, factors.path.distance_m)
         passed = np.array([word == QUASI_STATIC for word in found.verdict.words])

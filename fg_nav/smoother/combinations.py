@@ -31,7 +31,7 @@ from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.sensitivity import SharedColumns
-from fg_nav.smoother.solver import Solved, pose_in_nav
+from fg_nav.smoother.solver import Solved, list_attitudes, pose_in_nav
 from fg_nav.smoother.strides import Nodes
 
 
@@ -56,8 +56,7 @@ class FootfallCovariance:
     def of(cls, solved: Solved, nodes: Nodes, shared: Mapping[int, Floats]) -> FootfallCovariance:
         """Take that of a walk's footfalls, each at its stillest node."""
         keys = tuple(X(int(j)) for j in nodes.result)
-        attitude = np.array([solved.values.atPose3(key).rotation().matrix() for key in keys])
-        return cls(solved.tree, keys, pose_in_nav(attitude), shared)
+        return cls(solved.tree, keys, pose_in_nav(list_attitudes(nodes.result, solved.values)), shared)
 
     def combine(self, weights: Floats) -> tuple[Floats, Floats]:
         """Return cov(c) (n, n), and cov(e_k, c) (F, 4, n) with each footfall, of weights (F, 4, n)."""

@@ -45,7 +45,7 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.recording import Fix
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
-from fg_nav.smoother.solver import GtsamFactors
+from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
 
 STRAIGHT_WITHIN_M = 0.15
@@ -96,7 +96,7 @@ class PinnedFixes:
 
     def best_turn(self, values: gtsam.Values) -> Floats:
         """Rotation (3, 3) about up and the start that brings a walk nearest to its fixes."""
-        walked = np.array([values.atPose3(X(int(j))).translation() for j in self.node])
+        walked = list_positions(self.node, values)
         weight = self.horizontal**-2.0
         across = weight @ (walked[:, 0] * self.position[:, 1] - walked[:, 1] * self.position[:, 0])
         along = weight @ (walked[:, :2] * self.position[:, :2]).sum(axis=1)
@@ -175,7 +175,7 @@ def free_heading(problem: WalkProblem, pinned: PinnedFixes, values: gtsam.Values
 def add_constraints(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
     """Add the straight stretches and floors found on a first solution, into whose values the floors are put."""
     p, nodes = problem.parameters, problem.nodes
-    position = np.array([values.atPose3(X(int(j))).translation() for j in nodes.result])
+    position = list_positions(nodes.result, values)
     if p.walk.straight:
         problem = replace(problem, constraints=(*problem.constraints, find_courses(nodes.result, position)))
     if not p.walk.floors:

@@ -28,7 +28,6 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior, across_field
@@ -49,6 +48,7 @@ from fg_nav.smoother.roughness import (
     roughness_of,
     usual_deviation,
 )
+from fg_nav.smoother.solver import list_attitudes
 
 COMPASS_SIGMA_UT = 0.3
 """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
@@ -135,12 +135,6 @@ def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
     return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, ())
 
 
-def list_attitudes(problem: WalkProblem, values: gtsam.Values | None = None) -> Floats:
-    """List the attitudes (F, 3, 3) at the footfalls."""
-    values = problem.values if values is None else values
-    return np.array([values.atPose3(X(int(j))).rotation().matrix() for j in problem.nodes.result])
-
-
 def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
     """Rotate the field at the footfalls into nav, (F, 3) uT."""
     return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
@@ -150,7 +144,7 @@ def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajector
     """Integrate the field along the strides of a walk."""
     recording, nodes = problem.recording, problem.nodes
     assert recording.mag is not None
-    up_uT = float(np.nanmedian(rotate_field(field, list_attitudes(problem))[:, 2]))
+    up_uT = float(np.nanmedian(rotate_field(field, list_attitudes(nodes.result, problem.values))[:, 2]))
     footfall = nodes.sample[nodes.result]
     return integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, footfall, up_uT)
 
@@ -164,7 +158,7 @@ def compare_field(
     p: FieldParameters,
 ) -> FieldResiduals:
     """Compare the field along the walk with its mean; `states` (F, 8) of the last round, None before the first."""
-    nav_R_body = list_attitudes(problem, values)
+    nav_R_body = list_attitudes(problem.nodes.result, values)
     nav_field = rotate_field(field, nav_R_body)
     seen = np.isfinite(nav_field[:, 0])
     level = np.hypot(nav_field[:, 0], nav_field[:, 1])

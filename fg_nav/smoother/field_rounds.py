@@ -32,7 +32,6 @@ from fg_nav.smoother.field import (
     compass_sigma,
     expect_direction,
     integrate_field,
-    list_attitudes,
     rotate_field,
     write_notes,
 )
@@ -41,7 +40,7 @@ from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, W
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.path_noise import PathNoise, choose_path_noise
 from fg_nav.smoother.potential import describe_jumps, free_jumps
-from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved
+from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes
 
 COMPASS_ROUNDS = 1
 """More rounds without the line integral: noise and heading are found together."""
@@ -92,7 +91,7 @@ class _Round:
 def look_along(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldWalk:
     """Look at the field along a walk, whose values are near its minimum without it; `track` is theirs."""
     if not problem.heading_known:
-        mean = np.nanmean(rotate_field(field, list_attitudes(problem)), axis=0)
+        mean = np.nanmean(rotate_field(field, list_attitudes(problem.nodes.result, problem.values)), axis=0)
         problem, track = _turn_north(problem, track, mean)
     return FieldWalk(problem, field, integrate_field(problem, field, track))
 

@@ -28,7 +28,7 @@ from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_for_north, solve_with_field
 from fg_nav.smoother.floors import count_floors
 from fg_nav.smoother.graph import Trajectory, WalkProblem
-from fg_nav.smoother.solver import compute_error, linearize, time_order
+from fg_nav.smoother.solver import compute_error, linearize, list_attitudes, time_order
 
 SHAPE_SIGMA_DEG = 0.1
 """Within which a footfall has the heading that it has without the field: of a still rest and a good gyroscope."""
@@ -59,7 +59,7 @@ def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:
     problem, values = found.problem, found.solved.values
     node, common = problem.nodes.result.tolist(), Z(count_floors(problem.floor))
     linear = linearize(problem.graph, problem.blocks, values)
-    nav_R_body, held = (np.array([some.atPose3(X(j)).rotation().matrix() for j in node]) for some in (values, without))
+    nav_R_body, held = (list_attitudes(node, some) for some in (values, without))
     turn = np.unwrap(turn_about_up(nav_R_body @ np.swapaxes(held, -1, -2)))
     weight = 1.0 / np.radians(SHAPE_SIGMA_DEG)
     one, by_common = gtsam.noiseModel.Unit.Create(1), np.array([[-weight]])

@@ -38,7 +38,6 @@ from typing import cast
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
@@ -48,7 +47,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.evidence import MOST_NATS, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
-from fg_nav.smoother.solver import Solved
+from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.smoother.strides import INERTIAL_KEYS
 
 SCALE_SIGMA = 0.01
@@ -148,7 +147,7 @@ def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:
     force, rate = recording.integrable
     bias = biases_of(nodes, values)[:, GYRO].copy()
     moved = sense_scale(recording.t, force, rate, nodes.sample, bias[nodes.bias[nodes.footfall[:-1]]])
-    nav_R_end = np.array([values.atPose3(X(j)).rotation().matrix() for j in range(1, len(nodes))])
+    nav_R_end = list_attitudes(range(1, len(nodes)), values)
     moved[:, 6:] = nav_R_end @ moved[:, 6:]
     return moved
 

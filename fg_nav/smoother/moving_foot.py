@@ -23,14 +23,13 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
-from fg_nav.smoother.solver import Solved
+from fg_nav.smoother.solver import Solved, list_positions
 
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01
 """Shares of the walking speed: scatter between the shoes, mountings and gaits of motion-captured walks."""
@@ -59,7 +58,7 @@ def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
     """Return (a, up x a) (M, 3, 2) m/s at each node, navigation axes; zero in the first and in long stances."""
     nodes = problem.nodes
     t = problem.recording.t[nodes.sample[nodes.result]]
-    position = np.array([values.atPose3(X(int(j))).translation() for j in nodes.result])
+    position = list_positions(nodes.result, values)
     d = np.diff(position, axis=0, prepend=position[:1])
     a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), LONGEST_STRIDE_S)[:, None]
     level = np.zeros(len(a))

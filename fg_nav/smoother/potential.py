@@ -32,8 +32,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.sensitivity import SharedColumns
-from fg_nav.smoother.solver import CONVERGENCE, Solved, clique_covariances, compute_error
+from fg_nav.smoother.sensitivity import weigh_shared
+from fg_nav.smoother.solver import CONVERGENCE, Solved, clique_covariances, compute_error, residuals_at_minimum
 
 LEAST_STATISTIC = 15.0
 """T below which no row is tried: the largest of clean walks of 500 strides is 1 to 15, of a circuit of 100 A 200."""
@@ -129,7 +129,8 @@ def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
     if not len(block):
         return statistic
     residual, jacobians = block.evaluate(solved.linearized_at)
-    jacobian, step = np.concatenate(jacobians, axis=2)[:, 0], solved.tree.optimize()
+    jacobian = np.concatenate(jacobians, axis=2)
+    left = residuals_at_minimum(solved.tree, block.keys, residual, jacobian)[:, 0]
     row_of = {keys[0]: k for k, keys in enumerate(block.keys)}
     for rows, covariance in clique_covariances(solved.tree):
         for k in (row_of[key] for key in rows if key in row_of):
@@ -138,9 +139,9 @@ def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
                 continue
             # The clique in which the pose was eliminated holds all variables of the row.
             of_keys = np.concatenate([np.arange(*rows[key]) for key in keys])
-            open_share = 1.0 - jacobian[k] @ covariance[np.ix_(of_keys, of_keys)] @ jacobian[k]
-            left = residual[k, 0] + jacobian[k] @ np.concatenate([step.at(key) for key in keys])
-            statistic[k] = left**2 / max(open_share, LEAST_VARIANCE)
+            row = jacobian[k, 0]
+            open_share = 1.0 - row @ covariance[np.ix_(of_keys, of_keys)] @ row
+            statistic[k] = left[k] ** 2 / max(open_share, LEAST_VARIANCE)
     return statistic
 
 
@@ -155,16 +156,11 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     sign, those = (-1.0, used) if len(used) else (1.0, stride)
     block = field.integrals_over(those)
     residual, jacobians = block.evaluate(solved.linearized_at)
-    left, step = residual[:, 0].copy(), solved.tree.optimize()
-    columns: dict[int, Floats] = {}
-    for k, keys in enumerate(block.keys):
-        for key, jacobian in zip(keys, jacobians, strict=True):
-            left[k] += jacobian[k, 0] @ step.at(key)
-            column = columns.setdefault(key, np.zeros((jacobian.shape[2], len(those))))
-            column[:, k] += jacobian[k, 0]
-    explained = SharedColumns(solved.tree, columns, len(those)).explained
-    share, axes = np.linalg.eigh(np.eye(len(those)) + sign * explained)
-    return float(((axes.T @ left) ** 2 / np.maximum(share, LEAST_VARIANCE)).sum())
+    # One number to each integral, by which it may be off.
+    own = np.eye(len(those))
+    columns, _, pull = weigh_shared(solved.tree, np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
+    share, axes = np.linalg.eigh(own + sign * columns.explained)
+    return float(((axes.T @ pull) ** 2 / np.maximum(share, LEAST_VARIANCE)).sum())
 
 
 def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:

@@ -31,7 +31,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, Rows, Solved, clique_covariances
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Rows, Solved, clique_covariances, residuals_at_minimum
 from fg_nav.text import format_count
 
 LEAST_STATISTIC = 40.0
@@ -109,20 +109,18 @@ def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceSta
     """Measure T and d of every footfall, at the minimum of the last linearization."""
     nodes, block = problem.nodes, problem.velocities
     residual, jacobians = block.evaluate(solved.linearized_at)
-    jacobian, step = np.concatenate(jacobians, axis=2), solved.tree.optimize()
+    jacobian = np.concatenate(jacobians, axis=2)
+    left = residuals_at_minimum(solved.tree, block.keys, residual, jacobian)
     found = StanceStatistics(np.zeros(len(nodes.result)), np.zeros((len(nodes.result), 3)))
     for footfall, rows, covariance in footfall_covariances(solved.tree, nodes.footfall, nodes.first):
         ties = np.arange(nodes.first[footfall], nodes.first[footfall + 1])
         J = np.zeros((3 * len(ties), len(covariance)))
-        e = np.empty(3 * len(ties))
         for i, k in enumerate(ties):
             of_keys = np.concatenate([np.arange(*rows[key]) for key in block.keys[k]])
             J[3 * i : 3 * i + 3, of_keys] = jacobian[k]
-            moved = np.concatenate([step.at(key) for key in block.keys[k]])
-            e[3 * i : 3 * i + 3] = residual[k] + jacobian[k] @ moved
         H = jacobians[1][ties].reshape(-1, 3)
         F = H.T @ H - (H.T @ J) @ covariance @ (J.T @ H)
-        found.velocity[footfall], found.statistic[footfall] = _solve_shift(F, H.T @ e)
+        found.velocity[footfall], found.statistic[footfall] = _solve_shift(F, H.T @ left[ties].ravel())
     return found
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.solver import dimension_of, list_cliques
+from fg_nav.smoother.solver import dimension_of, list_cliques, residuals_at_minimum
 
 
 class SharedColumns:
@@ -97,9 +97,7 @@ def weigh_shared(
     (n, n) and eta (n,) are what is left of them where the walk is eliminated.
     """
     # What is left of the factors at the minimum without the numbers.
-    step = tree.optimize()
-    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
-    left = b - (A @ steps[..., None])[..., 0]
+    left = -residuals_at_minimum(tree, keys, -b, A)
     # The walk is eliminated, and takes off what it explains.
     columns = SharedColumns(tree, sum_by_key(np.swapaxes(A, 1, 2) @ C, keys), C.shape[2])
     return columns, np.einsum("kri,krj->ij", C, C) - columns.explained, np.einsum("kri,kr->i", C, left)

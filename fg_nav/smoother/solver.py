@@ -20,7 +20,7 @@ milliseconds.)
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
@@ -241,6 +241,18 @@ def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dic
     return found
 
 
+def residuals_at_minimum(
+    tree: gtsam.GaussianBayesTree, keys: Sequence[Sequence[int]], residual: Floats, jacobian: Floats
+) -> Floats:
+    """Return the residuals (K, r) of K factors at the minimum of a tree.
+
+    `residual` (K, r) and `jacobian` (K, r, d), by the variables `keys`, are those where the tree was linearized.
+    """
+    step = tree.optimize()
+    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
+    return np.asarray(residual + (jacobian @ steps[..., None])[..., 0])
+
+
 Rows = dict[int, tuple[int, int]]
 """First row and row after the last of each key."""
 
@@ -313,6 +325,16 @@ def _invert_upper(R: Floats) -> Floats:
                 total += R[i, k] * inverse[k, j]
             inverse[i, j] = -total / R[i, i]
     return inverse
+
+
+def list_attitudes(nodes: Iterable[int], values: gtsam.Values) -> Floats:
+    """List the attitudes (n, 3, 3) at some nodes."""
+    return np.array([values.atPose3(X(int(j))).rotation().matrix() for j in nodes])
+
+
+def list_positions(nodes: Iterable[int], values: gtsam.Values) -> Floats:
+    """List the positions (n, 3) m at some nodes."""
+    return np.array([values.atPose3(X(int(j))).translation() for j in nodes])
 
 
 def pose_in_nav(nav_R_body: Floats) -> Floats:
