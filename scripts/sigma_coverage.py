@@ -141,22 +141,26 @@ def _measure_recorded(section: str, chosen: Sequence[walks.Walk], jobs: int) -> 
 def measure_recorded(section: str, walk: walks.Walk) -> Row:
     """Measure one real walk by its inertial sensor."""
     prepared = Walk(walk.recording, walk.stances, walk.recording.truth)
-    return measure_walk(section, walk.name, prepared, 0.0)
+    return measure_walk(section, walk.name, prepared, 0.0, find_seen)
 
 
 def measure_with_field(data: Path, number: int) -> Row:
     """Measure one indoor walk with its magnetometer, the heading at the start not given."""
     prepared = prepare_walk(Walk.of(read(walks.gdin_path(data, number)), Options()))
-    return measure_walk("gdin, magnetometer", f"gdin {number}", prepared, None)
+    return measure_walk("gdin, magnetometer", f"gdin {number}", prepared, None, find_seen)
 
 
-def measure_walk(section: str, name: str, walk: Walk, heading: float | None) -> Row:
+See: TypeAlias = Callable[[Solution, Stances, Truth], Seen]
+"""Finds the footfalls that a truth saw."""
+
+
+def measure_walk(section: str, name: str, walk: Walk, heading: float | None, see: See) -> Row:
     """Smooth a walk, and measure it in the frame of its truth."""
     try:
         solution, joint = smooth_jointly(walk.recording, walk.stances, heading=heading, field=walk.field)
         truth = walk.recording.truth if walk.truth is None else walk.truth
         assert truth is not None
-        seen = find_seen(solution, walk.stances, truth)
+        seen = see(solution, walk.stances, truth)
         return Row(section, name, joint_errors.measure_errors(solution.stances, joint, seen))
     except FgNavError as error:
         return Row(section, name, {}, str(error))
@@ -215,7 +219,8 @@ def measure_way(length_m: float, feet: Feet, task: tuple[str | None, int]) -> li
     for is_given in (True, False):
         section = f"simulated, {field or 'no magnetometer'}, heading {'given' if is_given else 'not given'}"
         prepared = magnetic_walks.prepare(walk, is_given or field is None)
-        rows.append(_measure_simulated(section, f"{seed}", prepared, field is not None or is_given))
+        see = partial(find_simulated, is_aligned=field is not None or is_given)
+        rows.append(measure_walk(section, f"{seed}", prepared, prepared.options.heading_rad, see))
     return rows
 
 
@@ -241,19 +246,12 @@ def draw_route(length_m: float, rng: np.random.Generator) -> list[Section]:
     return [Stand(REST_S), Walking(path), Stand(REST_S)]
 
 
-def _measure_simulated(section: str, name: str, walk: Walk, is_aligned: bool) -> Row:
-    try:
-        solution, joint = smooth_jointly(
-            walk.recording, walk.stances, heading=walk.options.heading_rad, field=walk.field
-        )
-    except FgNavError as error:
-        return Row(section, name, {}, str(error))
-    truth, sample = walk.recording.truth, solution.stances.sample
+def find_simulated(solution: Solution, stances: Stances, truth: Truth, is_aligned: bool) -> Seen:
+    """Footfalls that a simulated truth saw: all, with their attitudes."""
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     row, place = interpolate_truth(truth, solution.stances.t)
-    seen = Seen(row, place, 0.0, True, truth.nav_R_body[sample[row]], is_aligned)
-    return Row(section, name, joint_errors.measure_errors(solution.stances, joint, seen))
+    return Seen(row, place, 0.0, True, truth.nav_R_body[solution.stances.sample[row]], is_aligned)
 
 
 SETS: Mapping[str, Callable[[Chosen], list[Row]]] = {
