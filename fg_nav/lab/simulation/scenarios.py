@@ -130,28 +130,18 @@ class Choices:
         """
         chosen = {name: getattr(self, name) for name in ("sensor", "site", "field", "worn", "rests", "feet")}
         changed = replace(scenario, **{name: value for name, value in chosen.items() if value is not None})
-        _check_worn(changed.worn)
-        _check_rests(changed.rests)
-        _check_feet(changed.feet)
+        _check_choice("a sensor cannot be worn at", changed.worn, WORN)
+        _check_choice("rests cannot be", changed.rests, RESTS)
+        _check_choice("feet cannot be", changed.feet, FEET)
         prior = changed.prior if self.rate_hz is None else changed.prior.at_rate(self.rate_hz)
         prior = _remove_iron(prior) if self.calibrated else prior
         changed = replace(changed, sensor=prior, aligned=changed.aligned or self.aligned)
         return _rotate_scenario(changed, self.turned_deg) if self.turned_deg else changed
 
 
-def _check_worn(worn: str) -> None:
-    if worn not in WORN:
-        raise SimulationError(f"a sensor cannot be worn at '{worn}': choose one of {', '.join(WORN)}.")
-
-
-def _check_rests(rests: str) -> None:
-    if rests not in RESTS:
-        raise SimulationError(f"rests cannot be '{rests}': choose one of {', '.join(RESTS)}.")
-
-
-def _check_feet(feet: str) -> None:
-    if feet not in FEET:
-        raise SimulationError(f"feet cannot be '{feet}': choose one of {', '.join(FEET)}.")
+def _check_choice(what: str, chosen: str, known: Sequence[str]) -> None:
+    if chosen not in known:
+        raise SimulationError(f"{what} '{chosen}': choose one of {', '.join(known)}.")
 
 
 def _remove_iron(prior: SensorPrior) -> SensorPrior:
