@@ -1,5 +1,6 @@
 """The scripts on the online mode run, and their figures are what they say."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from tests.simulated import PERSON, straight_walk
 
 fuzz = load_script("online_fuzz")
 online_accuracy = load_script("online_accuracy")
+honesty = load_script("online_honesty")
 benchmark = load_script("benchmark")
 
 
@@ -57,6 +59,36 @@ def test_a_gap_is_the_largest_distance_at_the_same_samples() -> None:
     )
     assert gap == pytest.approx(0.1)  # the third is the same footfall at another sample, the fourth was not reported
     assert found == pytest.approx(0.75)
+
+
+def told_and_known(turn: float, shift: float) -> tuple[SimpleNamespace, SimpleNamespace]:
+    """Three lines at samples 0, 2, 4 of a path northward, the last of them turned and shifted east."""
+    north = np.arange(5.0)
+    path = np.column_stack([np.zeros(5), north, np.zeros(5)])
+    attitude = np.tile(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), (5, 1, 1))
+    sample = np.array([0, 2, 4])
+    told = honesty.Told(sample, sample / 2.0, path[sample], np.zeros(3), np.full((3, 4), 0.5))
+    told.position[-1, 0], told.heading[-1] = shift, turn
+    return told, SimpleNamespace(position=path, nav_R_body=attitude)
+
+
+def test_what_was_told_is_divided_by_its_sigma():
+    ratio = honesty.divide_by_sigma(*told_and_known(turn=2.0 * np.pi - 0.1, shift=3.0))
+    np.testing.assert_allclose(ratio[:2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(ratio[2], [6.0, 0.0, 0.0, 0.2], atol=1e-12)
+
+
+def test_lines_are_compared_with_the_end_and_a_false_footfall_is_added(capsys, tmp_path):
+    out = tmp_path / "honesty.json"
+    honesty.main(
+        ["--sets", "demo smooth", "--seeds", "1", "--told", "yes", "--inject", "--per-walk", "--json", str(out)]
+    )
+    printed = capsys.readouterr().out
+    assert "demo smooth, heading told: off after a false footfall, most (m)" in printed
+    row = json.loads(out.read_text())["walks"][0]
+    assert row["lines"] > 50
+    assert row["taken_back"] == 0
+    assert 0.0 <= row["injected_m"] < 2.0
 
 
 @pytest.mark.parametrize("lag", [[], ["--lag", "20"]], ids=["whole", "lag"])
