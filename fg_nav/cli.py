@@ -19,12 +19,15 @@ from fg_nav.cli_options import (
     POCKET_METHOD_NAMES,
     AlignmentMode,
     CalibrationPath,
+    CheckpointPath,
     FixesPath,
     Force,
     FormatName,
     GateName,
+    GateNames,
     Heading,
     KnownDistance,
+    Lag,
     MagAxesWords,
     MountPlace,
     NoMag,
@@ -34,9 +37,16 @@ from fg_nav.cli_options import (
     Preset,
     RecordingPath,
     Seed,
+    ServedPort,
+    Silence,
+    SourceName,
+    Speed,
     StepConstant,
     Strict,
     TruthPath,
+    ViewHost,
+    ViewPage,
+    ViewPort,
 )
 from fg_nav.errors import FgNavError
 
@@ -157,13 +167,21 @@ def compare(
 @app.command()
 def demo(
     seed: Seed = 1,
+    view: ViewPage = False,
+    speed: Speed = 1.0,
+    host: ViewHost = "127.0.0.1",
+    port: ViewPort = 8642,
     out: OutDir = None,
     force: Force = False,
 ) -> None:
-    """Simulate one minute of walking and compare the methods on it."""
+    """Simulate one minute of walking and compare the methods on it; with --view show it as it is walked."""
     from fg_nav.commands.run import demo
+    from fg_nav.commands.view import view_demo
 
-    demo(seed, out, force)
+    if view:
+        view_demo(seed, speed, host, port)
+    else:
+        demo(seed, out, force)
 
 
 @app.command()
@@ -191,14 +209,7 @@ def calibrate(
 @app.command()
 def detect(
     file: RecordingPath,
-    gates: Annotated[
-        str | None,
-        typer.Option(
-            "--gate",
-            metavar="A,B",
-            help="Detectors, with commas between, or `all`. \\[default: all but the printed]",
-        ),
-    ] = None,
+    gates: GateNames = None,
     calibration: CalibrationPath = None,
     mag_axes: MagAxesWords = None,
     heading: Heading = None,
@@ -235,33 +246,21 @@ def allan(
 
 @app.command()
 def stream(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="SOURCE",
-            show_default=False,
-            help="- for standard input, a file that grows, a serial device, tcp://host:port or udp://host:port.",
-        ),
-    ],
-    checkpoint: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Save the walk here, and take it up from here if it is there.")
-    ] = None,
+    source: SourceName,
+    checkpoint: CheckpointPath = None,
     every: Annotated[float, typer.Option(metavar="SECONDS", help="Between two saves.")] = 10.0,
-    lag: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Forget what is older. \\[default: keep the whole walk]")
-    ] = None,
+    lag: Lag = None,
     heading: Heading = None,
     no_mag: NoMag = False,
     gate: GateName = None,
     calibration: CalibrationPath = None,
     mag_axes: MagAxesWords = None,
-    serve: Annotated[
-        int | None, typer.Option(metavar="PORT", help="Serve the lines on this port of 127.0.0.1, and print none.")
-    ] = None,
+    serve: ServedPort = None,
+    view: ViewPage = False,
+    host: ViewHost = "127.0.0.1",
+    port: ViewPort = 8642,
     baud: Annotated[int, typer.Option(help="Of a serial device.")] = 115200,
-    silence: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="End the walk after so long without a row.")
-    ] = None,
+    silence: Silence = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result at the end. \\[default: lines]")
     ] = None,
@@ -276,8 +275,9 @@ def stream(
     from fg_nav.online.follow import StreamRequest
 
     request = StreamRequest(
-        source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish
-    )
+        source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
+        (host, port) if view else None,
+    )  # fmt: skip
     stream(request, out, force)
 
 

@@ -109,3 +109,38 @@ OutDir = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: a fresh one under results/]"),
 ]
+GateNames = Annotated[
+    str | None,
+    typer.Option(
+        "--gate", metavar="A,B", help="Detectors, with commas between, or `all`. \\[default: all but the printed]"
+    ),
+]
+SourceName = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        show_default=False,
+        help="- for standard input, a file that grows, a serial device, tcp://host:port or udp://host:port.",
+    ),
+]
+ViewPage = Annotated[bool, typer.Option("--view", help="Show the walk on a page, for a browser on this machine.")]
+ViewHost = Annotated[
+    str,
+    typer.Option(
+        "--host",
+        metavar="HOST",
+        help="Address of this machine that shows the page; 0.0.0.0 lets all who reach it see it.",
+    ),
+]
+ViewPort = Annotated[int, typer.Option("--port", metavar="PORT", help="Of the page; 0 for a free one.")]
+CheckpointPath = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Save the walk here, and take it up from here if it is there.")
+]
+Lag = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="Forget what is older. \\[default: keep the whole walk]")
+]
+ServedPort = Annotated[
+    int | None, typer.Option(metavar="PORT", help="Serve the lines on this port of 127.0.0.1, and print none.")
+]
+Silence = Annotated[float | None, typer.Option(metavar="SECONDS", help="End the walk after so long without a row.")]
+Speed = Annotated[float, typer.Option(metavar="FACTOR", help="Of the walk that is shown; 1 is its own.")]

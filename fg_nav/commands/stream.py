@@ -21,25 +21,29 @@ from fg_nav.estimators import Progress
 from fg_nav.evaluation import evaluate
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.navigate import prepare_walk
-from fg_nav.online.estimates import POLISHED, format_table
+from fg_nav.online.estimates import POLISHED, SensorTime, format_table
 from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
 from fg_nav.online.navigator import finish_walk
+from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Provenance
 from fg_nav.report.files import write_json, write_paths, write_run
 from fg_nav.report.terminal import progress
+from fg_nav.solution import Solution
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 
 def stream(request: StreamRequest, out: Path | None, force: bool) -> None:
     """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder."""
     target = Target(out, force, "stream")
-    walk = run_stream(request, line_printer(), remark)
-    if out is None:
-        print_end(walk, request.serve is not None)
-        return
-    with target.open() as folder:
-        write_end(folder, walk)
+    with open_outlets(request.serve, request.view, line_printer(), remark) as outlets:
+        walk = run_stream(request, outlets)
+        if out is None:
+            if outlets.emit_end is not None:
+                emit_end(walk, outlets.emit_end)
+            return
+        with target.open() as folder:
+            write_end(folder, walk)
     remark(f"files: {target.place}")
 
 
@@ -66,17 +70,19 @@ def line_printer() -> Callable[[str], None]:
     return print_line
 
 
-def print_end(walk: StreamedWalk, served: bool) -> None:
-    """Print the past as it is known at the end, one line a footfall; nothing where the lines were served."""
-    if served:
-        return
-    print_line, sensor_time = line_printer(), walk.navigator.judge.sensor_time
+def emit_end(walk: StreamedWalk, emit: Say) -> None:
+    """Emit the past as it is known at the end, one line a footfall."""
     solution = walk.navigator.finish() if _has_lag(walk) else finish_stream(walk)[1].solution
+    emit_solution(solution, walk.navigator.judge.sensor_time, emit)
+
+
+def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say) -> None:
+    """Emit the lines of a solution, and those of its batch solution where there is one."""
     for line in format_table(solution.stances, sensor_time):
-        print_line(line)
+        emit(line)
     if solution.polished is not None:
         for line in format_table(solution.polished.stances, sensor_time, POLISHED):
-            print_line(line)
+            emit(line)
 
 
 def write_end(folder: Path, walk: StreamedWalk) -> None:

@@ -154,6 +154,11 @@ class CausalStances:
             return []
         return self._started_search().finish(*self._take(self._n_waiting))
 
+    @property
+    def stands(self) -> bool:
+        """Whether the foot stands at the last samples, as far as is seen."""
+        return self._search is not None and self._search.stands
+
     def _started_search(self) -> _Search:
         if self._search is None:
             t = np.concatenate([block[0] for block in self._waiting])[:FIRST_SAMPLES]
@@ -186,7 +191,14 @@ class _Search:
         self._level = Sliding(keep)
         self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in (WALKING, ROUGH)]
         self._velocity = [Sliding(keep, (3,)) for _ in self._passes]
-        self._reported, self._stands = 0, False
+        self._reported, self._stands, self._last_end = 0, False, 0
+
+    @property
+    def stands(self) -> bool:
+        """Whether the last interval found reaches to the last sample, or a standing goes on."""
+        stop = self._level.stop
+        goes_on = self._stands and not self._has_swung(self._reported, stop)
+        return goes_on or self._last_end > stop - self.step
 
     def advance(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
         """Add samples, search, and return the footfalls that are settled."""
@@ -242,6 +254,7 @@ class _Search:
         velocity = [column.between(first, stop) for column in self._velocity]
         found = choose_footfalls(t, acc, gyr, level, velocity)
         start, end, threshold = self._after_reported(found[0] + first, found[1] + first, found[2])
+        self._last_end = int(end[-1]) if len(end) else 0
         if len(start) == 0:
             return []
         swings = [self._has_swung(a, b) for a, b in zip(end[:-1], start[1:], strict=True)]

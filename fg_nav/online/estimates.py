@@ -3,7 +3,7 @@
 StanceEstimate        a footfall, as known when it was complete; kept as a row of numbers, for a walk has thousands
 propagate_strapdown   from the last footfall to now: strapdown, standing still where the foot is seen to stand
 
-As JSON an estimate is one object a line, and a server sends such lines.
+As JSON an estimate is one object a line.
 
 ========================= ======================================================================================
 kind                      "now": as known when the footfall was complete; "smoothed": as the graph has it at the end;
@@ -27,10 +27,7 @@ Sigmas are one standard deviation. What is not finite is null.
 from __future__ import annotations
 
 import json
-import socket
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -39,7 +36,6 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.errors import StreamError
 from fg_nav.frames import compute_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import Verdict
@@ -219,9 +215,6 @@ SensorTime = Callable[[int, float], float]
 DIGITS = 6
 """After the point: a micrometre, a microdegree."""
 
-SLOW_S = 0.2
-"""A listener that does not take a line for so long is disconnected: the walk does not wait."""
-
 
 def _same_time(sample: int, t: float) -> float:
     return t
@@ -290,61 +283,3 @@ def _format_line(
         "field_reason": field[1],
     }
     return json.dumps(to_json(content), allow_nan=False)
-
-
-class LineServer:
-    """Serves lines on 127.0.0.1 at a port, to each listener from its connection on.
-
-    `port` is the one it has; 0 asks for a free one.
-
-    Raises
-    ------
-    StreamError
-        If the port is taken.
-    """
-
-    def __init__(self, port: int) -> None:
-        self._lock = threading.Lock()
-        self._listeners: list[socket.socket] = []
-        try:
-            self._socket = socket.create_server(("127.0.0.1", port))
-        except (OSError, OverflowError) as error:
-            reason = (getattr(error, "strerror", None) or str(error)).lower()
-            raise StreamError(f"port {port} cannot be served ({reason}): choose another --serve.") from None
-        self.port = int(self._socket.getsockname()[1])
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def send(self, line: str) -> None:
-        """Send a line to all listeners."""
-        data = (line + "\n").encode()
-        with self._lock:
-            self._listeners = [listener for listener in self._listeners if _send(listener, data)]
-
-    def close(self) -> None:
-        """Disconnect all."""
-        with suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
-        with self._lock:
-            for listener in self._listeners:
-                listener.close()
-            self._listeners = []
-
-    def _accept(self) -> None:
-        while True:
-            try:
-                listener, _ = self._socket.accept()
-            except OSError:
-                return
-            listener.settimeout(SLOW_S)
-            with self._lock:
-                self._listeners.append(listener)
-
-
-def _send(listener: socket.socket, data: bytes) -> bool:
-    try:
-        listener.sendall(data)
-    except OSError:
-        listener.close()
-        return False
-    return True

@@ -14,7 +14,6 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,15 +28,14 @@ from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.checkpoint import collect_content, write_content
-from fg_nav.online.estimates import LineServer, StanceEstimate, format_estimate
+from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.smoother import OnlineOptions
 from fg_nav.online.sources import RowReader, Source, open_source
+from fg_nav.online.status import StatusReporter, Watcher
 from fg_nav.signals import catch_signals
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from fg_nav.text import to_json
-
-Say = Callable[[str], None]
-"""Takes a line, or a sentence for people."""
 
 WAIT_S = 0.2
 """For bytes, before the stop signal is checked."""
@@ -74,7 +72,12 @@ class StreamOptions:
 
 
 def follow_source(
-    source: Source, options: StreamOptions, emit: Say, remark: Say, stop: threading.Event | None = None
+    source: Source,
+    options: StreamOptions,
+    emit: Say,
+    remark: Say,
+    stop: threading.Event | None = None,
+    watcher: Watcher | None = None,
 ) -> OnlineNavigator:
     """Follow a source to its end.
 
@@ -90,6 +93,8 @@ def follow_source(
         Given a sentence for people about what is odd.
     stop
         Ends the walk when it is set.
+    watcher
+        Shown what holds between footfalls; None without.
 
     Returns
     -------
@@ -102,7 +107,9 @@ def follow_source(
         Where the rows are of another format or unit, or a checkpoint cannot be resumed.
     """
     navigator = _open_navigator(options, remark)
-    walk = _Walk(navigator, options, emit, remark)
+    status = None if watcher is None else StatusReporter(watcher)
+    walk = _Walk(navigator, options, emit, remark, status)
+    walk.show_past()
     reader = RowReader(source.name, remark, navigator.source.get("header"))
     silence = _Silence(source.name, options, remark)
     while not (stop is not None and stop.is_set()):
@@ -110,6 +117,7 @@ def follow_source(
         if piece is None or silence.is_over(piece):
             break
         walk.add(reader.read(piece), reader.header)
+        walk.show_status()
     walk.add(reader.finish(), reader.header)
     if reader.header is None:
         raise FormatError(f"{source.name} ended before a header came: its first line must name the columns.")
@@ -142,8 +150,15 @@ def _name_axes(options: StreamOptions) -> str | None:
 class _Walk:
     """Samples to the navigator, lines of its estimates, and the walk into its checkpoint."""
 
-    def __init__(self, navigator: OnlineNavigator, options: StreamOptions, emit: Say, remark: Say) -> None:
-        self._navigator, self._options, self._emit = navigator, options, emit
+    def __init__(
+        self,
+        navigator: OnlineNavigator,
+        options: StreamOptions,
+        emit: Say,
+        remark: Say,
+        status: StatusReporter | None = None,
+    ) -> None:
+        self._navigator, self._options, self._emit, self._status = navigator, options, emit, status
         self._due = time.monotonic() + options.checkpoint_s
         self._remark, self._unsaved = remark, False
         self._saving: threading.Thread | None = None
@@ -151,6 +166,8 @@ class _Walk:
     def add(self, rows: Floats, header: list[str] | None) -> None:
         if not len(rows):
             return
+        if self._status is not None:
+            self._status.count_samples(len(rows))
         self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
@@ -163,11 +180,23 @@ class _Walk:
             self._save(self._options.checkpoint)
             self._wait()
         self._emit_lines(self._navigator.close())
+        self.show_status(ended=True)
+
+    def show_status(self, ended: bool = False) -> None:
+        if self._status is not None:
+            self._status.report(self._navigator, ended)
+
+    def show_past(self) -> None:
+        """Show the path of a walk that was resumed."""
+        if self._status is not None and self._navigator.footfalls:
+            self._status.show_past(self._navigator.smoothed())
 
     def _emit_lines(self, estimates: list[StanceEstimate]) -> None:
         for estimate in estimates:
             continues = self._navigator.footfalls[estimate.number].continues
             self._emit(format_estimate(estimate, continues, self._navigator.judge.sensor_time))
+            if self._status is not None:
+                self._status.note_estimate(estimate)
 
     def _save(self, path: Path) -> None:
         """Save in a thread: only the copy holds the walk up."""
@@ -248,6 +277,7 @@ class StreamRequest:
     silence_s: float | None = None
     mag_axes: str | None = None
     polish: bool = False
+    view: tuple[str, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -264,22 +294,20 @@ class StreamedWalk:
     polish: bool = False
 
 
-def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
+def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
     """Follow a source until it ends or a signal says stop.
 
     Parameters
     ----------
     request
         What the user asks for.
-    emit
-        Given each line, unless they are served.
-    remark
-        Given sentences for people.
+    outlets
+        Where lines and remarks go.
 
     Raises
     ------
     FgNavError
-        Where something that was asked for cannot be: the source, the checkpoint, the port, the rows.
+        Where something that was asked for cannot be: the source, the checkpoint, the rows.
     """
     calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
     axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
@@ -295,13 +323,8 @@ def run_stream(request: StreamRequest, emit: Say, remark: Say) -> StreamedWalk:
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
         closing(open_source(request.source, request.baud)) as source,
     ):
-        if request.serve is None:
-            navigator = follow_source(source, options, emit, remark, stop)
-            return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
-        with closing(LineServer(request.serve)) as server:
-            remark(f"lines are served on 127.0.0.1:{server.port}.")
-            navigator = follow_source(source, options, server.send, remark, stop)
-            return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
+        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
+    return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
 
 
 def _online_options(request: StreamRequest) -> OnlineOptions:

@@ -227,6 +227,11 @@ class OnlineNavigator:
         return last._replace(t=np.array([last_stamp]), velocity=np.zeros((1, 3)))
 
     @property
+    def stands(self) -> bool:
+        """Whether the foot stands at the last samples, as far as is seen."""
+        return self._stances.stands
+
+    @property
     def has_ended(self) -> bool:
         """Whether the walk was closed."""
         return self._closed

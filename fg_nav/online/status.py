@@ -1,0 +1,127 @@
+"""What holds of a walk between its footfalls, for whoever watches: pose, stance, rate, latency, source.
+
+==================== ============================================================================================
+t                    s, of the last sample
+standing             whether the foot stands
+position_m           [east, north, up], by strapdown from the last footfall on
+heading_deg          of the body's x axis, clockwise from north
+position_cov_m2      [east-east, east-north, north-north] of the last footfall
+position_sigma_m     [east, north, up] of the last footfall, and `heading_sigma_deg`
+field, field_reason  verdict on the field at the last footfall
+latency_ms           from the arrival of the samples to the newest line
+rate_hz              samples that come in a second
+source               "ok", "silent 7 s" or "ended"
+==================== ============================================================================================
+
+What is not known yet is null.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from typing import Any, Protocol
+
+import numpy as np
+
+from fg_nav.frames import compute_heading
+from fg_nav.online.estimates import DIGITS, StanceEstimate
+from fg_nav.online.navigator import OnlineNavigator
+from fg_nav.solution import StanceTable
+
+RATE_S = 2.0
+"""In which samples are counted for their rate."""
+
+SILENT_S = 1.5
+"""A source that has sent nothing for so long is called silent."""
+
+
+class Watcher(Protocol):
+    """Who is shown the status: the server of a page."""
+
+    @property
+    def viewers(self) -> int:
+        """How many watch."""
+        ...
+
+    @property
+    def status_s(self) -> float:
+        """How often they are shown it."""
+        ...
+
+    def send_status(self, status: dict[str, Any]) -> None:
+        """Show it to all."""
+        ...
+
+    def send(self, line: str) -> None:
+        """Show what a line of the stream says."""
+        ...
+
+
+class StatusReporter:
+    """Measures while a source is followed, and reports to a watcher, where somebody watches."""
+
+    def __init__(self, watcher: Watcher) -> None:
+        self._watcher = watcher
+        self._due = self._arrived = time.monotonic()
+        self._counts: deque[tuple[float, int]] = deque()
+        self._last: StanceEstimate | None = None
+        self._latency_ms: float | None = None
+
+    def show_past(self, table: StanceTable) -> None:
+        """Show the path of a walk that was resumed, as the line of a past that was revised."""
+        path = np.round(np.column_stack([table.t, table.position]), DIGITS).tolist()
+        self._watcher.send(json.dumps({"kind": "revised", "t": path[-1][0], "path": path}))
+
+    def count_samples(self, count: int) -> None:
+        """Note that samples have come."""
+        if count:
+            self._arrived = time.monotonic()
+            self._counts.append((self._arrived, count))
+
+    def note_estimate(self, estimate: StanceEstimate) -> None:
+        """Note an estimate whose line was just sent."""
+        self._last, self._latency_ms = estimate, 1e3 * (time.monotonic() - self._arrived)
+
+    def report(self, navigator: OnlineNavigator, ended: bool = False) -> None:
+        """Send the status, where it is due and somebody watches; at the end always."""
+        now = time.monotonic()
+        while self._counts and self._counts[0][0] < now - RATE_S:
+            self._counts.popleft()
+        if ended or (now >= self._due and self._watcher.viewers):
+            self._due = now + self._watcher.status_s
+            source = "ended" if ended else self._describe_source(now)
+            self._watcher.send_status({**self._describe(navigator), "source": source})
+
+    def _describe_source(self, now: float) -> str:
+        silent_s = now - self._arrived
+        return "ok" if silent_s < SILENT_S else f"silent {silent_s:.0f} s"
+
+    def _describe(self, navigator: OnlineNavigator) -> dict[str, Any]:
+        """Return what the samples so far show; the pose costs some milliseconds."""
+        stop, pose = navigator.buffer.stop, navigator.pose()
+        content: dict[str, Any] = {
+            "t": round(navigator.buffer.stamp(stop - 1), DIGITS) if stop else None,
+            "standing": navigator.stands,
+            "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
+            "heading_deg": None if pose is None else _to_degrees(float(compute_heading(pose.nav_R_body[-1]))),
+            "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
+            "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
+        }
+        return content if self._last is None else {**content, **_describe_estimate(self._last)}
+
+
+def _describe_estimate(estimate: StanceEstimate) -> dict[str, Any]:
+    sigma = np.sqrt(np.diagonal(estimate.pose_cov))
+    return {
+        "position_cov_m2": np.round(estimate.pose_cov[[0, 0, 1], [0, 1, 1]], 2 * DIGITS),
+        "position_sigma_m": np.round(sigma[:3], DIGITS),
+        "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
+        "field": estimate.field,
+        "field_reason": estimate.field_reason,
+    }
+
+
+def _to_degrees(heading: float) -> float:
+    return round(float(np.degrees(heading) % 360.0), DIGITS)

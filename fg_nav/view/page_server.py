@@ -1,0 +1,282 @@
+"""Serves the page of a walk: its files over HTTP, and what happens over a websocket (`/live`).
+
+A page is first sent one message `history`, and from then on the lines of the stream as they come:
+
+========= =======================================================================================================
+history   `path`, rows t, east, north, up, as it is known now; `last`, the newest line; `status`; `remarks`; also
+          sent anew in place of `revised`, and behind `turned` and `retracted`: a page has no arithmetic of its own
+now, turned, retracted    the lines, as `fg-nav stream` prints them
+status    some five times a second while somebody watches: what holds between footfalls (`fg_nav.online.status`)
+remark    `words`: what is odd, in a sentence
+========= =======================================================================================================
+
+A page that does not keep up is sent nothing until its buffer has drained, and the history then. Pages have nothing to
+say: one that does is disconnected. Handshakes are answered only for pages that came from here, by the `Origin` and
+`Host` that the browser names: no other page that is open in it can listen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import json
+import logging
+import socket
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from http import HTTPStatus
+from importlib import resources
+from time import perf_counter
+from typing import Any
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from fg_nav.text import to_json
+from fg_nav.view.history import History, turn_row
+from fg_nav.view.loop import BACKLOG, LoopThread, is_last_descriptor, open_port
+
+LIVE = "/live"
+
+FILES = {
+    "/": ("index.html", "text/html; charset=utf-8"),
+    "/style.css": ("style.css", "text/css; charset=utf-8"),
+    "/view.js": ("view.js", "text/javascript; charset=utf-8"),
+}
+
+MOST_WAITING = 1 << 18
+"""Bytes in the buffer of a page that is sent more; two histories."""
+
+LONGEST_MESSAGE = 1024
+"""Bytes; pages send none."""
+
+MOST_REMARKS = 50
+
+STATUS_S = 0.2
+"""Between two messages of what holds between footfalls."""
+
+STATUS_SHARE = 0.1
+"""Of the time at most goes into them: with a thousand pages they are rarer."""
+
+REDRAW_S = 0.05
+"""Changes of the past that come together are one message."""
+
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+    "Connection": "close",
+}
+"""Of every answer: nothing is loaded from elsewhere, and no other page frames this one."""
+
+
+@dataclass(eq=False)
+class _Viewer:
+    """A page that is open; `behind`, once something was not sent to it."""
+
+    connection: ServerConnection
+    behind: bool = False
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that it has not taken."""
+        return self.connection.transport.get_write_buffer_size()
+
+
+class PageServer:
+    """Serves the page; `port` is the one it has, and 0 asks for a free one.
+
+    Raises
+    ------
+    StreamError
+        If the port is taken.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        door = open_port(host, port, "--port")
+        self.host, self.port = host, int(door.getsockname()[1])
+        self._files = {path: (_read_file(name), kind) for path, (name, kind) in FILES.items()}
+        self._history = History()
+        self._last: dict[str, Any] | None = None
+        self._status: dict[str, Any] | None = None
+        self._remarks: deque[dict[str, Any]] = deque(maxlen=MOST_REMARKS)
+        self._viewers: set[_Viewer] = set()
+        self._redraws: asyncio.TimerHandle | None = None
+        self._status_s = STATUS_S
+        self._thread = LoopThread("page server")
+        self._server = self._thread.run(self._open(door))
+
+    @property
+    def address(self) -> str:
+        """Where a browser of this machine finds it."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+        return f"http://[{host}]:{self.port}/" if ":" in host else f"http://{host}:{self.port}/"
+
+    @property
+    def viewers(self) -> int:
+        """How many pages are open."""
+        return len(self._viewers)
+
+    @property
+    def status_s(self) -> float:
+        """How often `send_status` has something to say."""
+        return self._status_s
+
+    def send(self, line: str) -> None:
+        """Send a line of the stream; does not wait."""
+        self._thread.post(self._take, line)
+
+    def send_status(self, status: dict[str, Any]) -> None:
+        """Send what holds between footfalls."""
+        self._thread.post(self._take_status, status)
+
+    def send_remark(self, words: str) -> None:
+        """Send a sentence for people."""
+        self._thread.post(self._take_remark, words)
+
+    def close(self) -> None:
+        """Disconnect all."""
+        self._thread.run(self._end())
+        self._thread.close()
+
+    async def _open(self, door: socket.socket) -> Any:
+        logger = logging.getLogger(__name__)
+        logger.disabled = True  # garbage on the port is no news
+        return await serve(
+            self._follow,
+            sock=door,
+            backlog=BACKLOG,
+            process_request=self._answer,
+            compression=None,
+            max_size=LONGEST_MESSAGE,
+            server_header=None,
+            logger=logger,
+        )
+
+    async def _end(self) -> None:
+        self._server.close()
+        await self._server.wait_closed()
+
+    async def _follow(self, connection: ServerConnection) -> None:
+        """Serve one page until it goes, or says something."""
+        viewer = _Viewer(connection)
+        self._send_to([viewer], self._describe())
+        self._viewers.add(viewer)
+        try:
+            await connection.recv()
+        except ConnectionClosed:
+            pass
+        finally:
+            self._viewers.discard(viewer)
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the file that was asked for, or why not; None where a websocket is to be opened."""
+        host = request.headers.get_all("Host")
+        if len(host) != 1 or not self._is_ours(host[0]):
+            return self._respond(HTTPStatus.FORBIDDEN, b"this page is not served under that name\n", "")
+        path = request.path.partition("?")[0]
+        if path == LIVE:
+            origins = request.headers.get_all("Origin")
+            if any(urlsplit(origin).netloc != host[0] for origin in origins):
+                return self._respond(HTTPStatus.FORBIDDEN, b"that page did not come from here\n", host[0])
+            if is_last_descriptor(connection.transport.get_extra_info("socket").fileno()):
+                return self._respond(HTTPStatus.SERVICE_UNAVAILABLE, b"too many watch\n", host[0])
+            return None
+        if path not in self._files:
+            return self._respond(HTTPStatus.NOT_FOUND, b"there is no such page\n", host[0])
+        return self._respond(HTTPStatus.OK, *self._files[path], host=host[0])
+
+    def _is_ours(self, host: str) -> bool:
+        """Whether a browser named an address, this machine or what was served: no name that leads here by a trick."""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name in {"localhost", self.host.lower(), *_own_names()}
+        return True
+
+    def _respond(
+        self, status: HTTPStatus, body: bytes, kind: str = "text/plain; charset=utf-8", host: str = ""
+    ) -> Response:
+        headers = Headers({name: value.format(host=host) for name, value in HEADERS.items()})
+        headers["Content-Type"] = kind
+        headers["Content-Length"] = str(len(body))
+        return Response(status.value, status.phrase, headers, body)
+
+    def _take(self, line: str) -> None:
+        """Follow a line, and send it; where it changed the past that follows as a whole."""
+        event = json.loads(line)
+        changed = self._history.add(event)
+        if event["kind"] == "turned":
+            self._turn(event["angle_deg"])
+        if event["kind"] == "now":
+            self._last = event
+        if event["kind"] in {"now", "turned", "retracted"}:
+            self._send_to(self._viewers, line)
+        if changed and self._redraws is None:
+            self._redraws = self._thread.loop.call_later(REDRAW_S, self._redraw)
+
+    def _take_status(self, status: dict[str, Any]) -> None:
+        known = {"distance_m": self._history.distance_m, "speed_m_s": self._history.speed_m_s(status["t"] or 0.0)}
+        self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
+        began = perf_counter()
+        self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
+        self._status_s = max(STATUS_S, (perf_counter() - began) / STATUS_SHARE)
+
+    def _take_remark(self, words: str) -> None:
+        self._remarks.append({"kind": "remark", "words": words})
+        self._send_to(self._viewers, json.dumps(self._remarks[-1]))
+
+    def _turn(self, angle_deg: float) -> None:
+        """Turn what is known of the moment with the map."""
+        for known in (self._last, self._status):
+            if known is not None and known.get("position_m") is not None:
+                known["position_m"] = list(turn_row((0.0, *known["position_m"]), angle_deg)[1:])
+                known["heading_deg"] = (known["heading_deg"] + angle_deg) % 360.0
+        if self._status is not None:
+            self._status.pop("position_cov_m2", None)
+
+    def _redraw(self) -> None:
+        self._redraws = None
+        self._send_to(self._viewers, self._describe())
+
+    def _describe(self) -> str:
+        """Return the message from which a page can draw all of it."""
+        content = {
+            "kind": "history",
+            "path": self._history.rows(),
+            "distance_m": round(self._history.distance_m, 3),
+            "last": self._last,
+            "status": self._status,
+            "remarks": list(self._remarks),
+        }
+        return json.dumps(to_json(content), allow_nan=False)
+
+    def _send_to(self, viewers: Sequence[_Viewer] | set[_Viewer], message: str) -> None:
+        """Send to those that keep up; those that have caught up get the whole path instead."""
+        late = [viewer for viewer in viewers if viewer.behind and viewer.waiting == 0]
+        ready = [viewer for viewer in viewers if not viewer.behind]
+        broadcast([viewer.connection for viewer in ready], message)
+        for viewer in ready:
+            viewer.behind = viewer.waiting > MOST_WAITING
+        if late:
+            for viewer in late:
+                viewer.behind = False
+            broadcast([viewer.connection for viewer in late], self._describe())
+
+
+def _read_file(name: str) -> bytes:
+    return resources.files("fg_nav.view").joinpath("page", name).read_bytes()
+
+
+def _own_names() -> set[str]:
+    """Names under which other machines know this one."""
+    name = socket.gethostname().lower()
+    return {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
