@@ -15,6 +15,7 @@ sensor_t                  s, the stamp that the sensor gave it, only where that 
 position_m                [east, north, up]
 heading_deg               of the body's x axis, clockwise from north, in [0, 360)
 position_sigma_m          [east, north, up]
+east_north_cov_m2         covariance of east and north: with their sigmas, the ellipse
 heading_sigma_deg
 gyro_bias_deg_s           [x, y, z], body axes
 gyro_bias_sigma_deg_s     [x, y, z]
@@ -230,6 +231,7 @@ def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: Sens
         estimate.position,
         np.degrees(estimate.heading),
         np.sqrt(np.diagonal(estimate.pose_cov)),
+        float(estimate.pose_cov[0, 1]),
         estimate.gyro_bias,
         estimate.gyro_bias_sigma,
         (estimate.field, estimate.field_reason),
@@ -248,6 +250,7 @@ def format_table(table: StanceTable, sensor_time: SensorTime = _same_time, kind:
             table.position[k],
             heading[k],
             np.append(table.position_sigma[k], table.heading_sigma[k]),
+            float(table.position_cov[k, 0, 1]),
             table.gyro_bias[k],
             table.gyro_bias_sigma[k],
             (table.field[k], table.field_reason[k]),
@@ -262,6 +265,7 @@ def _format_line(
     position: Floats,
     heading_deg: float,
     sigma: Floats,
+    east_north_cov: float,
     bias: Floats,
     bias_sigma: Floats,
     field: tuple[str, str],
@@ -276,6 +280,7 @@ def _format_line(
         "position_m": np.round(position, DIGITS),
         "heading_deg": round(float(heading_deg % 360.0), DIGITS),
         "position_sigma_m": np.round(sigma[:3], DIGITS),
+        "east_north_cov_m2": round(east_north_cov, 2 * DIGITS),
         "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
         "gyro_bias_deg_s": np.round(np.degrees(bias), DIGITS),
         "gyro_bias_sigma_deg_s": np.round(np.degrees(bias_sigma), DIGITS),

@@ -196,7 +196,7 @@ class _Walk:
             continues = self._navigator.footfalls[estimate.number].continues
             self._emit(format_estimate(estimate, continues, self._navigator.judge.sensor_time))
             if self._status is not None:
-                self._status.note_estimate(estimate)
+                self._status.note_line()
 
     def _save(self, path: Path) -> None:
         """Save in a thread: only the copy holds the walk up."""

@@ -5,15 +5,12 @@ t                    s, of the last sample
 standing             whether the foot stands
 position_m           [east, north, up], by strapdown from the last footfall on
 heading_deg          of the body's x axis, clockwise from north
-position_cov_m2      [east-east, east-north, north-north] of the last footfall
-position_sigma_m     [east, north, up] of the last footfall, and `heading_sigma_deg`
-field, field_reason  verdict on the field at the last footfall
 latency_ms           from the arrival of the samples to the newest line
 rate_hz              samples that come in a second
 source               "ok", "silent 7 s" or "ended"
 ==================== ============================================================================================
 
-What is not known yet is null.
+What is not known yet is null. Sigmas and the verdict on the field are those of the newest line.
 """
 
 from __future__ import annotations
@@ -26,7 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fg_nav.frames import compute_heading
-from fg_nav.online.estimates import DIGITS, StanceEstimate
+from fg_nav.online.estimates import DIGITS
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.solution import StanceTable
 
@@ -66,7 +63,6 @@ class StatusReporter:
         self._watcher = watcher
         self._due = self._arrived = time.monotonic()
         self._counts: deque[tuple[float, int]] = deque()
-        self._last: StanceEstimate | None = None
         self._latency_ms: float | None = None
 
     def show_past(self, table: StanceTable) -> None:
@@ -80,9 +76,9 @@ class StatusReporter:
             self._arrived = time.monotonic()
             self._counts.append((self._arrived, count))
 
-    def note_estimate(self, estimate: StanceEstimate) -> None:
-        """Note an estimate whose line was just sent."""
-        self._last, self._latency_ms = estimate, 1e3 * (time.monotonic() - self._arrived)
+    def note_line(self) -> None:
+        """Note that a line was just sent."""
+        self._latency_ms = 1e3 * (time.monotonic() - self._arrived)
 
     def report(self, navigator: OnlineNavigator, ended: bool = False) -> None:
         """Send the status, where it is due and somebody watches; at the end always."""
@@ -101,7 +97,7 @@ class StatusReporter:
     def _describe(self, navigator: OnlineNavigator) -> dict[str, Any]:
         """Return what the samples so far show; the pose costs some milliseconds."""
         stop, pose = navigator.buffer.stop, navigator.pose()
-        content: dict[str, Any] = {
+        return {
             "t": round(navigator.buffer.stamp(stop - 1), DIGITS) if stop else None,
             "standing": navigator.stands,
             "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
@@ -109,18 +105,6 @@ class StatusReporter:
             "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
             "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
         }
-        return content if self._last is None else {**content, **_describe_estimate(self._last)}
-
-
-def _describe_estimate(estimate: StanceEstimate) -> dict[str, Any]:
-    sigma = np.sqrt(np.diagonal(estimate.pose_cov))
-    return {
-        "position_cov_m2": np.round(estimate.pose_cov[[0, 0, 1], [0, 1, 1]], 2 * DIGITS),
-        "position_sigma_m": np.round(sigma[:3], DIGITS),
-        "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
-        "field": estimate.field,
-        "field_reason": estimate.field_reason,
-    }
 
 
 def _to_degrees(heading: float) -> float:

@@ -125,6 +125,17 @@ def turn_row(row: tuple[float, float, float, float], angle_deg: float) -> tuple[
     return row[0], float(c * row[1] + s * row[2]), float(c * row[2] - s * row[1]), row[3]
 
 
+def turn_ellipse(event: dict[str, Any], angle_deg: float) -> None:
+    """Turn the sigmas of a line about the vertical, clockwise."""
+    east, north, up = event["position_sigma_m"]
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    turn = np.array([[c, s], [-s, c]])
+    covariance = np.array([[east**2, event["east_north_cov_m2"]], [event["east_north_cov_m2"], north**2]])
+    turned = turn @ covariance @ turn.T
+    event["position_sigma_m"] = [*np.sqrt(np.diagonal(turned)).tolist(), up]
+    event["east_north_cov_m2"] = float(turned[0, 1])
+
+
 def _row_of(event: Mapping[str, Any]) -> tuple[float, float, float, float]:
     east, north, up = event["position_m"]
     return event["t"], east, north, up

@@ -37,7 +37,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from fg_nav.text import to_json
-from fg_nav.view.history import History, turn_row
+from fg_nav.view.history import History, turn_ellipse, turn_row
 from fg_nav.view.loop import BACKLOG, LoopThread, is_last_descriptor, open_port
 
 LIVE = "/live"
@@ -237,11 +237,11 @@ class PageServer:
     def _turn(self, angle_deg: float) -> None:
         """Turn what is known of the moment with the map."""
         for known in (self._last, self._status):
-            if known is not None and known.get("position_m") is not None:
-                known["position_m"] = list(turn_row((0.0, *known["position_m"]), angle_deg)[1:])
+            if known is not None and known["position_m"] is not None:
+                known["position_m"] = turn_row((0.0, *known["position_m"]), angle_deg)[1:]
                 known["heading_deg"] = (known["heading_deg"] + angle_deg) % 360.0
-        if self._status is not None:
-            self._status.pop("position_cov_m2", None)
+        if self._last is not None:
+            turn_ellipse(self._last, angle_deg)
 
     def _redraw(self) -> None:
         self._redraws = None

@@ -22,9 +22,10 @@ from fg_nav.errors import EstimationError, FormatError, StreamError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.estimates import LineServer, format_table
+from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.sources import RowReader, open_source
+from fg_nav.view.line_server import LineServer
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
@@ -273,7 +274,7 @@ def test_lines_are_served_to_all_who_connect():
     with closing(LineServer(0)) as server:
         listeners = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(2)]
         for _ in range(100):
-            if len(server._listeners) == 2:
+            if server.listeners == 2:
                 break
             time.sleep(0.01)
         server.send("one")

@@ -4,6 +4,7 @@
 
 const CHI_95 = Math.sqrt(-2 * Math.log(0.05)); // semi-axis of the 95 % ellipse, in sigmas: chi-square of two
 const RETRY_MS = 1000, NOTICE_MS = 8000, MOST_REMARKS = 50, STALE_MS = 3000;
+const MARGIN = 62; // pixels above and below the path: what lies on the map
 const NEAREST = 2000, FARTHEST = 0.002; // pixels a metre
 
 const walk = { path: [], last: null, status: null, distance: 0 };
@@ -42,9 +43,10 @@ function takeHistory(event) {
 }
 
 function takeNow(event) {
+  const before = walk.path.at(-1) ?? [0, ...event.position_m];
   walk.last = event;
+  walk.distance += Math.hypot(event.position_m[0] - before[1], event.position_m[1] - before[2]);
   walk.path.push([event.t, ...event.position_m]);
-  if (walk.status) for (const key of ["position_cov_m2", "position_sigma_m"]) delete walk.status[key];
 }
 
 function addRemark(event) {
@@ -69,8 +71,8 @@ const position = () => known("position_m") ?? walk.path.at(-1)?.slice(1) ?? null
 
 /** Covariance of east and north, m^2: ee, en, nn. */
 function covariance() {
-  const sigma = known("position_sigma_m");
-  return walk.status?.position_cov_m2 ?? (sigma && [sigma[0] ** 2, 0, sigma[1] ** 2]);
+  const sigma = walk.last?.position_sigma_m;
+  return sigma && [sigma[0] ** 2, walk.last.east_north_cov_m2, sigma[1] ** 2];
 }
 
 /** Semi-axes (m) of the 95 % ellipse and the direction of the longer, counterclockwise from east. */
@@ -128,7 +130,7 @@ function clock(seconds, there) {
 
 function showLamps() {
   const standing = walk.status?.standing;
-  putLamp("stance", standing ? "good" : "", standing == null ? "Foot: unknown" : standing ? "Foot stands" : "Foot swings");
+  putLamp("stance", standing ? "good" : "", standing == null ? "No stance yet" : standing ? "Stands" : "Swings");
   const field = known("field");
   putLamp("field", field === "quasi-static" ? "good" : field === "disturbed" ? "caution" : "",
     { "quasi-static": "Field undisturbed", disturbed: "Field disturbed" }[field] ?? "Field not judged");
@@ -141,7 +143,7 @@ function trouble() {
   if (link.ended) return ["calm", "The walk has ended."];
   if (link.lost) return ["", "Connection lost: this is how it was. Trying again."];
   if (source.startsWith("silent")) return ["", `The source is ${source.replace("silent", "silent for")}.`];
-  if (walk.status && performance.now() - link.heardAt > STALE_MS) return ["caution", "The navigator is busy: no news."];
+  if (link.heardAt && performance.now() - link.heardAt > STALE_MS) return ["caution", "The navigator is busy: no news."];
   return null;
 }
 
@@ -182,7 +184,12 @@ function resize() {
 
 function fitAll() {
   const rows = [...(walk.path.length ? walk.path : [[0, 0, 0, 0]]), [0, ...(position() ?? [0, 0, 0])]];
-  const bounds = [Infinity, Infinity, -Infinity, -Infinity];
+  const bounds = [Infinity, Infinity, -Infinity, -Infinity], cov = covariance(), at = rows.at(-1);
+  if (cov) for (const side of [-1, 1]) { // room for the ellipse, unless it is larger than the path
+    const most = 0.3 * Math.max(10, Math.hypot(at[1], at[2])) * side;
+    const [east, north] = [cov[0], cov[2]].map((square) => CHI_95 * Math.sqrt(square) * side);
+    rows.push([0, at[1] + (side * east < side * most ? east : most), at[2] + (side * north < side * most ? north : most)]);
+  }
   for (const [, east, north] of rows) {
     bounds[0] = Math.min(bounds[0], east); bounds[1] = Math.min(bounds[1], north);
     bounds[2] = Math.max(bounds[2], east); bounds[3] = Math.max(bounds[3], north);
@@ -191,7 +198,7 @@ function fitAll() {
   view.north = (bounds[1] + bounds[3]) / 2;
   const [wide, high] = [Math.max(bounds[2] - bounds[0], 6), Math.max(bounds[3] - bounds[1], 6)];
   const reach = view.courseUp ? [Math.hypot(wide, high), Math.hypot(wide, high)] : [wide, high];
-  view.scale = clampScale(Math.min((size.width - 110) / reach[0], (size.height - 150) / reach[1]));
+  view.scale = clampScale(Math.min((size.width - 80) / reach[0], (size.height - 2 * MARGIN) / reach[1]));
 }
 
 const clampScale = (scale) => Math.min(NEAREST, Math.max(FARTHEST, scale));
