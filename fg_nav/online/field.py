@@ -22,6 +22,7 @@ from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHea
 from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import QUASI_STATIC, apply_gate, count_needed
+from fg_nav.online.north import find_north_sigma
 from fg_nav.recording import Recording
 from fg_nav.smoother.field import choose_steady, rotate_field
 from fg_nav.smoother.field_factors import integrate_path, transition
@@ -102,6 +103,7 @@ class OnlineField:
         self._needed = min(count_needed(self._p.gate) or RECENT, RECENT)
         self._judged = replace(field, nav_R_body=nav_R_body)
         self._rough, self._age = self._measure_roughness(), 0
+        self._strength_uT = float(np.median(np.linalg.norm(found.states[:, E_H], axis=1)))
         self.up_uT = float(np.nanmedian(nav[:, 2]))
 
     def add(
@@ -145,6 +147,13 @@ class OnlineField:
         if self._age % ROUGH_EVERY == 0:
             self._rough = self._measure_roughness()
         return state, verdict
+
+    @property
+    def north_sigma(self) -> float:
+        """Sigma, rad, of a north that only this field shows."""
+        rows = np.array(self._recent)
+        across = rows[np.isfinite(rows[:, 0]), 0]
+        return find_north_sigma(across, float(rows[:, 3].sum()), self._strength_uT)
 
     def _integrate_field(self, seen: StrideField) -> FieldPotential:
         _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(seen.distance_m))

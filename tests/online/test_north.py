@@ -1,0 +1,58 @@
+"""What a walk knows of north by its field: nothing, little, and more the farther it goes."""
+
+import numpy as np
+import pytest
+
+from fg_nav.online.north import UNKNOWN_RAD, average_along, extend_with_north, find_north_sigma
+
+STRENGTH_UT = 20.0
+
+
+def test_the_mean_of_a_correlated_deviation_varies_as_it_is_told():
+    """The mean over 20 m of an exponentially correlated process, drawn: its variance is v."""
+    rng, step, length, n = np.random.default_rng(1), 0.1, 1.5, 200
+    keep = np.exp(-step / length)
+    x = rng.standard_normal(20000)
+    total = np.zeros(20000)
+    for _ in range(n):
+        total += x
+        x = keep * x + np.sqrt(1.0 - keep**2) * rng.standard_normal(20000)
+    assert (total / n).var() == pytest.approx(average_along(n * step / length), rel=0.03)
+
+
+def test_over_a_short_path_nothing_averages():
+    assert average_along(0.0) == 1.0
+    assert average_along(0.9999e-4) == pytest.approx(average_along(1.0001e-4), abs=1e-8)
+
+
+def test_north_is_known_better_the_farther_the_walk_and_the_steadier_its_field():
+    rough = 7.0 * np.random.default_rng(2).standard_normal(400)
+    by_path = [find_north_sigma(rough[:n], 1.3 * n, STRENGTH_UT) for n in (4, 40, 400)]
+    assert by_path[0] > 2.0 * by_path[1] > 4.0 * by_path[2]
+    smooth = find_north_sigma(0.05 * rough[:40], 52.0, STRENGTH_UT)
+    assert smooth < 0.5 * by_path[1]
+
+
+def test_four_footfalls_that_agree_may_all_be_off():
+    assert find_north_sigma(np.zeros(4), 4.0, STRENGTH_UT) > np.radians(8.0)
+
+
+def test_a_field_without_a_horizontal_part_shows_nothing():
+    assert find_north_sigma(np.full(4, 5.0), 4.0, 0.1) == UNKNOWN_RAD
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.5, UNKNOWN_RAD])
+def test_a_pose_moves_as_a_turn_about_the_origin_moves_it(sigma):
+    rng, position = np.random.default_rng(3), np.array([3.0, -4.0, 1.0])
+    theta = sigma * rng.standard_normal(400_000)
+    at = (position[0] + 1j * position[1]) * (np.exp(1j * theta) - 1.0)
+    drawn = np.stack([at.real, at.imag, np.zeros(len(theta)), theta])
+    told = extend_with_north(np.zeros((4, 4)), position, sigma)
+    np.testing.assert_allclose(told, drawn @ drawn.T / len(theta), atol=0.02 * told.max())
+    assert np.linalg.eigvalsh(told).min() > -1e-9
+
+
+def test_what_the_heading_knows_of_it_is_not_counted_twice():
+    known = np.diag([0.1, 0.1, 0.1, 0.2]) ** 2
+    np.testing.assert_allclose(extend_with_north(known, np.ones(3), 0.1), known)
+    assert extend_with_north(known, np.zeros(3), 0.5)[3, 3] == pytest.approx(0.25)
