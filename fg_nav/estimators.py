@@ -70,7 +70,7 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.online import OnlineNavigator
     from fg_nav.online.buffer import rows_of
     from fg_nav.online.navigator import finish_walk
-    from fg_nav.online.smoother import OnlineOptions
+    from fg_nav.online.options import OnlineOptions
 
     recording, field, options = walk.recording, walk.field, walk.options
     given = (options.heading_rad, field is not None, None, choose_parameters(options), options.mag_axes is not None)

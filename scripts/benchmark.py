@@ -59,7 +59,8 @@ from fg_nav.lab.simulation.fields import SITES
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.footfall_field import integrate_attitude
 from fg_nav.online.buffer import SampleBuffer, rows_of
-from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.strides import POSITION_DENSITY

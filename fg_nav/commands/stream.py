@@ -24,8 +24,8 @@ from fg_nav.navigate import prepare_walk
 from fg_nav.online.estimates import POLISHED, SensorTime, format_table
 from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
 from fg_nav.online.navigator import finish_walk
+from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
-from fg_nav.online.smoother import OnlineOptions
 from fg_nav.recording import Provenance
 from fg_nav.report.files import write_json, write_paths, write_run
 from fg_nav.report.terminal import progress

@@ -5,21 +5,23 @@ smoother uses of it: the footfalls, and the samples up to one behind the newest.
 are counted from the first of the walk; what is discarded leaves the count as it is.
 
 A part of the walk does not show everything about its sensor. The sample period and the levels at which the sensor clips
-are those of the walk when it was last cut out as a whole. So are the delay and the axes of its magnetometer, until the
-delay is known well: what is cut out has its field at its stamps, and none in the last `tau`, or none at all.
+are those of the walk when it was last cut out as a whole (`SensorState`). So are the delay and the axes of its
+magnetometer, until the delay is known well: what is cut out has its field at its stamps, and none in the last `tau`,
+or none at all.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
-from fg_nav.magnetic.delay import remove_delay
+from fg_nav.magnetic.axes import MagAxes, align_magnetometer
+from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
@@ -94,6 +96,57 @@ class SampleBuffer:
         return self._chunks[number - self.first // CHUNK]
 
 
+@dataclass(frozen=True)
+class KnownMagnetometer:
+    """What a walk so far shows of its magnetometer: its delay, wrong axes, whether it is used, and this in words."""
+
+    delay: MagnetometerDelay | None
+    wrong_axes: MagAxes | None
+    used: bool
+    notes: tuple[str, ...]
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether its delay is not estimated again."""
+        return self.delay is not None and self.delay.sigma_s <= SETTLED_S
+
+
+@dataclass(frozen=True)
+class SensorState:
+    """What a walk so far shows of its sensor.
+
+    Attributes
+    ----------
+    period_s : of its samples; None before it was cut out as a whole.
+    clipping : levels of specific force and rate at which it clips, (3,) each.
+    extreme : (2, 2, 3) largest readings so far: force and rate, upper and lower end.
+    peak_height : how high clipped peaks of the rate are above the range, in what their flanks say.
+    magnetometer : None before it was looked at.
+    """
+
+    extreme: Floats
+    period_s: float | None = None
+    clipping: tuple[Floats, Floats] | None = None
+    peak_height: float = 1.0
+    magnetometer: KnownMagnetometer | None = None
+
+
+UNSEEN = SensorState(np.zeros((2, 2, 3)))
+"""Of a walk that has not begun."""
+
+
+@dataclass(frozen=True)
+class ToldFootfall:
+    """A footfall of a walk in progress.
+
+    `told` is the number of its line, -1 where there was none; the samples up to one before `until` came with it.
+    """
+
+    footfall: Footfall
+    told: int
+    until: int
+
+
 class WalkSoFar:
     """Footfalls that were not yet discarded, and the samples `buffer.first <= i < stop` up to the newest.
 
@@ -102,21 +155,25 @@ class WalkSoFar:
     buffer : filled by its owner.
     with_mag : whether recordings are cut out with the magnetometer.
     axes_given : whether it is used whatever its axes look like.
-
-    `peak_height` is how high clipped peaks of the rate are above the range, in what their flanks say, in the recordings
-    that are cut out; not in those of all samples, by which it is chosen.
+    first : number of the first footfall that is not discarded.
+    footfalls : from that one on.
+    sensor : what is known of it; clipped peaks have its `peak_height` in the recordings that are cut out, not in those
+        of all samples, by which it is chosen.
     """
 
-    def __init__(self, buffer: SampleBuffer, with_mag: bool = True, axes_given: bool = False) -> None:
+    def __init__(
+        self,
+        buffer: SampleBuffer,
+        with_mag: bool = True,
+        axes_given: bool = False,
+        first: int = 0,
+        footfalls: Sequence[ToldFootfall] = (),
+        sensor: SensorState = UNSEEN,
+    ) -> None:
         self._buffer, self._with_mag, self._axes_given = buffer, with_mag, axes_given
-        self._magnetometer: AlignedMagnetometer | None = None
-        self.stop = 0
-        self.n_steps = 0
-        self._footfalls: list[Footfall] = []
-        self._discarded = 0
-        self._sensor: tuple[float, tuple[Floats, Floats]] | None = None
-        self._extreme = np.zeros((2, 2, 3))  # specific force and rate, upper and lower end
-        self.peak_height = 1.0
+        self._discarded, self._footfalls = first, list(footfalls)
+        self.stop = footfalls[-1].until if footfalls else 0
+        self.sensor = sensor
 
     @property
     def buffer(self) -> SampleBuffer:
@@ -125,34 +182,41 @@ class WalkSoFar:
 
     @property
     def n_footfalls(self) -> int:
-        """Number of footfalls of the walk, with the discarded; `n_steps` without further pieces of a standing."""
+        """Number of footfalls of the walk, with the discarded."""
         return self._discarded + len(self._footfalls)
 
     @property
     def continues(self) -> Bools:
         """(F,) which footfalls that were not discarded are further pieces of a standing."""
-        return np.array([footfall.continues for footfall in self._footfalls], dtype=np.bool_)
+        return np.array([one.footfall.continues for one in self._footfalls], dtype=np.bool_)
 
     def footfall(self, number: int) -> Footfall:
         """Return a footfall that was not discarded."""
-        return self._footfalls[number - self._discarded]
+        return self._footfalls[number - self._discarded].footfall
 
-    def add(self, footfall: Footfall, until: int) -> None:
-        """Append a footfall, and the samples of the buffer up to one before `until`.
+    def footfalls_since(self, number: int) -> tuple[ToldFootfall, ...]:
+        """Return the footfalls from one on that was not discarded."""
+        return tuple(self._footfalls[number - self._discarded :])
+
+    def replace_footfalls(self, number: int, footfalls: Sequence[ToldFootfall]) -> None:
+        """Put these in place of the footfalls from one on."""
+        self._footfalls[max(number - self._discarded, 0) :] = footfalls[max(self._discarded - number, 0) :]
+
+    def add(self, footfall: ToldFootfall) -> None:
+        """Append a footfall, and the samples of the buffer up to one before its `until`.
 
         Raises
         ------
         EstimationError
             With samples that are not finite or out of order, or a footfall that is not among them.
         """
-        rows = self._buffer.between(max(self.stop - 1, self._buffer.first), until)
-        self._check(rows, footfall, until)
-        for sensor, columns in enumerate((rows[:, 1:4], rows[:, 4:7])):
-            ends = columns.max(axis=0, initial=0.0), -columns.min(axis=0, initial=0.0)
-            self._extreme[sensor] = np.maximum(self._extreme[sensor], ends)
-        self.stop = until
+        rows = self._buffer.between(max(self.stop - 1, self._buffer.first), footfall.until)
+        self._check(rows, footfall.footfall, footfall.until)
+        columns = rows[:, 1:4], rows[:, 4:7]
+        ends = np.array([[one.max(axis=0, initial=0.0), -one.min(axis=0, initial=0.0)] for one in columns])
+        self.sensor = replace(self.sensor, extreme=np.maximum(self.sensor.extreme, ends))
+        self.stop = footfall.until
         self._footfalls.append(footfall)
-        self.n_steps += not footfall.continues
 
     def discard(self, footfalls: int, samples: int) -> None:
         """Discard all footfalls before one, and all samples before one."""
@@ -162,19 +226,18 @@ class WalkSoFar:
 
     def align_magnetometer(self) -> None:
         """Find delay and axes of the magnetometer on all samples, unless its delay is known well."""
-        found = self._magnetometer
-        if self._with_mag and (found is None or found.delay is None or found.delay.sigma_s > SETTLED_S):
-            self._magnetometer = align_magnetometer(self._cut(self._buffer.first, self.stop), self._axes_given)
-
-    @property
-    def magnetometer(self) -> AlignedMagnetometer | None:
-        """Delay and axes of the magnetometer as last found."""
-        return self._magnetometer
+        found = self.sensor.magnetometer
+        if not self._with_mag or (found is not None and found.is_settled):
+            return
+        aligned = align_magnetometer(self._cut(self._buffer.first, self.stop), self._axes_given)
+        used = aligned.recording.mag is not None
+        known = KnownMagnetometer(aligned.delay, aligned.wrong_axes, used, aligned.notes)
+        self.sensor = replace(self.sensor, magnetometer=known)
 
     def cut_whole(self) -> Recording:
         """Cut out all samples."""
         recording = self._cut_aligned(self._buffer.first)
-        self._sensor = recording.period_s, recording.clipping
+        self.sensor = replace(self.sensor, period_s=recording.period_s, clipping=recording.clipping)
         return recording
 
     def cut_recording(self, first: int) -> Recording:
@@ -186,7 +249,7 @@ class WalkSoFar:
 
         Each piece of a long standing is a footfall of its own. The statistic is 0 at the stillest samples, else 1.
         """
-        footfalls = self._footfalls[first_footfall - self._discarded :]
+        footfalls = [one.footfall for one in self._footfalls[first_footfall - self._discarded :]]
         number = np.repeat(np.arange(len(footfalls)), [len(one.start) for one in footfalls])
         start = np.concatenate([one.start for one in footfalls]) - first
         end = np.concatenate([one.stop for one in footfalls]) - first
@@ -201,10 +264,10 @@ class WalkSoFar:
 
     def _cut_aligned(self, first: int) -> Recording:
         """Samples from one on, with the field at their stamps."""
-        recording, found = self._cut(first, self.stop), self._magnetometer
+        recording, found = self._cut(first, self.stop), self.sensor.magnetometer
         if found is None:
             return recording
-        if found.recording.mag is None:
+        if not found.used:
             return replace(recording, mag=None)
         lead = self._buffer.find_since(float(recording.t[0]) - LEAD_S, first)
         mag = remove_delay(self._cut(lead, self.stop), found.delay).mag
@@ -221,17 +284,17 @@ class WalkSoFar:
         Where the whole had not clipped yet: at its own levels, if they are at the end of all readings so far. What is
         flat in a part may be a person who stands.
         """
-        if self._sensor is None:
+        sensor = self.sensor
+        if sensor.period_s is None or sensor.clipping is None:
             return part
-        period_s, known = self._sensor
-        of_part = zip(part.clipping, self._extreme, strict=True)
+        of_part = zip(part.clipping, sensor.extreme, strict=True)
         at_end = (np.where(level >= AT_END * extreme, level, np.inf) for level, extreme in of_part)
-        acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(known, at_end, strict=True))
-        return part.assume(period_s, (acc, gyr)).raise_peaks(self.peak_height)
+        acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(sensor.clipping, at_end, strict=True))
+        return part.assume(sensor.period_s, (acc, gyr)).raise_peaks(sensor.peak_height)
 
     def _check(self, rows: Floats, footfall: Footfall, until: int) -> None:
         """Refuse what is no walk; `rows` begin with the last one known."""
-        begins = self._footfalls[-1].stop[-1] if self._footfalls else 0
+        begins = self._footfalls[-1].footfall.stop[-1] if self._footfalls else 0
         if not (is_in_order(footfall, int(begins)) and footfall.stop[-1] <= until):
             raise EstimationError(
                 f"footfall {self.n_footfalls} is not one: its stances must follow those before, within the "

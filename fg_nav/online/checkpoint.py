@@ -29,7 +29,7 @@ from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.online.smoother import OnlineOptions
+from fg_nav.online.options import OnlineOptions
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from fg_nav.text import to_json
 

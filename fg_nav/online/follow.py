@@ -29,8 +29,9 @@ from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.checkpoint import collect_content, write_content
 from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
-from fg_nav.online.smoother import OnlineOptions
+from fg_nav.online.revision import Revision, format_revision
 from fg_nav.online.sources import RowReader, Source, open_source
 from fg_nav.online.status import StatusReporter, Watcher
 from fg_nav.signals import catch_signals
@@ -191,12 +192,16 @@ class _Walk:
         if self._status is not None and self._navigator.footfalls:
             self._status.show_past(self._navigator.smoothed())
 
-    def _emit_lines(self, estimates: list[StanceEstimate]) -> None:
-        for estimate in estimates:
-            continues = self._navigator.footfalls[estimate.number].continues
-            self._emit(format_estimate(estimate, continues, self._navigator.judge.sensor_time))
-            if self._status is not None:
-                self._status.note_line()
+    def _emit_lines(self, found: list[StanceEstimate | Revision]) -> None:
+        for one in found:
+            if isinstance(one, Revision):
+                for line in format_revision(one):
+                    self._emit(line)
+            else:
+                continues = self._navigator.told_continues[one.number]
+                self._emit(format_estimate(one, continues, self._navigator.judge.sensor_time))
+                if self._status is not None:
+                    self._status.note_line()
 
     def _save(self, path: Path) -> None:
         """Save in a thread: only the copy holds the walk up."""

@@ -1,4 +1,4 @@
-"""The graph of a whole walk, solved again with every footfall: iSAM2.
+"""The graph of a stretch of a walk, solved again with every footfall: iSAM2.
 
 A new footfall eliminates again what it changes, and the rest stays. Four things make that quick and exact:
 
@@ -15,34 +15,18 @@ A new footfall eliminates again what it changes, and the rest stays. Four things
 An update after which the newest footfall has turned from its linearization point is repeated, but not often, so that
 the time of a footfall is bounded. Where the equations have no unique solution the graph is rebuilt with weak priors on
 the newest variables; where that has none either, the walk goes on without its past (`recovery`).
-
-The cost of an update grows with the number of variables, and the tree of a chain of hours is so deep that its release
-overflows the stack. So at `MOST_FOOTFALLS` the older half is marginalized (`backend`): its estimates stay as they are
-then, until the walk is solved in batch at its end.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
-from itertools import pairwise
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, S, V, X
+from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
-from fg_nav.online.backend import (
-    Marginalized,
-    join_factors,
-    leaving_keys,
-    list_factors,
-    marginalize,
-    order_variables,
-    record_footfall,
-    result_keys,
-    weak_priors,
-    weak_sigmas,
-)
+from fg_nav.online.graph_parts import list_variables, order_variables, result_keys, weak_priors, weak_sigmas
 from fg_nav.online.strides import Place
 from fg_nav.smoother.solver import UNSOLVED, marginal_covariances
 
@@ -61,9 +45,6 @@ ANYTHING = 1e6
 WILDFIRE = 0.05
 """Steps (m, rad, uT) below which an update does not propagate a change into the past. The newest footfalls are at the
 root, where it makes no difference; at 0.01 each footfall moved all states of the field behind it."""
-
-MOST_FOOTFALLS = 2000
-"""In the graph: forty minutes of walking, of which the last twenty at least are corrected."""
 
 MOST_UPDATES = 3
 
@@ -95,26 +76,29 @@ def isam_parameters() -> gtsam.ISAM2Params:
 
 
 class ISAM2Backend:
-    """All factors of a walk and their iSAM2 tree; methods as in `Backend`."""
+    """Factors of a stretch of a walk and their iSAM2 tree."""
 
     def __init__(self) -> None:
         self._graph = gtsam.NonlinearFactorGraph()
-        self._marginalized: list[Marginalized] = []
         self._covariances: dict[int, Floats] = {}
         self._begin_empty()
 
     def reset(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
-        """Begin again from a graph of these footfalls at its minimum."""
+        """Begin again from a graph of these footfalls at its minimum; all stays as it was where that raises."""
         isam = gtsam.ISAM2(isam_parameters())
         theta = isam.getLinearizationPoint()
         isam.update(graph, values, constrainedKeys=_group_by_time(places, len(places), values))
         self._graph = gtsam.NonlinearFactorGraph(graph)
         self._begin(isam, theta)
 
-    def add(
-        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place], more: bool = False
-    ) -> None:
-        """Add factors and their new variables, and solve."""
+    def add(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
+        """Add factors and their new variables, and solve; the last of the places is the newest.
+
+        Raises
+        ------
+        RuntimeError
+            Where there is no solution, with weak priors either.
+        """
         self._graph.push_back(graph)
         self._covariances = {}
         try:
@@ -127,8 +111,6 @@ class ISAM2Backend:
                 self._isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), constrainedKeys=order)
         except RuntimeError:
             self._rebuild(values)
-        if not more and len(places) >= MOST_FOOTFALLS:
-            self._marginalize_oldest(places, MOST_FOOTFALLS // 2)
 
     def pose(self, key: int) -> gtsam.Pose3:
         """Return the estimate of a pose."""
@@ -142,17 +124,12 @@ class ISAM2Backend:
         """Return the estimate of a bias."""
         return self._isam.calculateEstimateConstantBias(key)
 
-    def take_marginalized(self) -> list[Marginalized]:
-        """Return the footfalls that left since the last call."""
-        marginalized, self._marginalized = self._marginalized, []
-        return marginalized
-
     def linearization_point(self) -> gtsam.Values:
-        """Return the values at which the variables are linearized."""
+        """Return the values at which the variables are linearized; new ones start from there. Not to be copied."""
         return self._theta
 
     def covariance(self, key: int) -> Floats:
-        """Return the marginal covariance of a variable; from all factors where iSAM2 finds none."""
+        """Return the marginal covariance (d, d) of a variable, from all factors where iSAM2 finds none."""
         if key not in self._covariances:
             try:
                 self._covariances[key] = np.asarray(self._isam.marginalCovariance(key))
@@ -175,11 +152,19 @@ class ISAM2Backend:
             graph = gtsam.NonlinearFactorGraph(self._graph)
             graph.push_back(more)
             with suppress(*UNSOLVED):
-                tree = graph.linearize(values).eliminateMultifrontal(order_variables(places, values), gtsam.EliminateQR)
+                order = gtsam.Ordering()
+                for key in order_variables(places, values):
+                    order.push_back(key)
+                tree = graph.linearize(values).eliminateMultifrontal(order, gtsam.EliminateQR)
                 step, covariances = tree.optimize(), marginal_covariances(tree, keys)
                 if np.isfinite(step.norm()) and all(np.isfinite(one).all() for one in covariances.values()):
                     return values.retract(step), covariances
         return values, {key: np.diag(weak_sigmas(key) ** 2) for key in keys}
+
+    def linearize(self) -> tuple[gtsam.Values, gtsam.GaussianFactorGraph]:
+        """Return the estimates of all variables, and all factors linearized there."""
+        values = self._estimates()
+        return values, self._graph.linearize(values)
 
     def _estimates(self) -> gtsam.Values:
         """Estimates of all variables; their linearization point, if the tree cannot be solved."""
@@ -187,16 +172,6 @@ class ISAM2Backend:
             return self._isam.calculateBestEstimate()
         except UNSOLVED:
             return gtsam.Values(self._theta)
-
-    def _marginalize_oldest(self, places: list[Place], count: int) -> None:
-        """Marginalize the first footfalls, and begin again from the estimates of the others."""
-        values, covariances = self.solution(places)
-        self._marginalized += [record_footfall(place, values, covariances) for place in places[:count]]
-        keys = [key for place, after in pairwise(places[: count + 1]) for key in leaving_keys(place, after, values)]
-        graph = join_factors(marginalize(list_factors(self._graph), values, keys))
-        for key in keys:
-            values.erase(key)
-        self.reset(graph, values, places[count:])
 
     def _begin(self, isam: gtsam.ISAM2, theta: gtsam.Values) -> None:
         """Go on with a tree and its linearization point, which is held from before the tree's first update on."""
@@ -229,10 +204,7 @@ def _group_by_time(places: list[Place], last: int, *known: gtsam.Values) -> gtsa
     """Groups of the variables of the last few footfalls, eliminated one after the other; those with a value."""
     group_of: dict[int, int] = {}
     for group, place in enumerate(places[-last:], start=1):
-        keys = [key for j in range(place.first, place.stop) for key in (X(j), V(j))]
-        for key in (*keys, M(place.number), B(place.bias), S(place.bias)):
-            if any(values.exists(key) for values in known):
-                group_of[key] = group
+        group_of.update({key: group for values in known for key in list_variables(place, values)})
     groups = gtsam.KeyGroupMap()
     for key, group in group_of.items():
         groups.insert2(key, group)

@@ -13,7 +13,7 @@ With a lag the samples are discarded once no stride needs them, and the path is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields, replace
 from itertools import compress
 from time import perf_counter
@@ -30,9 +30,12 @@ from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track
 from fg_nav.online.judge import SampleJudge
+from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import build_path
 from fg_nav.online.resolve import measure_walk_field
-from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
+from fg_nav.online.revision import Revision
+from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.solving import Solver
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import Trajectory
@@ -53,7 +56,6 @@ class OnlineNavigator:
     ----------
     options : of the smoother.
     detection : how footfalls are found.
-    footfalls : those with an estimate so far, in its order.
     buffer, judge : the samples so far, and what was left out of them.
     source : what a checkpoint keeps of the source for its reader, as JSON values.
     """
@@ -64,23 +66,33 @@ class OnlineNavigator:
         remark: Callable[[str], None] = lambda words: None,
         detection: CausalParameters = CausalParameters(),
         judge: SampleJudge | None = None,
+        solver: Solver | None = None,
     ) -> None:
-        """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
-        self.options = options
-        self.footfalls: list[Footfall] = []
+        """`remark` is given, in a sentence, what is odd about the samples; `solver` solves the walk again beside it."""
+        self.options, self._solver = options, solver
         self.buffer = SampleBuffer()
         self.judge = SampleJudge(remark) if judge is None else judge
         self.source: dict[str, Any] = {}
         self.detection = detection
         self._stances = CausalStances(detection)
-        self._smoother = OnlineSmoother(options, self.buffer)
+        self._smoother = self._begin_smoother()
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
         self._closed = False
         self._busy_s = 0.0
 
-    def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate]:
-        """Add samples and return the estimates of the footfalls that they complete.
+    @property
+    def footfalls(self) -> list[Footfall]:
+        """Those of the walk so far, in the order of `smoothed`."""
+        return [one.footfall for one in self._smoother.footfalls]
+
+    @property
+    def told_continues(self) -> Sequence[bool]:
+        """Which lines are further pieces of a standing."""
+        return self._smoother.told_continues
+
+    def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
+        """Add samples and return the estimates of the footfalls that they complete, and what they take back, in order.
 
         Parameters
         ----------
@@ -102,14 +114,14 @@ class OnlineNavigator:
         self._busy_s += perf_counter() - began
         return self.add_rows(rows)
 
-    def add_rows(self, rows: Floats) -> list[StanceEstimate]:
+    def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
         began = perf_counter()
         found = self._add_rows(rows)
         self._busy_s += perf_counter() - began
         return found
 
-    def close(self) -> list[StanceEstimate]:
+    def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the footfalls that were still open."""
         if self._closed:
             return []
@@ -151,7 +163,7 @@ class OnlineNavigator:
             parameters=asdict(p),
             notes=(*self._smoother.notes, *ends, *self.judge.notes),
             graph=self._smoother.counts,
-            moment=_select_rows(self.causal(), self._is_new()),
+            moment=_select_rows(self.causal(), ~np.array(self.told_continues, dtype=np.bool_)),
             recording=recording,
         )
 
@@ -215,7 +227,7 @@ class OnlineNavigator:
 
         Strapdown from the last footfall on. Its error is not bounded: after `LONGEST_FREE_S` the position is held.
         """
-        if not self.footfalls:
+        if not self._smoother.n_told:
             return None
         last_stamp = self.buffer.stamp(self.buffer.stop - 1)
         longest = self.buffer.stamp(self._handed - 1) + LONGEST_FREE_S
@@ -244,36 +256,38 @@ class OnlineNavigator:
         """Return one row an estimate, as it is now."""
         return self._smoother.smoothed()
 
-    def _add_rows(self, rows: Floats) -> list[StanceEstimate]:
+    def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
         return self._estimates(self._stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 
-    def _estimates(self, footfalls: Iterable[Footfall]) -> list[StanceEstimate]:
+    def _estimates(self, footfalls: Iterable[Footfall]) -> list[StanceEstimate | Revision]:
         """Return the estimates of footfalls; a walk begins at the first of them that it can begin at."""
-        found = []
+        found: list[StanceEstimate | Revision] = []
         for footfall in footfalls:
             try:
-                found.append(self._add(footfall))
+                found += self._add(footfall)
             except EstimationError as error:
-                if self.footfalls:
+                if self._smoother.n_told:
                     raise
                 if not self._waits:
                     self._remark(f"the walk does not begin yet: {error}")
                 self._waits = True
-                self._smoother = OnlineSmoother(self.options, self.buffer)
+                self._smoother = self._begin_smoother()
         return found
 
-    def _add(self, footfall: Footfall) -> StanceEstimate:
+    def _begin_smoother(self) -> OnlineSmoother:
+        return OnlineSmoother(self.options, self.buffer, self.detection.stance, self._solver)
+
+    def _add(self, footfall: Footfall) -> list[StanceEstimate | Revision]:
         """Give a footfall and the samples up to the one behind it to the smoother."""
-        footfall = replace(footfall, continues=footfall.continues and bool(self.footfalls))
+        footfall = replace(footfall, continues=footfall.continues and self._smoother.n_told > 0)
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
-        estimate = self._smoother.add_footfall(_end_before(footfall, until), until)
+        found = self._smoother.add_footfall(_end_before(footfall, until), until)
         self._handed = until
         if self._smoother.wrong_axes is not None and not self._warned:
             self._remark(self._smoother.wrong_axes.warning)
             self._warned = True
-        self.footfalls.append(footfall)
-        return estimate
+        return found
 
     def _is_new(self) -> Bools:
         """(K,) True for the first piece of each footfall."""

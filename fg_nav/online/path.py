@@ -1,49 +1,38 @@
 """The path of a walk in progress at the rate of its samples: through the nodes of its graph, with their biases.
 
-Between two nodes it is strapdown, bent to meet the second (`smoother.graph`). Of a footfall that left the graph only
-its row is known: a node at its stillest sample, without a bias of the accelerometer.
+Between two nodes it is strapdown, bent to meet the second (`smoother.graph`). Of a footfall after which the graph had
+no solution only its row is known: a node at its stillest sample, without a bias of the accelerometer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.rest import freeze_ends
-from fg_nav.online.backend import Backend
 from fg_nav.online.estimates import EstimateRow, split_rows
+from fg_nav.online.handover import NO_NODES, PathNodes
+from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.strides import Place, StrideWindow
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.stances import Stances
 
 
-class PathNodes(NamedTuple):
-    """Samples (M,) of the walk, and at each position (m), velocity (m/s), attitude, gyro (rad/s) and force bias."""
-
-    sample: Ints
-    position: Floats
-    velocity: Floats
-    nav_R_body: Floats
-    gyro_bias: Floats
-    acc_bias: Floats
+def nodes_of_rows(rows: Sequence[EstimateRow]) -> PathNodes:
+    """Return a node for each of some rows."""
+    known = split_rows(rows)
+    unknown = np.zeros_like(known.gyro_bias)
+    return PathNodes(known.sample, known.position, known.velocity, known.nav_R_body, known.gyro_bias, unknown)
 
 
-def collect_nodes(frozen: Sequence[EstimateRow], places: Sequence[Place], values: gtsam.Values) -> PathNodes:
-    """Return the nodes of a walk: of the footfalls that left its graph, then of those in it."""
-    rows = split_rows(frozen)
-    before = PathNodes(
-        rows.sample, rows.position, rows.velocity, rows.nav_R_body, rows.gyro_bias, np.zeros_like(rows.gyro_bias)
-    )
-    return PathNodes(*(np.concatenate(both) for both in zip(before, _nodes_in_graph(places, values), strict=True)))
-
-
-def _nodes_in_graph(places: Sequence[Place], values: gtsam.Values) -> PathNodes:
+def nodes_of_places(places: Sequence[Place], values: gtsam.Values) -> PathNodes:
+    """Return the nodes of some footfalls in a graph."""
+    if not places:
+        return NO_NODES
     nodes = [j for place in places for j in range(place.first, place.stop)]
     poses = [values.atPose3(X(j)) for j in nodes]
     bias = [values.atConstantBias(B(place.bias)).vector() for place in places for _ in place.samples]
@@ -70,7 +59,7 @@ def build_path(
 
 
 def trace_stride(
-    backend: Backend, recording: Recording, window: StrideWindow, begins: int, gravity: float
+    backend: ISAM2Backend, recording: Recording, window: StrideWindow, begins: int, gravity: float
 ) -> Trajectory:
     """Return the path of the newest stride on its samples, which begin there in the window."""
     nodes = range(window.before.first, window.place.stop)

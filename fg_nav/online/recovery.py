@@ -16,8 +16,10 @@ from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, SIZE
-from fg_nav.online.backend import Backend, join_factors, list_factors, marginalize, weak_priors
+from fg_nav.online.anchor import condense
 from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.graph_parts import list_variables, weak_priors
+from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.strides import Place, StrideWindow, initialize_stride
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
@@ -42,7 +44,7 @@ NORTH_UT = (0.0, 20.0)
 """East and north part of a field that was not observed."""
 
 
-def check_solution(backend: Backend, place: Place) -> None:
+def check_solution(backend: ISAM2Backend, place: Place) -> None:
     """Raise `RuntimeError` if the estimate of a footfall is not finite, or its variances are not positive."""
     known = [
         backend.pose(X(place.result)).matrix(),
@@ -56,7 +58,7 @@ def check_solution(backend: Backend, place: Place) -> None:
 
 
 def recover(
-    backend: Backend,
+    backend: ISAM2Backend,
     last: StanceEstimate,
     graph_cov: Floats,
     window: StrideWindow,
@@ -88,7 +90,7 @@ def recover(
 
 
 def _reset(
-    backend: Backend, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, field: gtsam.Values, place: Place
+    backend: ISAM2Backend, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, field: gtsam.Values, place: Place
 ) -> None:
     """Begin with a footfall and its state of the field, if it has one."""
     factors.push_back(weak_priors(field))
@@ -97,7 +99,7 @@ def _reset(
     check_solution(backend, place)
 
 
-def _initial_field_state(backend: Backend, before: Place) -> Floats:
+def _initial_field_state(backend: ISAM2Backend, before: Place) -> Floats:
     """State of the field at the last footfall: its estimate, or linearization point, or a field that points north."""
     for known in (backend.vector, backend.linearization_point().atVector):
         with suppress(*UNSOLVED):
@@ -109,7 +111,7 @@ def _initial_field_state(backend: Backend, before: Place) -> Floats:
     return state
 
 
-def _last_values(backend: Backend, last: StanceEstimate, before: Place) -> gtsam.Values:
+def _last_values(backend: ISAM2Backend, last: StanceEstimate, before: Place) -> gtsam.Values:
     """Variables at the end of the last footfall: estimates of the graph where it has any, else those reported."""
     reported = gtsam.Pose3(gtsam.Rot3(last.nav_R_body), last.position)
     pose, velocity, bias = reported, np.zeros(3), gtsam.imuBias.ConstantBias(np.zeros(3), last.gyro_bias)
@@ -158,10 +160,10 @@ def _add_stride(
     before, place = window.before, window.place
     leaving = [X(before.stop - 1), V(before.stop - 1)]
     leaving += [B(before.bias), S(before.bias)] if place.bias != before.bias else []
-    factors = join_factors(marginalize(list_factors(graph), whole, leaving))
-    for key in leaving:
-        whole.erase(key)
-    return factors, whole
+    anchor = condense(graph.linearize(whole), whole, list_variables(place, whole), leaving)
+    factors = gtsam.NonlinearFactorGraph()
+    factors.push_back(anchor.factor())
+    return factors, anchor.initial_values()
 
 
 def _predict_stride(window: StrideWindow, stride: Stride, held: gtsam.Values, p: SmootherParameters) -> gtsam.Values:

@@ -1,41 +1,41 @@
-"""The scheduled batch re-solve of a walk in progress, which hands all of it to a graph that goes on from there.
+"""A walk in progress, solved as a whole: the batch's own functions on all there is, and what that hands over.
 
-Lever, swing noise, the bias to linearize at, its random walk, and the roughness of the field are estimated on the walk.
-In its first minutes they still change by much, so at the footfalls `RESOLVE_AT` the batch's own functions estimate them
-again on what there is, and the graph is built again around the batch's solution. From the last of these on they stay.
+Lever, swing noise, the bias to linearize at, its random walk, the height of clipped peaks, the delay of the
+magnetometer and the roughness of the field are estimated on the walk, level floors are recognized, and stances that it
+refuses are trusted less.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import gtsam
+from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Bools
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.online.field import OnlineField
+from fg_nav.online.anchor import Anchor, condense
+from fg_nav.online.buffer import WalkSoFar
+from fg_nav.online.differential import BiasLedger
+from fg_nav.online.estimates import EstimateRow, estimate_stance
+from fg_nav.online.field import OnlineField, Verdict
+from fg_nav.online.graph_parts import list_variables, result_keys
+from fg_nav.online.handover import Handover, Past
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.path import nodes_of_places
+from fg_nav.online.strides import Place, RestLedger, list_places
 from fg_nav.recording import Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
+from fg_nav.smoother.constraints import add_constraints
+from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.field import FieldVerdict
 from fg_nav.smoother.graph import Known, WalkProblem
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solved_walk import solve_walk
-from fg_nav.smoother.solver import Solved
+from fg_nav.smoother.solver import Solved, linearize, marginal_covariances, time_order
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
-
-RESOLVE_AT = (
-    *(1, 2, 3, 4, 6, 8, 10, 13, 16, 19, 23, 27, 32, 38, 45, 54, 64, 76, 91, 108, 128, 152, 181, 215, 256),
-    *(362, 512, 724, 1024, 1448),
-)
-"""Footfalls at which a walk is solved again. At 512 its lever is known to a few millimetres; how rough the field is and
-with it how far each compass reading pulls, still changes. While that takes less than a second each has a fifth more
-than the one before, then half as much again, until half of the graph leaves (`isam2.MOST_FOOTFALLS`)."""
-
-LAST_WITH_LAG = 512
-"""With a lag the samples of a walk are discarded once it is not solved again any more."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class WalkSolution:
     Attributes
     ----------
     problem : of the walk, with its field where that is used.
-    values : of all variables at its minimum.
+    solved : its minimum.
     field : to go on with; None where it is not used.
     verdict : on the field at all footfalls.
     """
 
     problem: WalkProblem
-    values: gtsam.Values
+    solved: Solved
     field: OnlineField | None
     verdict: FieldVerdict
 
@@ -69,6 +69,55 @@ class WalkSolution:
     def nodes(self) -> Nodes:
         """Of the walk."""
         return self.problem.nodes
+
+
+def solve_from_start(walk: WalkSoFar, options: OnlineOptions) -> Handover:
+    """Solve a walk with all its footfalls and samples; raises what `UNSOLVED` has where there is no solution."""
+    walk.align_magnetometer()
+    recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
+    given = options.heading_rad, options.use_field, options.parameters, walk.continues
+    found = solve_so_far(recording, stances, *given)
+    walk.sensor = replace(walk.sensor, peak_height=found.known.peak_height)
+    places = list_places(found.nodes, recording.t)
+    problem, magnetometer = found.problem, walk.sensor.magnetometer
+    return Handover(
+        place=places[-1],
+        verdict=Verdict(found.verdict.words[-1], found.verdict.reason[-1]),
+        anchor=_condense_at(found, places[-1]),
+        past=Past(0, _list_rows(found, places)[:-1], nodes_of_places(places[:-1], found.solved.values)),
+        first=0,
+        footfalls=walk.footfalls_since(0),
+        t_first=places[0].t,
+        known=found.known,
+        parameters=found.parameters,
+        field=found.field,
+        rests=RestLedger.from_rests(found.known.rests),
+        biases=BiasLedger.from_factors(problem.differential),
+        sensor=walk.sensor,
+        counts=dict(count_factors(problem)),
+        notes=(*found.known.notes, *found.verdict.notes, *(() if magnetometer is None else magnetometer.notes)),
+    )
+
+
+def _condense_at(found: WalkSolution, place: Place) -> Anchor:
+    """Condense a solved walk to what it says of a footfall."""
+    problem, values = found.problem, found.solved.values
+    linear = linearize(problem.graph, problem.blocks, values)
+    order, keep = time_order(problem.nodes, problem.field is not None, problem.floor), list_variables(place, values)
+    others = (order.at(i) for i in range(order.size()))
+    return condense(linear, values, keep, [key for key in others if key not in set(keep)])
+
+
+def _list_rows(found: WalkSolution, places: list[Place]) -> tuple[EstimateRow, ...]:
+    """Estimates of all footfalls."""
+    values, covariances = found.solved.values, marginal_covariances(found.solved.tree, result_keys(places))
+    rows = []
+    for place, word, reason in zip(places, found.verdict.words, found.verdict.reason, strict=True):
+        pose, bias = X(place.result), B(place.bias)
+        state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
+        verdict, moving_foot = Verdict(word, reason), found.parameters.moving_foot
+        rows.append(estimate_stance(place, *state, covariances[pose], covariances[bias], verdict, moving_foot).as_row())
+    return tuple(rows)
 
 
 def solve_so_far(
@@ -93,13 +142,13 @@ def solve_so_far(
     """
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     field = field if field is None or continues is None else field.leave_out(continues)
-    solution, solved = _solve_once(recording, stances, heading, field, unseen, p)
+    solution = _solve_once(recording, stances, heading, field, unseen, p)
     # As in batch: a bias that is too large for its prior is that of a sensor that was not calibrated.
-    prior = find_bias_prior(solution.problem, solved)
+    prior = find_bias_prior(solution.problem, solution.solved)
     if prior is None:
         return solution
     p = replace(p, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    solution = _solve_once(recording, stances, heading, field, unseen, p)[0]
+    solution = _solve_once(recording, stances, heading, field, unseen, p)
     return replace(solution, verdict=replace(solution.verdict, notes=(prior.note, *solution.verdict.notes)))
 
 
@@ -110,10 +159,11 @@ def _solve_once(
     field: FootfallField | None,
     unseen: str,
     p: SmootherParameters,
-) -> tuple[WalkSolution, Solved]:
-    found = solve_walk(walk_problem(recording, stances, heading, p, in_progress=True), field, unseen)
+) -> WalkSolution:
+    problem = walk_problem(recording, stances, heading, p, in_progress=True)
+    found = solve_walk(add_constraints(problem, problem.values), field, unseen)
     going_on = None if found.field is None or field is None else OnlineField(found.field, field)
-    return WalkSolution(found.problem, found.solved.values, going_on, found.verdict), found.solved
+    return WalkSolution(found.problem, found.solved, going_on, found.verdict)
 
 
 def measure_walk_field(

@@ -1,93 +1,47 @@
-"""The online smoother: footfalls in, the estimate of each out.
+"""The online smoother: footfalls in, the estimate of each out, and what is taken back of the past.
 
-    samples and footfall -> nodes, inertial measurements, factors (`online.strides`, which wraps `smoother.strides`)
-    field on the stride  -> its factors (`field`)
-    factors              -> the graph of the whole walk (`isam2`), or of its last minutes (`fixed_lag`)
-    solution             -> where the foot is now, and the estimates of all footfalls so far
+    footfall        -> the newest stretch of the walk (`stretch`), in iSAM2: where the foot is now
+    now and then    -> the walk so far is solved again beside it (`solving`), footfalls seen in hindsight
+    solution        -> handed over at a footfall that was fixed beforehand: a new stretch begins there, the past is
+                       revised (`revision`)
 
-At a few early footfalls (`resolve.RESOLVE_AT`) the walk so far is solved again in batch, with lever, swing noise, gyro
-bias, its random walk, the height of clipped peaks and the roughness of the field estimated on it, and the stances that
-it refuses trusted less. After the last re-solve all these and the gyro bias to linearize at stay fixed, and between
-two of them no new stance is refused, so the optimum differs slightly from the batch's. The roughness of the field is
-measured again every `field.ROUGH_EVERY` footfalls.
+The newest stretch is short, so that a footfall costs the same however long the walk; all of the past is in its anchor.
+Where it ends is fixed by the count of footfalls alone. So the same calls give the same answers to the bit, and how long
+a solution takes makes no difference, unless it takes longer than the footfalls until then: then it is waited for.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from copy import copy
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, V, X
 
 from fg_nav.arrays import Bools
 from fg_nav.detection.causal import Footfall
+from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
-from fg_nav.mechanisation import NavState
-from fg_nav.online.backend import Backend
-from fg_nav.online.buffer import SampleBuffer, WalkSoFar
-from fg_nav.online.differential import BiasLedger
-from fg_nav.online.estimates import (
-    EstimateRow,
-    StanceEstimate,
-    Track,
-    build_table,
-    estimate_stance,
-    propagate_strapdown,
-)
-from fg_nav.online.field import Verdict, measure_field
-from fg_nav.online.fixed_lag import FixedLagBackend
-from fg_nav.online.isam2 import ISAM2Backend
-from fg_nav.online.path import PathNodes, collect_nodes, trace_stride
-from fg_nav.online.recovery import REASON, check_solution, recover
-from fg_nav.online.resolve import LAST_WITH_LAG, RESOLVE_AT, WalkSolution, solve_so_far
-from fg_nav.online.strides import (
-    CONTEXT_S,
-    Place,
-    RestLedger,
-    StrideWindow,
-    cut_window,
-    initialize_stride,
-    list_places,
-    measure_stride,
-)
-from fg_nav.recording import MIN_SAMPLES, Recording
-from fg_nav.smoother.count import count_factors, count_graph
-from fg_nav.smoother.differential_factors import LevelBias
-from fg_nav.smoother.graph import Trajectory
+from fg_nav.online.buffer import SampleBuffer, ToldFootfall, WalkSoFar
+from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table
+from fg_nav.online.handover import Handover, Past, PathNodes, list_untold
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import solve_from_start
+from fg_nav.online.revision import Revision, compare_pasts
+from fg_nav.online.schedule import AT_ONCE, WINDOW, choose_delay, choose_next, is_windowed
+from fg_nav.online.solving import CONTEXT_S, Solver, Task, WalkSolver
+from fg_nav.online.stretch import Stretch
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
-from fg_nav.smoother.strides import stride_graph
 from fg_nav.solution import StanceTable
-
-STANDS_ON = "a further piece of a standing, whose field counts once"
-"""Reason of a verdict."""
 
 
 @dataclass(frozen=True)
-class OnlineOptions:
-    """What a user can choose.
+class Pending:
+    """A solution of the first `footfalls` that is taken over when `due_at` lines were told."""
 
-    Attributes
-    ----------
-    heading_rad : of the body's x axis at the first stance, clockwise from north; None where it is not known: then
-        zero, or with the field so that the mean field points north (found at footfall 4 and better each time the walk
-        is solved again).
-    use_field : whether the magnetometer is used. Samples without one are then allowed.
-    lag_s : how far back the past is still corrected, s; None for the whole walk (full mode).
-    parameters : of the smoother.
-    axes_given : whether the magnetometer is used whatever its axes look like.
-    """
-
-    heading_rad: float | None = 0.0
-    use_field: bool = True
-    lag_s: float | None = None
-    parameters: SmootherParameters = field(default_factory=SmootherParameters)
-    axes_given: bool = False
+    due_at: int
+    footfalls: int
 
 
 class OnlineSmoother:
@@ -97,25 +51,31 @@ class OnlineSmoother:
     ----------
     options : chosen by the user.
     buffer : of the samples, filled by whoever adds footfalls; with a lag its beginning is discarded here.
+    stance : how footfalls are found.
+    solver : solves the walk again beside it; None to do so in between.
     """
 
-    def __init__(self, options: OnlineOptions, buffer: SampleBuffer) -> None:
-        self._options = options
+    def __init__(
+        self,
+        options: OnlineOptions,
+        buffer: SampleBuffer,
+        stance: StanceParameters = StanceParameters(),
+        solver: Solver | None = None,
+    ) -> None:
+        self._options, self._buffer = options, buffer
         self._walk = WalkSoFar(buffer, options.use_field, options.axes_given)
-        self._backend: Backend
-        self._backend = ISAM2Backend() if options.lag_s is None else FixedLagBackend(options.lag_s)
-        self._places: list[Place] = []
-        self._verdicts: list[Verdict] = []
-        self._frozen: list[EstimateRow] = []
-        self._causal: list[EstimateRow] = []
-        self._latest: StanceEstimate | None = None
-        self._batch: WalkSolution | None = None
-        self._rests = RestLedger()
-        self._counts: Counter[str] = Counter()
-        self._biases: BiasLedger | None = None
+        self._solver = WalkSolver(options, stance, buffer) if solver is None else solver
+        self._stretch: Stretch | None = None
+        self._past = Past()
+        self._told: list[EstimateRow] = []
+        self._told_continues: list[bool] = []
+        self._footfalls: list[ToldFootfall] = []
+        self._starts: list[Handover] = []
+        self._pending: Pending | None = None
+        self._next = AT_ONCE[0]
 
-    def add_footfall(self, footfall: Footfall, until: int) -> StanceEstimate:
-        """Add a complete footfall.
+    def add_footfall(self, footfall: Footfall, until: int) -> list[StanceEstimate | Revision]:
+        """Add a complete footfall; what is taken back before it, and its estimate.
 
         Parameters
         ----------
@@ -131,270 +91,177 @@ class OnlineSmoother:
             With samples or footfalls out of order or not finite, or if the first footfall has no up. Valid input
             never raises, however the person moved.
         """
-        self._walk.add(footfall, until)
-        # At some early footfalls the walk so far is solved again in batch; else the newest stride extends the graph.
-        is_scheduled = self._walk.n_steps in self._schedule and not footfall.continues
-        if not is_scheduled or not self._solve_again():
-            self._extend_or_recover()
-        self._latest = self._estimate()
-        self._causal.append(self._latest.as_row())
-        # Footfalls that left the graph keep their last estimate; samples that nothing needs any more are discarded.
-        self._freeze()
-        if self._options.lag_s is not None and self._walk.n_steps >= self._schedule[-1]:
-            self._discard()
-        return self._latest
+        # A solution that is due is taken over before the footfall that comes behind it.
+        revised = self._take_over() if self._pending and self._pending.due_at == self.n_told else []
+        told = ToldFootfall(footfall, self.n_told, until)
+        self._walk.add(told)
+        self._footfalls.append(told)
+        # The first footfalls are solved as a whole at once; later ones extend the newest stretch.
+        if self.n_told + 1 in AT_ONCE or self._stretch is None:
+            revised += self._solve_at_once()
+        else:
+            self._stretch.add_newest()
+        assert self._stretch is not None
+        estimate = replace(self._stretch.latest, number=self.n_told)
+        self._told.append(estimate.as_row())
+        self._told_continues.append(footfall.continues)
+        # The next solution is begun, or asked for where it is due.
+        self._schedule()
+        return [*revised, estimate]
 
     @property
-    def n_footfalls(self) -> int:
-        """Number of footfalls so far."""
-        return self._walk.n_footfalls
+    def n_told(self) -> int:
+        """Number of footfalls that were added."""
+        return len(self._told)
 
     @property
     def latest(self) -> StanceEstimate | None:
-        """What the last call returned; None before the first."""
-        return self._latest
+        """Of the newest footfall; None before the first."""
+        return None if self._stretch is None else self._stretch.latest
 
     @property
     def parameters(self) -> SmootherParameters:
         """Those in effect: with the swing noise that was chosen."""
-        return self._options.parameters if self._batch is None else self._batch.parameters
+        return self._options.parameters if self._stretch is None else self._stretch.begun.parameters
 
     @property
     def peak_height(self) -> float:
         """How high clipped peaks of the rate are above the range, in what their flanks say."""
-        return self._walk.peak_height
+        return self._walk.sensor.peak_height
 
     @property
     def counts(self) -> dict[str, int]:
         """Factors that were added since the walk began, by kind."""
-        return dict(self._counts)
+        return {} if self._stretch is None else self._stretch.counts
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks for the user."""
-        if self._batch is None:
-            return ()
-        found = self._walk.magnetometer
-        return (*self._batch.known.notes, *self._batch.verdict.notes, *(() if found is None else found.notes))
+        return () if self._stretch is None else self._stretch.begun.notes
 
     @property
     def wrong_axes(self) -> MagAxes | None:
         """Axes of the magnetometer where they are not the gyroscope's."""
-        return None if self._walk.magnetometer is None else self._walk.magnetometer.wrong_axes
+        found = self._walk.sensor.magnetometer
+        return None if found is None else found.wrong_axes
+
+    @property
+    def footfalls(self) -> list[ToldFootfall]:
+        """Footfalls of the walk as they are taken now, those that `smoothed` has rows of."""
+        return self._footfalls
 
     def causal(self) -> StanceTable:
-        """Return one row a footfall: what `add_footfall` returned at the time."""
-        return build_table(self._causal)
+        """Return one row a line: what `add_footfall` returned at the time."""
+        return build_table(self._told)
+
+    @property
+    def told_continues(self) -> Sequence[bool]:
+        """Which lines are further pieces of a standing."""
+        return self._told_continues
 
     def smoothed(self) -> StanceTable:
-        """Return one row a footfall: the present estimates. Those that left the graph are as they were then."""
+        """Return one row a footfall: the present estimates."""
         return self.solution()[0]
 
     def solution(self) -> tuple[StanceTable, PathNodes]:
         """Return the present estimates: one row a footfall, and the nodes of the path."""
-        values, covariances = self._backend.solution(self._places)
-        rows, moving_foot = [], self.parameters.moving_foot
-        for place, verdict in zip(self._places, self._verdicts, strict=True):
-            pose, bias = X(place.result), B(place.bias)
-            state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
-            rows.append(estimate_stance(place, *state, covariances[pose], covariances[bias], verdict, moving_foot))
-        table = build_table([*self._frozen, *(row.as_row() for row in rows)])
-        return table, collect_nodes(self._frozen, self._places, values)
+        past = self._past if self._stretch is None else self._past.join(self._stretch.solve())
+        return build_table(past.rows), past.nodes
 
     def propagate(self, until: int, stands: Bools | None = None) -> Track:
-        """Propagate the pose by strapdown from the last node of the last footfall.
-
-        Parameters
-        ----------
-        until
-            Samples of the buffer before this one are used.
-        stands : (n,)
-            Where the foot is seen to stand in the last n of them: it does not move there. None where not known.
-
-        Returns
-        -------
-        Track
-            At all samples from the last node on.
+        """Propagate the pose from the last footfall to the sample before `until`; see `Stretch.propagate`.
 
         Raises
         ------
         EstimationError
             Before the first footfall.
         """
-        if not self._places:
+        if self._stretch is None:
             raise EstimationError("there is no footfall yet to carry a pose on from: add one first.")
-        place = self._places[-1]
-        recording, first = self._walk.cut_onward(place.samples[-1], until)
-        still = np.zeros(len(recording), dtype=np.bool_)
-        if stands is not None:
-            still[len(recording) - len(stands) :] = stands
-        pose, bias = self._backend.pose(X(place.stop - 1)), self._backend.bias(B(place.bias))
-        state = NavState(
-            np.array(pose.translation()),
-            np.array(self._backend.vector(V(place.stop - 1))),
-            np.ascontiguousarray(pose.rotation().matrix()),
-            np.array(bias.gyroscope()),
-            np.array(bias.accelerometer()),
-        )
-        return propagate_strapdown(recording, first, state, still, self._options.parameters.gravity)
+        return self._stretch.propagate(until, stands)
 
-    @property
-    def _schedule(self) -> tuple[int, ...]:
-        """Footfalls at which the walk so far is solved again."""
-        if self._options.lag_s is None:
-            return RESOLVE_AT
-        return tuple(step for step in RESOLVE_AT if step <= LAST_WITH_LAG)
+    def close(self) -> None:
+        """Give up what solves beside."""
+        self._solver.close()
 
-    def _solve_again(self) -> bool:
-        """Solve the walk so far in batch and go on from there; False where that finds no solution."""
-        options, before = self._options, copy(self._backend)
+    def _solve_at_once(self) -> list[StanceEstimate | Revision]:
+        """Solve all of the walk; extend the newest stretch where that has no solution."""
         try:
-            self._walk.align_magnetometer()
-            recording, stances = self._walk.cut_whole(), self._walk.cut_stances(0, 0)
-            given = (options.heading_rad, options.use_field, options.parameters, self._walk.continues)
-            batch = solve_so_far(recording, stances, *given)
-            places = list_places(batch.nodes, recording.t)
-            self._backend.reset(batch.problem.factors(), batch.values, places)
-            check_solution(self._backend, places[-1])
+            return [self._take(solve_from_start(self._walk, self._options))]
         except UNSOLVED as error:
-            if self._batch is None:
+            if self._stretch is None:
                 raise EstimationError(
-                    f"the walk has no beginning at footfall {self.n_footfalls - 1}: leave out the samples before it."
+                    f"the walk has no beginning at footfall {self.n_told}: leave out the samples before it."
                 ) from error
-            self._backend = before
-            return False
-        self._batch, self._places, self._frozen = batch, places, []
-        self._walk.peak_height = batch.known.peak_height
-        self._t_first = places[0].t
-        self._verdicts = [Verdict(*both) for both in zip(batch.verdict.words, batch.verdict.reason, strict=True)]
-        self._rests = RestLedger.from_rests(batch.known.rests)
-        self._counts = count_factors(batch.problem)
-        self._biases = BiasLedger.from_factors(batch.problem.differential)
-        return True
+            self._stretch.add_newest()
+            return []
 
-    def _extend_or_recover(self) -> None:
-        """Add the newest stride; where the graph has no solution with it, go on from the last footfall.
-
-        In the first minutes the walk is solved again in batch, and goes on from there only where that does not help.
-        """
-        if self._batch is None:
-            self._solve_again()
-            return
-        known = len(self._places)
+    def _take_over(self) -> list[StanceEstimate | Revision]:
+        """Take over what was solved beside, unless there is no solution: then the newest stretch goes on."""
+        handover = self._solver.take()
+        self._pending = None
         try:
-            rests, biases = self._extend()
-            check_solution(self._backend, self._places[-1])
+            return [] if handover is None else [self._take(handover)]
         except UNSOLVED:
-            del self._places[known:], self._verdicts[known:]
-            if self._walk.n_steps >= self._schedule[-1] or not self._solve_again():
-                self._recover()
+            return []
+
+    def _take(self, handover: Handover) -> Revision:
+        """Begin a new stretch at a handover, whose past is that of the walk now; what this changes."""
+        extreme = np.maximum(handover.sensor.extreme, self._walk.sensor.extreme)
+        before, first = self._footfalls[handover.first :], handover.first
+        old = () if self._stretch is None else (*self._past.rows, *self._stretch.reported)
+        known, self._walk.sensor = self._walk.sensor, replace(handover.sensor, extreme=extreme)
+        self._walk.replace_footfalls(first, handover.footfalls)
+        try:
+            self._stretch = Stretch(handover.forget_past(), self._walk)
+        except UNSOLVED:
+            self._walk.sensor = known
+            self._walk.replace_footfalls(first, before)
+            raise
+        self._footfalls[first:] = handover.footfalls
+        self._past = self._past.join(handover.past)
+        self._starts = self._keep_starts(handover)
+        rows = (*self._past.rows, self._stretch.latest.as_row())
+        return compare_pasts(old[first:], rows, first, list_untold(before, handover.footfalls))
+
+    def _schedule(self) -> None:
+        """Begin the next solution, or ask for the one that is due behind the newest footfall."""
+        n, has_lag, pending = self.n_told, self._options.lag_s is not None, self._pending
+        self._solver.follow(self._buffer, self._walk.stop)
+        if pending is not None:
+            if n == pending.due_at:
+                self._solver.ask(self._footfalls[pending.footfalls :])
+            return
+        if n < self._next:
+            return
+        self._next = choose_next(n, has_lag)
+        if n < AT_ONCE[-1]:
+            return
+        start = self._starts[0] if is_windowed(n, has_lag) else None
+        if start is not None:
+            self._discard()
+        footfalls = tuple(self._footfalls[0 if start is None else start.place.number :])
+        self._solver.begin(Task(start, footfalls, self._walk.sensor))
+        self._pending = Pending(n + choose_delay(n, has_lag), len(self._footfalls))
+
+    def _keep_starts(self, handover: Handover) -> list[Handover]:
+        """Return the handovers that a window may begin at: from the newest that is old enough on."""
+        earlier = [] if handover.first == 0 else self._starts
+        # One behind a footfall that was taken back, or put in, holds what is not so.
+        valid = [one for one in earlier if self._footfalls[one.place.number].footfall.stillest == one.place.sample]
+        starts, lag_s = [*valid, handover.forget_past()], self._options.lag_s
+        newest = handover.place
+        if lag_s is None:
+            enough = sum(newest.number - one.place.number >= WINDOW for one in starts)
         else:
-            self._rests, self._biases = rests, biases  # the old ledgers are kept if the update failed
-
-    def _extend(self) -> tuple[RestLedger, BiasLedger | None]:
-        """Add the newest stride to the graph, first its motion, then its field; return the ledgers with its rests."""
-        assert self._batch is not None
-        known, p = self._batch.known, self._batch.parameters
-        before = self._places[-1]
-        # Factors of the stride: inertial measurements, stance velocities, rests.
-        window = cut_window(self._walk, before, self._t_first, p)
-        rests, ledger = self._rests.collect(window, self._options.parameters.rest)
-        stride = measure_stride(window, known.gyro_bias, known.lever.lever, rests, p)
-        graph = stride_graph(stride, p)
-        # The bias variable before is complete when another begins.
-        biases = self._biases
-        if biases is not None and window.place.bias != before.bias:
-            up = self._backend.pose(X(before.result)).rotation().matrix()[2]
-            level = LevelBias(self._backend.bias(B(before.bias)).gyroscope(), up)
-            graph.push_back(biases.complete(before.bias, level))
-            biases = biases.begin()
-            self._counts["differential_field"] += 1
-        # Initial values of its variables, and the solution with them.
-        linearized, bias = self._backend.linearization_point(), self._backend.bias(B(before.bias))
-        values = initialize_stride(window, graph, linearized, bias, p)
-        self._places.append(window.place)
-        self._backend.add(graph, values, self._places, more=self._batch.field is not None)
-        self._counts.update(count_graph(graph))
-        # The field is compared along the path of the stride in that solution.
-        stride_path = self._cut_stride(window)
-        self._verdicts.append(self._add_field(window, *stride_path))
-        if biases is not None:
-            gyro_bias = self._backend.bias(B(window.place.bias)).gyroscope()
-            biases = biases.add(window, *stride_path, gyro_bias, ledger.counted)
-        return ledger, biases
-
-    def _recover(self) -> None:
-        """Go on from the last footfall, without the graph."""
-        assert self._batch is not None
-        assert self._latest is not None
-        last, batch, p = self._latest, self._batch, self._batch.parameters
-        window = cut_window(self._walk, self._places[-1], self._t_first, p)
-        stride = measure_stride(window, batch.known.gyro_bias, batch.known.lever.lever, (), p)
-        recover(self._backend, last, last.pose_cov, window, stride, p, batch.field is not None)
-        self._backend.take_marginalized()
-        self._frozen += self._causal[len(self._frozen) :]
-        self._places, self._verdicts = [window.place], [Verdict(str(UNKNOWN), REASON)]
-        self._biases = None if self._biases is None else self._biases.begin()
-
-    def _cut_stride(self, window: StrideWindow) -> tuple[Recording, int, Trajectory]:
-        """Samples of the stride, the first of them in the window, and the path through the estimates of its nodes."""
-        begins = max(0, min(int(window.stances.start[0]), len(window.recording) - MIN_SAMPLES))
-        recording = window.recording.slice(begins, len(window.recording))
-        return (
-            recording,
-            begins,
-            trace_stride(self._backend, recording, window, begins, self._options.parameters.gravity),
-        )
-
-    def _add_field(self, window: StrideWindow, recording: Recording, begins: int, track: Trajectory) -> Verdict:
-        """Add the field at the newest footfall and along its stride; the verdict on it."""
-        assert self._batch is not None
-        field = self._batch.field
-        if field is None:
-            return self._verdicts[-1]
-        stances = self._walk.cut_stances(window.before.number, window.first_sample + begins)
-        seen = measure_field(recording, stances, track, field.up_uT)
-        continues = bool(self._walk.continues[-1])
-        if continues:
-            seen = replace(seen, footfall=seen.footfall.leave_out(np.ones(1, dtype=np.bool_)))
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        k, pose = window.place.number, self._backend.pose(X(window.place.result))
-        state, verdict = field.add(
-            graph, k, window.place.result, window.before.result, seen, pose, self._backend.vector(M(k - 1))
-        )
-        values.insert(M(k), state)
-        self._backend.add(graph, values, self._places)
-        self._counts.update(count_graph(graph))
-        has_field = bool(np.isfinite(seen.footfall.body_field).all())
-        self._counts["gated_out"] += has_field and verdict.word != QUASI_STATIC
-        return Verdict(UNKNOWN, STANDS_ON) if continues else verdict
-
-    def _freeze(self) -> None:
-        """Take the footfalls that left the graph out of the lists, each with its own verdict."""
-        for marginalized in self._backend.take_marginalized():
-            place = self._places.pop(0)
-            assert place.number == marginalized.place.number
-            self._frozen.append(
-                estimate_stance(*marginalized, self._verdicts.pop(0), self.parameters.moving_foot).as_row()
-            )
+            enough = sum(newest.t - one.place.t >= lag_s for one in starts)
+        return starts[max(enough - 1, 0) :]
 
     def _discard(self) -> None:
-        """Discard footfalls before the newest, and samples that no window reaches any more."""
-        newest = self.n_footfalls - 1
-        starts = self._walk.buffer.stamp(int(self._walk.footfall(newest).start[0]))
-        self._walk.discard(newest, self._walk.buffer.find_since(starts - 2 * CONTEXT_S, self._walk.stop))
-
-    def _estimate(self) -> StanceEstimate:
-        """Estimate of the newest footfall."""
-        place, backend = self._places[-1], self._backend
-        pose_key, bias_key = X(place.result), B(place.bias)
-        return estimate_stance(
-            place,
-            backend.pose(pose_key),
-            backend.vector(V(place.result)),
-            backend.bias(bias_key),
-            backend.covariance(pose_key),
-            backend.covariance(bias_key),
-            self._verdicts[-1],
-            self.parameters.moving_foot,
-        )
+        """Discard what lies before the first handover that a window may begin at, samples with a lag alone."""
+        start = self._starts[0]
+        begins = self._footfalls[start.place.number].footfall.start[0]
+        since = self._buffer.find_since(self._buffer.stamp(int(begins)) - CONTEXT_S, self._walk.stop)
+        self._solver.discard(since)
+        if self._options.lag_s is not None:
+            self._walk.discard(start.place.number, since)

@@ -12,7 +12,7 @@ from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
-from fg_nav.online.smoother import OnlineOptions
+from fg_nav.online.options import OnlineOptions
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 

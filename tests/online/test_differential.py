@@ -11,7 +11,8 @@ from fg_nav.factors.differential_field import BiasInformation, FieldNoise, Iron,
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.isam2 import ISAM2Backend
-from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.differential_factors import LevelBias, limit_information
 from tests.online.test_online_smoother import FOOTFALLS, fed, in_field, polished

@@ -21,7 +21,8 @@ from fg_nav.online import smoother as online_smoother
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.resolve import RESOLVE_AT, solve_so_far
-from fg_nav.online.smoother import OnlineOptions, OnlineSmoother
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters

@@ -12,7 +12,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.smoother import OnlineOptions
+from fg_nav.online.options import OnlineOptions
 from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from tests.simulated import PERSON, straight_walk

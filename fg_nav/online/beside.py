@@ -1,0 +1,115 @@
+"""Solving a walk beside its telling: in another process, with the walk's samples as they come.
+
+    WorkerSolver  --- samples, tasks, footfalls --->  `python -m fg_nav.online.worker`
+                  <--------- handovers -------------
+
+Arrays and dataclasses go over pipes of our own two processes, pickled. Sending never waits: a thread writes what the
+worker, busy with a task, does not read yet. What a worker answers is what `WalkSolver` does, to the bit; where it dies
+(memory, a signal), that takes its place, on the samples the owner has.
+"""
+
+from __future__ import annotations
+
+import pickle
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import IO, Any
+
+from fg_nav.detection.stance import StanceParameters
+from fg_nav.online.buffer import SampleBuffer, ToldFootfall
+from fg_nav.online.handover import Handover
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.solving import Task, WalkSolver
+
+WORKER = "fg_nav.online.worker"
+"""The module that the other process runs."""
+
+
+class WorkerSolver:
+    """Solves in another process; methods as in `Solver`.
+
+    Parameters
+    ----------
+    remark : given a sentence where the other process dies.
+    buffer : of the walk's samples, for what is then solved here.
+    """
+
+    def __init__(
+        self,
+        options: OnlineOptions,
+        stance: StanceParameters,
+        buffer: SampleBuffer,
+        remark: Callable[[str], None] = lambda words: None,
+    ) -> None:
+        self._here = WalkSolver(options, stance, buffer)
+        self._remark, self._sent = remark, 0
+        self._is_dead = False
+        self._worker = subprocess.Popen(
+            [sys.executable, "-m", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        assert self._worker.stdin is not None
+        assert self._worker.stdout is not None
+        self._messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        threading.Thread(target=_write, args=(self._worker.stdin, self._messages), daemon=True).start()
+        threading.Thread(target=_read, args=(self._worker.stdout, self._answers), daemon=True).start()
+        self._messages.put(("options", options, stance))
+
+    def follow(self, buffer: SampleBuffer, until: int) -> None:
+        """See `Solver`."""
+        if until > self._sent:
+            self._messages.put(("samples", buffer.between(self._sent, until)))
+            self._sent = until
+
+    def discard(self, before: int) -> None:
+        """See `Solver`."""
+        self._messages.put(("discard", before))
+
+    def begin(self, task: Task) -> None:
+        """See `Solver`."""
+        self._here.begin(task)
+        self._messages.put(("begin", task))
+
+    def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
+        """See `Solver`."""
+        self._here.ask(footfalls)
+        self._messages.put(("ask", tuple(footfalls)))
+
+    def take(self) -> Handover | None:
+        """See `Solver`."""
+        if not self._is_dead:
+            answer = self._answers.get()
+            if not isinstance(answer, EOFError):
+                assert answer is None or isinstance(answer, Handover)
+                return answer
+            self._is_dead = True
+            self._remark("the process that solves the walk again has died: its work is done in between from here on.")
+        return self._here.take()
+
+    def close(self) -> None:
+        """End the other process."""
+        self._messages.put(None)
+        with suppress(OSError):
+            self._worker.kill()
+        self._worker.wait()
+
+
+def _write(pipe: IO[bytes], messages: queue.SimpleQueue[Any]) -> None:
+    with suppress(OSError, ValueError):
+        while (message := messages.get()) is not None:
+            pickle.dump(message, pipe, protocol=pickle.HIGHEST_PROTOCOL)
+            pipe.flush()
+
+
+def _read(pipe: IO[bytes], answers: queue.SimpleQueue[Any]) -> None:
+    """Put answers where they are taken; an EOFError where there are no more."""
+    while True:
+        try:
+            answers.put(pickle.load(pipe))
+        except (EOFError, OSError, ValueError, pickle.UnpicklingError):
+            answers.put(EOFError())
+            return

@@ -1,0 +1,29 @@
+"""What a user can choose of a walk in progress."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fg_nav.smoother.parameters import SmootherParameters
+
+
+@dataclass(frozen=True)
+class OnlineOptions:
+    """What a user can choose.
+
+    Attributes
+    ----------
+    heading_rad : of the body's x axis at the first stance, clockwise from north; None where it is not known: then
+        zero, or with the field so that the mean field points north (found at footfall 4 and better each time the walk
+        is solved again).
+    use_field : whether the magnetometer is used. Samples without one are then allowed.
+    lag_s : how far back the past is still corrected, s; None for the whole walk (full mode).
+    parameters : of the smoother.
+    axes_given : whether the magnetometer is used whatever its axes look like.
+    """
+
+    heading_rad: float | None = 0.0
+    use_field: bool = True
+    lag_s: float | None = None
+    parameters: SmootherParameters = field(default_factory=SmootherParameters)
+    axes_given: bool = False

@@ -1,0 +1,93 @@
+"""What a walk in progress takes back: lines of JSON that come before the next line of the moment.
+
+============ =========================================================================================================
+"turned"     the map was turned about its origin by `angle_deg`, clockwise: lines before are in the old one
+"retracted"  the footfall of line `stance` was none, and is taken back
+"revised"    the past as it is known now: `path`, [t, east, north, up] at `MOST_POINTS` footfalls at most, all of it
+============ =========================================================================================================
+
+All have `t`, s, of the newest footfall that they know.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import compute_heading
+from fg_nav.online.buffer import ToldFootfall
+from fg_nav.online.estimates import EstimateRow, split_rows
+from fg_nav.text import to_json
+
+TURNED_RAD = float(np.radians(1.0))
+"""A smaller turn is one of many corrections of the past."""
+
+MOST_POINTS = 200
+"""Of a revised path."""
+
+DIGITS = 3
+"""After the point: a millimetre, a millidegree."""
+
+
+@dataclass(frozen=True)
+class Revision:
+    """What changed when a walk was solved again.
+
+    Attributes
+    ----------
+    t : of the newest footfall that was solved again, s.
+    turn : of the map about its origin, rad clockwise; 0 where it did not turn.
+    retracted : numbers of the lines whose footfalls were none.
+    path : (K, 4) t (s), east, north, up (m) at footfalls of the walk so far, `MOST_POINTS` at most.
+    """
+
+    t: float
+    turn: float
+    retracted: tuple[int, ...]
+    path: Floats
+
+
+def compare_pasts(
+    before: Sequence[EstimateRow], after: Sequence[EstimateRow], first: int, untold: Sequence[ToldFootfall]
+) -> Revision:
+    """Return what changed of a walk from one solution to the next.
+
+    Parameters
+    ----------
+    before, after : estimates of the footfalls, before from number `first` on.
+    untold : footfalls that had a line and are none.
+    """
+    old, new = split_rows(before), split_rows(after[first:])
+    _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)
+    turns = compute_heading(new.nav_R_body[j]) - compute_heading(old.nav_R_body[i])
+    turn = float(np.angle(np.exp(1j * turns).sum())) if len(turns) else 0.0
+    path = split_rows([after[k] for k in _thin(len(after))])
+    return Revision(
+        t=float(path.t[-1]),
+        turn=turn if abs(turn) > TURNED_RAD else 0.0,
+        retracted=tuple(one.told for one in untold),
+        path=np.column_stack([path.t, path.position]),
+    )
+
+
+def format_revision(revision: Revision) -> Iterator[str]:
+    """Yield the lines of a revision."""
+    t = round(revision.t, 9)
+    if revision.turn:
+        yield _format("turned", {"t": t, "angle_deg": round(float(np.degrees(revision.turn)), DIGITS)})
+    for number in revision.retracted:
+        yield _format("retracted", {"stance": number, "t": t})
+    yield _format("revised", {"t": t, "path": np.round(revision.path, DIGITS)})
+
+
+def _thin(count: int) -> list[int]:
+    """Numbers of at most `MOST_POINTS` of so many footfalls, the first and the last among them."""
+    return sorted(set(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(int).tolist()))
+
+
+def _format(kind: str, content: dict[str, object]) -> str:
+    return json.dumps(to_json({"kind": kind, **content}), allow_nan=False)

@@ -1,0 +1,37 @@
+"""When a walk in progress is solved again, by the count of its footfalls alone.
+
+the first footfalls     at once, each time all of the walk
+then                    every n / 16, six at least; the solution is taken over two footfalls later, and one more for
+each 128 of the walk: a solution of n footfalls takes some n / 200 s, a footfall one second
+behind `WHOLE_UNTIL`    what is known of sensor and foot does not change any more. Every `WINDOW` / 8 footfalls
+the last `WINDOW` are solved again, from what was handed over before them; with a lag those
+within it
+"""
+
+from __future__ import annotations
+
+AT_ONCE = (1, 2, 3, 4, 6, 8, 10)
+"""Footfalls at which all is solved at once: a tenth of a second."""
+
+WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512
+"""The last footfall at which all of a walk is solved; with a lag its samples are discarded behind it."""
+
+WINDOW = 256
+"""Footfalls that are solved again behind it."""
+
+
+def is_windowed(n: int, has_lag: bool) -> bool:
+    """Whether a walk of n footfalls is not solved as a whole any more."""
+    return n > (WHOLE_WITH_LAG if has_lag else WHOLE_UNTIL)
+
+
+def choose_next(n: int, has_lag: bool) -> int:
+    """Return the footfall behind n at which the walk is solved next."""
+    if n < AT_ONCE[-1]:
+        return min(k for k in AT_ONCE if k > n)
+    return n + (WINDOW // 8 if is_windowed(n, has_lag) else max(6, n // 16))
+
+
+def choose_delay(n: int, has_lag: bool) -> int:
+    """Return how many footfalls behind n a solution of n footfalls is taken over."""
+    return 2 + (WINDOW if is_windowed(n, has_lag) else n) // 128

@@ -1,0 +1,144 @@
+"""The walk so far is solved again while it goes on: what is asked, and what comes of it.
+
+    Task                  -> footfalls in hindsight (`review`) -> solution of all of them (`resolve`), or of those since
+                             an earlier handover (`stretch`)
+    footfalls meanwhile   -> added to it
+    hand_over             -> Handover at the newest of these
+
+`WalkSolver` does it in this process, when the handover is due; `beside` in another, meanwhile. Both answer the same,
+to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from fg_nav.detection.stance import StanceParameters
+from fg_nav.online.buffer import SampleBuffer, SensorState, ToldFootfall, WalkSoFar
+from fg_nav.online.handover import Handover
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import solve_from_start
+from fg_nav.online.review import review_footfalls
+from fg_nav.online.stretch import Stretch
+from fg_nav.recording import Recording
+from fg_nav.smoother.solver import UNSOLVED
+
+CONTEXT_S = 20.0
+"""Before a handover, in which the stances behind it are detected, and levels at which sensors clip are seen."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A walk to be solved.
+
+    Attributes
+    ----------
+    start : handover to begin at, without its past; None for the start of the walk.
+    footfalls : from that of the handover on.
+    sensor : what the walk shows of it so far.
+    """
+
+    start: Handover | None
+    footfalls: tuple[ToldFootfall, ...]
+    sensor: SensorState
+
+
+class Solver(Protocol):
+    """Solves a walk again while it goes on."""
+
+    def follow(self, buffer: SampleBuffer, until: int) -> None:
+        """Take note of the samples of the walk before this one."""
+
+    def discard(self, before: int) -> None:
+        """Discard samples that no task needs any more."""
+
+    def begin(self, task: Task) -> None:
+        """Begin with a task, all samples of whose footfalls are there."""
+
+    def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
+        """Ask for the handover at the last of these footfalls, which came since the task."""
+
+    def take(self) -> Handover | None:
+        """Return it, as soon as it is there; None where the walk has no solution."""
+
+    def close(self) -> None:
+        """Give up what it holds."""
+
+
+class WalkSolver:
+    """Solves in this process, when a handover is taken."""
+
+    def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
+        self._options, self._stance, self._buffer = options, stance, buffer
+        self._task: Task | None = None
+        self._since: Sequence[ToldFootfall] = ()
+
+    def follow(self, buffer: SampleBuffer, until: int) -> None:
+        """Nothing: the buffer is its owner's."""
+
+    def discard(self, before: int) -> None:
+        """Nothing: the buffer is its owner's."""
+
+    def begin(self, task: Task) -> None:
+        """See `Solver`."""
+        self._task = task
+
+    def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
+        """See `Solver`."""
+        self._since = footfalls
+
+    def take(self) -> Handover | None:
+        """See `Solver`."""
+        assert self._task is not None
+        try:
+            solved, walk = self.solve(self._task)
+            return self.go_on(solved, walk, self._since)
+        except UNSOLVED:
+            return None
+
+    def close(self) -> None:
+        """Nothing to give up."""
+
+    def solve(self, task: Task) -> tuple[Handover, WalkSoFar]:
+        """Solve a task; return the walk too."""
+        options, start = self._options, task.start
+        footfalls = self._review(task)
+        if start is None:
+            walk = WalkSoFar(self._buffer, options.use_field, options.axes_given, sensor=task.sensor)
+            for footfall in footfalls:
+                walk.add(footfall)
+            return solve_from_start(walk, options), walk
+        begun = footfalls[:1]
+        walk = WalkSoFar(self._buffer, options.use_field, options.axes_given, start.place.number, begun, start.sensor)
+        stretch = Stretch(replace(start, footfalls=begun, first=start.place.number), walk)
+        for footfall in footfalls[1:]:
+            walk.add(footfall)
+            stretch.add_newest()
+        return stretch.hand_over(), walk
+
+    def go_on(self, solved: Handover, walk: WalkSoFar, footfalls: Sequence[ToldFootfall]) -> Handover:
+        """Return the handover at the last of the footfalls that came since."""
+        if not footfalls:
+            return solved
+        stretch = Stretch(solved, walk)
+        for footfall in footfalls:
+            walk.add(footfall)
+            stretch.add_newest()
+        return stretch.hand_over()
+
+    def _review(self, task: Task) -> tuple[ToldFootfall, ...]:
+        """See the footfalls of a task in hindsight, but the one that it begins with."""
+        begins, until = 0, task.footfalls[-1].until
+        if task.start is not None:
+            stamp = self._buffer.stamp(int(task.footfalls[0].footfall.start[0]))
+            begins = self._buffer.find_since(stamp - CONTEXT_S, until)
+        rows = self._buffer.between(begins, until)
+        recording = Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        if task.start is None:
+            return tuple(review_footfalls(recording, begins, task.footfalls, self._stance))
+        first, *later = task.footfalls
+        seen = review_footfalls(recording, begins, later, self._stance)
+        ends = int(first.footfall.stop[-1])
+        return (first, *(one for one in seen if one.footfall.start[0] >= ends))

@@ -1,0 +1,74 @@
+"""The process beside a walk in progress (`beside`): it reads messages from its standard input, and answers tasks.
+
+It ends when its standard input does, so it never outlives the walk.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+from typing import Any
+
+from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.handover import Handover
+from fg_nav.online.solving import WalkSolver
+from fg_nav.smoother.solver import UNSOLVED
+
+NICENESS = 5
+"""The process that tells the walk comes first."""
+
+
+class Worker:
+    """Does what the messages say."""
+
+    def __init__(self) -> None:
+        self._buffer = SampleBuffer()
+        self._solver: WalkSolver
+        self._begun: Any = None
+
+    def answer(self, kind: str, *content: Any) -> tuple[Handover | None] | None:
+        """Return the answer to a message as a tuple of one; None where it asks for none."""
+        match kind:
+            case "options":
+                options, stance = content
+                self._solver = WalkSolver(options, stance, self._buffer)
+            case "samples":
+                self._buffer.append(content[0])
+            case "discard":
+                self._buffer.discard(content[0])
+            case "begin":
+                self._begun = self._try(self._solver.solve, content[0])
+            case "ask":
+                return (None if self._begun is None else self._try(self._solver.go_on, *self._begun, content[0]),)
+        return None
+
+    @staticmethod
+    def _try(work: Any, *content: Any) -> Any:
+        try:
+            return work(*content)
+        except UNSOLVED:
+            return None
+
+
+def main() -> None:
+    """Answer messages until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that tells the walk
+    os.nice(NICENESS)
+    messages, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever prints must not print into the answers
+    worker = Worker()
+    while True:
+        try:
+            message = pickle.load(messages)
+        except (EOFError, OSError):
+            return
+        answer = worker.answer(*message)
+        if answer is not None:
+            pickle.dump(answer[0], answers, protocol=pickle.HIGHEST_PROTOCOL)
+            answers.flush()
+
+
+if __name__ == "__main__":
+    main()
