@@ -8,6 +8,7 @@ from itertools import pairwise
 import gtsam
 import numpy as np
 import pytest
+from fg_nav.online.fixed_lag import FixedLagBackend
 from gtsam.symbol_shorthand import X
 
 from fg_nav.detection import RestParameters, detect_stances, find_rests
@@ -19,9 +20,8 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online.buffer import SampleBuffer, rows_of
-from fg_nav.online.fixed_lag import FixedLagBackend
-from fg_nav.online.resolve import RESOLVE_AT, solve_so_far
 from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import RESOLVE_AT, solve_so_far
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth

@@ -13,6 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.options import OnlineOptions
+from fg_nav.online.revision import Revision
 from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from tests.simulated import PERSON, straight_walk
@@ -31,7 +32,7 @@ def short_walk(strides: int = 12) -> Recording:
     return replace(recording, mag=np.einsum("nji,nj->ni", attitude, field), truth=None)
 
 
-def push(navigator: OnlineNavigator, rows: Floats, cuts: Iterable[int] = ()) -> list[StanceEstimate]:
+def push(navigator: OnlineNavigator, rows: Floats, cuts: Iterable[int] = ()) -> list[StanceEstimate | Revision]:
     """Push rows (n, 10) in blocks between `cuts`."""
     found = []
     for start, stop in pairwise([0, *cuts, len(rows)]):
