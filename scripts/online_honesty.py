@@ -44,7 +44,7 @@ from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.smoother import OnlineOptions
+from fg_nav.online.options import OnlineOptions
 from fg_nav.recording import FootprintTruth, Truth
 from fg_nav.solution import Solution
 from fg_nav.walk import Walk
