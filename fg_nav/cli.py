@@ -20,6 +20,7 @@ from fg_nav.cli_options import (
     AlignmentMode,
     CalibrationPath,
     CheckpointPath,
+    ColumnNames,
     FixesPath,
     Force,
     FormatName,
@@ -36,6 +37,7 @@ from fg_nav.cli_options import (
     Polish,
     Preset,
     RecordingPath,
+    RowRate,
     Seed,
     ServedPort,
     Silence,
@@ -44,6 +46,7 @@ from fg_nav.cli_options import (
     StepConstant,
     Strict,
     TruthPath,
+    UnitNames,
     ViewHost,
     ViewPage,
     ViewPort,
@@ -260,6 +263,9 @@ def stream(
     host: ViewHost = "127.0.0.1",
     port: ViewPort = 8642,
     baud: Annotated[int, typer.Option(help="Of a serial device.")] = 115200,
+    columns: ColumnNames = None,
+    units: UnitNames = None,
+    rate: RowRate = None,
     silence: Silence = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result at the end. \\[default: lines]")
@@ -269,14 +275,14 @@ def stream(
 ) -> None:
     """Follow a sensor while it is walked with: one JSON line a footfall, and at the end the whole walk.
 
-    Reads rows of canonical CSV, the header line first. Ctrl-C ends the walk and writes its result.
+    Reads canonical CSV, the header line first, or rows of --columns. Ctrl-C ends the walk and writes its result.
     """
     from fg_nav.commands.stream import stream
     from fg_nav.online.follow import StreamRequest
 
     request = StreamRequest(
         source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
-        (host, port) if view else None,
+        (host, port) if view else None, columns, units, rate,
     )  # fmt: skip
     stream(request, out, force)
 

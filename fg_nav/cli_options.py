@@ -92,6 +92,26 @@ AlignmentMode = Annotated[
 MountPlace = Annotated[
     Literal["foot", "pocket"], typer.Option("--mount", help="Where the sensor was worn; a pocket is one of trousers.")
 ]
+ColumnNames = Annotated[
+    str | None,
+    typer.Option(
+        "--columns",
+        metavar="A,B",
+        help="Fields of rows without a header, in order, of t,ax,ay,az,gx,gy,gz,mx,my,mz; - is passed over.",
+    ),
+]
+UnitNames = Annotated[
+    str | None,
+    typer.Option(
+        "--units",
+        metavar="A,B",
+        help="Of these columns, such as ms,g,deg/s,gauss. \\[default: s,m/s2,rad/s,uT]",
+    ),
+]
+RowRate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Of rows without t: their stamps are counted."),
+]
 StepConstant = Annotated[
     float | None,
     typer.Option("--step-constant", metavar="M", help="Of the person, with --mount pocket: a step over its opening."),

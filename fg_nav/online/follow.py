@@ -23,7 +23,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration, read_calibration
-from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
+from fg_nav.errors import EstimationError, OutputError, StreamError
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online import OnlineNavigator, load
@@ -32,7 +32,8 @@ from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.revision import Revision, format_revision
-from fg_nav.online.sources import RowReader, Source, open_source
+from fg_nav.online.rows import Columns, parse_columns
+from fg_nav.online.sources import SampleSource, TextSource, open_source
 from fg_nav.online.status import StatusReporter, Watcher
 from fg_nav.signals import catch_signals
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
@@ -61,6 +62,7 @@ class StreamOptions:
     until_silent_s : silence after which the walk ends, s; None to wait for ever.
     calibration : to apply; None without.
     mag_axes : of the magnetometer in those of the gyroscope; None for the same.
+    columns : of rows without a header, which a checkpoint must share; None where the source names them.
     """
 
     online: OnlineOptions = field(default_factory=OnlineOptions)
@@ -70,10 +72,11 @@ class StreamOptions:
     until_silent_s: float | None = None
     calibration: Calibration | None = None
     mag_axes: MagAxes | None = None
+    columns: Columns | None = None
 
 
 def follow_source(
-    source: Source,
+    source: SampleSource,
     options: StreamOptions,
     emit: Say,
     remark: Say,
@@ -85,7 +88,7 @@ def follow_source(
     Parameters
     ----------
     source
-        Of canonical rows.
+        Of samples.
     options
         How.
     emit
@@ -111,19 +114,16 @@ def follow_source(
     status = None if watcher is None else StatusReporter(watcher)
     walk = _Walk(navigator, options, emit, remark, status)
     walk.show_past()
-    reader = RowReader(source.name, remark, navigator.source.get("header"))
+    if navigator.source.get("header"):
+        source.resume(navigator.source["header"])
     silence = _Silence(source.name, options, remark)
     while not (stop is not None and stop.is_set()):
-        piece = source.read(WAIT_S)
-        if piece is None or silence.is_over(piece):
+        rows = source.read(WAIT_S)
+        if rows is None or silence.is_over(len(rows)):
             break
-        walk.add(reader.read(piece), reader.header)
+        walk.add(rows, source.header)
         walk.show_status()
-    walk.add(reader.finish(), reader.header)
-    if reader.header is None:
-        raise FormatError(f"{source.name} ended before a header came: its first line must name the columns.")
-    if reader.bad:
-        remark(f"{reader.bad} rows were left out in all.")
+    walk.add(source.finish(), source.header)
     walk.end()
     return navigator
 
@@ -133,11 +133,14 @@ def _open_navigator(options: StreamOptions, remark: Say) -> OnlineNavigator:
     if path is None or not path.exists():
         navigator = OnlineNavigator(options.online, remark)
         navigator.source["calibration"] = to_json(options.calibration)
+        navigator.source["columns"] = to_json(options.columns)
         navigator.source["mag_axes"] = _name_axes(options)
         return navigator
     navigator = load(path, options.online, remark)
     if navigator.source.get("calibration") != to_json(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
+    if navigator.source.get("columns") != to_json(options.columns):
+        raise EstimationError(f"{path.name} was made with other --columns: give the same, or name another.")
     if navigator.source.get("mag_axes") != _name_axes(options):
         raise EstimationError(f"{path.name} was made with other --mag-axes: give the same, or name another.")
     remark(f"resumed from {path.name}: {len(navigator.footfalls)} stances, {navigator.buffer.stop} samples.")
@@ -242,24 +245,24 @@ class _Walk:
 
 
 class _Silence:
-    """How long nothing has come."""
+    """How long no sample has come."""
 
     def __init__(self, name: str, options: StreamOptions, remark: Say) -> None:
         self._name, self._options, self._remark = name, options, remark
         self._since = time.monotonic()
         self._remarked = False
 
-    def is_over(self, piece: bytes) -> bool:
-        """Note what has come, or not; return whether the silence is so long that the walk is over."""
+    def is_over(self, n_samples: int) -> bool:
+        """Note how many samples have come; return whether the silence is so long that the walk is over."""
         now = time.monotonic()
         silent = now - self._since
-        if piece:
+        if n_samples:
             if self._remarked:
                 self._remark(f"{self._name} sends again after {silent:.0f} s.")
             self._since, self._remarked = now, False
             return False
         if silent >= self._options.stalled_s and not self._remarked:
-            self._remark(f"nothing has come from {self._name} for {silent:.0f} s: waiting.")
+            self._remark(f"no sample has come from {self._name} for {silent:.0f} s: waiting.")
             self._remarked = True
         end = self._options.until_silent_s
         return end is not None and silent >= end
@@ -283,6 +286,9 @@ class StreamRequest:
     mag_axes: str | None = None
     polish: bool = False
     view: tuple[str, int] | None = None
+    columns: str | None = None
+    units: str | None = None
+    rate_hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -323,10 +329,11 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
         until_silent_s=_check_positive(request.silence_s, "--silence"),
         calibration=calibration,
         mag_axes=axes,
+        columns=parse_columns(request.columns, request.units, request.rate_hz),
     )
     with (
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
-        closing(open_source(request.source, request.baud)) as source,
+        closing(TextSource(open_source(request.source, request.baud), outlets.remark, options.columns)) as source,
     ):
         navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
     return StreamedWalk(navigator, source.name, calibration, axes, request.polish)

@@ -1,4 +1,4 @@
-"""Where samples come from: bytes of a source as they arrive, and the rows of the canonical format in them.
+"""Where samples come from.
 
 ==================== =====================================================================================
 -                    standard input, until its end
@@ -8,8 +8,7 @@ tcp://host:port      from a server, until it closes
 udp://host:port      datagrams sent to that address of this machine; each holds whole lines
 ==================== =====================================================================================
 
-`read(wait_s)` of a source returns bytes, none of them (b"") if nothing came within the time, or None at the end.
-`RowReader` makes samples of them.
+A `SampleSource` gives samples. `TextSource` reads them from a `ByteSource`, one of these, by a `RowReader`.
 """
 
 from __future__ import annotations
@@ -20,19 +19,15 @@ import socket
 import stat
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
-import numpy as np
-
 from fg_nav.arrays import Floats
-from fg_nav.errors import FormatError, StreamError
-from fg_nav.io.canonical import ACC, GYR, MAG, TIME
-from fg_nav.io.content import find_column
-from fg_nav.online.buffer import COLUMNS
+from fg_nav.errors import StreamError
+from fg_nav.online.rows import Columns, RowReader
 
 PIECE = 1 << 16
 """Bytes that are read at once."""
@@ -43,17 +38,12 @@ POLL_S = 0.05
 CONNECT_S = 10.0
 """How long a server may take to answer."""
 
-LONGEST_LINE = 1 << 16
-"""Bytes; a longer one has lost its end."""
 
-MOST_BEFORE_HEADER = 20
-"""Lines that may come before the header: what was left in a device's buffer."""
-
-
-class Source(Protocol):
-    """A stream of bytes; `name` is for messages."""
+class ByteSource(Protocol):
+    """A stream of bytes; `name` is for messages, `away_s` for how long it was not connected before what was read."""
 
     name: str
+    away_s: float
 
     def read(self, wait_s: float) -> bytes | None:
         """Return what has come, b"" if nothing came within `wait_s`, None at the end."""
@@ -64,7 +54,68 @@ class Source(Protocol):
         ...
 
 
-def open_source(word: str, baud: int = 115200) -> Source:
+class SampleSource(Protocol):
+    """A stream of samples; `name` is for messages."""
+
+    name: str
+
+    @property
+    def header(self) -> list[str] | None:
+        """Names of the columns that it sends; None where it sends none, or before they are known."""
+        ...
+
+    def resume(self, header: Sequence[str]) -> None:
+        """Go on by the header of before, where a walk is resumed."""
+        ...
+
+    def read(self, wait_s: float) -> Floats | None:
+        """Return the samples (n, 10) that have come, n = 0 if none came within `wait_s`, None at the end."""
+        ...
+
+    def finish(self) -> Floats:
+        """Return what is left at the end; raises `FormatError` where nothing was understood."""
+        ...
+
+    def close(self) -> None:
+        """Close it."""
+        ...
+
+
+class TextSource:
+    """Samples in the text of a source; takes a sentence for people about the first row that it cannot read."""
+
+    def __init__(self, source: ByteSource, remark: Callable[[str], None], columns: Columns | None = None) -> None:
+        self.name = source.name
+        self._source, self._remark = source, remark
+        self._reader = RowReader(source.name, remark, columns)
+
+    @property
+    def header(self) -> list[str] | None:
+        """See `SampleSource`."""
+        return self._reader.header
+
+    def resume(self, header: Sequence[str]) -> None:
+        """See `SampleSource`."""
+        self._reader.resume(header)
+
+    def read(self, wait_s: float) -> Floats | None:
+        """See `SampleSource`."""
+        piece = self._source.read(wait_s)
+        return None if piece is None else self._reader.read(piece, self._source.away_s)
+
+    def finish(self) -> Floats:
+        """See `SampleSource`."""
+        rows = self._reader.finish()
+        if self._reader.bad:
+            self._remark(f"{self._reader.bad} rows were left out in all.")
+        return rows
+
+    def close(self) -> None:
+        """See `SampleSource`."""
+        self._source.close()
+
+
+def open_source(word: str, baud: int = 115200) -> ByteSource:
     """Open a source by the name that the user gave.
 
     Raises
@@ -96,7 +147,9 @@ def open_source(word: str, baud: int = 115200) -> Source:
 
 
 class _Closing:
-    """With-statement for a source."""
+    """With-statement for a source; it is always connected."""
+
+    away_s = 0.0
 
     def __enter__(self) -> Any:
         return self
@@ -211,7 +264,7 @@ class _Serial(_Closing):
         self._port.close()
 
 
-def _open_socket(word: str, scheme: str) -> Source:
+def _open_socket(word: str, scheme: str) -> ByteSource:
     try:
         address = urlsplit(word)
         host, port = address.hostname or "127.0.0.1", address.port
@@ -229,115 +282,3 @@ def _open_socket(word: str, scheme: str) -> Source:
         receiver.close()
         raise
     return _Datagrams(word, receiver)
-
-
-class RowReader:
-    """Turns bytes into samples: bytes in pieces of any length, rows (n, 10) out.
-
-    The first line that names canonical columns is the header; the same line again is passed over. Then each line is a
-    row. A row that has another number of fields than the header, or a field that is no number, is left out and counted
-    in `bad`; an empty field is NaN. The last line waits for its end.
-
-    Where a walk resumes its header is known. A source that sent it before and goes on with rows is read by that; one
-    that begins again sends it again, and it must name the same columns, in any order.
-
-    Parameters
-    ----------
-    name
-        Of the source, for messages.
-    remark
-        Given a sentence about the first bad row.
-    header
-        Names of the columns, where they are known from before; None where the source must send them.
-
-    Raises
-    ------
-    FormatError
-        From `read`, where no header comes, or one without the columns of a recording, or with others than before.
-    """
-
-    def __init__(
-        self, name: str, remark: Callable[[str], None] = lambda words: None, header: list[str] | None = None
-    ) -> None:
-        self.bad = 0
-        self._name, self._remark = name, remark
-        self._rest = b""
-        self._line = 0
-        self._header: list[str] | None = None
-        self._positions: list[int] = []
-        self._to_confirm = header is not None
-        if header is not None:
-            self._use_header(header)
-
-    def read(self, piece: bytes) -> Floats:
-        """Return the samples (n, 10) whose rows end in this piece: t, acc, gyr, mag (NaN without one)."""
-        *lines, self._rest = (self._rest + piece).split(b"\n")
-        if len(self._rest) > LONGEST_LINE:
-            lines, self._rest = [*lines, self._rest], b""
-        rows = [row for line in lines if (row := self._parse(line)) is not None]
-        return np.array(rows, dtype=np.float64).reshape(-1, COLUMNS)
-
-    def finish(self) -> Floats:
-        """Return the sample of a last line without an end, (0, 10) or (1, 10)."""
-        rest, self._rest = self._rest, b""
-        return self.read(rest + b"\n") if rest and self._header is not None else np.empty((0, COLUMNS))
-
-    @property
-    def header(self) -> list[str] | None:
-        """Names of the columns; None before they are known."""
-        return self._header
-
-    def _parse(self, line: bytes) -> list[float] | None:
-        self._line += 1
-        fields = [field.strip() for field in line.decode("utf-8", "replace").strip("\ufeff\r\n ").split(",")]
-        if self._header is None:
-            self._begin(fields)
-            return None
-        if self._to_confirm and not {*TIME, *ACC, *GYR}.isdisjoint(fields):
-            self._confirm(fields)
-            return None
-        if fields == self._header or fields == [""]:
-            return None
-        if len(fields) == len(self._header) + 1 and not fields[-1]:
-            fields.pop()  # a separator at the end of the row
-        if len(fields) != len(self._header):
-            self._leave_out(f"it has {len(fields)} fields and the header {len(self._header)}")
-            return None
-        try:
-            return [float(fields[i]) if i >= 0 and fields[i] else np.nan for i in self._positions]
-        except ValueError:
-            self._leave_out("a field is not a number")
-            return None
-
-    def _begin(self, fields: list[str]) -> None:
-        """Take the header, if it is one."""
-        if {*TIME, *ACC, *GYR}.isdisjoint(fields):
-            if self._line > MOST_BEFORE_HEADER:
-                raise FormatError(
-                    f"{self._name} sends no header: its first line must name the columns ({TIME[0]},{ACC[0]},...)."
-                )
-            return
-        self._use_header(fields)
-
-    def _confirm(self, fields: list[str]) -> None:
-        """Take the header of a source that begins again."""
-        assert self._header is not None
-        names = {*TIME, *ACC, *GYR, *MAG}
-        if names.intersection(fields) != names.intersection(self._header):
-            raise FormatError(
-                f"{self._name} names other columns than before the walk resumed: name another checkpoint."
-            )
-        self._to_confirm = False
-        self._use_header(fields)
-
-    def _use_header(self, fields: list[str]) -> None:
-        place = Path(self._name)
-        names = TIME + ACC + GYR + (() if set(MAG).isdisjoint(fields) else MAG)
-        positions = [find_column(name, fields, place) for name in names]
-        self._positions = positions + [-1] * (COLUMNS - len(positions))
-        self._header = fields if fields[-1] else fields[:-1]
-
-    def _leave_out(self, why: str) -> None:
-        if self.bad == 0:
-            self._remark(f"rows that cannot be read are left out, the first in line {self._line}: {why}.")
-        self.bad += 1

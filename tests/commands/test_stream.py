@@ -24,7 +24,8 @@ from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.sources import RowReader, open_source
+from fg_nav.online.rows import RowReader
+from fg_nav.online.sources import TextSource, open_source
 from fg_nav.view.line_server import LineServer
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk, worst_difference
@@ -51,7 +52,7 @@ class Pieces:
     """A source of pieces that were put together before; None is silence, and at the end it ends."""
 
     def __init__(self, *pieces: bytes) -> None:
-        self.name = "a test"
+        self.name, self.away_s = "a test", 0.0
         self._pieces = list(pieces)
 
     def read(self, wait_s: float) -> bytes | None:
@@ -93,7 +94,8 @@ class Quiet(Pieces):
 
 def followed(source, **options):
     lines, remarks = [], []
-    navigator = follow_source(source, StreamOptions(online=NORTH, **options), lines.append, remarks.append)
+    samples = TextSource(source, remarks.append)
+    navigator = follow_source(samples, StreamOptions(online=NORTH, **options), lines.append, remarks.append)
     return navigator, [json.loads(line) for line in lines], remarks
 
 
@@ -147,7 +149,7 @@ def test_a_stalled_source_is_told_and_waited_for(csv, whole):
     navigator, _, remarks = followed(Quiet(20, data[:middle], data[middle:]), stalled_s=0.1)
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
     assert len(remarks) == 2
-    assert "nothing has come from a test" in remarks[0]
+    assert "no sample has come from a test" in remarks[0]
     assert "again" in remarks[1]
     over, _, _ = followed(Quiet(10**6, data[:middle], data[middle:]), until_silent_s=0.1)
     assert 0 < len(over.footfalls) < len(whole.footfalls)
@@ -174,15 +176,21 @@ def test_a_source_that_has_sent_its_header_goes_on_without_it(csv, whole, tmp_pa
         assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
 
 
+def resumed_reader(header):
+    reader = RowReader("a test")
+    reader.resume(header)
+    return reader
+
+
 def test_a_header_that_comes_again_names_the_same_columns(csv):
     header, *rows = csv.read_bytes().splitlines(keepends=True)
     names = header.decode().strip().split(",")
-    reader = RowReader("a test", header=names)
+    reader = resumed_reader(names)
     turned = [b",".join(reversed(row.strip().split(b","))) + b"\n" for row in (header, *rows[:3])]
     assert np.array_equal(reader.read(b"".join(turned)), RowReader("a test").read(b"".join([header, *rows[:3]])))
     with pytest.raises(FormatError, match="other columns"):
-        RowReader("a test", header=names).read(HEADER)
-    half = RowReader("a test", header=names).read(rows[0][10:] + rows[1])
+        resumed_reader(names).read(HEADER)
+    half = resumed_reader(names).read(rows[0][10:] + rows[1])
     assert np.array_equal(half, RowReader("a test").read(header + rows[1]))
 
 

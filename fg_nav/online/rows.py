@@ -1,0 +1,343 @@
+"""Samples in the text of a stream: lines of fields with commas between; a header or the user names the columns.
+
+    Columns    which field is what, in which unit; `parse_columns` makes them of the user's words
+    RowReader  bytes in pieces of any length -> samples (n, 10): t, acc, gyr, mag in s, m/s^2, rad/s, uT
+
+A block of lines is taken apart column by column; where that fails, line by line, and what is wrong is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import FormatError, StreamError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.io.canonical import ACC, GYR, MAG, TIME
+from fg_nav.io.content import find_column
+from fg_nav.online.buffer import COLUMNS
+
+LONGEST_LINE = 1 << 16
+"""Bytes; a longer one has lost its end."""
+
+SMALLEST_BLOCK = 200
+"""Lines; fewer are sooner read one by one."""
+
+PLAIN = b"0123456789+-.eE,\n"
+"""Of what numbers are made that every parser reads alike."""
+
+LINES_TO_REMARK, MOST_BEFORE_HEADER = 20, 5000
+"""Lines before the header: what was left in a device's buffer; and of a sender that sends its header every second."""
+
+HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns"
+"""What to do without a header."""
+
+CANONICAL = TIME + ACC + GYR + MAG
+"""Names of the columns of a sample."""
+
+SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz"), CANONICAL, strict=True))
+"""Names for the command line."""
+
+PASSED_OVER = "-"
+"""In place of the name of a column that is not used."""
+
+_TIME, _ACC, _GYR, _MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
+
+UNITS: dict[str, tuple[slice, float]] = {
+    "s": (_TIME, 1.0), "ms": (_TIME, 1e-3), "us": (_TIME, 1e-6), "ns": (_TIME, 1e-9),
+    "m/s2": (_ACC, 1.0), "g": (_ACC, GRAVITY_M_S2), "mg": (_ACC, 1e-3 * GRAVITY_M_S2),
+    "rad/s": (_GYR, 1.0), "deg/s": (_GYR, np.pi / 180.0), "mdeg/s": (_GYR, 1e-3 * np.pi / 180.0),
+    "uT": (_MAG, 1.0), "nT": (_MAG, 1e-3), "gauss": (_MAG, 100.0), "mgauss": (_MAG, 0.1),
+}  # fmt: skip
+"""For each unit the columns of its quantity in a sample, and how much of theirs it is."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns of rows without a header.
+
+    Attributes
+    ----------
+    names : of all fields of a row, in order; those that are not in `CANONICAL` are passed over.
+    units : (10,) by which the fields are multiplied.
+    rate_hz : of rows without a stamp, whose stamps are counted by it; None where they have one.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[float, ...] = (1.0,) * COLUMNS
+    rate_hz: float | None = None
+
+
+def parse_columns(words: str | None, units: str | None = None, rate_hz: float | None = None) -> Columns | None:
+    """Return the columns that the user names, such as "t,ax,ay,az,gx,gy,gz" with units "ms,g,deg/s"; None without.
+
+    Raises
+    ------
+    StreamError
+        Where a column is missing, doubled or unknown, or a unit is.
+    """
+    if words is None:
+        _refuse_alone(units, rate_hz)
+        return None
+    names = tuple(SHORT.get(word.strip(), word.strip()) for word in words.split(","))
+    known = ",".join(SHORT)
+    for word, name in zip(words.split(","), names, strict=True):
+        if name not in (*CANONICAL, PASSED_OVER):
+            raise StreamError(f"--columns has no '{word.strip()}': name those of a row, of {known}, and - for another.")
+        if name != PASSED_OVER and names.count(name) > 1:
+            raise StreamError(f"--columns names '{word.strip()}' twice: one field is one quantity.")
+    has_mag = not set(MAG).isdisjoint(names)
+    missing = [short for short, name in SHORT.items() if name not in names and (name not in MAG or has_mag)]
+    if rate_hz is not None and not 0.0 < rate_hz < np.inf:
+        raise StreamError(f"--rate {rate_hz:g} is no rate: give samples a second.")
+    if missing[:1] == ["t"]:
+        if rate_hz is None:
+            raise StreamError("--columns has no t: name it, or give the --rate by which stamps are counted.")
+        missing = missing[1:]
+    elif rate_hz is not None:
+        raise StreamError("--rate is for rows without a stamp, and --columns names t: leave one of them out.")
+    if missing:
+        raise StreamError(f"--columns lacks {','.join(missing)}: of {known} only mx,my,mz may be left out together.")
+    return Columns(names, _parse_units(units), rate_hz)
+
+
+def _refuse_alone(units: str | None, rate_hz: float | None) -> None:
+    for value, option in ((units, "--units"), (rate_hz, "--rate")):
+        if value is not None:
+            raise StreamError(f"{option} is for rows without a header: name their --columns too, or leave it out.")
+
+
+def _parse_units(words: str | None) -> tuple[float, ...]:
+    factors = np.ones(COLUMNS)
+    given = [word.strip() for word in (words or "").split(",") if word.strip()]
+    for word in given:
+        if word not in UNITS:
+            raise StreamError(f"there is no unit '{word}' for --units: choose of {', '.join(UNITS)}.")
+        place, factor = UNITS[word]
+        if sum(UNITS[other][0] == place for other in given) > 1:
+            raise StreamError(f"--units has two units of one quantity, '{word}' and another: give one.")
+        factors[place] = factor
+    return tuple(factors.tolist())
+
+
+class RowReader:
+    """Turns bytes into samples: bytes in pieces of any length, rows (n, 10) out.
+
+    Without `columns` the first line that names canonical columns is the header. Then each line is a row. One that has
+    another number of fields, or a field that is no number, is left out and counted in `bad`; an empty field is NaN. The
+    last line waits for its end.
+
+    A line that names columns again is a header too: the rows behind it are in its order, in the units of its names.
+    One that lacks a column is left out, and the order stays.
+
+    Parameters
+    ----------
+    name
+        Of the source, for messages.
+    remark
+        Given a sentence about the first bad row.
+    columns
+        Of rows without a header; None where the source must send one.
+
+    Raises
+    ------
+    FormatError
+        From `read`, where no header comes, or the first one lacks a column, or names others than before the walk
+        resumed.
+    """
+
+    def __init__(
+        self, name: str, remark: Callable[[str], None] = lambda words: None, columns: Columns | None = None
+    ) -> None:
+        self.bad = 0
+        self._name, self._remark = name, remark
+        self._rest, self._is_too_long = b"", False
+        self._line = self._counted = self._waited = 0
+        self._cut_header: FormatError | None = None
+        self._columns: Columns | None = None
+        self._positions: list[int] = []
+        self._is_confirmed = True
+        if columns is not None:
+            self._use(columns)
+
+    def resume(self, header: Sequence[str]) -> None:
+        """Read on by a header that came before the walk was interrupted.
+
+        A source that begins again sends it again, and it must name the same columns, in any order.
+        """
+        if self._columns is None:
+            self._use(Columns(tuple(header)))
+            self._is_confirmed = False
+
+    @property
+    def header(self) -> list[str] | None:
+        """Names of the columns; None before they are known."""
+        return None if self._columns is None else list(self._columns.names)
+
+    def read(self, piece: bytes, away_s: float = 0.0) -> Floats:
+        """Return the samples (n, 10) whose rows end in this piece: t, acc, gyr, mag (NaN without one).
+
+        `away_s` is how long the source was not connected before the piece: counted stamps go on behind it.
+        """
+        if away_s > 0.0 and self._columns is not None and self._columns.rate_hz is not None:
+            self._counted += round(away_s * self._columns.rate_hz)
+        if self._is_too_long:
+            _, end, piece = piece.partition(b"\n")
+            self._is_too_long = not end
+        *lines, self._rest = (self._rest + piece).split(b"\n")
+        rows = self._read_lines(lines)
+        if len(self._rest) > LONGEST_LINE:
+            self._line += 1
+            self._leave_out(f"it is longer than {LONGEST_LINE} bytes")
+            self._rest, self._is_too_long = b"", True
+        return rows
+
+    def finish(self) -> Floats:
+        """Return the sample of a last line without an end, (0, 10) or (1, 10).
+
+        Raises `FormatError` where no header came.
+        """
+        rows = self.read(b"\n") if self._rest else np.empty((0, COLUMNS))
+        if self._columns is None:
+            raise self._cut_header or FormatError(f"{self._name} ended before a header came: {HINT}.")
+        return rows
+
+    def _read_lines(self, lines: list[bytes]) -> Floats:
+        """Return the samples (n, 10) of whole lines."""
+        rows = self._read_block(lines)
+        if rows is None:
+            found = [row for line in lines if (row := self._read_line(line)) is not None]
+            rows = np.array(found, dtype=np.float64).reshape(-1, COLUMNS)
+        return rows
+
+    def _read_block(self, lines: list[bytes]) -> Floats | None:
+        """Return the samples of lines that are plain rows, headers or empty; None where one is not, or they are few."""
+        columns = self._columns
+        if columns is None or len(lines) < SMALLEST_BLOCK:
+            return None
+        header, commas = ",".join(columns.names).encode(), len(columns.names) - 1
+        filled = [line for line in (line.rstrip(b"\r") for line in lines) if line and line != header]
+        text = b"\n".join(filled)
+        if text.translate(None, PLAIN) or any(line.count(b",") != commas for line in filled):
+            return None
+        fields = _parse_plain(text, commas + 1)
+        if fields is None or len(fields) != len(filled):
+            return None
+        self._line += len(lines)
+        table = np.full((len(fields), COLUMNS), np.nan)
+        for k, position in enumerate(self._positions):
+            if position >= 0:
+                table[:, k] = fields[:, position] * columns.units[k]
+        if columns.rate_hz:
+            table[:, 0] = self._count_stamps(len(table), columns.rate_hz)
+        return table
+
+    def _read_line(self, line: bytes) -> list[float] | None:
+        """Return the sample of a line, or None: take a header, leave out what is no row."""
+        self._line += 1
+        if len(line) > LONGEST_LINE:
+            self._leave_out(f"it is longer than {LONGEST_LINE} bytes")
+            return None
+        fields = [field.strip() for field in line.decode("utf-8", "replace").strip("\ufeff\r\n ").split(",")]
+        if fields == [""]:
+            return None
+        if self._columns is not None:
+            return self._read_row(fields, self._columns)
+        if set(CANONICAL[:7]).isdisjoint(fields) or not self._take_first_header(fields):
+            self._wait_for_header()
+        return None
+
+    def _read_row(self, fields: list[str], columns: Columns) -> list[float] | None:
+        width = len(columns.names)
+        if len(fields) == width + 1 and not fields[-1]:
+            fields.pop()  # a separator at the end of the row
+        problem = f"it has {len(fields)} fields and the header {width}"
+        if len(fields) == width:
+            try:
+                row = [
+                    float(fields[i]) * unit if i >= 0 and fields[i] else np.nan
+                    for i, unit in zip(self._positions, columns.units, strict=True)
+                ]
+                return [*self._count_stamps(1, columns.rate_hz), *row[1:]] if columns.rate_hz else row
+            except ValueError:
+                problem = "a field is not a number"
+        if not set(CANONICAL[:7]).isdisjoint(fields):
+            problem = self._take_header_again(fields)
+        if problem:
+            self._leave_out(problem)
+        return None
+
+    def _count_stamps(self, n: int, rate_hz: float) -> Floats:
+        """Return the stamps (n,) of the next rows of a sender that gives none, s."""
+        self._counted += n
+        return np.arange(self._counted - n, self._counted) / rate_hz
+
+    def _take_first_header(self, fields: list[str]) -> bool:
+        """Take the header; return False for one in the first line that lacks columns: its beginning may be cut off."""
+        try:
+            self._use(_columns_of(fields))
+            return True
+        except FormatError as error:
+            if self._line > 1:
+                raise
+            self._cut_header = error
+            return False
+
+    def _wait_for_header(self) -> None:
+        """Count a line before the header."""
+        self._waited += 1
+        if self._waited == LINES_TO_REMARK:
+            if self._cut_header is not None:
+                raise self._cut_header
+            self._remark(f"no header yet from {self._name}, and rows before it are left out: {HINT}.")
+        if self._waited > MOST_BEFORE_HEADER:
+            raise FormatError(f"{self._name} sends no header: {HINT}.")
+
+    def _take_header_again(self, fields: list[str]) -> str:
+        """Take a header behind the first one, or behind a resume; return why not, if it lacks columns."""
+        before = self._columns
+        try:
+            self._use(_columns_of(fields))
+        except FormatError as error:
+            return f"it is no header ({str(error).partition(':')[0]})"
+        assert before is not None
+        if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
+            raise FormatError(
+                f"{self._name} names other columns than before the walk resumed: name another checkpoint."
+            )
+        self._is_confirmed = True
+        return ""
+
+    def _use(self, columns: Columns) -> None:
+        place = Path(self._name)
+        names = (() if columns.rate_hz else TIME) + ACC + GYR + (() if set(MAG).isdisjoint(columns.names) else MAG)
+        self._positions = [find_column(name, columns.names, place) if name in names else -1 for name in CANONICAL]
+        self._columns = columns
+
+    def _leave_out(self, why: str) -> None:
+        if self.bad == 0:
+            self._remark(f"rows that cannot be read are left out, the first in line {self._line}: {why}.")
+        self.bad += 1
+        self._counted += 1
+
+
+def _columns_of(fields: list[str]) -> Columns:
+    """Columns of a header, without the empty name behind a separator at its end."""
+    return Columns(tuple(fields if fields[-1] else fields[:-1]))
+
+
+def _parse_plain(text: bytes, width: int) -> Floats | None:
+    """Fields (n, width) of lines of plain numbers, NaN where one is empty; None where one is no number."""
+    if not text:
+        return np.empty((0, width))
+    try:
+        frame = pd.read_csv(BytesIO(text), header=None, names=range(width), dtype=np.float64, skip_blank_lines=False)
+    except (ValueError, OverflowError):
+        return None
+    return np.asarray(frame.to_numpy(dtype=np.float64))

@@ -1,0 +1,164 @@
+"""Samples in the text of a stream: a block and its lines read alike, whatever comes."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fg_nav.errors import FormatError, StreamError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.online import rows as text
+from fg_nav.online.rows import CANONICAL, Columns, RowReader, parse_columns
+
+HEADER = ",".join(CANONICAL).encode() + b"\n"
+ROW = b"1.5,0.1,0.2,9.8,1,2,3,20,-3,40\n"
+SAMPLE = [1.5, 0.1, 0.2, 9.8, 1, 2, 3, 20, -3, 40]
+SHORT_ROW = "t,ax,ay,az,gx,gy,gz"
+
+ODD = (
+    "", " ", "+.5", "1e999", "1e-400", "4.9e-324", "1_0", "nan", "-Inf", "0x1", "1e", "--1", "NA", "'", "true",
+    "\u0661", "\"1\"", "\xa01", "1\x00", "9007199254740993", "1" * 400,
+)  # fmt: skip
+numbers = st.one_of(
+    st.floats().map(repr), st.floats(-100, 100).map("{:.6f}".format), st.integers().map(str), st.sampled_from(ODD)
+)
+plain = st.lists(numbers, min_size=10, max_size=10).map(",".join)
+headers = ("time_s,acc_x_m_s2", ",".join(CANONICAL), ",".join(reversed(CANONICAL)))
+lines = st.one_of(
+    plain, plain, plain.map(lambda row: row + "\r"), plain.map(lambda row: row + ","),
+    st.sampled_from(["", "\r", " ", ",", "\ufeff", *headers]), st.text(max_size=30),
+)  # fmt: skip
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(lines, max_size=30), st.booleans())
+def test_a_block_gives_the_samples_of_its_lines(drawn, has_rate):
+    """To the last bit, in sum of all that a number may look like."""
+    data = "\n".join(drawn).encode("utf-8", "surrogatepass") + b"\n"
+    columns = Columns(("-", *CANONICAL[1:]), tuple(np.linspace(0.5, 2.0, 10)), 400.0) if has_rate else None
+    readers = [RowReader("a test", columns=columns) for _ in range(2)]
+    results = []
+    with pytest.MonkeyPatch.context() as patch:
+        for smallest, reader in zip((1, 10**9), readers, strict=True):
+            patch.setattr(text, "SMALLEST_BLOCK", smallest)
+            results.append((reader.read(HEADER if columns is None else b"").tobytes(), reader.read(data).tobytes()))
+    assert results[0] == results[1]
+    assert readers[0].bad == readers[1].bad
+    assert readers[0].header == readers[1].header
+
+
+def test_a_block_is_read_at_once_where_it_can_be(monkeypatch):
+    reader = RowReader("a test")
+    reader.read(HEADER)
+    monkeypatch.setattr(reader, "_read_line", lambda line: pytest.fail("line by line"))
+    found = reader.read((ROW + b"\r\n" + HEADER + ROW.replace(b"20,-3,40", b",,").replace(b"\n", b"\r\n")) * 100)
+    assert np.array_equal(found, [SAMPLE, [*SAMPLE[:7], *[np.nan] * 3]] * 100, equal_nan=True)
+
+
+def test_a_header_midway_in_another_order_is_used_from_there_on():
+    """As of a sensor that was switched off and on with other software; one without the field has none."""
+    reader = RowReader("a test")
+    backward = (
+        b",".join(reversed(HEADER.strip().split(b","))) + b"\n" + b",".join(reversed(ROW.strip().split(b","))) + b"\n"
+    )
+    without = b",".join(HEADER.strip().split(b",")[:7]) + b"\n" + b",".join(ROW.split(b",")[:7]) + b"\n"
+    found = reader.read(HEADER + ROW + backward + without + HEADER + ROW)
+    assert np.array_equal(found, [SAMPLE, SAMPLE, [*SAMPLE[:7], *[np.nan] * 3], SAMPLE], equal_nan=True)
+    assert reader.bad == 0
+
+
+def test_a_header_midway_without_its_end_changes_nothing():
+    said = []
+    reader = RowReader("a test", said.append)
+    assert len(reader.read(HEADER + ROW + HEADER[:50] + b"\n" + ROW)) == 2
+    assert reader.bad == 1
+    assert "no header" in said[0]
+
+
+@pytest.mark.parametrize("cut", [1, 7, 30])
+def test_a_sender_that_began_before_is_read_from_its_next_header_on(cut):
+    """Its first line may be the end of a row, or of a header."""
+    said = []
+    for first in (HEADER[cut:], ROW[cut:]):
+        reader = RowReader("a test", said.append)
+        assert len(reader.read(first + ROW * 15 + HEADER + ROW * 3)) == 3
+    late = RowReader("a test", said.append)
+    assert len(late.read(ROW * 400 + HEADER + ROW)) == 1
+    assert len(said) == 1
+    assert "--columns" in said[0]
+
+
+def test_where_no_header_comes_it_is_said():
+    with pytest.raises(FormatError, match="no header"):
+        RowReader("a test").read(ROW * 10_000)
+    with pytest.raises(FormatError, match="no column 'acc_y_m_s2'"):
+        RowReader("a test").read(HEADER.replace(b"acc_y_m_s2", b"acc_y") + ROW * 30)
+    with pytest.raises(FormatError, match="ended before"):
+        RowReader("a test").finish()
+
+
+@pytest.mark.parametrize("block", [1, 1000])
+def test_columns_units_and_counted_stamps(block):
+    columns = parse_columns("-,gz,gy,gx,ax,ay,az,-", "g,deg/s", 50.0)
+    reader = RowReader("a test", columns=columns)
+    row = b"words,3,2,1,0,0,1,\n" if block == 1 else b"7,3,2,1,0,0,1,8\n"
+    found = reader.read(row * 2 * block)
+    turn = np.radians([1.0, 2.0, 3.0])
+    assert np.allclose(found[:, 1:7], [0, 0, GRAVITY_M_S2, *turn], rtol=1e-15, atol=0)
+    assert np.array_equal(found[:, 0], np.arange(2 * block) / 50.0)
+    assert np.isnan(found[:, 7:]).all()
+    after = reader.read(b"broken\n" + row, away_s=3.0)
+    assert after[0, 0] == pytest.approx((2 * block + 1) / 50.0 + 3.0)
+
+
+def test_stamps_and_field_in_other_units():
+    reader = RowReader("a test", columns=parse_columns(f"{SHORT_ROW},mx,my,mz", "us,mgauss"))
+    found = reader.read(b"2500000,0,0,9.8,0,0,0,200,0,400\n")[0]
+    assert found[[0, 3, 7, 9]] == pytest.approx([2.5, 9.8, 20.0, 40.0])
+
+
+def test_a_header_is_believed_before_columns():
+    """What comes with the rows is of them."""
+    reader = RowReader("a test", columns=parse_columns(SHORT_ROW, "ms,g"))
+    found = reader.read(b"1000,0,0,1,0,0,0\n" + HEADER + ROW)
+    assert found[0, [0, 3]] == pytest.approx([1.0, GRAVITY_M_S2])
+    assert np.array_equal(found[1], SAMPLE)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("t,ax,ay", None, None), "lacks az,gx,gy,gz"),
+        ((f"{SHORT_ROW},mx", None, None), "lacks my,mz"),
+        ((f"{SHORT_ROW},ax", None, None), "twice"),
+        ((f"{SHORT_ROW},temp", None, None), "'temp'"),
+        (("", None, None), "--columns"),
+        ((SHORT_ROW[2:], None, None), "--rate"),
+        ((SHORT_ROW, None, 400.0), "--rate"),
+        ((SHORT_ROW[2:], None, 0.0), "--rate 0"),
+        ((SHORT_ROW, "furlong", None), "'furlong'"),
+        ((SHORT_ROW, "s,ms", None), "two units"),
+        ((None, "g", None), "--units"),
+        ((None, None, 400.0), "--rate"),
+    ],
+)
+def test_columns_that_are_none_are_refused(given, words):
+    with pytest.raises(StreamError, match=words):
+        parse_columns(*given)
+
+
+@pytest.mark.parametrize("end", [b"", b"\n"], ids=["for ever", "with an end"])
+def test_a_line_of_any_length_costs_no_memory_and_one_row(end):
+    reader = RowReader("a test")
+    reader.read(HEADER)
+    piece = b"0" * (1 << 16)
+    tracemalloc.start()
+    for _ in range(160):
+        reader.read(piece)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1e6
+    assert reader.bad == 1
+    assert np.array_equal(reader.read(end + b"\n" + ROW), [SAMPLE])
