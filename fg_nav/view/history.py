@@ -113,7 +113,8 @@ class History:
         rows = np.array(self._rows)
         candidates = np.arange(1, len(rows) - NEWEST_ROWS, 2)
         before, at, behind = (rows[candidates + step, 1:3] for step in (-1, 0, 1))
-        area = np.abs(np.cross(at - before, behind - before))
+        to, on = at - before, behind - before
+        area = np.abs(to[:, 0] * on[:, 1] - to[:, 1] * on[:, 0])
         dropped = candidates[area <= np.median(area)]
         self._rows = [tuple(row) for row in np.delete(rows, dropped, axis=0).tolist()]
         return True

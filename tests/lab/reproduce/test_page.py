@@ -2,10 +2,8 @@
 
 import base64
 import re
-import shutil
 from html.parser import HTMLParser
 from io import BytesIO
-from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
@@ -13,10 +11,10 @@ from matplotlib.image import imread
 from fg_nav.errors import OutputError
 from fg_nav.lab.reproduce.command import write_page
 from fg_nav.lab.reproduce.results import format_name, format_note
+from tests.browser import open_browser
 from tests.lab.reproduce.made import reproduction
 
 VOID = {"meta", "link", "img", "br", "hr"}
-BROWSERS = ("chromium", "chromium-headless-shell", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 class Read(HTMLParser):
@@ -131,16 +129,8 @@ def test_a_picture_that_is_not_there_is_shown_in_one_sentence(found, tmp_path):
 
 @pytest.fixture(scope="module")
 def browser():
-    """A real browser without a window: that of the system, or playwright's own."""
-    driver = pytest.importorskip("playwright.sync_api", reason="playwright (extra `checks`) is not installed")
-    system = next(filter(None, map(shutil.which, BROWSERS)), None)
-    with driver.sync_playwright() as playwright:
-        own = playwright.chromium.executable_path
-        if system is None and not Path(own).exists():
-            pytest.skip("there is no Chromium: install the system's, or `playwright install chromium`")
-        opened = playwright.chromium.launch(executable_path=system, args=["--no-sandbox"])
+    with open_browser() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -1,0 +1,115 @@
+"""The path that a page is sent: turned, retracted and revised as the lines say, and bounded."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fg_nav.view.history import MOST_ROWS, NEWEST_ROWS, History, turn_ellipse
+from tests.view.lines import circle, now
+
+
+def history_of(lines):
+    history = History()
+    for line in lines:
+        history.add(json.loads(line))
+    return history
+
+
+def test_rows_come_as_the_lines_do():
+    history = history_of([now(0, 0.0, 0.0), now(1, 3.0, 4.0), now(2, 3.0, 5.0)])
+    assert history.rows() == [[0.0, 0.0, 0.0, 0.0], [1.0, 3.0, 4.0, 0.1], [2.0, 3.0, 5.0, 0.2]]
+    assert history.distance_m == pytest.approx(6.0)
+    assert history.speed_m_s(2.3) == pytest.approx(1.0)
+    assert history.speed_m_s(9.0) == 0.0
+
+
+def test_a_person_who_stands_has_no_speed():
+    history = history_of([now(0, 0.0, 0.0), now(1, 1.0, 0.0), now(2, 1.01, 0.0, continues=True)])
+    assert history.speed_m_s(2.1) == 0.0
+
+
+def test_a_turn_is_clockwise_and_keeps_lengths():
+    history = history_of([now(0, 0.0, 0.0), now(1, 0.0, 2.0)])
+    assert history.add({"kind": "turned", "t": 1.0, "angle_deg": 90.0})
+    assert history.rows()[1] == pytest.approx([1.0, 2.0, 0.0, 0.1])
+    assert history.distance_m == pytest.approx(2.0)
+
+
+def test_a_false_footfall_is_taken_off():
+    history = history_of(circle(5))
+    assert history.add({"kind": "retracted", "stance": 3, "t": 3.0})
+    assert [row[0] for row in history.rows()] == [0.0, 1.0, 2.0, 4.0]
+
+
+def test_the_past_moves_as_the_revised_path_does_and_keeps_its_shape():
+    history = history_of(circle(41))
+    before = np.array(history.rows())
+    thinned = before[[0, 10, 20, 30, 40]]
+    moved = thinned + np.outer([0, 1, 2, 3, 4], [0.0, 0.1, -0.2, 0.05])
+    assert history.add({"kind": "revised", "t": 40.0, "path": moved.tolist()})
+    after = np.array(history.rows())
+    assert np.allclose(after[[0, 10, 20, 30, 40]], moved, atol=2e-3)
+    shift = after - before
+    assert np.allclose(shift[:, 1:], np.outer(np.arange(41) / 10, [0.1, -0.2, 0.05]), atol=2e-3)
+
+
+def test_a_revised_path_begins_one_that_was_not_seen():
+    history = History()
+    path = [[0.0, 0.0, 0.0, 0.0], [5.0, 1.0, 2.0, 3.0]]
+    assert history.add({"kind": "revised", "t": 5.0, "path": path})
+    assert history.rows() == path
+    history.add(json.loads(now(6, 2.0, 2.0)))
+    assert history.add({"kind": "revised", "t": 6.0, "path": [[-1.0, 9.0, 9.0, 9.0], *path, [6.0, 4.0, 4.0, 4.0]]})
+    assert history.rows() == [[-1.0, 9.0, 9.0, 9.0], *path, [6.0, 4.0, 4.0, 4.0]]
+
+
+def test_an_empty_revision_changes_nothing():
+    history = history_of(circle(3))
+    before = history.rows()
+    history.add({"kind": "revised", "t": 2.0, "path": []})
+    assert history.rows() == before
+
+
+@pytest.mark.parametrize("kind", ["smoothed", "polished"])
+def test_the_path_of_the_end_replaces_that_of_the_moment(kind):
+    history = history_of(circle(6))
+    for line in circle(3):
+        history.add({**json.loads(line), "kind": kind, "position_m": [7.0, 7.0, 7.0]})
+    rows = history.rows()
+    assert [row[0] for row in rows] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert [row[1] == 7.0 for row in rows] == [True] * 3 + [False] * 3
+
+
+def test_an_unknown_kind_is_passed_over():
+    history = history_of(circle(2))
+    assert not history.add({"kind": "something new"})
+    assert len(history.rows()) == 2
+
+
+def test_a_long_walk_stays_bounded_and_near_its_path():
+    """Ten hours round a square of 50 m: corners stay, and no row is far from a side."""
+    history, side, step = History(), 50.0, 1.3
+    for k in range(25_000):
+        piece, along = divmod(k * step, side)
+        corner, way = [((0, 0), (1, 0)), ((1, 0), (0, 1)), ((1, 1), (-1, 0)), ((0, 1), (0, -1))][int(piece) % 4]
+        east, north = side * corner[0] + along * way[0], side * corner[1] + along * way[1]
+        history.add(json.loads(now(k, east, north)))
+        assert len(history._rows) <= MOST_ROWS
+    rows = np.array(history.rows())
+    assert len(rows) > MOST_ROWS / 2
+    assert np.all(np.diff(rows[:, 0]) > 0)
+    assert np.all(np.diff(rows[-NEWEST_ROWS:, 0]) == 1.0)
+    middle = (rows[1:, 1:3] + rows[:-1, 1:3]) / 2
+    off_the_square = np.min(np.abs([middle[:, 0], middle[:, 1], middle[:, 0] - side, middle[:, 1] - side]), axis=0)
+    assert np.quantile(off_the_square, 0.95) < 1.0
+    assert history.distance_m == pytest.approx(25_000 * step, rel=0.02)
+
+
+def test_an_ellipse_turns_with_the_map():
+    event = {"position_sigma_m": [0.3, 0.1, 0.5], "east_north_cov_m2": 0.0}
+    turn_ellipse(event, 90.0)
+    assert event["position_sigma_m"] == pytest.approx([0.1, 0.3, 0.5])
+    turn_ellipse(event, 45.0)  # the long axis, north, is north-east now
+    assert event["east_north_cov_m2"] == pytest.approx((0.3**2 - 0.1**2) / 2)
+    assert event["position_sigma_m"][0] == pytest.approx(np.sqrt((0.3**2 + 0.1**2) / 2))

@@ -1,0 +1,252 @@
+"""Lines and page for many who connect: nothing that one of them does reaches the walk."""
+
+import http.client
+import json
+import os
+import re
+import resource
+import socket
+import time
+from contextlib import closing, suppress
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from fg_nav.errors import StreamError
+from fg_nav.view import line_server, loop, page_server
+from fg_nav.view.line_server import LineServer
+from fg_nav.view.page_server import FILES, PageServer
+from tests.view.lines import circle, now, status
+
+WAIT_S = 30.0
+"""Longer than any machine takes: a test waits so long only where it fails."""
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < deadline, "it has not come about"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def lines():
+    with closing(LineServer(0)) as server:
+        yield server
+
+
+@pytest.fixture
+def page():
+    with closing(PageServer("127.0.0.1", 0)) as server:
+        yield server
+
+
+def listen(server):
+    return socket.create_connection(("127.0.0.1", server.port), WAIT_S)
+
+
+def watch(page, **more):
+    return connect(f"ws://127.0.0.1:{page.port}/live", open_timeout=WAIT_S, **more)
+
+
+def get(page, path, **headers):
+    with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=WAIT_S)) as connection:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        return answer, answer.read()
+
+
+def read(socket_, kinds=None):
+    """The next message, of some kinds only."""
+    while True:
+        event = json.loads(socket_.recv(timeout=WAIT_S))
+        if kinds is None or event["kind"] in kinds:
+            return event
+
+
+# --- lines
+
+
+def test_who_does_not_read_is_disconnected_and_others_read_on(lines, monkeypatch):
+    monkeypatch.setattr(line_server, "MOST_WAITING", 1 << 16)
+    with closing(listen(lines)) as deaf, closing(listen(lines)) as reader, reader.makefile() as file:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        wait_for(lambda: lines.listeners == 2)
+        sent = 0
+        while lines.listeners == 2:
+            lines.send(f"{sent} " + "x" * 50_000)
+            assert file.readline().startswith(f"{sent} ")
+            sent += 1
+            assert sent < 2000
+        lines.send("still here")
+        assert file.readline() == "still here\n"
+
+
+def test_who_says_much_is_disconnected(lines):
+    with closing(listen(lines)) as loud, closing(listen(lines)) as reader, reader.makefile() as file:
+        wait_for(lambda: lines.listeners == 2)
+        with suppress(OSError):
+            for _ in range(100):
+                loud.sendall(os.urandom(1 << 16))
+        wait_for(lambda: lines.listeners == 1)
+        lines.send("on")
+        assert file.readline() == "on\n"
+
+
+def test_sending_to_nobody_and_after_the_end_does_no_harm():
+    server = LineServer(0)
+    server.send("nobody")
+    server.close()
+    server.send("nobody")
+
+
+@pytest.mark.parametrize("port", [99_999, -1])
+def test_a_port_that_is_none_is_refused(port):
+    with pytest.raises(StreamError, match="choose another --serve"):
+        LineServer(port)
+
+
+def test_the_last_descriptors_are_left_to_the_walk(lines, monkeypatch):
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    monkeypatch.setattr(loop, "SPARE_DESCRIPTORS", most)
+    with closing(listen(lines)) as refused:
+        assert refused.recv(1) == b""
+
+
+# --- page
+
+
+def test_files_are_served_with_their_kind_and_nothing_from_elsewhere(page):
+    for path in FILES:
+        answer, body = get(page, path)
+        assert (answer.status, len(body)) == (200, int(answer.headers["Content-Length"]))
+        policy = answer.headers["Content-Security-Policy"]
+        assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self';")
+        assert f"ws://127.0.0.1:{page.port};" in policy
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+        foreign = re.findall(rb"(?:https?:)?//(?!www\.w3\.org/2000/svg)[a-z]+\.[a-z]", body)
+        assert not foreign
+        assert not re.search(rb"<script>|style=|onclick=|@import|eval\(|innerHTML", body)
+    assert get(page, "/?anything")[0].status == 200
+
+
+@pytest.mark.parametrize(
+    "path", ["/nothing", "/../history.py", "/page/../../history.py", "/%2e%2e/history.py", "//etc/passwd", "/view.js/"]
+)
+def test_nothing_else_is_served(page, path):
+    answer, body = get(page, path)
+    assert (answer.status, body) == (404, b"there is no such page\n")
+
+
+def test_a_name_that_only_leads_here_is_refused(page):
+    assert get(page, "/", Host="evil.example")[0].status == 403
+    assert get(page, "/", Host=f"localhost:{page.port}")[0].status == 200
+    assert get(page, "/", Host=f"[::1]:{page.port}")[0].status == 200
+
+
+def test_pages_from_elsewhere_cannot_listen(page):
+    with pytest.raises(InvalidStatus, match="403"):
+        watch(page, origin="http://evil.example")
+    with pytest.raises(InvalidStatus, match="403"):
+        watch(page, origin=f"http://127.0.0.1:{page.port + 1}")
+    with watch(page, origin=f"http://127.0.0.1:{page.port}") as mine:
+        assert read(mine)["kind"] == "history"
+
+
+def test_who_comes_late_is_told_the_past(page):
+    for line in circle(30):
+        page.send(line)
+    page.send_remark("something is odd.")
+    page.send_status(status(29.5, [1.0, 2.0, 3.0]))
+    with watch(page) as late:
+        told = read(late, {"history"})
+        assert [row[0] for row in told["path"]] == [float(k) for k in range(30)]
+        assert told["last"]["stance"] == 29
+        assert told["status"]["position_m"] == [1.0, 2.0, 3.0]
+        assert told["status"]["distance_m"] == told["distance_m"] > 20.0
+        assert [remark["words"] for remark in told["remarks"]] == ["something is odd."]
+        page.send(now(30, 0.0, 0.0))
+        assert read(late)["stance"] == 30
+
+
+def test_a_changed_past_is_sent_as_a_whole(page):
+    with watch(page) as viewer:
+        assert read(viewer)["path"] == []
+        for line in circle(10):
+            page.send(line)
+        page.send_status(status(9.0, [0.0, 1.0, 0.0]))
+        page.send(json.dumps({"kind": "turned", "t": 9.0, "angle_deg": 90.0}))
+        page.send(json.dumps({"kind": "retracted", "stance": 4, "t": 4.0}))
+        page.send(json.dumps({"kind": "revised", "t": 9.0, "path": [[0.0, 1.0, 1.0, 1.0], [9.0, 2.0, 2.0, 2.0]]}))
+        kinds = [read(viewer)["kind"] for _ in range(13)]
+        assert kinds == ["now"] * 10 + ["status", "turned", "retracted"]
+        told = read(viewer)
+        assert told["kind"] == "history"
+        assert [row[0] for row in told["path"]] == [0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 8.0, 9.0]
+        assert (told["path"][0][1:], told["path"][-1][1:]) == ([1.0] * 3, [2.0] * 3)
+        assert told["status"]["position_m"] == pytest.approx([1.0, 0.0, 0.0])
+        assert told["status"]["heading_deg"] == pytest.approx(180.0)
+        assert told["last"]["position_sigma_m"] == pytest.approx([0.2, 0.1, 0.05])
+
+
+def test_who_does_not_keep_up_gets_the_whole_path_later(page, monkeypatch):
+    monkeypatch.setattr(page_server, "MOST_WAITING", 1 << 14)
+    padded = json.dumps({"kind": "turned", "t": 0.0, "angle_deg": 0.0, "more": "x" * 100_000})
+    with watch(page, max_queue=1, close_timeout=0.1) as slow:
+        wait_for(lambda: page.viewers == 1)
+        (viewer,) = page._viewers
+        while not viewer.behind:
+            page.send(padded)
+            time.sleep(0.001)
+        for line in circle(20):
+            page.send(line)
+        seen = []
+        while not (seen and seen[-1]["kind"] == "history" and len(seen[-1]["path"]) == 20):
+            page.send_status(status(20.0, [0.0, 0.0, 0.0]))
+            seen.append(read(slow))
+        assert {event["kind"] for event in seen} <= {"turned", "history"}
+
+
+def test_a_page_that_talks_is_disconnected(page):
+    for said in ("hello", "x" * 100_000, b"\0" * 10):
+        with watch(page) as loud:
+            read(loud)
+            with suppress(ConnectionClosed):
+                loud.send(said)
+            with pytest.raises(ConnectionClosed):
+                loud.recv(timeout=WAIT_S)
+    wait_for(lambda: page.viewers == 0)
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [b"\0" * 100_000, b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 10_000, b"POST / HTTP/1.1\r\n\r\n", b"\xff\xfe\r\n\r\n"],
+)
+def test_garbage_on_the_port_is_no_news(page, garbage, capfd):
+    with closing(listen(page)) as loud, suppress(OSError):
+        loud.sendall(garbage)
+        loud.shutdown(socket.SHUT_WR)
+        loud.recv(1 << 16)
+    with watch(page) as viewer:
+        assert read(viewer)["kind"] == "history"
+    assert capfd.readouterr().err == ""
+
+
+def test_a_port_that_is_taken_is_refused(page):
+    with pytest.raises(StreamError, match="choose another --port"):
+        PageServer("127.0.0.1", page.port)
+    with pytest.raises(StreamError, match="choose another --port"):
+        PageServer("no-such-host.invalid", 0)
+
+
+def test_the_last_descriptors_are_left_to_the_walk_by_pages_too(page, monkeypatch):
+    monkeypatch.setattr(loop, "SPARE_DESCRIPTORS", resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+    with pytest.raises(InvalidStatus, match="503"):
+        watch(page)
+
+
+def test_the_address_is_one_that_a_browser_can_open():
+    with closing(PageServer("0.0.0.0", 0)) as page:
+        assert page.address == f"http://127.0.0.1:{page.port}/"
+        assert get(page, "/")[0].status == 200
