@@ -88,6 +88,7 @@ def load(
     remark: Callable[[str], None] = lambda words: None,
     progress: Callable[[float], None] | None = None,
     detection: CausalParameters = CausalParameters(),
+    beside: bool = False,
 ) -> OnlineNavigator:
     """Resume a walk where a checkpoint left it.
 
@@ -104,8 +105,8 @@ def load(
         As for `OnlineNavigator`.
     progress
         Given from time to time the fraction that is done.
-    detection
-        How footfalls were found.
+    detection, beside
+        As for `OnlineNavigator`.
 
     Raises
     ------
@@ -120,7 +121,8 @@ def load(
     for given, name, other in ((options, "options", "other options"), (detection, "detection", "another detection")):
         if to_json(given) != facts[name]:
             raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
-    navigator = OnlineNavigator(options, remark, detection, SampleJudge.resume(facts["judge"], samples, remark))
+    judge = SampleJudge.resume(facts["judge"], samples, remark)
+    navigator = OnlineNavigator(options, remark, detection, judge, beside)
     navigator.source.update(facts["source"])
     for start in range(0, len(samples), BLOCK):
         navigator.add_rows(samples[start : start + BLOCK])

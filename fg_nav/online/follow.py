@@ -63,6 +63,7 @@ class StreamOptions:
     calibration : to apply; None without.
     mag_axes : of the magnetometer in those of the gyroscope; None for the same.
     columns : of rows without a header, which a checkpoint must share; None where the source names them.
+    beside : whether the walk is solved again in another process.
     """
 
     online: OnlineOptions = field(default_factory=OnlineOptions)
@@ -73,6 +74,7 @@ class StreamOptions:
     calibration: Calibration | None = None
     mag_axes: MagAxes | None = None
     columns: Columns | None = None
+    beside: bool = False
 
 
 def follow_source(
@@ -131,12 +133,12 @@ def follow_source(
 def _open_navigator(options: StreamOptions, remark: Say) -> OnlineNavigator:
     path = options.checkpoint
     if path is None or not path.exists():
-        navigator = OnlineNavigator(options.online, remark)
+        navigator = OnlineNavigator(options.online, remark, beside=options.beside)
         navigator.source["calibration"] = to_json(options.calibration)
         navigator.source["columns"] = to_json(options.columns)
         navigator.source["mag_axes"] = _name_axes(options)
         return navigator
-    navigator = load(path, options.online, remark)
+    navigator = load(path, options.online, remark, beside=options.beside)
     if navigator.source.get("calibration") != to_json(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
     if navigator.source.get("columns") != to_json(options.columns):
@@ -330,6 +332,7 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
         calibration=calibration,
         mag_axes=axes,
         columns=parse_columns(request.columns, request.units, request.rate_hz),
+        beside=True,
     )
     with (
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,

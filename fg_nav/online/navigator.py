@@ -27,6 +27,7 @@ from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, j
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
+from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track
 from fg_nav.online.judge import SampleJudge
@@ -66,15 +67,26 @@ class OnlineNavigator:
         remark: Callable[[str], None] = lambda words: None,
         detection: CausalParameters = CausalParameters(),
         judge: SampleJudge | None = None,
-        solver: Solver | None = None,
+        beside: bool = False,
     ) -> None:
-        """`remark` is given, in a sentence, what is odd about the samples; `solver` solves the walk again beside it."""
-        self.options, self._solver = options, solver
+        """Begin a walk.
+
+        Parameters
+        ----------
+        options, detection : of the smoother; how footfalls are found.
+        remark : given, in a sentence, what is odd about the samples; once for each kind of oddity.
+        judge : of the samples, where a walk is resumed.
+        beside : whether it is solved again in another process, so that no footfall waits for that.
+        """
+        self.options = options
         self.buffer = SampleBuffer()
         self.judge = SampleJudge(remark) if judge is None else judge
         self.source: dict[str, Any] = {}
         self.detection = detection
         self._stances = CausalStances(detection)
+        self._solver: Solver | None = None
+        if beside:
+            self._solver = WorkerSolver(options, detection.stance, self.buffer, remark)
         self._smoother = self._begin_smoother()
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
@@ -127,10 +139,11 @@ class OnlineNavigator:
             return []
         self._closed = True
         found = self._add_rows(self.judge.flush())
-        if self.buffer.stop < MIN_SAMPLES:
-            return found
-        # A stance of the very last sample alone is none.
-        return found + self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
+        if self.buffer.stop >= MIN_SAMPLES:
+            # A stance of the very last sample alone is none.
+            found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
+        self._smoother.close()
+        return found
 
     def finish(
         self,

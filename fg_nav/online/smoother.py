@@ -15,8 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fg_nav.arrays import Bools
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import StanceParameters
@@ -207,10 +205,9 @@ class OnlineSmoother:
 
     def _take(self, handover: Handover) -> Revision:
         """Begin a new stretch at a handover, whose past is that of the walk now; what this changes."""
-        extreme = np.maximum(handover.sensor.extreme, self._walk.sensor.extreme)
         before, first = self._footfalls[handover.first :], handover.first
         old = () if self._stretch is None else (*self._past.rows, *self._stretch.reported)
-        known, self._walk.sensor = self._walk.sensor, replace(handover.sensor, extreme=extreme)
+        known, self._walk.sensor = self._walk.sensor, handover.sensor
         self._walk.replace_footfalls(first, handover.footfalls)
         try:
             self._stretch = Stretch(handover.forget_past(), self._walk)
