@@ -19,6 +19,7 @@ linearize with `graph.linearize(values)` from Python instead, which makes no cop
 from .differential_field import DifferentialField
 from .magnetic_field import FieldPotential, FieldPrior, FieldTransition, LineIntegral, MagneticHeading, integrate_field
 from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear_factor_of
+from .unseen_walk import UnseenWalk
 from .walk_constraints import (
     FloorHeight,
     StraightWalk,
@@ -40,6 +41,7 @@ __all__ = [
     "ResidualBlock",
     "StanceVelocity",
     "StraightWalk",
+    "UnseenWalk",
     "factor_of",
     "guarded_factor",
     "integrate_field",

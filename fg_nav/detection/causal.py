@@ -31,13 +31,14 @@ from fg_nav.detection.footfalls import (
     SHORTEST_SWING_S,
     SWING_RATE_RAD_S,
     WALKING,
-    FreePass,
     choose_footfalls,
     is_too_close,
 )
+from fg_nav.detection.free_pass import FreePass
 from fg_nav.detection.stance import SHORTEST_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
 from fg_nav.recording import MAX_GAP_S
+from fg_nav.samples.gaps import find_holes
 from fg_nav.stances import Stances
 
 
@@ -257,7 +258,7 @@ class _Search:
         self._last_end = int(end[-1]) if len(end) else 0
         if len(start) == 0:
             return []
-        swings = [self._has_swung(a, b) for a, b in zip(end[:-1], start[1:], strict=True)]
+        swings = [self._is_apart(a, b) for a, b in zip(end[:-1], start[1:], strict=True)]
         edges = np.flatnonzero(swings) + 1
         return list(zip(*(np.split(part, edges) for part in (start, end, threshold)), strict=True))
 
@@ -286,11 +287,15 @@ class _Search:
         rate = np.linalg.norm(self._gyr.between(start, stop), axis=1)
         return bool(rate.max(initial=0.0) > SWING_RATE_RAD_S)
 
+    def _is_apart(self, end: int, stop: int) -> bool:
+        """Whether the foot swings from the end of an interval to the sample `stop`, or is not seen."""
+        return self._has_swung(end, stop) or len(find_holes(self._t.between(end - 1, min(stop + 1, self._t.stop)))) > 0
+
     def _has_ended(self, end: int, stop: int) -> bool:
-        return stop - end >= self._settle and self._has_swung(end, stop)
+        return stop - end >= self._settle and self._is_apart(end, stop)
 
     def _report(self, start: Ints, stop: Ints, threshold: Floats, until: int, stands: bool) -> Footfall:
-        continues = self._stands and not self._has_swung(self._reported, int(start[0]))
+        continues = self._stands and not self._is_apart(self._reported, int(start[0]))
         relative = [self._level.between(a, b) - x for a, b, x in zip(start, stop, threshold, strict=True)]
         k = int(np.argmin([part.min() for part in relative]))
         stillest = int(start[k] + np.argmin(relative[k]))

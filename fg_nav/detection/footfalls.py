@@ -22,22 +22,27 @@ and that shows in the integrated acceleration. So:
 7. No foot swings within `SHORTEST_SWING_S`: of two intervals closer than that, with the angular rate of a swing
    between them, only the stiller is a stance: the other is the landing before it, or a mid-swing. Two rests stay two.
 
+Behind a hole in the samples (`fg_nav.samples.gaps`) all begins anew: no stance reaches over one, and what a foot did in
+it links no footfalls.
+
 Levels L are in decades of SHOE at the noise of `fg_nav.detection.stance`: L is reached by an angular rate of 0.2 deg/s,
 or a specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numba import njit
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.cycles import find_cycle_stances, find_mid_swings, is_next_to
+from fg_nav.detection.free_pass import integrate_velocity, is_falling
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
-from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
+from fg_nav.samples.gaps import find_holes
 
 
 class Link(NamedTuple):
@@ -95,11 +100,12 @@ SHORTEST_REST_S = 0.2
 SHORTEST_REACH_S = 0.01
 """Of the stance of a foot that runs, on either side of its stillest moment."""
 
-FREE_FALL_M_S2 = 1.0
-"""A foot that stands feels gravity, and so more specific force than this."""
-
 BROKEN = 24.0
 """Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
+
+
+Intervals: TypeAlias = tuple[Ints, Ints, Floats]
+"""First sample, sample after the last and threshold, each (K,)."""
 
 
 def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[Ints, Ints, Floats]:
@@ -114,16 +120,28 @@ def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[
     -------
     start, stop, threshold : (K,) first sample, sample after the last, and level of the threshold of each interval.
     """
-    falls = _is_falling(acc)
+    return _search_parts(t, lambda part: _find_in_part(t[part], acc[part], gyr[part], level[part]))
+
+
+def _search_parts(t: Floats, search: Callable[[slice], Intervals]) -> Intervals:
+    """Search each part between holes on its own, and count the samples found from the first of all."""
+    edges = [0, *(find_holes(t) + 1).tolist(), len(t)]
+    found = [(begin, search(slice(begin, end))) for begin, end in pairwise(edges)]
+    start, stop, threshold = zip(*((begin + a, begin + b, c) for begin, (a, b, c) in found), strict=True)
+    return np.concatenate(start), np.concatenate(stop), np.concatenate(threshold)
+
+
+def _find_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Intervals:
+    falls = is_falling(acc)
     if falls.all():
         return _find_nothing()
     stillest = int(np.argmin(np.where(falls, np.inf, level)))
     up = level_attitude(acc[stillest])
     velocity = [
-        _integrate_velocity(t, acc, gyr, level < link.still_level, stillest, up, GRAVITY_M_S2)
+        integrate_velocity(t, acc, gyr, level < link.still_level, stillest, up, GRAVITY_M_S2)
         for link in (WALKING, ROUGH)
     ]
-    return choose_footfalls(t, acc, gyr, level, velocity)
+    return _choose_in_part(t, acc, gyr, level, velocity)
 
 
 def choose_footfalls(
@@ -134,6 +152,14 @@ def choose_footfalls(
     As `find_footfalls`, with the `velocity` (N, 3) m/s of a free strapdown pass for `WALKING` and for `ROUGH`, up to a
     slow drift.
     """
+
+    def choose(part: slice) -> Intervals:
+        return _choose_in_part(t[part], acc[part], gyr[part], level[part], [v[part] for v in velocity])
+
+    return _search_parts(t, choose)
+
+
+def _choose_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats]) -> Intervals:
     candidates = _find_candidates(acc, level)
     if candidates.size == 0:
         return _find_nothing()
@@ -156,12 +182,7 @@ def _find_candidates(acc: Floats, level: Floats) -> Ints:
     first, last = _find_minima(cut, PROMINENCE)
     at_an_end = (first == 0) | (last == len(level) - 1)
     low = cut[first] < np.where(at_an_end, FLOOR, HIGHEST_LEVEL)
-    return np.stack([first, last])[:, low & ~_is_falling(acc[first])]
-
-
-def _is_falling(acc: Floats) -> Bools:
-    """Whether the sensor falls freely (N,), or its gravity has been removed."""
-    return np.asarray(np.linalg.norm(acc, axis=1) < FREE_FALL_M_S2)
+    return np.stack([first, last])[:, low & ~is_falling(acc[first])]
 
 
 def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: Link) -> Ints:
@@ -205,7 +226,7 @@ def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floa
     stillest = np.array([a + np.argmin(level[a:b]) for a, b in zip(start, stop, strict=True)], dtype=np.int64)
     kept = stances[:, ~find_mid_swings(t, level, stillest)]
     first, last = _find_minima(np.maximum(level, REST_LEVEL), PROMINENCE)
-    found = find_cycle_stances(t, acc, level, first[~_is_falling(acc[first])], *kept[:2])
+    found = find_cycle_stances(t, acc, level, first[~is_falling(acc[first])], *kept[:2])
     known = _join(kept, _widen(_grow_intervals(level, found), found, t))
     # A rest is a footfall, even where a run that ends in it shows no velocity.
     rests = first[t[last] - t[first] >= SHORTEST_REST_S]
@@ -272,79 +293,6 @@ def _find_minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
             high = max(high, x)
     count += falling
     return first[:count], last[:count]
-
-
-@njit(cache=True)
-def _integrate_velocity(
-    t: Floats, acc: Floats, gyr: Floats, still: Bools, first: int, nav_R_body: Floats, gravity: float
-) -> Floats:
-    """Velocity (N, 3) m/s of a strapdown pass from rest and this attitude at the sample `first`, both ways.
-
-    At still samples the tilt is nudged towards gravity.
-    """
-    n = len(t)
-    velocity = np.zeros((n, 3))
-    turn, push = np.empty((3, 3)), np.empty(3)
-    for way in (1, -1):
-        state = NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
-        i = first
-        while 0 <= i + way < n:
-            held = min(i, i + way)  # a sample holds from its stamp to the next
-            h = t[i + way] - t[i]
-            strapdown(state, acc[held], gyr[held], h, gravity, turn, push)
-            if still[held]:
-                nudge_tilt(state.nav_R_body, acc[held], min(abs(h) / TILT_TIME_S, 1.0))
-            i += way
-            velocity[i] = state.velocity
-    return velocity
-
-
-class FreePass:
-    """The free strapdown pass of step 2 as far as the samples have come: it goes forward, and never over a gap.
-
-    It begins at the stillest of the samples of the first call, and goes back from there to the very first.
-    """
-
-    def __init__(self, still_level: float, longest_step_s: float) -> None:
-        self._still_level, self._longest_step_s = still_level, longest_step_s
-        self._state: NavState | None = None
-
-    def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
-        """Velocity (n, 3) m/s at each of n samples; `t` (n + 1,) s has the stamp after the last one too."""
-        h = np.minimum(np.diff(t), self._longest_step_s)
-        still = level < self._still_level
-        if self._state is not None:
-            return np.asarray(_continue_pass(self._state, acc, gyr, h, still, GRAVITY_M_S2))
-        falls = _is_falling(acc)
-        if falls.all():
-            return np.zeros_like(acc)
-        first = int(np.argmin(np.where(falls, np.inf, level)))
-        up = level_attitude(acc[first])
-        self._state = _at_rest(up)
-        after = _continue_pass(self._state, acc[first:], gyr[first:], h[first:], still[first:], GRAVITY_M_S2)
-        back = np.arange(first)[::-1]
-        before = _continue_pass(_at_rest(up), acc[back], gyr[back], -h[back], still[back], GRAVITY_M_S2)
-        return np.concatenate([before[::-1], after])
-
-
-def _at_rest(nav_R_body: Floats) -> NavState:
-    return NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
-
-
-@njit(cache=True)
-def _continue_pass(state: NavState, acc: Floats, gyr: Floats, h: Floats, still: Bools, gravity: float) -> Floats:
-    """Velocity (n, 3) at the stamp of each sample; the state goes over all of them, backward where `h` is negative."""
-    velocity = np.empty((len(h), 3))
-    turn, push = np.empty((3, 3)), np.empty(3)
-    for i in range(len(h)):
-        if h[i] > 0.0:
-            velocity[i] = state.velocity
-        strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
-        if still[i]:
-            nudge_tilt(state.nav_R_body, acc[i], min(abs(h[i]) / TILT_TIME_S, 1.0))
-        if h[i] < 0.0:
-            velocity[i] = state.velocity
-    return velocity
 
 
 @njit(cache=True)

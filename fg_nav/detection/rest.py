@@ -2,7 +2,7 @@
 
 A foot "in stance" still turns at a few deg/s; a rest fixes the bias, so it must be one. The recording is
 cut into blocks of a quarter of a second, shorter than body sway. A rest is a run of blocks that are quiet within
-and agree with each other, in rate and in specific force.
+and agree with each other, in rate and in specific force. None reaches over a hole in the samples.
 
 The bias is the slope of the integrated rate over the rest, not the mean rate: a standing foot sways by small angles,
 and sway is white in the angle. The slope over a time T is uncertain by s sqrt(12) / T for a sway of s rms, 0.07 deg/s
@@ -26,6 +26,7 @@ from fg_nav.detection.footfalls import LONGEST_SWING_S
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude
 from fg_nav.recording import Recording
+from fg_nav.samples.gaps import cross_holes
 from fg_nav.stances import Stances, find_runs
 
 BLOCK_S = 0.25
@@ -106,7 +107,9 @@ def find_still_stretches(recording: Recording, parameters: RestParameters) -> li
     agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(GYR_STEP_DEG_S)) & (
         np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < ACC_STEP_M_S2
     )
-    first, last = find_runs(quiet[1:] & quiet[:-1] & agree)
+    seen = ~cross_holes(recording.t, np.arange(len(quiet) + 1) * block)
+    seen = seen[1:] & seen[:-1]
+    first, last = find_runs(quiet[1:] & quiet[:-1] & agree & seen)
     rests = [_measure_rest(recording, a * block, (b + 1) * block) for a, b in zip(first, last, strict=True)]
     return [rest for rest in rests if _is_long_and_slow(recording, rest, parameters)]
 

@@ -34,6 +34,7 @@ from fg_nav.detection.footfalls import SWING_RATE_RAD_S, find_footfalls
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
+from fg_nav.samples.gaps import cross_holes
 from fg_nav.stances import Stances, find_runs
 
 ACC_NOISE_M_S2 = 0.02
@@ -121,7 +122,7 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     start, stop, threshold = _drop_short(recording.t, *found)
     if len(start) == 0:
         raise DetectionError(_explain_no_stance(recording, statistic, parameters.detector, one))
-    footfall = _number_footfalls(recording.gyr, start, stop)
+    footfall = _number_footfalls(recording, start, stop)
     relative = statistic / _spread_threshold(len(recording), start, stop, threshold)
     return Stances(
         start, stop, footfall, len(recording), parameters.detector, float(np.median(threshold)), statistic=relative
@@ -169,12 +170,13 @@ def _drop_short(t: Floats, start: Ints, stop: Ints, threshold: Floats) -> tuple[
     return start[keep], stop[keep], threshold[keep]
 
 
-def _number_footfalls(gyr: Floats, start: Ints, stop: Ints) -> Ints:
-    """Number (K,) of the footfall of each interval: a new one after each swing."""
-    rate = np.linalg.norm(gyr, axis=1)
+def _number_footfalls(recording: Recording, start: Ints, stop: Ints) -> Ints:
+    """Number (K,) of the footfall of each interval: a new one after each swing, and behind each hole."""
+    rate = np.linalg.norm(recording.gyr, axis=1)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
     peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
-    return np.concatenate([[0], np.cumsum(peak > SWING_RATE_RAD_S)])
+    unseen = cross_holes(recording.t, np.append(start, stop[-1] - 1)) if len(start) else np.empty(0, dtype=np.bool_)
+    return np.concatenate([[0], np.cumsum((peak > SWING_RATE_RAD_S) | unseen[:-1])])
 
 
 def _spread_threshold(n: int, start: Ints, stop: Ints, threshold: Floats) -> Floats:

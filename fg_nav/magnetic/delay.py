@@ -34,6 +34,7 @@ from fg_nav.magnetic.turning_pairs import (
     rotate_between,
 )
 from fg_nav.recording import Recording
+from fg_nav.samples.gaps import find_holes
 
 SPAN_S = 0.04
 """Between the readings of a pair: a field that changes along the path has little time to, and noise does not rule."""
@@ -123,7 +124,10 @@ def _read_at(recording: Recording, rows: Ints, tau: float, held: bool) -> Floats
     after = np.clip(np.searchsorted(read_at, t), 1, len(rows) - 1)
     begin, end = read_at[after - 1], read_at[after]
     share = ((t - begin) / (end - begin))[:, None]
-    known = (begin <= t) & (t <= end) & (held | (end - begin <= MOST_GAP * np.median(np.diff(read_at))))
+    near = held | (end - begin <= MOST_GAP * np.median(np.diff(read_at)))
+    holes = recording.t[find_holes(recording.t)]
+    near &= np.searchsorted(holes, begin) == np.searchsorted(holes, end)
+    known = (begin <= t) & (t <= end) & near
     from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin, t], axis=1)[known])
     to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t, end], axis=1)[known])
     before = np.einsum("nji,nj->ni", from_before, measured[after - 1][known])

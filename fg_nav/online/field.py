@@ -207,6 +207,7 @@ def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_
     path = integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, sample, up_uT)
     body_path = path.level_path[0] @ path.level_R_body
     u, sigma = float(path.u[0]), float(path.sigma_uT_m[0])
+    distance = float(path.distance_m[0])
     return StrideField(footfall, u, body_path, path.by_up[0], path.body_move[0], nav_R_level, sigma, distance)
 
 

@@ -6,19 +6,20 @@ stamp as the one before           left out
 stamp before the last one         left out; after `RESTART` of them in order the clock has restarted, and its
                                   stamps are shifted to go on from the last one
 stamp more than `JUMP_S` ahead    waits for the next: left out if that one is back in line, or never comes
-more than `LONGEST_GAP_S` ahead   taken for `LONGEST_GAP_S`: stamps from there on are set back by the rest
-gap of more than `MAX_GAP_S`      remarked; the estimator widens the sigmas across it
+gap of more than `MAX_GAP_S`      remarked, and as long as it is; the estimator widens the sigmas across it
+more than `LONGEST_GAP_S` ahead   a clock that was set: a gap of `UNKNOWN_GAP_S`, and stamps from there on are set back
 wrong unit, gravity removed       refused, as in a file, once `CHECKED` samples are there
 ================================= ==========================================================================
 
-Each kind is counted, and remarked once. Nothing depends on the blocks in which the rows come. Where stamps were set on
-or back, `sensor_time` returns those that the sensor gave.
+Each kind is counted, and remarked once; a change of the stamps is remarked each time, and named in the notes. Nothing
+depends on the blocks in which the rows come. Where stamps were set on or back, `sensor_time` returns those that the
+sensor gave.
 
 A judge is resumed from a checkpoint to the last bit. What comes then may be the same stream from its beginning, or
 what a sensor sends now (`overlap`). If the first stamps of that, `HEAD` of them, are before the last one, the sensor
 was switched off and on, and its clock restarted. How long the foot was not observed cannot be known; the walk goes on
-after a gap of `LONGEST_GAP_S`, in which heading and position are lost, and their sigmas grow accordingly. A clock that
-restarted and has already passed the last stamp looks like a gap, and is taken for one.
+after a gap of `UNKNOWN_GAP_S`, in which the heading is lost, and the sigmas grow accordingly. A clock that restarted
+and has already passed the last stamp looks like a gap, and is taken for one.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS
-from fg_nav.online.overlap import HEAD, TAIL, TICK_S, Overlap, fingerprint_rows
+from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows
 from fg_nav.recording import MAX_GAP_S, RawRecording, find_usable_samples
 from fg_nav.samples.plausibility import (
     find_acc_problem,
@@ -50,10 +51,15 @@ JUMP_S = 1.0
 RESTART = 100
 """Stamps before the last one that follow each other: not a delayed block, but a clock that restarted."""
 
-LONGEST_GAP_S = 10.0
-"""A longer gap, or one of unknown length, is taken for so long: heading and position are lost in it. The sigmas behind
-it are 0.4 to 27 km, by where in the stride it begins; those of half a minute would be up to 1000 km, more than the
-solver resolves, and farther than anyone walks. It may be a clock that was set, too."""
+LONGEST_GAP_S = 86400.0
+"""A longer step is that of a clock that was set, from 1970 or from when the sensor was switched on."""
+
+UNKNOWN_GAP_S = 60.0
+"""A gap of unknown length is taken for so long: a sensor is switched off and on, or starts again, in less. The heading
+is lost in it."""
+
+MOST_CHANGES = 20
+"""Changes of the stamps that the notes name one by one."""
 
 MOST_LEFT = 4096
 """Rows left out for their stamps that a checkpoint recognizes."""
@@ -76,13 +82,13 @@ REMARKS = {
     "backward": "stamps are before the last one, and their samples are left out",
     "ahead": "stamps are far ahead of those around them, and their samples are left out",
     "restart": "the clock of the sensor restarted, and its stamps are shifted to go on",
-    "rebooted": f"the clock of the sensor restarted unseen: a gap of {LONGEST_GAP_S:g} s is assumed",
+    "rebooted": f"the clock of the sensor restarted unseen: a gap of {UNKNOWN_GAP_S:g} s is assumed",
     "gap": f"there is a gap of more than {MAX_GAP_S:g} s: the track goes on with larger sigmas",
-    "unseen": f"nothing came for more than {LONGEST_GAP_S:g} s, which is taken for {LONGEST_GAP_S:g} s",
+    "set": f"the clock of the sensor was set by more than a day: a gap of {UNKNOWN_GAP_S:g} s is assumed",
     "known": "samples are in the checkpoint already and left out",
     "late": "samples that the checkpoint does not hold come before its last one, and are left out",
 }
-"""For each kind, the first time."""
+"""For each kind; what happens to samples is said the first time, what happens to stamps each time."""
 
 
 class SampleJudge:
@@ -91,7 +97,7 @@ class SampleJudge:
     Parameters
     ----------
     remark
-        Given one sentence the first time that something of a kind happens.
+        Given one sentence the first time that something of a kind happens, and whenever the stamps are changed.
 
     Raises
     ------
@@ -106,6 +112,7 @@ class SampleJudge:
         self._before = np.nan
         self._offset = 0.0
         self._clocks = [(0, 0.0)]
+        self._changes: list[str] = []
         self._taken = 0
         self._missing_last = self._missing_again = self._missing_unsure = 0
         self._behind: list[float] = []
@@ -149,6 +156,7 @@ class SampleJudge:
             "before": self._before,
             "offset": self._offset,
             "clocks": self._clocks,
+            "changes": self._changes,
             "behind": self._behind,
             "waits": self._waits.tolist(),
             "tail": self._tail.tolist(),
@@ -165,6 +173,7 @@ class SampleJudge:
         judge.counts.update(state["counts"])
         judge._last, judge._before, judge._offset = (float(state[name]) for name in ("last", "before", "offset"))
         judge._clocks = [(int(first), float(offset)) for first, offset in state["clocks"]]
+        judge._changes = list(state["changes"])
         judge._taken = len(samples)
         judge._behind = [float(t) for t in state["behind"]]
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
@@ -180,9 +189,10 @@ class SampleJudge:
     def notes(self) -> tuple[str, ...]:
         """What was left out or odd, in words."""
         notes = [f"{number} times: {REMARKS[kind]}" for kind, number in self.counts.items()]
+        changes = list(self._changes)
         if self._offset:
-            notes.append(f"at the end stamps are {_name_shift(self._offset)} from those of the sensor")
-        return tuple(notes)
+            changes.append(f"at the end stamps are {_name_shift(self._offset)} from those of the sensor")
+        return (*notes, *changes)
 
     def _count(self, kind: str, number: int, where: str) -> None:
         if number == 0:
@@ -229,9 +239,8 @@ class SampleJudge:
             return
         if self._behind and t[0] + self._offset > self._behind[-1]:
             return  # they go on from stamps that are counted already
-        shift = self._last + LONGEST_GAP_S - (float(t[0]) + self._offset)
-        self._count("rebooted", 1, f"at t = {t[0]:.3f} s, after {self._last:.3f} s; {_describe_shift(shift)}")
-        self._shift_clock(shift)
+        shift = self._last + UNKNOWN_GAP_S - (float(t[0]) + self._offset)
+        self._shift_clock("rebooted", shift, f"at t = {t[0]:.3f} s, after {self._last:.3f} s")
 
     def _take(self, sent: Floats, at_end: bool = False) -> Floats:
         """Return the rows to take, of these as they were sent and of what waited."""
@@ -284,7 +293,7 @@ class SampleJudge:
             if not is_followed:
                 self._count("ahead", 1, f"at t = {t:.3f} s")
                 return False
-            self._shorten(t)
+            self._detect_set_clock(t)
         self._behind = []
         return True
 
@@ -296,19 +305,21 @@ class SampleJudge:
             return False
         period = (t - self._behind[0]) / (RESTART - 1)
         shift = self._last + period - self._behind[0]
-        self._count("restart", 1, f"at t = {t:.3f} s, after {self._last:.3f} s; {_describe_shift(shift)}")
-        self._shift_clock(shift)
+        self._shift_clock("restart", shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
         return True
 
-    def _shorten(self, t: float) -> None:
-        """Set the clock back where a gap is too long."""
-        shift = self._last + LONGEST_GAP_S - t
-        if shift < -TICK_S:
-            self._count("unseen", 1, f"before t = {t:.3f} s, after {self._last:.3f} s; {_describe_shift(shift)}")
-            self._shift_clock(shift)
+    def _detect_set_clock(self, t: float) -> None:
+        """Set the clock back where a step is too long for a gap."""
+        if t - self._last > LONGEST_GAP_S:
+            shift = self._last + UNKNOWN_GAP_S - t
+            self._shift_clock("set", shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
 
-    def _shift_clock(self, shift: float) -> None:
-        """Set the clock on from the next sample on."""
+    def _shift_clock(self, kind: str, shift: float, where: str) -> None:
+        """Set the clock on or back from the next sample on, and say so."""
+        words = f"{REMARKS[kind]}, {where}; from there on stamps are {_name_shift(shift)}"
+        self._remark(f"{words}.")
+        self._changes += [words] * (len(self._changes) < MOST_CHANGES)
+        self.counts[kind] += 1
         self._offset += shift
         self._clocks.append((self._taken, self._offset))
         self._behind = []
@@ -340,10 +351,6 @@ class SampleJudge:
 
 def _name_shift(shift: float) -> str:
     return f"set {'back' if shift < 0.0 else 'on'} by {abs(shift):.3f} s"
-
-
-def _describe_shift(shift: float) -> str:
-    return f"from there on stamps are {_name_shift(shift)}"
 
 
 def _count_after_last(usable: Bools) -> int:

@@ -52,7 +52,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 
 LOST_PERIODS = 1.5
 """After a step between stamps of more periods than this, a sample or more is missing."""
@@ -66,6 +66,11 @@ gait."""
 
 LONGEST_S = 0.1
 """In a longer gap a foot turns too far for one mean of force and rate to stand for its motion, however well known."""
+
+LONGEST_HELD_S = 0.3
+"""Over a longer gap the samples on either side say less of the motion than that a person walked: held, rate and force
+are off by the spread of a walking foot (`WALKING`), which turns it by 0.6 rad and moves it by a metre before it
+stands."""
 
 WALKING = np.repeat([5.0, 2.0], 3)
 """Spread of a walking foot's specific force, m/s^2, and rate, rad/s; both axis by axis, however the sensor sits."""
@@ -99,6 +104,16 @@ class Gaps(NamedTuple):
         there = (self.sample >= start) & (self.sample < stop - 1)
         sigmas = self.acc_sigma[there], self.gyr_sigma[there]
         return Gaps(self.sample[there] - start, self.unseen_s[there], self.acc[there], self.gyr[there], *sigmas)
+
+
+def find_holes(t: Floats) -> Ints:
+    """Find the samples (H,) before gaps between stamps `t` (N,) s that are too long for samples to be held over."""
+    return np.flatnonzero(np.diff(t) > LONGEST_HELD_S)
+
+
+def cross_holes(t: Floats, sample: Ints) -> Bools:
+    """Whether there is a hole (M-1,) between each of the samples (M,), in order, and the next of them."""
+    return np.asarray(np.diff(np.searchsorted(find_holes(t), sample)) > 0)
 
 
 def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:

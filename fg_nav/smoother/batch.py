@@ -136,7 +136,10 @@ def _solve_from_samples(
     fixes: Sequence[Fix],
 ) -> SolvedWalk:
     # The walk by its inertial sensor and its stances, with values near the minimum.
-    problem = walk_problem(recording, stances, heading, parameters, progress)
+    # Where the field is not used it does not show how the person turned over a hole in the samples either.
+    magnetic = parameters.magnetic if field is not None else replace(parameters.magnetic, compass=False)
+    problem = walk_problem(recording, stances, heading, replace(parameters, magnetic=magnetic), progress)
+    problem = replace(problem, parameters=replace(problem.parameters, magnetic=parameters.magnetic))
     # Fixes need that solution to be placed, and constraints between footfalls the one with fixes.
     if fixes:
         problem = add_fixes(problem, problem.values, fixes)

@@ -43,6 +43,7 @@ from fg_nav.factors.walk_constraints import (
 )
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import Fix
+from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.solver import GtsamFactors, list_positions
@@ -180,7 +181,8 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
         problem = replace(problem, constraints=(*problem.constraints, find_courses(nodes.result, position)))
     if not p.walk.floors:
         return problem
-    floor = find_floors(problem.recording.t[nodes.sample[nodes.result]], position, p.settling_sigma_m)
+    t, footfall = problem.recording.t, nodes.sample[nodes.result]
+    floor = find_floors(t[footfall], position, p.settling_sigma_m, cross_holes(t, footfall))
     for number in range(floor.max(initial=-1) + 1):
         values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
     heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)

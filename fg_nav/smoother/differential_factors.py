@@ -40,6 +40,7 @@ from fg_nav.factors.differential_field import (
 from fg_nav.factors.residual import linear_factor_of, one_of
 from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
+from fg_nav.samples.gaps import find_holes
 from fg_nav.smoother.roughness import robust_sigma
 from fg_nav.smoother.strides import STANDS_S, Nodes
 
@@ -119,7 +120,9 @@ def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) 
     start, stop = nodes.sample[nodes.first[:-1]], nodes.sample[nodes.first[1:] - 1] + 1
     duration = recording.t[stop - 1] - recording.t[start]
     margin = np.where(duration > STANDS_S, 0, round(MARGIN_S / recording.period_s))
-    before, after = np.append(0, stop[:-1]), np.append(start[1:], len(recording))
+    edges = np.concatenate([[0], find_holes(recording.t) + 1, [len(recording)]])
+    before = np.maximum(np.append(0, stop[:-1]), edges[np.searchsorted(edges, start, side="right") - 1])
+    after = np.minimum(np.append(start[1:], len(recording)), edges[np.searchsorted(edges, stop)])
     stretches = _cut(np.maximum(start - margin, before), np.minimum(stop + margin, after), nodes.bias, duration)
     long_enough = recording.t[stretches.stop - 1] - recording.t[stretches.start] >= SHORTEST_S
     rested = np.zeros(len(long_enough), dtype=np.bool_)

@@ -13,8 +13,9 @@ trajectory, between footfalls k and k+1
 
 E_up is the median vertical field at the footfalls, so that a trajectory that climbs falsely adds nothing; L turns the
 body axes into those of a stance: x forward as far as level, z up. A stride whose samples of the field lie too far apart
-measured nothing. The trajectory must be good within a stride; where it is and which way it heads makes no difference to
-u, s, d and w. Its tilt does: by w_k the residual follows the tilt of the pose at footfall k.
+measured nothing, and one with a hole in its samples neither: that may have been as long as a person walks. The
+trajectory must be good within a stride; where it is and which way it heads makes no difference to u, s, d and w. Its
+tilt does: by w_k the residual follows the tilt of the pose at footfall k.
 """
 
 from __future__ import annotations
@@ -43,9 +44,11 @@ from fg_nav.factors.magnetic_field import (
 )
 from fg_nav.factors.residual import ResidualBlock, factor_of, linear_factor_of, one_of
 from fg_nav.frames import level_attitude
+from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.roughness import FieldRoughness, split_potential
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
+from fg_nav.smoother.unseen import WALKING_M_S
 
 MEAN_WALK_UT = 0.003
 """By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
@@ -90,7 +93,7 @@ class FieldPath:
     body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
     nav_R_level    (F-1, 3, 3)  attitude at the first
     sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
-    distance_m     (F-1,)       from footfall to footfall
+    distance_m     (F-1,)       from footfall to footfall; over a hole at least what a person walks
     level_R_body   (3, 3)       stance's axes from the body's
     jumps          (F-1,)       where the potential jumps, so that u says nothing (`potential`)
     ============== ============ =============================================================================
@@ -222,7 +225,7 @@ def integrate_path(
     footfall : (F,) their samples.
     up_uT : vertical field of the walk.
     """
-    row = np.flatnonzero(np.isfinite(mag[:, 0]))
+    row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
     move = np.diff(position[row], axis=0)
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)
     level = _level_R_body(nav_R_body[footfall])
@@ -235,8 +238,8 @@ def integrate_path(
         by_up=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], by_up),
         body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
         nav_R_level=nav_R_body[footfall[:-1]],
-        sigma_uT_m=np.where(_coarsest(move, row, footfall) <= COARSEST_M, PATH_SIGMA_UT_M, np.inf),
-        distance_m=np.linalg.norm(straight, axis=1),
+        sigma_uT_m=np.where(~unseen & (_coarsest(move, row, footfall) <= COARSEST_M), PATH_SIGMA_UT_M, np.inf),
+        distance_m=np.maximum(np.linalg.norm(straight, axis=1), unseen * WALKING_M_S * np.diff(t[footfall])),
         level_R_body=level,
         jumps=np.zeros(len(footfall) - 1, dtype=np.bool_),
     )

@@ -81,6 +81,9 @@ FEWEST = 4
 """Footfalls of a level stretch: a landing has two or three."""
 
 
+FORGOTTEN = 1e6
+"""Strides whose climbs leave no floor to be recognized: as many as an unseen one counts for."""
+
 LEVEL_SIGMA_M = 0.015
 """Height of the sensor in a stance above its floor: mats, thresholds, and how the foot is set down."""
 
@@ -95,10 +98,11 @@ class Ground:
     noise: float
 
 
-def find_floors(t: Floats, position: Floats, settling_sigma_m: float) -> Ints:
+def find_floors(t: Floats, position: Floats, settling_sigma_m: float, unseen: Bools | None = None) -> Ints:
     """Return the floor (F,) of footfalls at `t` (F,) s and `position` (F, 3) m, 0, 1, ... as they are met; -1 on none.
 
-    `settling_sigma_m` is that of the excess S, from which c has its prior.
+    `settling_sigma_m` is that of the excess S, from which c has its prior; `unseen` (F-1,) are the strides in which
+    samples are missing, after which no floor is recognized.
     """
     if len(position) < FEWEST:
         return np.full(len(position), -1, dtype=np.intp)
@@ -107,7 +111,8 @@ def find_floors(t: Floats, position: Floats, settling_sigma_m: float) -> Ints:
     ground = judge_ground(step, drift_sigma_m)
     level = ground.level > LEVEL_ODDS / (1.0 + LEVEL_ODDS)
     level &= _find_tilt_sigma(step[level, :2], ground.noise, drift_sigma_m) < TILT_M
-    return _number_floors(level, step[:, 2], ground)
+    unseen = np.zeros(len(level), dtype=np.bool_) if unseen is None else unseen
+    return _number_floors(level & ~unseen, step[:, 2], ground, unseen)
 
 
 def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
@@ -194,10 +199,10 @@ def _scatter(difference: Floats) -> float:
     return float(np.median(np.abs(difference)) / (0.6745 * np.sqrt(2.0))) if len(difference) > 2 else 0.0
 
 
-def _number_floors(level: Bools, climb: Floats, ground: Ground) -> Ints:
-    """Floor (F,) of each footfall from which strides (F-1,) are level, and what they climb."""
+def _number_floors(level: Bools, climb: Floats, ground: Ground, unseen: Bools) -> Ints:
+    """Floor (F,) of each footfall from which strides (F-1,) are level, or unseen, and what they climb."""
     label = np.full(len(level) + 1, -1, dtype=np.intp)
-    off = np.where(level, 0.0, 1.0)
+    off = np.where(level, 0.0, np.where(unseen, FORGOTTEN, 1.0))
     strides = np.append(0.0, np.cumsum(off))
     height = np.append(0.0, np.cumsum(off * (climb - ground.drift)))
     left: list[int] = []

@@ -6,16 +6,10 @@ The problem is factors, initial values, and the prior on the start.
 
 The initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set
 to zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt
-is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better.
+is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better. Over a hole in the
+samples the position stays, and the attitude is turned and levelled as `unseen` says.
 
-Back to the recording's rate (`trajectory_of`): between two nodes the samples are integrated from the first one with its
-bias. What is left at the second, a rotation d_R, a velocity d_v and a position d_p, is given back smoothly over the
-interval of length T, with s in [0, 1]:
-
-    R(s) Exp(a d_R),  a = 3 s^2 - 2 s^3;      p(s) + a d_p + b T d_v,  b = s^3 - s^2;      v(s) its derivative.
-
-So the trajectory passes through every smoothed node in position, velocity and attitude. Before the first node and
-after the last there is nothing to meet: the samples are integrated, backward and forward.
+Back to the recording's rate (`trajectory_of`) it goes by `dense_path`.
 """
 
 from __future__ import annotations
@@ -33,8 +27,9 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.factors.residual import ResidualBlock, join_blocks
-from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, rotate_in_body, rotation_vector, strapdown
+from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
+from fg_nav.smoother.dense_path import fill_path
 from fg_nav.smoother.differential_factors import DifferentialFactors
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.parameters import SmootherParameters
@@ -47,10 +42,14 @@ from fg_nav.smoother.solver import (
     time_order,
 )
 from fg_nav.smoother.strides import Nodes, add_start, add_stride, place_nodes, preintegrate, strides_of, velocity_block
+from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
 
 GAUGE_SIGMA = 1e-4
 """Position (m) and heading (rad) at the start are known by definition."""
+
+LEVELLINGS = 3
+"""Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10."""
 
 UNKNOWN_HEADING_DEG = 60.0
 """Sigma of the heading at the start about what the walk's mean field says, where it is not given."""
@@ -186,7 +185,11 @@ def initial_values(
     gravity: float,
 ) -> gtsam.Values:
     """Values of all variables; `nav_R_body` (3, 3) is the attitude at the first node."""
+    unseen = find_unseen_walks(recording, nodes.sample)
     position, attitude = _stop_and_go(
+        unseen.unseen,
+        unseen.walk.turn,
+        unseen.body_up,
         recording.t,
         *recording.integrable,
         stances.mask,
@@ -217,6 +220,9 @@ def turn_walk(values: gtsam.Values, nodes: Nodes, nav_R_nav: Floats) -> None:
 
 @njit(cache=True)
 def _stop_and_go(
+    unseen: Bools,
+    turned: Floats,
+    body_up: Floats,
     t: Floats,
     acc: Floats,
     gyr: Floats,
@@ -232,6 +238,14 @@ def _stop_and_go(
     turn, push = np.empty((3, 3)), np.empty(3)
     attitude[0] = nav_R_body
     for j in range(1, len(sample)):
+        if unseen[j - 1]:
+            c, s = np.cos(turned[j - 1]), np.sin(turned[j - 1])
+            east, north = state.nav_R_body[0].copy(), state.nav_R_body[1].copy()
+            state.nav_R_body[0], state.nav_R_body[1] = c * east - s * north, s * east + c * north
+            for _ in range(LEVELLINGS):
+                nudge_tilt(state.nav_R_body, body_up[j - 1], 1.0)
+            position[j], attitude[j] = state.position, state.nav_R_body
+            continue
         for i in range(sample[j - 1], sample[j]):
             h = t[i + 1] - t[i]
             strapdown(state, acc[i], gyr[i], h, gravity, turn, push)
@@ -289,88 +303,4 @@ def dense_trajectory(
     """Return the trajectory at every sample, from states at nodes `sample` (M,)."""
     h = np.append(np.diff(recording.t), recording.period_s)
     acc, gyr = recording.integrable
-    return Trajectory(*_dense(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity))
-
-
-@njit(cache=True)
-def _dense(
-    h: Floats,
-    acc: Floats,
-    gyr: Floats,
-    sample: Ints,
-    position: Floats,
-    velocity: Floats,
-    nav_R_body: Floats,
-    gyro_bias: Floats,
-    acc_bias: Floats,
-    gravity: float,
-) -> tuple[Floats, Floats, Floats]:
-    n, m = len(h), len(sample)
-    p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-    for j in range(m):
-        state = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
-        if j == 0:
-            backward = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
-            _integrate(h, acc, gyr, sample[0], -1, backward, gravity, p, v, R)
-        end = sample[j + 1] if j + 1 < m else n - 1
-        _integrate(h, acc, gyr, sample[j], end, state, gravity, p, v, R)
-        if j + 1 < m:
-            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R)
-    return p, v, R
-
-
-@njit(cache=True)
-def _integrate(
-    h: Floats,
-    acc: Floats,
-    gyr: Floats,
-    first: int,
-    last: int,
-    state: NavState,
-    gravity: float,
-    p: Floats,
-    v: Floats,
-    R: Floats,
-) -> None:
-    """Fill in from sample `first` to `last` inclusive; `last` -1 runs back to the start of the recording."""
-    turn, push = np.empty((3, 3)), np.empty(3)
-    i = first
-    p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
-    forward = last >= first
-    while (forward and i < last) or (not forward and i > 0):
-        if forward:
-            strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
-            i += 1
-        else:
-            i -= 1
-            strapdown(state, acc[i], gyr[i], -h[i], gravity, turn, push)
-        p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
-
-
-@njit(cache=True)
-def _meet(
-    h: Floats,
-    first: int,
-    last: int,
-    position: Floats,
-    velocity: Floats,
-    nav_R_body: Floats,
-    p: Floats,
-    v: Floats,
-    R: Floats,
-) -> None:
-    """Bend the path from sample `first` to `last` so that it ends in the given state."""
-    duration = h[first:last].sum()
-    d_p, d_v = position - p[last], velocity - v[last]
-    d_R = rotation_vector(R[last].T @ nav_R_body)
-    elapsed = 0.0
-    for i in range(first + 1, last):
-        elapsed += h[i - 1]
-        s = elapsed / duration
-        a, b = s * s * (3 - 2 * s), s * s * (s - 1)
-        da, db = 6 * s * (1 - s) / duration, s * (3 * s - 2)
-        for k in range(3):
-            p[i, k] += a * d_p[k] + b * duration * d_v[k]
-            v[i, k] += da * d_p[k] + db * d_v[k]
-        rotate_in_body(R[i], a * d_R[0], a * d_R[1], a * d_R[2])
-    p[last], v[last], R[last] = position, velocity, nav_R_body
+    return Trajectory(*fill_path(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity))

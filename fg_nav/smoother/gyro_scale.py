@@ -44,6 +44,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
+from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.evidence import MOST_NATS, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
@@ -142,14 +143,14 @@ def _linearize_inertial(
 
 
 def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:
-    """D (M-1, 9, 3) of all intervals, the velocity in nav axes."""
+    """D (K, 9, 3) of all intervals that were measured, the velocity in nav axes."""
     recording, nodes = problem.recording, problem.nodes
     force, rate = recording.integrable
     bias = biases_of(nodes, values)[:, GYRO].copy()
     moved = sense_scale(recording.t, force, rate, nodes.sample, bias[nodes.bias[nodes.footfall[:-1]]])
     nav_R_end = list_attitudes(range(1, len(nodes)), values)
     moved[:, 6:] = nav_R_end @ moved[:, 6:]
-    return moved
+    return moved[~cross_holes(recording.t, nodes.sample)]
 
 
 @njit(cache=True)

@@ -26,6 +26,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.zero_velocity import StanceVelocity
+from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
@@ -55,12 +56,16 @@ def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColum
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
-    """Return (a, up x a) (M, 3, 2) m/s at each node, navigation axes; zero in the first and in long stances."""
+    """Return (a, up x a) (M, 3, 2) m/s at each node, navigation axes; zero in the first and in long stances.
+
+    And after a stride that was not seen.
+    """
     nodes = problem.nodes
     t = problem.recording.t[nodes.sample[nodes.result]]
     position = list_positions(nodes.result, values)
     d = np.diff(position, axis=0, prepend=position[:1])
     a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), LONGEST_STRIDE_S)[:, None]
+    a[1:][cross_holes(problem.recording.t, nodes.sample[nodes.result])] = 0.0
     level = np.zeros(len(a))
     motion = np.stack([np.column_stack([a, level]), np.column_stack([-a[:, 1], a[:, 0], level])], axis=2)
     ties = problem.velocities.residuals

@@ -210,7 +210,8 @@ class _Piece:
         bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
         high = preintegrate(recording, self._problem.nodes.sample, bias, with_some)
         self._at_zero = np.array([f.preintegratedMeasurements().preintMeasCov() for _, f in self._inertial])
-        self._by_square = np.array([measured.preintMeasCov() for measured in high]) - self._at_zero
+        seen = (measured for measured in high if isinstance(measured, gtsam.PreintegratedImuMeasurementsG))
+        self._by_square = np.array([measured.preintMeasCov() for measured in seen]) - self._at_zero
 
     def minus_log_evidence(self, level: float) -> float:
         """Of the swing noise `level`, up to a constant."""

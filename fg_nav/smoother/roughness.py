@@ -48,6 +48,9 @@ CLIP_SIGMAS = 4.0
 LEAST_STEP_M = 0.2
 """Moves that count in the mean distance; shorter ones are no strides."""
 
+MOST_STEP_M = 10.0
+"""Longer ones are none either: the walk was not seen there."""
+
 MOST_CORRELATED = 0.98
 
 
@@ -127,7 +130,7 @@ def roughness_of(values: Floats, seen: Bools, distance_m: Floats, least_sigma: f
         return Roughness(least_sigma, NOTHING_KNOWN_M)
     limit = CLIP_SIGMAS * max(robust_sigma(values[seen]), least_sigma)
     x = np.clip(values, -limit, limit)
-    strides = seen[1:] & seen[:-1] & (distance_m > LEAST_STEP_M)
+    strides = seen[1:] & seen[:-1] & (distance_m > LEAST_STEP_M) & (distance_m < MOST_STEP_M)
     variance = float(np.mean(x[seen] ** 2))
     if strides.sum() < FEWEST or variance <= least_sigma**2:
         return Roughness(max(np.sqrt(variance), least_sigma), NOTHING_KNOWN_M)

@@ -5,7 +5,8 @@ that the inertial measurements tie the still middle to the rolling ends, the nea
 sample, where results are given. For the footfalls of ten seconds one bias B and one excess S of the
 settling of the sole. A stride is a footfall and the swing that led to it. It adds
 
-* inertial factors from the last node of the footfall before, through all nodes of this one;
+* inertial factors from the last node of the footfall before, through all nodes of this one; where samples are missing
+  for too long, in place of one what a person can have done (`unseen`);
 * at each node the velocity of the stance (`factors.zero_velocity`), V = R (w x l) + settling - S / (duration of the
   stance) up, with a sigma that grows with how fast the foot turns and how far its specific force is from gravity there;
 * where a new bias begins, random-walk factors of B and S from those before;
@@ -36,6 +37,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -43,11 +45,13 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import Rest
-from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
+from fg_nav.factors.unseen_walk import UnseenWalk
 from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
 
 LONG_STANCE_S = 0.5
@@ -154,7 +158,8 @@ ACC_BIAS_WALK = 1e-4
 UNREST_REACH_S = 0.01
 """On either side of a node, over which rate and specific force are averaged; not beyond the stance."""
 
-Measurements = Iterator[gtsam.PreintegratedImuMeasurementsG]
+Measurement: TypeAlias = gtsam.PreintegratedImuMeasurementsG | UnseenWalk
+"""From one node to the next: of the inertial sensor, or where its samples are missing what a person does."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +175,7 @@ class Stride:
     bias: int
     bias_before: int
     bias_age_s: float
-    measurements: list[gtsam.PreintegratedImuMeasurementsG]
+    measurements: list[Measurement]
     velocity: StanceVelocity
     rests: list[Rest]
 
@@ -183,7 +188,7 @@ def strides_of(
     recording: Recording,
     stances: Stances,
     nodes: Nodes,
-    measurements: Measurements,
+    measurements: Iterator[Measurement],
     gyro_bias: Floats,
     lever: Floats,
     rests: tuple[Rest, ...],
@@ -238,6 +243,9 @@ def stride_graph(stride: Stride, p: SmootherParameters) -> gtsam.NonlinearFactor
 
 def _add_inertial(graph: gtsam.NonlinearFactorGraph, stride: Stride) -> None:
     for j, measurement in enumerate(stride.measurements, start=max(stride.first, 1)):
+        if isinstance(measurement, UnseenWalk):
+            graph.push_back(factor_of(measurement, [X(j - 1), X(j)]))
+            continue
         bias = B(stride.bias_before if j == stride.first else stride.bias)
         graph.push_back(gtsam.GalileanImuFactor(X(j - 1), V(j - 1), X(j), V(j), bias, measurement))
 
@@ -327,7 +335,7 @@ def preintegrate(
     bias: gtsam.imuBias.ConstantBias,
     p: SmootherParameters,
     progress: Callable[[float], None] | None = None,
-) -> Iterator[gtsam.PreintegratedImuMeasurementsG]:
+) -> Iterator[Measurement]:
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
     acc_noise, gyr_noise = _interval_variances(recording, sample, p)
     extra = [size**2 for size in find_extra_sigmas(recording, p.saturated_share)]
@@ -336,7 +344,11 @@ def preintegrate(
     force, rate = recording.integrable
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * POSITION_DENSITY**2)
+    unseen = find_unseen_walks(recording, sample, p.magnetic.compass)
     for k, (i, j) in enumerate(pairwise(sample)):
+        if unseen.unseen[k]:
+            yield one_of(unseen.walk, k)
+            continue
         params.setAccelerometerCovariance(np.diag(acc_noise[k]))
         params.setGyroscopeCovariance(np.diag(gyr_noise[k]))
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)

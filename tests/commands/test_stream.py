@@ -118,7 +118,7 @@ def test_a_line_for_each_footfall(csv, whole):
 
 def test_a_line_has_the_stamp_of_the_sensor_where_that_is_another(csv):
     header, *rows = csv.read_bytes().splitlines(keepends=True)
-    later = [b"1000%s,%s" % tuple(row.split(b",", 1)) for row in rows[700:]]
+    later = [b"1000000%s,%s" % tuple(row.split(b",", 1)) for row in rows[700:]]
     navigator, lines, remarks = followed(Pieces(b"".join([header, *rows[:700], *later])))
     assert any("set back by" in words for words in remarks)
     sent_t = np.array([float(row.split(b",")[0]) for row in rows[:700] + later])

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
+from fg_nav.detection.free_pass import integrate_velocity
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.motion import Style
@@ -19,6 +20,7 @@ from fg_nav.lab.simulation.mount import Mount
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Stand, Walk
+from fg_nav.mechanisation import TILT_TIME_S
 from tests.simulated import WALKERS, SimulatedFoot, corridor, mounted, simulated, straight_walk
 
 SLOW_M_S = {Style.WALK: 0.12, Style.RUN: 0.25}
@@ -302,7 +304,7 @@ def test_free_velocity_both_ways_from_any_sample(rate_hz):
     true = walk.motion.at(t)
     start = len(t) // 2
     never = np.zeros(len(t), dtype=bool)
-    velocity = ff._integrate_velocity(t, acc, gyr, never, start, true.nav_R_body[start], GRAVITY_M_S2)
+    velocity = integrate_velocity(t, acc, gyr, never, start, true.nav_R_body[start], GRAVITY_M_S2)
     error = velocity - (true.velocity - true.velocity[start])
     assert np.abs(error).max() < 0.3 * (100 / rate_hz) ** 2
     assert np.ptp(true.velocity, axis=0).max() > 3.0
@@ -316,8 +318,8 @@ def test_tilt_is_forgotten_at_the_same_pace_at_every_rate():
         acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1))
         wrong = Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix()
         still = np.ones(n, dtype=bool)
-        reached.append(ff._integrate_velocity(np.arange(n) / rate_hz, acc, 0 * acc, still, 0, wrong, GRAVITY_M_S2)[-1])
-    expected = GRAVITY_M_S2 * tilt * ff.TILT_TIME_S
+        reached.append(integrate_velocity(np.arange(n) / rate_hz, acc, 0 * acc, still, 0, wrong, GRAVITY_M_S2)[-1])
+    expected = GRAVITY_M_S2 * tilt * TILT_TIME_S
     np.testing.assert_allclose([np.linalg.norm(v[:2]) for v in reached], expected, rtol=0.02)
 
 

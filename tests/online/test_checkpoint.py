@@ -11,7 +11,7 @@ from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.judge import LONGEST_GAP_S, SampleJudge
+from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
 from fg_nav.online.options import OnlineOptions
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
@@ -122,7 +122,7 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     taken, judge = resumed(rows, 700, rows[740:])
     assert judge.counts["rebooted"] == 1
     np.testing.assert_array_equal(taken[700:, 1:], rows[740:, 1:])
-    assert taken[700, 0] - taken[699, 0] == pytest.approx(LONGEST_GAP_S)
+    assert taken[700, 0] - taken[699, 0] == pytest.approx(UNKNOWN_GAP_S)
     np.testing.assert_allclose(taken[700:, 0] - taken[700, 0], rows[740:, 0], rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, np.delete(rows[:, 0], np.s_[700:740]), rtol=0, atol=1e-9)
@@ -236,19 +236,19 @@ def test_sigmas_grow_where_a_sensor_was_switched_off(tmp_path):
     assert "restarted" in told[0]
     assert len(table) > len(before) + 3
     assert (table.position_sigma[len(before) :].max(axis=1) > 2.0).all()
-    assert table.heading_sigma[len(before)] > 10 * before.heading_sigma[-1]
+    assert table.heading_sigma[len(before)] > 1.5 * before.heading_sigma[-1]  # that of one reading of the compass
     assert np.isfinite(table.position).all()
     assert np.isfinite(navigator.finish().position).all()
 
 
-@pytest.mark.parametrize("step_s", [100.0, 1.7e9])
-def test_after_minutes_without_a_sample_the_walk_is_carried_on(step_s):
+@pytest.mark.parametrize(("step_s", "changes"), [(100.0, 0), (36000.0, 0), (1.7e9, 1)])
+def test_after_minutes_without_a_sample_the_walk_is_carried_on(step_s, changes):
     rows = rows_of(short_walk()).copy()
     rows[700:, 0] += step_s
     navigator = OnlineNavigator(NORTH)
     push(navigator, rows, range(33, len(rows), 33))
     navigator.close()
-    assert navigator.judge.counts["unseen"] == 1
+    assert navigator.judge.counts["set"] == changes
     assert len(navigator.causal()) > 8
     assert np.isfinite(navigator.causal().position).all()
 
