@@ -15,6 +15,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fg_nav.arrays import Bools
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import StanceParameters
@@ -23,6 +25,7 @@ from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import SampleBuffer, ToldFootfall, WalkSoFar
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table
 from fg_nav.online.handover import Handover, Past, PathNodes, list_untold
+from fg_nav.online.north import UNKNOWN_RAD, extend_with_north
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
 from fg_nav.online.revision import Revision, compare_pasts
@@ -71,6 +74,7 @@ class OnlineSmoother:
         self._starts: list[Handover] = []
         self._pending: Pending | None = None
         self._next = AT_ONCE[0]
+        self._has_mag = False
 
     def add_footfall(self, footfall: Footfall, until: int) -> list[StanceEstimate | Revision]:
         """Add a complete footfall; what is taken back before it, and its estimate.
@@ -100,7 +104,7 @@ class OnlineSmoother:
         else:
             self._stretch.add_newest()
         assert self._stretch is not None
-        estimate = replace(self._stretch.latest, number=self.n_told)
+        estimate = self._count_north(replace(self._stretch.latest, number=self.n_told))
         self._told.append(estimate.as_row())
         self._told_continues.append(footfall.continues)
         # The next solution is begun, or asked for where it is due.
@@ -181,6 +185,17 @@ class OnlineSmoother:
     def close(self) -> None:
         """Give up what solves beside."""
         self._solver.close()
+
+    def _count_north(self, estimate: StanceEstimate) -> StanceEstimate:
+        """Count in what is not known of a north that the field alone shows, or has yet to show."""
+        assert self._stretch is not None
+        field, begins = self._stretch.field, int(self._footfalls[-1].footfall.start[0])
+        if self._options.use_field and not self._has_mag:
+            self._has_mag = bool(np.isfinite(self._buffer.between(begins, self._walk.stop)[:, 7]).any())
+        if self._options.heading_rad is not None or not self._has_mag or self.wrong_axes is not None:
+            return estimate
+        sigma = UNKNOWN_RAD if field is None else field.north_sigma
+        return replace(estimate, pose_cov=extend_with_north(estimate.pose_cov, estimate.position, sigma))
 
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
         """Solve all of the walk; extend the newest stretch where that has no solution."""

@@ -26,7 +26,7 @@ from fg_nav.online.anchor import condense
 from fg_nav.online.buffer import WalkSoFar
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, estimate_stance, propagate_strapdown
-from fg_nav.online.field import Verdict, measure_field
+from fg_nav.online.field import OnlineField, Verdict, measure_field
 from fg_nav.online.graph_parts import list_variables, order_variables
 from fg_nav.online.handover import Handover, Past
 from fg_nav.online.isam2 import ISAM2Backend
@@ -77,6 +77,11 @@ class Stretch:
     def begun(self) -> Handover:
         """What it began with."""
         return self._begun
+
+    @property
+    def field(self) -> OnlineField | None:
+        """The field so far; None where it is not used."""
+        return self._field
 
     @property
     def counts(self) -> dict[str, int]:

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
+from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.north import UNKNOWN_RAD, average_along, extend_with_north, find_north_sigma
+from fg_nav.online.options import OnlineOptions
+from tests.online.walks import NORTH, push, short_walk
 
 STRENGTH_UT = 20.0
 
@@ -56,3 +61,31 @@ def test_what_the_heading_knows_of_it_is_not_counted_twice():
     known = np.diag([0.1, 0.1, 0.1, 0.2]) ** 2
     np.testing.assert_allclose(extend_with_north(known, np.ones(3), 0.1), known)
     assert extend_with_north(known, np.zeros(3), 0.5)[3, 3] == pytest.approx(0.25)
+
+
+def tell(options: OnlineOptions, magnetometer: bool = True) -> list[StanceEstimate]:
+    """Lines of the short walk northward, in a field that points north."""
+    rows = rows_of(short_walk())
+    rows[:, 7:] = rows[:, 7:] if magnetometer else np.nan
+    return [line for line in push(OnlineNavigator(options), rows) if isinstance(line, StanceEstimate)]
+
+
+def test_an_unknown_north_is_in_the_lines_until_the_field_shows_it():
+    lines = tell(OnlineOptions(heading_rad=None))
+    heading = np.array([np.sqrt(line.pose_cov[3, 3]) for line in lines])
+    assert heading[:3].min() >= UNKNOWN_RAD
+    assert heading[-1] < np.radians(15.0)
+    across = np.array([np.sqrt(line.pose_cov[0, 0]) for line in lines])
+    walked = np.array([np.hypot(*line.position[:2]) for line in lines])
+    assert across[2] > 0.5 * walked[2]
+    assert across[-1] < 0.25 * walked[-1]
+
+
+@pytest.mark.parametrize(
+    ("options", "magnetometer"),
+    [(NORTH, True), (OnlineOptions(heading_rad=None), False), (OnlineOptions(heading_rad=None, use_field=False), True)],
+    ids=["given", "no magnetometer", "field not used"],
+)
+def test_north_is_what_the_start_says_where_no_field_is_to_show_it(options, magnetometer):
+    first = tell(options, magnetometer)[0]
+    assert np.sqrt(first.pose_cov[3, 3]) < np.radians(1.0)
