@@ -1,12 +1,17 @@
 """The scripts on the online mode run, and their figures are what they say."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fg_nav.errors import SimulationError
+from fg_nav.navigate import prepare_walk
+from fg_nav.walk import Options
+from fg_nav.walk import Walk as PreparedWalk
+from tests.online.walks import short_walk
 from tests.scripts import load_script
 from tests.simulated import PERSON, straight_walk
 
@@ -78,17 +83,20 @@ def test_what_was_told_is_divided_by_its_sigma():
     np.testing.assert_allclose(ratio[2], [6.0, 0.0, 0.0, 0.2], atol=1e-12)
 
 
-def test_lines_are_compared_with_the_end_and_a_false_footfall_is_added(capsys, tmp_path):
-    out = tmp_path / "honesty.json"
-    honesty.main(
-        ["--sets", "demo smooth", "--seeds", "1", "--told", "yes", "--inject", "--per-walk", "--json", str(out)]
+def test_lines_are_compared_with_the_end_and_a_false_footfall_is_added(capsys, tmp_path, monkeypatch):
+    recording = replace(short_walk(), truth=None)
+    monkeypatch.setattr(
+        honesty, "prepare", lambda *_: prepare_walk(PreparedWalk.of(recording, Options(heading_deg=0.0)))
     )
+    out = tmp_path / "honesty.json"
+    honesty.main(["--sets", "short smooth", "--seeds", "1", "--told", "yes", "--inject", "--json", str(out)])
     printed = capsys.readouterr().out
-    assert "demo smooth, heading told: off after a false footfall, most (m)" in printed
+    assert "short smooth, heading told: off after a false footfall, most (m)" in printed
     row = json.loads(out.read_text())["walks"][0]
-    assert row["lines"] > 50
+    assert row["lines"] >= 10
     assert row["taken_back"] == 0
-    assert 0.0 <= row["injected_m"] < 2.0
+    assert row["beyond_5"] == 0
+    assert 0.0 <= row["injected_turned_back_m"] < 0.2
 
 
 @pytest.mark.parametrize("lag", [[], ["--lag", "20"]], ids=["whole", "lag"])
