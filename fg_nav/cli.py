@@ -21,6 +21,7 @@ from fg_nav.cli_options import (
     CalibrationPath,
     CheckpointPath,
     ColumnNames,
+    EndDir,
     FixesPath,
     Force,
     FormatName,
@@ -258,6 +259,8 @@ def stream(
     gate: GateName = None,
     calibration: CalibrationPath = None,
     mag_axes: MagAxesWords = None,
+    mount: MountPlace = "foot",
+    step_constant: StepConstant = None,
     serve: ServedPort = None,
     view: ViewPage = False,
     host: ViewHost = "127.0.0.1",
@@ -267,13 +270,11 @@ def stream(
     units: UnitNames = None,
     rate: RowRate = None,
     silence: Silence = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result at the end. \\[default: lines]")
-    ] = None,
+    out: EndDir = None,
     polish: Polish = False,
     force: Force = False,
 ) -> None:
-    """Follow a sensor while it is walked with: one JSON line a footfall, and at the end the whole walk.
+    """Follow a sensor while it is walked with: one JSON line a footfall or stride, and at the end the whole walk.
 
     Reads canonical CSV, the header line first, or rows of --columns. Ctrl-C ends the walk and writes its result.
     """
@@ -282,7 +283,7 @@ def stream(
 
     request = StreamRequest(
         source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
-        (host, port) if view else None, columns, units, rate,
+        (host, port) if view else None, columns, units, rate, mount, step_constant,
     )  # fmt: skip
     stream(request, out, force)
 

@@ -11,7 +11,7 @@ METHOD_NAMES = (
     "smoother, inertial, online, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
     "all but the first three also smoothed, as `iez-rts`"
 )
-POCKET_METHOD_NAMES = "pocket or munoz-diaz2017"
+POCKET_METHOD_NAMES = "pocket, munoz-diaz2017 or online"
 PRESET_NAMES = "tuned, physical or as-printed"
 GATE_NAMES = "ma2018, aiez, qsf, iqsf or none, which passes all; `fg-nav detect` shows them"
 """In words for the help, which must not load the methods; a test holds both to those that there are."""
@@ -164,3 +164,6 @@ ServedPort = Annotated[
 ]
 Silence = Annotated[float | None, typer.Option(metavar="SECONDS", help="End the walk after so long without a row.")]
 Speed = Annotated[float, typer.Option(metavar="FACTOR", help="Of the walk that is shown; 1 is its own.")]
+EndDir = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result at the end. \\[default: lines]")
+]

@@ -16,6 +16,8 @@ from fg_nav.solution import Solution
 from fg_nav.walk import Mount, Options, Walk
 
 if TYPE_CHECKING:
+    from fg_nav.online.pocket import Navigator
+    from fg_nav.recording import Recording
     from fg_nav.smoother import SmootherParameters
 
 Progress: TypeAlias = Callable[[float], None]
@@ -38,7 +40,7 @@ WITH_OWN_DETECTOR = tuple(name + end for name in FILTERS if name != "iez" for en
 """Filters with a compass: a detector of their preset judges the field."""
 
 POCKET_METHODS = ("pocket", "munoz-diaz2017")
-"""For a sensor in a trouser pocket: orientation by the factor graph, and by the paper's filter."""
+"""For a sensor in a trouser pocket: orientation by the factor graph, and by the paper's filter; and `ONLINE`."""
 
 DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
@@ -68,19 +70,24 @@ BLOCK = 64
 def _online(walk: Walk, progress: Progress | None) -> Solution:
     """Push a recording through as if it were being walked; stances are found on the way."""
     from fg_nav.online import OnlineNavigator
-    from fg_nav.online.buffer import rows_of
     from fg_nav.online.navigator import finish_walk
     from fg_nav.online.options import OnlineOptions
 
     recording, field, options = walk.recording, walk.field, walk.options
     given = (options.heading_rad, field is not None, None, choose_parameters(options), options.mag_axes is not None)
     navigator = OnlineNavigator(OnlineOptions(*given))
+    _push_recording(navigator, recording, progress)
+    return finish_walk(navigator, options.polish, progress, walk.stances, field)
+
+
+def _push_recording(navigator: Navigator, recording: Recording, progress: Progress | None) -> None:
+    from fg_nav.online.buffer import rows_of
+
     rows = rows_of(recording)
     for start in range(0, len(recording), BLOCK):
         navigator.add_rows(rows[start : start + BLOCK])  # they were judged as a recording
         if progress is not None:
             progress(start / len(recording))
-    return finish_walk(navigator, options.polish, progress, walk.stances, field)
 
 
 def _filter(method: str) -> Estimator:
@@ -114,6 +121,22 @@ def _pocket(method: str) -> Estimator:
     return run
 
 
+def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
+    """Push a recording from a pocket through as if it were being walked."""
+    from fg_nav.online.navigator import finish_walk
+    from fg_nav.online.pocket import PocketNavigator, PocketOptions
+
+    options = walk.options
+    if options.known_distance_m is not None:
+        raise EstimationError(
+            f"{ONLINE} does not know how far a walk will go: give --step-constant in place of --known-distance."
+        )
+    given = options.heading_rad, walk.recording.mag is not None, options.step_constant_m, options.mag_axes is not None
+    navigator = PocketNavigator(PocketOptions(*given))
+    _push_recording(navigator, walk.recording, progress)
+    return finish_walk(navigator, options.polish, progress)
+
+
 ESTIMATORS: dict[str, Estimator] = {
     "smoother": _smoother,
     "inertial": _inertial,
@@ -123,7 +146,10 @@ ESTIMATORS: dict[str, Estimator] = {
 }
 
 
-POCKET_ESTIMATORS: dict[str, Estimator] = {method: _pocket(method) for method in POCKET_METHODS}
+POCKET_ESTIMATORS: dict[str, Estimator] = {
+    **{method: _pocket(method) for method in POCKET_METHODS},
+    ONLINE: _pocket_online,
+}
 
 
 def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solution:

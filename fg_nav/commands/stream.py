@@ -21,11 +21,12 @@ from fg_nav.estimators import Progress
 from fg_nav.evaluation import evaluate
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.navigate import prepare_walk
-from fg_nav.online.estimates import POLISHED, SensorTime, format_table
+from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
 from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
+from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.recording import Provenance
 from fg_nav.report.files import write_json, write_paths, write_run
 from fg_nav.report.terminal import progress
@@ -73,16 +74,17 @@ def line_printer() -> Callable[[str], None]:
 def emit_end(walk: StreamedWalk, emit: Say) -> None:
     """Emit the past as it is known at the end, one line a footfall."""
     solution = walk.navigator.finish() if _has_lag(walk) else finish_stream(walk)[1].solution
-    emit_solution(solution, walk.navigator.judge.sensor_time, emit)
+    in_pocket = isinstance(walk.navigator.options, PocketOptions)
+    emit_solution(solution, walk.navigator.judge.sensor_time, emit, in_pocket)
 
 
-def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say) -> None:
+def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say, in_pocket: bool = False) -> None:
     """Emit the lines of a solution, and those of its batch solution where there is one."""
-    for line in format_table(solution.stances, sensor_time):
-        emit(line)
-    if solution.polished is not None:
-        for line in format_table(solution.polished.stances, sensor_time, POLISHED):
-            emit(line)
+    for kind, known in ((SMOOTHED, solution), (POLISHED, solution.polished)):
+        if known is not None:
+            heading = compute_stride_headings(known.stances) if in_pocket else None
+            for line in format_table(known.stances, sensor_time, kind, heading):
+                emit(line)
 
 
 def write_end(folder: Path, walk: StreamedWalk) -> None:
@@ -139,8 +141,11 @@ def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple
     return prepared, evaluate_solution(prepared, solution)
 
 
-def _options(options: OnlineOptions) -> Options:
+def _options(options: OnlineOptions | PocketOptions) -> Options:
     heading_deg = None if options.heading_rad is None else float(np.degrees(options.heading_rad))
     axes = MagAxes(np.eye(3)) if options.axes_given else None  # the rows have them already
+    if isinstance(options, PocketOptions):
+        given = Options(use_magnetometer=options.use_field, heading_deg=heading_deg, mag_axes=axes)
+        return replace(given, mount="pocket", step_constant_m=options.step_constant_m)
     gate = options.parameters.magnetic.gate
     return Options(use_magnetometer=options.use_field, heading_deg=heading_deg, gate=gate, mag_axes=axes)

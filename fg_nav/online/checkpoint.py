@@ -28,8 +28,8 @@ from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
-from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
+from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from fg_nav.text import to_json
 
@@ -40,7 +40,7 @@ BLOCK = 1 << 14
 """Rows that are replayed at once; the answer does not depend on it."""
 
 
-def save(navigator: OnlineNavigator, path: Path | str) -> None:
+def save(navigator: Navigator, path: Path | str) -> None:
     """Write a checkpoint in place of an older one.
 
     Raises
@@ -53,7 +53,7 @@ def save(navigator: OnlineNavigator, path: Path | str) -> None:
     write_content(collect_content(navigator), path)
 
 
-def collect_content(navigator: OnlineNavigator) -> dict[str, Any]:
+def collect_content(navigator: Navigator) -> dict[str, Any]:
     """Return a copy of what a checkpoint holds, while the walk goes on; raises `EstimationError` with a lag."""
     if navigator.options.lag_s is not None:
         raise EstimationError("a walk with a lag discards its samples and has no checkpoint: leave one of the two out.")
@@ -84,12 +84,12 @@ def write_content(content: Mapping[str, Any], path: Path | str) -> None:
 
 def load(
     path: Path | str,
-    options: OnlineOptions | None = None,
+    options: OnlineOptions | PocketOptions | None = None,
     remark: Callable[[str], None] = lambda words: None,
     progress: Callable[[float], None] | None = None,
     detection: CausalParameters = CausalParameters(),
     beside: bool = False,
-) -> OnlineNavigator:
+) -> Navigator:
     """Resume a walk where a checkpoint left it.
 
     Push what the source sends then, from its beginning or from a later moment on (`overlap`, `judge`). A walk that had
@@ -122,7 +122,7 @@ def load(
         if to_json(given) != facts[name]:
             raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
     judge = SampleJudge.resume(facts["judge"], samples, remark)
-    navigator = OnlineNavigator(options, remark, detection, judge, beside)
+    navigator = begin_walk(options, remark, detection, judge, beside)
     navigator.source.update(facts["source"])
     for start in range(0, len(samples), BLOCK):
         navigator.add_rows(samples[start : start + BLOCK])
@@ -135,11 +135,13 @@ def load(
     return navigator
 
 
-def _stops(navigator: OnlineNavigator) -> Ints:
+def _stops(navigator: Navigator) -> Ints:
     return np.array([int(footfall.stop[-1]) for footfall in navigator.footfalls], dtype=np.int64)
 
 
-def _read_options(words: Mapping[str, Any]) -> OnlineOptions:
+def _read_options(words: Mapping[str, Any]) -> OnlineOptions | PocketOptions:
+    if "step_constant_m" in words:
+        return PocketOptions(**words)
     parameters = SmootherParameters(magnetic=FieldParameters(gate=words["parameters"]["magnetic"]["gate"]))
     given = (words["heading_rad"], bool(words["use_field"]), words["lag_s"], parameters, words["axes_given"])
     return OnlineOptions(*given)

@@ -238,9 +238,11 @@ def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: Sens
     )
 
 
-def format_table(table: StanceTable, sensor_time: SensorTime = _same_time, kind: str = SMOOTHED) -> Iterator[str]:
-    """Yield the lines of the past as it is known at the end."""
-    heading = np.degrees(compute_heading(table.nav_R_body))
+def format_table(
+    table: StanceTable, sensor_time: SensorTime = _same_time, kind: str = SMOOTHED, heading: Floats | None = None
+) -> Iterator[str]:
+    """Yield the lines of the past as it is known at the end; `heading` (K,) rad, if not of the body's x axis."""
+    heading = np.degrees(compute_heading(table.nav_R_body) if heading is None else heading)
     for k in range(len(table)):
         yield _format_line(
             kind,

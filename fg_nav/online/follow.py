@@ -23,14 +23,16 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration, read_calibration
+from fg_nav.detection.mount import Wearing
 from fg_nav.errors import EstimationError, OutputError, StreamError
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
-from fg_nav.online import OnlineNavigator, load
+from fg_nav.online import load
 from fg_nav.online.checkpoint import collect_content, write_content
 from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
+from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.revision import Revision, format_revision
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.sources import SampleSource, TextSource, open_source
@@ -55,7 +57,7 @@ class StreamOptions:
 
     Attributes
     ----------
-    online : options of the smoother.
+    online : options of the smoother, or of a sensor in a pocket.
     checkpoint : file to save the walk in, and to resume it from if it is there; None without.
     checkpoint_s : time between two saves, s.
     stalled_s : silence after which a remark says that the source stalls, s.
@@ -66,7 +68,7 @@ class StreamOptions:
     beside : whether the walk is solved again in another process.
     """
 
-    online: OnlineOptions = field(default_factory=OnlineOptions)
+    online: OnlineOptions | PocketOptions = field(default_factory=OnlineOptions)
     checkpoint: Path | None = None
     checkpoint_s: float = 10.0
     stalled_s: float = 5.0
@@ -84,7 +86,7 @@ def follow_source(
     remark: Say,
     stop: threading.Event | None = None,
     watcher: Watcher | None = None,
-) -> OnlineNavigator:
+) -> Navigator:
     """Follow a source to its end.
 
     Parameters
@@ -104,7 +106,7 @@ def follow_source(
 
     Returns
     -------
-    OnlineNavigator
+    Navigator
         Closed: ask it for the whole walk.
 
     Raises
@@ -130,10 +132,10 @@ def follow_source(
     return navigator
 
 
-def _open_navigator(options: StreamOptions, remark: Say) -> OnlineNavigator:
+def _open_navigator(options: StreamOptions, remark: Say) -> Navigator:
     path = options.checkpoint
     if path is None or not path.exists():
-        navigator = OnlineNavigator(options.online, remark, beside=options.beside)
+        navigator = begin_walk(options.online, remark, beside=options.beside)
         navigator.source["calibration"] = to_json(options.calibration)
         navigator.source["columns"] = to_json(options.columns)
         navigator.source["mag_axes"] = _name_axes(options)
@@ -145,7 +147,8 @@ def _open_navigator(options: StreamOptions, remark: Say) -> OnlineNavigator:
         raise EstimationError(f"{path.name} was made with other --columns: give the same, or name another.")
     if navigator.source.get("mag_axes") != _name_axes(options):
         raise EstimationError(f"{path.name} was made with other --mag-axes: give the same, or name another.")
-    remark(f"resumed from {path.name}: {len(navigator.footfalls)} stances, {navigator.buffer.stop} samples.")
+    rows = "strides" if isinstance(options.online, PocketOptions) else "stances"
+    remark(f"resumed from {path.name}: {len(navigator.footfalls)} {rows}, {navigator.buffer.stop} samples.")
     return navigator
 
 
@@ -158,7 +161,7 @@ class _Walk:
 
     def __init__(
         self,
-        navigator: OnlineNavigator,
+        navigator: Navigator,
         options: StreamOptions,
         emit: Say,
         remark: Say,
@@ -291,6 +294,8 @@ class StreamRequest:
     columns: str | None = None
     units: str | None = None
     rate_hz: float | None = None
+    mount: Wearing = "foot"
+    step_constant_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -300,7 +305,7 @@ class StreamedWalk:
     `polish` asks for its batch solution as well.
     """
 
-    navigator: OnlineNavigator
+    navigator: Navigator
     name: str
     calibration: Calibration | None
     mag_axes: MagAxes | None = None
@@ -342,7 +347,19 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
     return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
 
 
-def _online_options(request: StreamRequest) -> OnlineOptions:
+def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:
+    heading = request.heading_deg
+    if heading is not None and not np.isfinite(heading):
+        raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
+    heading_rad = None if heading is None else float(np.radians(heading))
+    if request.mount == "pocket":
+        for name, given in (("--lag", request.lag_s), ("--gate", request.gate)):
+            if given is not None:
+                raise EstimationError(f"{name} is for a sensor on a foot: leave it out with --mount pocket.")
+        axes_given = request.mag_axes is not None
+        return PocketOptions(heading_rad, request.use_magnetometer, request.step_constant_m, axes_given)
+    if request.step_constant_m is not None:
+        raise EstimationError("--step-constant is for a sensor in a pocket: add --mount pocket, or leave it out.")
     lag_s = _check_positive(request.lag_s, "--lag")
     if lag_s is not None and request.checkpoint is not None:
         raise EstimationError("with --lag the samples are discarded, so there is no --checkpoint: give one of the two.")
@@ -351,11 +368,8 @@ def _online_options(request: StreamRequest) -> OnlineOptions:
     if lag_s is not None and request.polish:
         raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
     gate = choose_gate(request.gate, request.use_magnetometer)
-    heading = request.heading_deg
-    if heading is not None and not np.isfinite(heading):
-        raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
     return OnlineOptions(
-        heading_rad=None if heading is None else float(np.radians(heading)),
+        heading_rad=heading_rad,
         use_field=request.use_magnetometer,
         lag_s=lag_s,
         parameters=SmootherParameters(magnetic=FieldParameters(gate=gate)),

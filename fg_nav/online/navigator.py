@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields, replace
 from itertools import compress
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,6 +43,9 @@ from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
+
+if TYPE_CHECKING:
+    from fg_nav.online.pocket import PocketNavigator
 
 METHOD = "online"
 
@@ -308,7 +311,7 @@ class OnlineNavigator:
 
 
 def finish_walk(
-    navigator: OnlineNavigator,
+    navigator: OnlineNavigator | PocketNavigator,
     polish: bool,
     progress: Callable[[float], None] | None = None,
     stances: Stances | None = None,

@@ -24,7 +24,7 @@ import numpy as np
 
 from fg_nav.frames import compute_heading
 from fg_nav.online.estimates import DIGITS
-from fg_nav.online.navigator import OnlineNavigator
+from fg_nav.online.pocket import Navigator
 from fg_nav.solution import StanceTable
 
 RATE_S = 2.0
@@ -80,7 +80,7 @@ class StatusReporter:
         """Note that a line was just sent."""
         self._latency_ms = 1e3 * (time.monotonic() - self._arrived)
 
-    def report(self, navigator: OnlineNavigator, ended: bool = False) -> None:
+    def report(self, navigator: Navigator, ended: bool = False) -> None:
         """Send the status, where it is due and somebody watches; at the end always."""
         now = time.monotonic()
         while self._counts and self._counts[0][0] < now - RATE_S:
@@ -94,7 +94,7 @@ class StatusReporter:
         silent_s = now - self._arrived
         return "ok" if silent_s < SILENT_S else f"silent {silent_s:.0f} s"
 
-    def _describe(self, navigator: OnlineNavigator) -> dict[str, Any]:
+    def _describe(self, navigator: Navigator) -> dict[str, Any]:
         """Return what the samples so far show; the pose costs some milliseconds."""
         stop, pose = navigator.buffer.stop, navigator.pose()
         return {

@@ -146,12 +146,27 @@ class SteppedPath:
 
 def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length: StepLength) -> SteppedPath:
     """Add up the steps of a track."""
-    forward = estimate_directions(track, swing, steps)
-    length = step_length.predict(steps.opening)
     sigma = track.sigma[(steps.start + steps.stop) // 2, 2]
+    return add_steps(steps, estimate_directions(track, swing, steps), sigma, step_length)
+
+
+def add_steps(
+    steps: Steps, forward: Floats, heading_sigma: Floats, step_length: StepLength, lost_m2: Floats | None = None
+) -> SteppedPath:
+    """Add up steps.
+
+    Parameters
+    ----------
+    forward : (S, 2) direction of each, of length 1.
+    heading_sigma : (S,) rad, of the track at each.
+    lost_m2 : (S,) variance, an axis over ground, of what was walked unseen before each; None for none.
+    """
+    length = step_length.predict(steps.opening)
     after = np.cumsum(length[:, None] * forward, axis=0)
     position = np.concatenate([np.zeros((1, 2)), after])
-    covariance = _propagate_covariance(forward, length, sigma, step_length.sigma)
+    covariance = _propagate_covariance(forward, length, heading_sigma, step_length.sigma)
+    if lost_m2 is not None:
+        covariance[1:, [0, 1], [0, 1]] += lost_m2[:, None]
     ends = np.repeat(np.arange(len(steps) + 1), 2)[1:-1]  # before and after each step
     return SteppedPath(
         sample=np.stack([steps.start, steps.stop], axis=1).ravel(),
@@ -168,9 +183,13 @@ def estimate_directions(track: PocketTrack, swing: ThighSwing, steps: Steps) -> 
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(left, axis=0)])
     half = (steps.stop - steps.start + 1) // 2
     first, last = np.maximum(steps.start - half, 0), np.minimum(steps.stop + half, len(left))
-    mean = total[last] - total[first]
-    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    return np.stack([mean[:, 1], -mean[:, 0]], axis=1)
+    return turn_forward(total[last] - total[first])
+
+
+def turn_forward(left: Floats) -> Floats:
+    """Directions (S, 2) east and north, of length 1, a quarter turn to the right of these (S, 2), of any length."""
+    left = left / np.linalg.norm(left, axis=1, keepdims=True)
+    return np.stack([left[:, 1], -left[:, 0]], axis=1)
 
 
 def _propagate_covariance(forward: Floats, length: Floats, sigma: Floats, scale_sigma: float) -> Floats:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -91,39 +91,56 @@ def navigate_pocket(
         raise EstimationError(f"a heading of {heading:g} is none: give an angle, or leave it out.")
     # orientation
     signs = refuse_foot(recording)
-    start, start_notes = _choose_start(recording, heading)
+    start, start_notes = choose_start(recording, heading)
     track = _estimate_track(recording, method, start, progress)
     # steps of the thigh
     swing = estimate_swing(recording, track)
     steps = find_steps(recording.t, swing.flexion, swing.up_now)
-    if not len(steps):
-        raise EstimationError(
-            f"no step was found: the thigh does not swing to and fro by {LEAST_OPENING_DEG:g} deg or "
-            "more, three times in a row; was it walked with, in a trouser pocket?"
-        )
+    require_steps(steps)
     step_length = _choose_step_length(steps, step_constant_m, known_distance_m)
     # the given heading is that of the first strides
     if heading is not None:
         track = track.rotate(heading - _first_heading(track, swing, steps))
     # dead reckoning
     path = reckon_path(track, swing, steps, step_length)
-    position, velocity = _interpolate_path(recording.t, path)
-    table = _make_table(recording, track, steps, path)
-    notes = (*start_notes, *_describe(swing, steps, step_length), *_warn(recording, signs, swing, table.field))
-    return Solution(
+    notes = (*start_notes, *describe_steps(steps, step_length, swing.is_forward_known))
+    solution = assemble_solution(recording, track, steps, path, step_length)
+    return replace(
+        solution,
         method=method,
+        runtime_s=time.perf_counter() - began,
+        notes=(*notes, *_warn(recording, signs, swing, solution.stances.field)),
+    )
+
+
+def require_steps(steps: Steps) -> None:
+    """Raise `EstimationError` if there is no step."""
+    if not len(steps):
+        raise EstimationError(
+            f"no step was found: the thigh does not swing to and fro by {LEAST_OPENING_DEG:g} deg or "
+            "more, three times in a row; was it walked with, in a trouser pocket?"
+        )
+
+
+def assemble_solution(
+    recording: Recording, track: PocketTrack, steps: Steps, path: SteppedPath, step_length: StepLength
+) -> Solution:
+    """Return the solution of steps on a track, without notes."""
+    position, velocity = _interpolate_path(recording.t, path)
+    return Solution(
+        method=METHODS[0],
         t=recording.t,
         position=position,
         velocity=velocity,
         nav_R_body=track.nav_R_body,
-        stances=table,
-        runtime_s=time.perf_counter() - began,
+        stances=_make_table(recording, track, steps, path),
+        runtime_s=0.0,
         parameters={"step_length": asdict(step_length)},
-        notes=notes,
     )
 
 
-def _choose_start(recording: Recording, heading: float | None) -> tuple[PocketStart, list[str]]:
+def choose_start(recording: Recording, heading: float | None) -> tuple[PocketStart, list[str]]:
+    """Return the attitude to start with, by the compass unless a heading is given, and notes on it."""
     if heading is not None:
         return level_start(recording), []
     try:
@@ -135,7 +152,12 @@ def _choose_start(recording: Recording, heading: float | None) -> tuple[PocketSt
 
 def _first_heading(track: PocketTrack, swing: ThighSwing, steps: Steps) -> float:
     """Direction of the first strides, rad clockwise from north."""
-    east, north = estimate_directions(track, swing, steps)[:FIRST_STEPS].sum(axis=0)
+    return measure_first_heading(estimate_directions(track, swing, steps))
+
+
+def measure_first_heading(forward: Floats) -> float:
+    """Heading of the first strides, rad clockwise from north, by the directions (S, 2) of all steps."""
+    east, north = forward[:FIRST_STEPS].sum(axis=0)
     return float(np.arctan2(east, north))
 
 
@@ -155,7 +177,8 @@ def _choose_step_length(steps: Steps, constant_m: float | None, distance_m: floa
     return StepLength() if constant_m is None else use_step_constant(constant_m)
 
 
-def _describe(swing: ThighSwing, steps: Steps, step_length: StepLength) -> list[str]:
+def describe_steps(steps: Steps, step_length: StepLength, is_forward_known: bool) -> list[str]:
+    """Return notes on steps and their length."""
     bouts = int(steps.bout[-1]) + 1
     pauses = f", in {bouts} stretches" if bouts > 1 else ""
     notes = [f"{format_count(len(steps), 'step')} of both legs{pauses}; height is not estimated"]
@@ -166,7 +189,7 @@ def _describe(swing: ThighSwing, steps: Steps, step_length: StepLength) -> list[
         )
     else:
         notes.append(f"step constant {step_length.constant_m:.4g} m ({step_length.source})")
-    if not swing.is_forward_known:
+    if not is_forward_known:
         notes.append("the swing hardly distinguishes forward from backward: the path may be turned by 180 deg")
     return notes
 

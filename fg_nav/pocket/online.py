@@ -31,12 +31,17 @@ _EVERY = max(round(UPDATE_S / NODE_S), 1)
 
 @dataclass(frozen=True)
 class PocketEstimate:
-    """At the stamp `t` s: `nav_R_body` (3, 3), `gyro_bias` (3,) rad/s, and `sigma` (6,) as in `PocketTrack`."""
+    """At the stamp `t` s: `nav_R_body` (3, 3), `gyro_bias` (3,) rad/s, and `covariance` (6, 6) as in `PocketTrack`."""
 
     t: float
     nav_R_body: Floats
     gyro_bias: Floats
-    sigma: Floats
+    covariance: Floats
+
+    @property
+    def sigma(self) -> Floats:
+        """(6,) standard deviations, as in `PocketTrack`."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 class OnlinePocket:
@@ -49,6 +54,7 @@ class OnlinePocket:
     Attributes
     ----------
     left_out : how many samples were not finite.
+    nis : (stamp in s, of force, of field) at each node that was complete, as in `fg_nav.pocket.kalman_smoother`.
     gaps : stamps before and after each gap, s.
     """
 
@@ -64,6 +70,7 @@ class OnlinePocket:
         self._window: FixedLagSmoother | None = None
         self._resumed: Prior | None = None
         self.left_out = 0
+        self.nis: list[tuple[float, float, float]] = []
         self.gaps: list[tuple[float, float]] = []
 
     def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> PocketEstimate | None:
@@ -141,6 +148,8 @@ class OnlinePocket:
             self._window = FixedLagSmoother(prior, links, self._p)
         else:
             self._window.extend(links)
+        new, smoothed = slice(-len(links) - 1, -1), self._window.smoothed
+        self.nis += zip(t[node[:-1]].tolist(), smoothed.swing_nis[new], smoothed.field_nis[new], strict=True)
         # drop the samples used, and look for more
         self._made += _EVERY
         self._before = min(int(node[-1]), 1)
@@ -150,7 +159,7 @@ class OnlinePocket:
     def _estimate_now(self) -> PocketEstimate:
         """The last node, propagated to the last sample."""
         known = self._propagate_last()
-        return PocketEstimate(float(self._samples[-1, 0]), known.R, known.y[:3], np.sqrt(np.diag(known.P)[:6]))
+        return PocketEstimate(float(self._samples[-1, 0]), known.R, known.y[:3], known.P[:6, :6])
 
     def _propagate_last(self) -> Prior:
         """Estimate and covariance of the last node, its attitude propagated to the last sample by the gyroscope."""

@@ -128,27 +128,31 @@ def estimate_swing(recording: Recording, track: PocketTrack) -> ThighSwing:
     up_now = remove_fast(track.nav_R_body[:, 2], recording.period_s)
     up_now /= np.linalg.norm(up_now, axis=1, keepdims=True)
     up = _unit(up_now[swinging].mean(axis=0))
-    left = _find_level_axis(rate[swinging], up)
-    flexion = _compute_flexion(up_now, left, up)
-    upright = _spread_flags(swinging, recording.period_s) & (np.abs(flexion) < np.radians(UPRIGHT_DEG))
+    left = find_level_axis(rate[swinging].T @ rate[swinging], up)
+    flexion = compute_flexion(up_now, left, up)
+    upright = spread_flags(swinging, recording.period_s) & (np.abs(flexion) < np.radians(UPRIGHT_DEG))
     skewness = _compute_skewness(-remove_fast(rate @ left, recording.period_s, GAIT_HZ)[upright])
     if skewness < 0:
         left, flexion = -left, -flexion
     return ThighSwing(left, up, up_now, flexion, abs(skewness), _measure_slip(rate[swinging], up))
 
 
-def _spread_flags(flags: Bools, period_s: float) -> Bools:
+def spread_flags(flags: Bools, period_s: float) -> Bools:
     """(N,) True within half a second of a flag: the turning back of a swing too."""
     return np.asarray(maximum_filter1d(flags, 2 * round(0.5 / period_s) + 1))
 
 
-def _compute_flexion(up_now: Floats, left: Floats, up: Floats) -> Floats:
+def compute_flexion(up_now: Floats, left: Floats, up: Floats) -> Floats:
+    """Flexion (N,) rad of a thigh with these directions of up (N, 3), by its axes."""
     return np.asarray(np.unwrap(np.arctan2(up_now @ np.cross(left, up), up_now @ up)))
 
 
-def _find_level_axis(rate: Floats, up: Floats) -> Floats:
-    """Axis (3,) about which most of the `rate` (M, 3) is, made level."""
-    share, axis = _find_principal_axis(rate)
+def find_level_axis(power: Floats, up: Floats) -> Floats:
+    """Axis (3,) about which most of the rate is, made level; `power` (3, 3) is the sum of its squares.
+
+    Raises `EstimationError` if it is about no level axis in particular.
+    """
+    share, axis = _find_principal_axis(power)
     axis = axis - (axis @ up) * up
     if share < LEAST_SHARE or np.linalg.norm(axis) < 0.5:
         raise EstimationError(
@@ -158,16 +162,16 @@ def _find_level_axis(rate: Floats, up: Floats) -> Floats:
     return _unit(axis)
 
 
-def _find_principal_axis(rate: Floats) -> tuple[float, Floats]:
-    """Axis (3,) about which most of the `rate` (M, 3) is, and how much of its power that is."""
-    power, axes = np.linalg.eigh(rate.T @ rate)
-    return float(power[2] / power.sum()), axes[:, 2]
+def _find_principal_axis(power: Floats) -> tuple[float, Floats]:
+    """Axis (3,) about which most of the rate is, and how much of its `power` (3, 3) that is."""
+    powers, axes = np.linalg.eigh(power)
+    return float(powers[2] / powers.sum()), axes[:, 2]
 
 
 def _measure_slip(rate: Floats, up: Floats) -> float:
     """Angle between the axes of the first and the second half of the swinging."""
     halves = (rate[: len(rate) // 2], rate[len(rate) // 2 :])
-    one, other = (_find_principal_axis(half)[1] for half in halves)
+    one, other = (_find_principal_axis(half.T @ half)[1] for half in halves)
     axes = [_unit(axis - (axis @ up) * up) for axis in (one, other)]
     return float(np.degrees(np.arccos(min(abs(float(axes[0] @ axes[1])), 1.0))))
 
@@ -226,13 +230,13 @@ def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
     up : (N, 3) direction of up in the body, likewise.
     """
     # turning points, and each pause within an opening
-    turn = _split_at_pauses(t, flexion, find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG))))
-    start, stop = _find_inner_spans(flexion, turn)
+    turn = split_at_pauses(t, flexion, find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG))))
+    start, stop = find_inner_spans(flexion, turn)
     # which openings are steps, and of which bout
     swept = np.diff(flexion[turn])
     took = t[stop] - t[start]
     together = t[start[1:]] - t[stop[:-1]] < PAUSE_S
-    walked, bout = _number_bouts(_are_step_like(flexion, turn, took), together)
+    walked, bout = _number_bouts(are_step_like(flexion, turn, took), together)
     # steps that follow each other meet at the turning point
     start, stop = _join_steps(start, stop, turn, together)
     opening = 2.0 * np.arcsin(np.linalg.norm(np.diff(up[turn], axis=0), axis=1) / 2.0)
@@ -260,7 +264,7 @@ def _find_corners(values: Floats) -> list[int]:
     return [*moving[1:][rising[1:] != rising[:-1]].tolist(), len(values) - 1]
 
 
-def _split_at_pauses(t: Floats, flexion: Floats, turn: Ints) -> Ints:
+def split_at_pauses(t: Floats, flexion: Floats, turn: Ints) -> Ints:
     """Turning points, and one more in each opening with a pause: into standing, and on in the same direction."""
     parted = []
     for a, b in pairwise(turn.tolist()):
@@ -273,7 +277,7 @@ def _split_at_pauses(t: Floats, flexion: Floats, turn: Ints) -> Ints:
     return np.sort(np.append(turn, np.array(parted, dtype=np.int64)))
 
 
-def _find_inner_spans(flexion: Floats, turn: Ints) -> tuple[Ints, Ints]:
+def find_inner_spans(flexion: Floats, turn: Ints) -> tuple[Ints, Ints]:
     """First and last sample (S,) of each opening that are a tenth of it away from its ends."""
     start, stop = np.zeros(max(len(turn) - 1, 0), dtype=np.int64), np.zeros(max(len(turn) - 1, 0), dtype=np.int64)
     for k, (a, b) in enumerate(pairwise(turn.tolist())):
@@ -284,7 +288,7 @@ def _find_inner_spans(flexion: Floats, turn: Ints) -> tuple[Ints, Ints]:
     return start, stop
 
 
-def _are_step_like(flexion: Floats, turn: Ints, took: Floats) -> Bools:
+def are_step_like(flexion: Floats, turn: Ints, took: Floats) -> Bools:
     """(S,) True where an opening is as large, as quick and as upright as that of a step."""
     swept, middle = np.degrees(np.abs(np.diff(flexion[turn]))), np.degrees(flexion[turn[1:]] + flexion[turn[:-1]]) / 2
     large = (swept > LEAST_OPENING_DEG) & (swept < MOST_OPENING_DEG)

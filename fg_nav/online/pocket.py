@@ -1,0 +1,371 @@
+"""A walk in progress with the sensor in a trouser pocket: samples in blocks of any size, one estimate for each stride.
+
+    samples -> judge -> blocks of `BLOCK_S` -> orientation (`pocket.online`) -> steps (`pocket.causal_steps`)
+            -> their path so far (`pocket.dead_reckoning`) -> estimate
+
+The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation that is known at the moment: that
+of the filter forward, from the past alone. The blocks are those of the stamps, so that nothing depends on how the
+samples came. An estimate is where the body is at the end of a stride, and its heading is that of the stride.
+
+Every estimate adds up all steps so far, with the axes of the thigh as they are known then: in the first strides the
+axes are uncertain, and so the path turns a little about its origin. That is in no covariance of the batch, which has
+the axes of all the walk; here it is (`AXIS_SIGMA_DEG`). While the gait does not show front and back, a heading that was
+not given is unknown.
+
+Over a gap a person walks at up to `pocket.online_thigh.WALKER_M_S` in any direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from time import perf_counter
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.detection.causal import CausalParameters, Footfall
+from fg_nav.detection.mount import refuse_foot
+from fg_nav.errors import EstimationError
+from fg_nav.frames import yaw_rotation
+from fg_nav.magnetic.axes import align_magnetometer
+from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.estimates import StanceEstimate, Track, build_table
+from fg_nav.online.judge import SampleJudge
+from fg_nav.online.navigator import METHOD, OnlineNavigator
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.revision import Revision
+from fg_nav.pocket.causal_steps import StrideEnd
+from fg_nav.pocket.dead_reckoning import (
+    MOUNTING_SIGMA_DEG,
+    STEP_HEADING_SIGMA_DEG,
+    StepLength,
+    SteppedPath,
+    add_steps,
+    turn_forward,
+    use_step_constant,
+)
+from fg_nav.pocket.navigate import (
+    assemble_solution,
+    describe_steps,
+    measure_first_heading,
+    navigate_pocket,
+    require_steps,
+)
+from fg_nav.pocket.online_thigh import OnlineThigh
+from fg_nav.pocket.steps import Steps
+from fg_nav.pocket.track import STILL_S
+from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
+from fg_nav.solution import Solution, StanceTable
+
+BLOCK_S = 0.25
+"""Orientation and steps are found so often, s: twice a step."""
+
+AXIS_SIGMA_DEG = 8.0
+"""Of the axis of the swing, by one stride; it falls with the root of their number."""
+
+
+@dataclass(frozen=True)
+class PocketOptions:
+    """How a walk with the sensor in a pocket is followed.
+
+    Attributes
+    ----------
+    heading_rad : of the first two strides, clockwise from north; None to begin with the compass.
+    use_field : whether the magnetometer is used.
+    step_constant_m : of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
+    axes_given : whether the batch solution uses the magnetometer whatever its axes look like.
+    """
+
+    heading_rad: float | None = None
+    use_field: bool = True
+    step_constant_m: float | None = None
+    axes_given: bool = False
+
+    @property
+    def lag_s(self) -> None:
+        """All samples are kept."""
+        return None
+
+    @property
+    def step_length(self) -> StepLength:
+        """Of the person; raises `EstimationError` for a constant that is no person's."""
+        return StepLength() if self.step_constant_m is None else use_step_constant(self.step_constant_m)
+
+
+class _PathSoFar(NamedTuple):
+    """Path of the steps, the sigma (S,) rad of the heading of each, and by how much the track is turned for it."""
+
+    path: SteppedPath
+    heading_sigma: Floats
+    clockwise: float
+
+
+class PocketNavigator:
+    """Navigates while samples come in, as `fg_nav.online.OnlineNavigator` does on a foot.
+
+    Attributes
+    ----------
+    options : of the walk.
+    footfalls : one an estimate: the sample at which its stride ends.
+    buffer, judge : the samples so far, and what was left out of them.
+    source : what a checkpoint keeps of the source for its reader, as JSON values.
+    """
+
+    detection = CausalParameters()
+
+    def __init__(
+        self,
+        options: PocketOptions = PocketOptions(),
+        remark: Callable[[str], None] = lambda words: None,
+        judge: SampleJudge | None = None,
+    ) -> None:
+        """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
+        self.options, self._step_length = options, options.step_length
+        self.footfalls: list[Footfall] = []
+        self.buffer = SampleBuffer()
+        self.judge = SampleJudge(remark) if judge is None else judge
+        self.source: dict[str, Any] = {}
+        self._used = 0
+        self._thigh: OnlineThigh | None = None
+        self._told: list[StanceEstimate] = []
+        self._made: list[int] = []  # steps until each line
+        self._closed, self._busy_s = False, 0.0
+
+    def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
+        """Add samples and return the estimates of the strides that they complete.
+
+        Parameters
+        ----------
+        t, acc, gyr, mag
+            (n,) s, (n, 3) m/s^2, (n, 3) rad/s and (n, 3) uT, as they come; n may be 0 or 1. What cannot be used is left
+            out (`fg_nav.online.judge`).
+
+        Raises
+        ------
+        RecordingError
+            Where the first seconds show that a unit is wrong.
+        EstimationError
+            After the end, or where there is no up to begin with.
+        """
+        if self._closed:
+            raise EstimationError("this walk has ended: begin a new one for more samples.")
+        began = perf_counter()
+        rows = self.judge.admit(t, acc, gyr, mag)
+        self._busy_s += perf_counter() - began
+        return self.add_rows(rows)
+
+    def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
+        """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
+        began = perf_counter()
+        self.buffer.append(rows)
+        found = self._add_blocks(at_end=False)
+        self._busy_s += perf_counter() - began
+        return found
+
+    def close(self) -> list[StanceEstimate | Revision]:
+        """End the walk and return the estimates of the strides that were still open."""
+        if self._closed:
+            return []
+        self._closed = True
+        self.buffer.append(self.judge.flush())
+        found = self._add_blocks(at_end=True)
+        return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
+
+    @property
+    def told_continues(self) -> Sequence[bool]:
+        """Which lines are further pieces of a standing: none."""
+        return [False] * len(self._told)
+
+    @property
+    def stands(self) -> bool:
+        """Whether the person stands, as far as is seen."""
+        return self._thigh is None or self._thigh.steps.stands
+
+    def pose(self) -> Track | None:
+        """Return position and course at the last sample, as a path of one row: those of the newest line, if any."""
+        if not self._told:
+            return None
+        last, t = self._told[-1], self.buffer.stamp(self.buffer.stop - 1)
+        course = yaw_rotation(np.pi / 2 - last.heading)
+        return Track(np.array([t]), last.position[None], last.velocity[None], course[None])
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the walk was closed."""
+        return self._closed
+
+    def causal(self) -> StanceTable:
+        """Return one row an estimate, as it was reported; its attitude is that of the sensor."""
+        return build_table([estimate.as_row() for estimate in self._told])
+
+    def smoothed(self) -> StanceTable:
+        """Return one row an estimate, with its position as it is known now."""
+        table = self.causal()
+        if not len(table):
+            return table
+        path = self._reckon_path(max(self._made)).path
+        at = np.maximum(2 * np.array(self._made) - 1, 0)
+        return replace(table, position=path.position[at], position_cov=path.covariance[at], pose_cov=None)
+
+    def recording(self) -> Recording:
+        """Return all samples; raises `RecordingError` if there are too few."""
+        rows = self.buffer.between(0, self.buffer.stop)
+        mag = rows[:, 7:] if self.options.use_field and np.isfinite(rows[:, 7:]).all(axis=1).any() else None
+        return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag)
+
+    def finish(self) -> Solution:
+        """End the walk and return its steps with the axes known then, and the orientation of the moment between them.
+
+        Raises
+        ------
+        RecordingError, EstimationError
+            Where there was no walk, or the sensor was on a foot.
+        """
+        began = perf_counter()
+        self.close()
+        recording = self.recording()
+        refuse_foot(recording)
+        thigh = self._begin(self.buffer.stop) if self._thigh is None else self._thigh
+        steps = thigh.steps.steps
+        require_steps(steps)
+        so_far = self._reckon_path(len(steps))
+        track = thigh.build_track(recording).rotate(so_far.clockwise)
+        solution = assemble_solution(recording, track, steps, so_far.path, self._step_length)
+        notes = describe_steps(steps, self._step_length, thigh.steps.is_forward_known)
+        return replace(
+            solution,
+            method=METHOD,
+            runtime_s=self._busy_s + perf_counter() - began,
+            notes=(*thigh.notes, *notes, *self.judge.notes),
+            moment=self.causal(),
+        )
+
+    def polish(self, progress: Callable[[float], None] | None = None, *known: object) -> Solution:
+        """End the walk and solve it as a whole in batch; errors as of `finish`."""
+        self.close()
+        recording, options = self.recording(), self.options
+        aligned = align_magnetometer(recording, options.axes_given) if options.use_field else None
+        recording = recording if aligned is None else aligned.recording
+        given = options.heading_rad, options.step_constant_m
+        found = navigate_pocket(recording, "pocket", *given, progress=progress)
+        return found if aligned is None else replace(found, notes=(*aligned.notes, *found.notes))
+
+    # blocks
+
+    def _add_blocks(self, at_end: bool) -> list[StanceEstimate | Revision]:
+        """Process whole blocks: those behind which there is a sample."""
+        rows = self.buffer.between(self._used, self.buffer.stop)
+        if not len(rows):
+            return []
+        block = np.floor((rows[:, 0] - self.buffer.stamp(0)) / BLOCK_S + 1e-6)
+        step = np.diff(rows[:, 0])
+        ends = 1 + np.flatnonzero((np.diff(block) > 0) | (step > MAX_GAP_S))
+        found: list[StanceEstimate | Revision] = []
+        for end in (self._used + np.append(ends, [len(rows)] if at_end else [])).astype(int).tolist():
+            found += self._add_block(end)
+        return found
+
+    def _add_block(self, end: int) -> list[StanceEstimate | Revision]:
+        """Process the samples up to one before `end`; before there is a second of them, none."""
+        if self._thigh is None:
+            if end < MIN_SAMPLES or self.buffer.stamp(end - 1) - self.buffer.stamp(0) < STILL_S:
+                return []
+            self._thigh = self._begin(end)
+        first = self._used
+        before = self.buffer.between(max(first - 1, 0), first)
+        rows = self.buffer.between(first, end)
+        if not self.options.use_field:
+            rows[:, 7:] = np.nan
+        self._used = end
+        return self._report(self._thigh.add(first, rows, before))
+
+    def _begin(self, end: int) -> OnlineThigh:
+        rows = self.buffer.between(0, end)
+        mag = rows[:, 7:] if self.options.use_field and np.isfinite(rows[:, 7:]).all(axis=1).any() else None
+        return OnlineThigh(Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag), self.options.heading_rad)
+
+    # estimates
+
+    def _reckon_path(self, count: int) -> _PathSoFar:
+        """Path of the first steps, with the axes of the thigh that are known now."""
+        assert self._thigh is not None
+        found, given = self._thigh.steps, self.options.heading_rad
+        known, steps, axes = found.columns, found.steps, found.axes
+        assert axes is not None
+        forward = turn_forward(known.attitude @ axes[0])
+        clockwise = 0.0 if given is None else given - measure_first_heading(forward)
+        forward = forward @ yaw_rotation(-clockwise)[:2, :2].T
+        # what the axes are uncertain by turns all of the path; a given heading is that of the path, whatever the axes
+        axis_sigma = 0.0 if given is not None else np.radians(AXIS_SIGMA_DEG) * (2.0 / len(forward)) ** 0.5
+        axis_sigma = axis_sigma if given is not None or found.is_forward_known else np.pi
+        sigma, part = np.hypot(known.heading_sigma, axis_sigma), slice(0, count)
+        steps = Steps(*(getattr(steps, item.name)[part] for item in fields(steps)))
+        path = add_steps(steps, forward[part], sigma[part], self._step_length, known.lost_m2[part])
+        return _PathSoFar(path, np.maximum.accumulate(sigma), clockwise)
+
+    def _report(self, ends: list[StrideEnd]) -> list[StanceEstimate | Revision]:
+        """Return the estimates at the ends of strides."""
+        if not ends:
+            return []
+        so_far = self._reckon_path(ends[-1].steps)
+        found = [self._make_estimate(len(self._told) + k, end, so_far) for k, end in enumerate(ends)]
+        one = np.ones(1)
+        self._made += [end.steps for end in ends]
+        for end in ends:
+            interval = np.array([end.sample]), np.array([end.sample + 1])
+            self.footfalls.append(Footfall(*interval, one, end.sample, continues=False))
+        self._told += found
+        return list(found)
+
+    def _make_estimate(self, number: int, end: StrideEnd, so_far: _PathSoFar) -> StanceEstimate:
+        assert self._thigh is not None
+        path, latest = so_far.path, self._thigh.latest
+        # the stride up to here, or the first one at the start
+        last = max(end.steps, 2)
+        moved = path.position[2 * last - 1] - path.position[2 * (last - 2)]
+        took = self.buffer.stamp(int(path.sample[2 * last - 1])) - self.buffer.stamp(int(path.sample[2 * (last - 2)]))
+        at = max(2 * end.steps - 1, 0)
+        own = np.radians([MOUNTING_SIGMA_DEG, STEP_HEADING_SIGMA_DEG / 2**0.5])
+        pose_cov = np.zeros((4, 4))
+        pose_cov[:3, :3] = path.covariance[at]
+        pose_cov[3, 3] = so_far.heading_sigma[last - 1] ** 2 + (own**2).sum()
+        verdict, reason = self._thigh.judge_field()
+        return StanceEstimate(
+            number=number,
+            sample=end.sample,
+            t=end.t,
+            position=path.position[at],
+            nav_R_body=yaw_rotation(-so_far.clockwise) @ end.nav_R_body,
+            heading=float(np.arctan2(moved[0], moved[1])),
+            velocity=moved / took,
+            gyro_bias=latest.gyro_bias,
+            pose_cov=pose_cov,
+            gyro_bias_sigma=latest.sigma[3:],
+            field=verdict,
+            field_reason=reason,
+        )
+
+
+Navigator: TypeAlias = OnlineNavigator | PocketNavigator
+
+
+def begin_walk(
+    options: OnlineOptions | PocketOptions,
+    remark: Callable[[str], None],
+    detection: CausalParameters = CausalParameters(),
+    judge: SampleJudge | None = None,
+    beside: bool = False,
+) -> Navigator:
+    """Return the navigator of a new walk, on a foot or in a pocket; arguments as of `OnlineNavigator`."""
+    if isinstance(options, PocketOptions):
+        return PocketNavigator(options, remark, judge)
+    return OnlineNavigator(options, remark, detection, judge, beside)
+
+
+def compute_stride_headings(table: StanceTable) -> Floats:
+    """Heading (K,) rad of the stride before each row, of the first one at the start: as in the lines of a walk."""
+    moved = np.diff(table.position[:, :2], axis=0)
+    heading = np.arctan2(moved[:, 0], moved[:, 1])
+    return np.append(heading[:1], heading)

@@ -1,0 +1,372 @@
+"""Steps of a thigh while the walk goes on: what `fg_nav.pocket.steps` finds in a recording, half a second late.
+
+    attitudes, rates -> slow parts, `EDGE_S` late -> sums over the swing: its axes, front and back
+                     -> flexion since the last turning point -> turning points -> openings -> steps, bouts
+
+The functions are those of the batch, on what there is. Three things differ from a recording:
+
+* A slow part is that of the samples up to `EDGE_S` later, not of all.
+* The axes are those of the walk so far, by sums over it. A step that was found stays; its direction is that of the
+  axes as they are now, as its mean attitude is kept and not its direction.
+* Standing is seen when it has lasted for `PAUSE_S`. The opening before it ends there, at its extreme, and the next one
+  begins where the leg stands; in a recording it may begin at the extreme.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection.mount import remove_fast
+from fg_nav.errors import EstimationError
+from fg_nav.pocket.steps import (
+    GAIT_HZ,
+    HYSTERESIS_DEG,
+    LEAST_SKEW,
+    LEAST_STEPS,
+    PAUSE_S,
+    SWINGING_DEG_S,
+    UPRIGHT_DEG,
+    Steps,
+    are_step_like,
+    compute_flexion,
+    find_inner_spans,
+    find_level_axis,
+    find_turning_points,
+    split_at_pauses,
+    spread_flags,
+)
+
+EDGE_S = 0.25
+"""Later samples that a slow part needs, s: four times the memory of a filter of 6 Hz."""
+
+WARM_S = 0.75
+"""Earlier ones, s: the filter of 4 Hz begins in them."""
+
+AROUND_S = 0.5
+"""Samples so long before and after one show whether the leg swings about it, s (`steps.spread_flags`)."""
+
+LEAST_SWING_S = 1.0
+"""Swinging in all before which there are no axes, s, as in a recording."""
+
+LONGEST_S = 10.0
+"""An opening that takes longer is none, s; so much is kept while the axes are not known."""
+
+STANDING_S = 2.0
+"""Of a leg that stands so much is kept, s."""
+
+
+class StepColumns(NamedTuple):
+    """Steps so far, in order (`fg_nav.pocket.steps.Steps`).
+
+    `start`, `stop` (S,) samples of the walk; `opening` (S,) rad; `swept` (S,) change of flexion, rad; `bout` (S,);
+    `attitude` (S, 2, 3) mean of the level rows of nav_R_body over the stride about the step; `heading_sigma` (S,) rad
+    of the track then; `lost_m2` (S,) variance of what was walked unseen before it, m^2.
+    """
+
+    start: Ints
+    stop: Ints
+    opening: Floats
+    swept: Floats
+    bout: Ints
+    attitude: Floats
+    heading_sigma: Floats
+    lost_m2: Floats
+
+
+class StrideEnd(NamedTuple):
+    """A stride is complete: `steps` were made until then, the last ends at a sample, with that attitude (3, 3)."""
+
+    steps: int
+    sample: int
+    t: float
+    nav_R_body: Floats
+
+
+class _Found(NamedTuple):
+    """A step: its row (13,) of numbers, and time and attitude at both ends."""
+
+    row: Floats
+    t: tuple[float, float]
+    nav_R_body: tuple[Floats, Floats]
+
+
+class SwingSums:
+    """Sums over the swing so far, from which follow the axes of the thigh (`fg_nav.pocket.steps`)."""
+
+    def __init__(self) -> None:
+        self._up, self._power, self._swinging_s = np.zeros(3), np.zeros((3, 3)), 0.0
+        self._count, self._square, self._cube = 0, np.zeros((3, 3)), np.zeros((3, 3, 3))
+        self._left: Floats | None = None
+
+    def add_swing(self, rate: Floats, up: Floats, period_s: float) -> None:
+        """Add slow rates and directions of up (n, 3) of a leg that swings."""
+        self._swinging_s += len(rate) * period_s
+        self._power += rate.T @ rate
+        self._up += up.sum(axis=0)
+
+    def add_gait(self, rate: Floats) -> None:
+        """Add rates (n, 3) slower than `GAIT_HZ` of an upright leg."""
+        self._count += len(rate)
+        self._square += rate.T @ rate
+        self._cube += np.einsum("ni,nj,nk->ijk", rate, rate, rate)
+
+    @property
+    def axes(self) -> tuple[Floats, Floats] | None:
+        """Level axis of the swing, one way or the other but always the same, and up, (3,); None before they show."""
+        if self._swinging_s < LEAST_SWING_S:
+            return None
+        up = self._up / np.linalg.norm(self._up)
+        try:
+            left = find_level_axis(self._power, up)
+        except EstimationError:
+            return None
+        self._left = left if self._left is None or left @ self._left > 0 else -left
+        return self._left, up
+
+    def skewness(self, left: Floats) -> float:
+        """Skewness of the rate of flexion about an axis; 0 where nothing is known."""
+        square = float(left @ self._square @ left)
+        if square == 0.0:
+            return 0.0
+        cube = -float(np.einsum("ijk,i,j,k->", self._cube, left, left, left))
+        return float(cube / self._count / (square / self._count) ** 1.5)
+
+
+class CausalSteps:
+    """Finds steps in samples that keep coming.
+
+    Parameters
+    ----------
+    period_s : of the samples.
+
+    Attributes
+    ----------
+    n_steps : found so far.
+    skewness : of the rate of flexion, absolute; front and back are known where it is well above zero.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._sums = SwingSums()
+        self._rows = np.empty((64, 13))
+        self.n_steps, self._bouts, self.skewness = 0, 0, 0.0
+        self._front = 1.0
+        self._lost_m2, self._heading_sigma = 0.0, 0.0
+        self._bout: list[_Found] = []
+        self._last_stop_t = -np.inf
+        self._ends: list[StrideEnd] = []
+        self._base, self._turn, self._summed = 0, 0, 0
+        self._t, self._rate, self._R = np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3))
+        self._up, self._gait = np.empty((0, 3)), np.empty((0, 3))
+        self._swings: Bools = np.empty(0, dtype=np.bool_)
+
+    def push(self, t: Floats, rate: Floats, nav_R_body: Floats, heading_sigma: float) -> list[StrideEnd]:
+        """Add samples and return the strides that they complete.
+
+        Parameters
+        ----------
+        t, rate, nav_R_body : (n,) s, (n, 3) rad/s without bias, (n, 3, 3).
+        heading_sigma : rad, of the attitudes.
+        """
+        self._heading_sigma = heading_sigma
+        self._t = np.concatenate([self._t, t])
+        self._rate = np.concatenate([self._rate, rate])
+        self._R = np.concatenate([self._R, nav_R_body])
+        self._settle(len(self._t) - round(EDGE_S / self._period_s))
+        self._search()
+        return self._take_ends()
+
+    def cut(self, lost_m: float = 0.0) -> list[StrideEnd]:
+        """End here, and return the strides that this completes; samples that come then are of later.
+
+        `lost_m` is the sigma of what was walked between, m an axis.
+        """
+        self._settle(len(self._t))
+        self._search(at_end=True)
+        self._close_bout()
+        self._lost_m2 += lost_m**2
+        self._begin(self._base + len(self._t))
+        return self._take_ends()
+
+    @property
+    def axes(self) -> tuple[Floats, Floats] | None:
+        """Left and up of the thigh in the body (3,), as they are known now; None before they show."""
+        axes = self._sums.axes
+        return None if axes is None else (self._front * axes[0], axes[1])
+
+    @property
+    def stands(self) -> bool:
+        """Whether no step was seen last."""
+        return not self._bout
+
+    @property
+    def is_forward_known(self) -> bool:
+        """Whether the gait distinguishes forward from backward."""
+        return self.skewness > LEAST_SKEW
+
+    @property
+    def columns(self) -> StepColumns:
+        """All steps so far."""
+        rows = self._rows[: self.n_steps]
+        start, stop, opening, swept, bout, sigma, lost = rows[:, :7].T
+        whole = (start.astype(np.int64), stop.astype(np.int64)), bout.astype(np.int64)
+        return StepColumns(*whole[0], opening, swept, whole[1], rows[:, 7:13].reshape(-1, 2, 3), sigma, lost)
+
+    @property
+    def steps(self) -> Steps:
+        """All steps so far, as a recording's."""
+        known = self.columns
+        return Steps(known.start, known.stop, known.opening, self._front * known.swept > 0, known.bout)
+
+    # slow parts
+
+    def _begin(self, sample: int) -> None:
+        """Begin with nothing at a sample."""
+        self._base, self._turn, self._summed = sample, 0, 0
+        self._t, self._rate, self._R = self._t[:0], self._rate[:0], self._R[:0]
+        self._up, self._gait, self._swings = self._up[:0], self._gait[:0], self._swings[:0]
+        self._last_stop_t = -np.inf
+
+    def _settle(self, until: int) -> None:
+        """Find the slow parts of the samples before one, and add them to the sums."""
+        done = len(self._up)
+        if until <= done:
+            return
+        first = max(done - round(WARM_S / self._period_s), 0)
+        new = slice(done - first, until - first)
+        # slow parts
+        up = remove_fast(self._R[first:, 2], self._period_s)[new]
+        slow = remove_fast(self._rate[first:], self._period_s)
+        gait = remove_fast(slow, self._period_s, GAIT_HZ)[new]
+        up /= np.linalg.norm(up, axis=1, keepdims=True)
+        slow = slow[new]
+        # sums over the swing
+        swings = np.linalg.norm(slow, axis=1) > np.radians(SWINGING_DEG_S)
+        self._sums.add_swing(slow[swings], up[swings], self._period_s)
+        self._up, self._gait = np.concatenate([self._up, up]), np.concatenate([self._gait, gait])
+        self._swings = np.concatenate([self._swings, swings])
+        self._add_gait()
+
+    def _add_gait(self) -> None:
+        """Add to the sums of the gait what is upright, and swings shortly before or after; that shows so much later."""
+        axes = self._sums.axes
+        around = round(AROUND_S / self._period_s)
+        until = len(self._up) - around
+        if axes is None or until <= self._summed:
+            return
+        new = slice(self._summed, until)
+        upright = np.abs(compute_flexion(self._up[new], *axes)) < np.radians(UPRIGHT_DEG)
+        first = max(self._summed - around, 0)
+        near = spread_flags(self._swings[first:], self._period_s)[self._summed - first : until - first]
+        self._sums.add_gait(self._gait[new][near & upright])
+        self._summed = until
+        # front is where the leg swings faster
+        skewness = self._sums.skewness(axes[0])
+        self._front, self.skewness = (1.0 if skewness >= 0 else -1.0), abs(skewness)
+
+    # turning points and openings
+
+    def _search(self, at_end: bool = False) -> None:
+        """Find turning points behind the last one."""
+        axes, done = self._sums.axes, len(self._up)
+        if axes is None:
+            self._turn = max(self._turn, done - round(LONGEST_S / self._period_s))
+        elif done - self._turn > 1:
+            t, up = self._t[self._turn : done], self._up[self._turn : done]
+            flexion = compute_flexion(up, *axes)
+            turn = find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG)))
+            # openings between two of them
+            for k in range(len(turn) - 2):
+                self._add_opening(t, flexion, up, turn[k : k + 2])
+            # the last one goes on, or ends in standing
+            self._turn += self._find_begin(t, flexion, up, turn[-2:], at_end)
+        self._forget()
+
+    def _find_begin(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, at_end: bool) -> int:
+        """Sample at which the opening in progress begins; ends it if the leg stands."""
+        last = len(t) - 1
+        if not len(turn):
+            stands = t[last] - t[0] > STANDING_S
+            return max(last - round(0.5 * STANDING_S / self._period_s), 0) if stands else 0
+        stop = int(find_inner_spans(flexion, turn)[1][0])
+        if at_end or t[last] - t[stop] > PAUSE_S:
+            self._add_opening(t, flexion, up, turn, stands=True)
+            self._close_bout()
+            return last
+        return last if t[last] - t[turn[0]] > LONGEST_S else int(turn[0])
+
+    def _add_opening(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, stands: bool = False) -> None:
+        """Add what lies between two turning points, where it is a step; the leg `stands` behind it."""
+        turn = split_at_pauses(t, flexion, turn)
+        start, stop = find_inner_spans(flexion, turn)
+        possible = are_step_like(flexion, turn, t[stop] - t[start])
+        for k in range(len(start)):
+            together = t[start[k]] - self._last_stop_t < PAUSE_S
+            self._last_stop_t = float(t[stop[k]])
+            if not (possible[k] and together):
+                self._close_bout()
+            if not possible[k]:
+                continue
+            pauses = stands or k + 1 < len(start)
+            begin, end = int(turn[k] if together else start[k]), int(stop[k] if pauses else turn[k + 1])
+            chord = float(np.linalg.norm(up[turn[k + 1]] - up[turn[k]]))
+            self._add_step(begin, end, 2.0 * np.arcsin(chord / 2.0), float(flexion[turn[k + 1]] - flexion[turn[k]]))
+
+    def _add_step(self, start: int, stop: int, opening: float, swept: float) -> None:
+        """Add a step between two samples, counted from the last turning point, to the bout."""
+        a, b = start + self._turn, stop + self._turn
+        half = (b - a + 1) // 2
+        level = self._R[max(a - half, 0) : b + half, :2].mean(axis=0)
+        numbers = (a + self._base, b + self._base, opening, swept, self._bouts, self._heading_sigma, self._lost_m2)
+        ends = (float(self._t[a]), float(self._t[b])), (self._R[a].copy(), self._R[b].copy())
+        self._bout.append(_Found(np.array([*numbers, *level.ravel()]), *ends))
+        # a few in a row are a walk
+        count = len(self._bout)
+        for number in range(0 if count == LEAST_STEPS else count - 1, count if count >= LEAST_STEPS else 0):
+            self._store(self._bout[number], number)
+
+    def _store(self, step: _Found, number: int) -> None:
+        """Store a step of a bout, and note where it ends a stride: the other leg swings in it."""
+        if self.n_steps == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        if self.n_steps == 0:
+            self._ends.append(StrideEnd(0, int(step.row[0]), step.t[0], step.nav_R_body[0]))
+        self._rows[self.n_steps] = step.row
+        self.n_steps += 1
+        if number > 0 and not self._is_forward(step):
+            self._end_stride(step)
+
+    def _close_bout(self) -> None:
+        """End the bout in progress, and the stride in it that is not complete."""
+        if len(self._bout) >= LEAST_STEPS:
+            self._bouts += 1
+            if self._is_forward(self._bout[-1]):
+                self._end_stride(self._bout[-1])
+        self._bout = []
+
+    def _is_forward(self, step: _Found) -> bool:
+        return bool(self._front * step.row[3] > 0)
+
+    def _end_stride(self, step: _Found) -> None:
+        self._ends.append(StrideEnd(self.n_steps, int(step.row[1]), step.t[1], step.nav_R_body[1]))
+
+    def _take_ends(self) -> list[StrideEnd]:
+        ends, self._ends = self._ends, []
+        return ends
+
+    def _forget(self) -> None:
+        """Forget the samples that nothing reaches any more."""
+        around = round(AROUND_S / self._period_s)
+        oldest = min(self._turn - 2 * around, self._summed - around, len(self._up) - round(WARM_S / self._period_s))
+        if self._sums.axes is None:
+            oldest = min(self._turn, len(self._up)) - 2 * around
+            self._summed = max(self._summed, oldest)
+        if oldest <= 0:
+            return
+        self._base += oldest
+        self._turn, self._summed = self._turn - oldest, self._summed - oldest
+        self._t, self._rate, self._R = self._t[oldest:], self._rate[oldest:], self._R[oldest:]
+        self._up, self._gait, self._swings = self._up[oldest:], self._gait[oldest:], self._swings[oldest:]
