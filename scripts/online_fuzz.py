@@ -75,13 +75,13 @@ class Fate:
     notes: list[str] = field(default_factory=list)
 
 
-def draw_course(rng: np.random.Generator) -> list[Section]:
-    """Draw four to eight parts, one behind the other."""
+def draw_course(rng: np.random.Generator, parts: int | None = None) -> list[Section]:
+    """Draw so many parts, or four to eight, one behind the other."""
     sections: list[Section] = []
     pose = Pose(np.zeros(3), 0.0)
     if rng.random() < 0.8:
         sections.append(Stand(rng.uniform(0.5, 4.0)))
-    for _ in range(rng.integers(3, 8)):
+    for _ in range(rng.integers(3, 8) if parts is None else parts):
         section = _draw_part(rng, pose)
         sections.append(section)
         pose = end_of(section, pose)

@@ -4,7 +4,8 @@
 missing (NaN, empty, no range)    left out
 stamp as the one before           left out
 stamp before the last one         left out; after `RESTART` of them in order the clock has restarted, and its
-                                  stamps are shifted to go on from the last one
+                                  stamps are shifted: to go on from the last one where force and rate do (a counter
+                                  that began again), and else after a gap of `UNKNOWN_GAP_S`
 stamp more than `JUMP_S` ahead    waits for the next: left out if that one is back in line, or never comes
 gap of more than `MAX_GAP_S`      remarked, and as long as it is; the estimator widens the sigmas across it
 more than `LONGEST_GAP_S` ahead   a clock that was set: a gap of `UNKNOWN_GAP_S`, and stamps from there on are set back
@@ -43,10 +44,15 @@ from fg_nav.samples.plausibility import (
     measure_field_strength,
     median_period_s,
 )
+from fg_nav.samples.stamps import AROUND, goes_on
 from fg_nav.text import format_count
 
 JUMP_S = 1.0
 """A step ahead that is accepted only if the next stamp goes on from there."""
+
+LEAP = 1.5
+"""Behind a clock that restarted force and rate go on if they change by less than this many times their largest change
+around; anything may have happened, unlike within a file, so it is less than there."""
 
 RESTART = 100
 """Stamps before the last one that follow each other: not a delayed block, but a clock that restarted."""
@@ -81,8 +87,8 @@ REMARKS = {
     "repeated": "stamps repeat the one before, and their samples are left out",
     "backward": "stamps are before the last one, and their samples are left out",
     "ahead": "stamps are far ahead of those around them, and their samples are left out",
-    "restart": "the clock of the sensor restarted, and its stamps are shifted to go on",
-    "rebooted": f"the clock of the sensor restarted unseen: a gap of {UNKNOWN_GAP_S:g} s is assumed",
+    "restart": "the clock of the sensor restarted with nothing missing, and its stamps are shifted to go on",
+    "rebooted": f"the clock of the sensor restarted, after a time unknown: a gap of {UNKNOWN_GAP_S:g} s is assumed",
     "gap": f"there is a gap of more than {MAX_GAP_S:g} s: the track goes on with larger sigmas",
     "set": f"the clock of the sensor was set by more than a day: a gap of {UNKNOWN_GAP_S:g} s is assumed",
     "known": "samples are in the checkpoint already and left out",
@@ -115,7 +121,8 @@ class SampleJudge:
         self._changes: list[str] = []
         self._taken = 0
         self._missing_last = self._missing_again = self._missing_unsure = 0
-        self._behind: list[float] = []
+        self._behind: list[Floats] = []
+        self._recent: deque[Floats] = deque(maxlen=AROUND)
         self._waits = np.empty((0, COLUMNS))
         self._tail = np.empty((0, COLUMNS))
         self._left: deque[int] = deque(maxlen=MOST_LEFT)
@@ -157,7 +164,7 @@ class SampleJudge:
             "offset": self._offset,
             "clocks": self._clocks,
             "changes": self._changes,
-            "behind": self._behind,
+            "behind": np.array(self._behind).reshape(-1, COLUMNS).tolist(),
             "waits": self._waits.tolist(),
             "tail": self._tail.tolist(),
             "held": held.tolist(),
@@ -175,7 +182,8 @@ class SampleJudge:
         judge._clocks = [(int(first), float(offset)) for first, offset in state["clocks"]]
         judge._changes = list(state["changes"])
         judge._taken = len(samples)
-        judge._behind = [float(t) for t in state["behind"]]
+        judge._behind = list(_rows(state["behind"]))
+        judge._recent.extend(samples[-AROUND:])
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
         judge._to_check = int(state["to_check"])
         judge._first = [samples[:CHECKED]] if judge._to_check > 0 else []
@@ -237,7 +245,7 @@ class SampleJudge:
         """Set the clock on where a source goes on with stamps (n,) that are all before the last one."""
         if len(t) == 0 or (t + self._offset >= self._last).any():
             return
-        if self._behind and t[0] + self._offset > self._behind[-1]:
+        if self._behind and t[0] + self._offset > self._behind[-1][0]:
             return  # they go on from stamps that are counted already
         shift = self._last + UNKNOWN_GAP_S - (float(t[0]) + self._offset)
         self._shift_clock("rebooted", shift, f"at t = {t[0]:.3f} s, after {self._last:.3f} s")
@@ -258,6 +266,7 @@ class SampleJudge:
         if self._all_go_on(rows[:, 0]):
             self._taken += len(rows)
             self._last = float(rows[-1, 0]) if len(rows) else self._last
+            self._recent.extend(rows[-AROUND:])
             return rows
         keep = np.zeros(len(rows), dtype=bool)
         for i, stamp in enumerate(sent[:, 0].tolist()):
@@ -265,9 +274,11 @@ class SampleJudge:
             if following is None and not at_end and self._is_far_ahead(stamp + self._offset):
                 self._waits = sent[i:]
                 break
-            keep[i] = self._is_taken(stamp + self._offset, following is not None and following > stamp)
+            rows[i, 0] = stamp + self._offset
+            keep[i] = self._is_taken(rows[i], following is not None and following > stamp)
             if keep[i]:
                 rows[i, 0] = self._last = stamp + self._offset
+                self._recent.append(rows[i])
                 self._taken += 1
         judged = len(sent) - len(self._waits)
         self._left.extend(fingerprint_rows(sent[:judged][~keep[:judged]]).tolist())
@@ -282,13 +293,14 @@ class SampleJudge:
     def _is_far_ahead(self, t: float) -> bool:
         return np.isfinite(self._last) and t - self._last > JUMP_S
 
-    def _is_taken(self, t: float, is_followed: bool) -> bool:
-        """Whether a stamp is taken, which `is_followed` by a later one. Shifts the clock where it shows a restart."""
+    def _is_taken(self, row: Floats, is_followed: bool) -> bool:
+        """Whether a row is taken, which `is_followed` by a later one. Shifts the clock where it shows a restart."""
+        t = float(row[0])
         if t == self._last:
             self._count("repeated", 1, f"at t = {t:.3f} s")
             return False
         if t < self._last:
-            return self._is_clock_restarted(t)
+            return self._is_clock_restarted(row)
         if self._is_far_ahead(t):
             if not is_followed:
                 self._count("ahead", 1, f"at t = {t:.3f} s")
@@ -297,15 +309,20 @@ class SampleJudge:
         self._behind = []
         return True
 
-    def _is_clock_restarted(self, t: float) -> bool:
+    def _is_clock_restarted(self, row: Floats) -> bool:
         """Count a stamp before the last one; after `RESTART` of them in order, set the clock on."""
+        t = float(row[0])
         self._count("backward", 1, f"at t = {t:.3f} s, after {self._last:.3f} s")
-        self._behind = [*self._behind, t] if not self._behind or t > self._behind[-1] else [t]
+        self._behind = [*self._behind, row] if self._behind and t > self._behind[-1][0] else [row]
         if len(self._behind) < RESTART:
             return False
-        period = (t - self._behind[0]) / (RESTART - 1)
-        shift = self._last + period - self._behind[0]
-        self._shift_clock("restart", shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
+        first = float(self._behind[0][0])
+        around = np.array([*self._recent, *self._behind])[:, 1:7]
+        if goes_on(around, len(self._recent), LEAP):
+            kind, shift = "restart", self._last + (t - first) / (RESTART - 1) - first
+        else:
+            kind, shift = "rebooted", self._last + UNKNOWN_GAP_S - t
+        self._shift_clock(kind, shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
         return True
 
     def _detect_set_clock(self, t: float) -> None:

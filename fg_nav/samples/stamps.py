@@ -116,7 +116,7 @@ def _follow_clock(t: Floats, samples: Floats, row: Ints, period: float) -> tuple
         late[at:stop] = True
         if stop > at:
             continue
-        if _goes_on(samples, at):
+        if goes_on(samples, at):
             remarks.append(
                 f"the clock began again at row {row[at]} (t = {t[at]:.3f} s, after {last:.3f} s) with nothing missing: "
                 f"stamps are set on from there"
@@ -144,13 +144,13 @@ def _end_of_late(t: Floats, at: int, last: float, period: float) -> int:
     return stop if t[stop] - t[stop - 1] > LOST_PERIODS * period else at
 
 
-def _goes_on(samples: Floats, at: int) -> bool:
-    """Whether samples (N, 6) change from the one before to this one as they do around them."""
+def goes_on(samples: Floats, at: int, jump: float = JUMP) -> bool:
+    """Whether force and rate (N, 6) change from the sample before to this one as they do around them."""
     before, after = samples[max(at - AROUND, 0) : at], samples[at : at + AROUND]
     if len(before) < 2 or len(after) < 2:
         return False
     usual = np.maximum(np.abs(np.diff(before, axis=0)).max(axis=0), np.abs(np.diff(after, axis=0)).max(axis=0))
-    return bool((np.abs(after[0] - before[-1]) <= JUMP * usual).all())
+    return bool((np.abs(after[0] - before[-1]) <= jump * usual).all())
 
 
 def _sort_part(t: Floats, keep: Bools, late: Bools, start: int, stop: int, row: Ints, period: float) -> Ordered:

@@ -48,7 +48,7 @@ from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.roughness import FieldRoughness, split_potential
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
-from fg_nav.smoother.unseen import WALKING_M_S
+from fg_nav.smoother.unseen import WALKING_M_S, walk_for
 
 MEAN_WALK_UT = 0.003
 """By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
@@ -239,7 +239,7 @@ def integrate_path(
         body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
         nav_R_level=nav_R_body[footfall[:-1]],
         sigma_uT_m=np.where(~unseen & (_coarsest(move, row, footfall) <= COARSEST_M), PATH_SIGMA_UT_M, np.inf),
-        distance_m=np.maximum(np.linalg.norm(straight, axis=1), unseen * WALKING_M_S * np.diff(t[footfall])),
+        distance_m=np.maximum(np.linalg.norm(straight, axis=1), unseen * WALKING_M_S * walk_for(np.diff(t[footfall]))),
         level_R_body=level,
         jumps=np.zeros(len(footfall) - 1, dtype=np.bool_),
     )

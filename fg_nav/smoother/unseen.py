@@ -3,9 +3,13 @@
 In a gap of more than `LONGEST_HELD_S` nothing shows how the foot moved. Between the nodes on either side, of a time T
 apart, the foot has walked and turned (`factors.unseen_walk`) by
 
-    0 +- WALKING_M_S T      over ground on each axis, at most `FARTHEST_M`
-    0 +- CLIMBING_M_S T     up
-    turn +- min(TURNING_RAD sqrt(T), ANY_TURN_RAD)
+    0 +- WALKING_M_S d(T)      over ground on each axis
+    0 +- CLIMBING_M_S d(T)     up
+    turn +- min(TURNING_RAD sqrt(T), ANY_TURN_RAD),
+
+    d(T)^2 = 2 tau (T - tau (1 - exp(-T / tau))),     tau = `STRAIGHT_S`,
+
+the displacement of a velocity that is forgotten with the time tau (Fuerth 1920): T at first, sqrt(2 tau T) in the end.
 
 The turn is that of the magnetic field between the stances on either side, as far as it is better than nothing: with
 f the turn that makes the field there point as it did before, known to `FIELD_SIGMA_RAD` indoors,
@@ -35,8 +39,8 @@ WALKING_M_S = 1.0
 CLIMBING_M_S = 0.35
 """Stairs are climbed at 0.3 to 0.5 m/s, and most ways are level."""
 
-FARTHEST_M = 1e4
-"""Beyond, the solver no longer resolves the millimetres of a stride: three hours of walking on."""
+STRAIGHT_S = 120.0
+"""For so long people go on in one direction, up to a street: after an hour they are within some 1.3 km, one sigma."""
 
 TURNING_RAD = 0.5
 """In a second; a random walk: a right angle each ten seconds, as indoors."""
@@ -73,8 +77,7 @@ def find_unseen_walks(recording: Recording, sample: Ints, with_compass: bool = T
     """Find the intervals between nodes at `sample` (M,) in which samples are missing, and what is expected of them."""
     unseen = cross_holes(recording.t, sample)
     elapsed = np.diff(recording.t[sample])
-    level = np.minimum(WALKING_M_S * elapsed, FARTHEST_M)
-    move = np.stack([level, level, np.minimum(CLIMBING_M_S * elapsed, FARTHEST_M)], axis=1)
+    move = walk_for(elapsed)[:, None] * np.array([WALKING_M_S, WALKING_M_S, CLIMBING_M_S])
     turn, sigma = np.zeros(len(elapsed)), np.minimum(TURNING_RAD * np.sqrt(elapsed), ANY_TURN_RAD)
     body_up = np.zeros((len(elapsed), 3))
     for k in np.flatnonzero(unseen):
@@ -83,6 +86,12 @@ def find_unseen_walks(recording: Recording, sample: Ints, with_compass: bool = T
         share = sigma[k] ** 2 / (sigma[k] ** 2 + FIELD_SIGMA_RAD**2)
         turn[k] = share * _turn_of_field(before, behind) if with_compass else 0.0
     return UnseenWalks(unseen, body_up, UnseenWalk(move, turn, sigma, np.full(len(elapsed), TILT_SIGMA_RAD)))
+
+
+def walk_for(elapsed_s: Floats) -> Floats:
+    """Displacement d (...) of a person, rms, over these times (...) and over the speed: s."""
+    forgotten = -STRAIGHT_S * np.expm1(-elapsed_s / STRAIGHT_S)
+    return np.asarray(np.sqrt(2.0 * STRAIGHT_S * (elapsed_s - forgotten)))
 
 
 def _look_about(recording: Recording, node: int) -> tuple[Floats, Floats]:

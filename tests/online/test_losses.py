@@ -1,5 +1,6 @@
 """Seconds lost in mid-walk: sigmas are those of a person who walked unseen, and shrink where more is known again."""
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +11,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
+from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
 from fg_nav.online.options import OnlineOptions
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.smoother import smooth
@@ -111,7 +113,50 @@ def test_the_batch_of_a_stream_with_a_loss_is_that_of_its_samples():
     """Path and sigmas; and neither leaps but over the loss."""
     navigator = online(False)
     found, polished = navigator.finish(), navigator.polish()
-    assert np.linalg.norm((found.position - polished.position)[:, :2], axis=1).max() < 0.1
+    apart = np.linalg.norm((found.position - polished.position)[:, :2], axis=1)
+    assert apart[found.t < LOST_AT_S].max() < 0.1
+    assert apart.max() < 0.1 * np.linalg.norm(polished.stances.position_sigma[-1, :2])
     np.testing.assert_allclose(polished.stances.position_sigma[-1, :2], found.stances.position_sigma[-1, :2], rtol=0.1)
     step = np.linalg.norm(np.diff(polished.position, axis=0), axis=1)
     assert np.delete(step, np.argmax(np.diff(polished.t))).max() < 0.1
+
+
+def rows_with(lost_s: float, begins_again: bool) -> np.ndarray:
+    """Rows (n, 10) of the walk of which some are lost; behind them the stamps go on, or begin again at zero."""
+    whole = walk()
+    assert whole.mag is not None
+    rows = np.column_stack([whole.t, whole.acc, whole.gyr, whole.mag])
+    kept = rows[(whole.t < LOST_AT_S) | (whole.t >= LOST_AT_S + lost_s)]
+    first = int(np.searchsorted(kept[:, 0], LOST_AT_S))
+    kept[first:, 0] -= begins_again * kept[first, 0]
+    return kept
+
+
+def judged(rows: np.ndarray) -> tuple[SampleJudge, list[str], np.ndarray]:
+    told: list[str] = []
+    judge = SampleJudge(told.append)
+    taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:]) for part in np.array_split(rows, 60)]
+    return judge, told, np.concatenate(taken)
+
+
+@pytest.mark.parametrize(("lost_s", "kind"), [(0.0, "restart"), (7.0, "rebooted")])
+def test_a_clock_that_begins_again_is_told_from_a_sensor_that_was_off_by_force_and_rate(lost_s, kind):
+    judge, told, taken = judged(rows_with(lost_s, begins_again=True))
+    assert judge.counts[kind] == 1
+    longest = np.diff(taken[:, 0]).max()
+    assert longest == pytest.approx(1.0 if kind == "restart" else UNKNOWN_GAP_S, abs=0.02)
+    assert sum("set on by" in words for words in told) == sum("set on by" in words for words in judge.notes) - 1 == 1
+
+
+def test_each_change_of_stamps_is_told_when_it_happens_and_noted():
+    """Those that are left out are told once."""
+    rows = rows_with(0.0, begins_again=False)
+    for first in (1500, 3000, 4500):
+        rows[first:, 0] -= rows[first, 0]
+    judge, told, taken = judged(rows)
+    assert (np.diff(taken[:, 0]) > 0.0).all()
+    assert sum("from there on stamps are set on by" in words for words in told) == 3
+    assert sum("from there on stamps are set on by" in words for words in judge.notes) == 3
+    assert sum("before the last one" in words for words in told) == 1
+    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), taken, lambda words: None)
+    assert again.notes == judge.notes
