@@ -35,6 +35,7 @@ from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.revision import Revision, format_revision
 from fg_nav.online.rows import Columns, parse_columns
+from fg_nav.online.source_check import SourceCheck
 from fg_nav.online.sources import SampleSource, TextSource, open_source
 from fg_nav.online.status import StatusReporter, Watcher
 from fg_nav.signals import catch_signals
@@ -170,6 +171,7 @@ class _Walk:
         self._navigator, self._options, self._emit, self._status = navigator, options, emit, status
         self._due = time.monotonic() + options.checkpoint_s
         self._remark, self._unsaved = remark, False
+        self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
@@ -177,6 +179,7 @@ class _Walk:
             return
         if self._status is not None:
             self._status.count_samples(len(rows))
+        self._check.add(rows)
         self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
