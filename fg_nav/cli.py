@@ -22,6 +22,7 @@ from fg_nav.cli_options import (
     CheckpointPath,
     ColumnNames,
     EndDir,
+    FeetWord,
     FixesPath,
     Force,
     FormatName,
@@ -257,6 +258,7 @@ def stream(
     heading: Heading = None,
     no_mag: NoMag = False,
     gate: GateName = None,
+    fixes: FixesPath = None,
     calibration: CalibrationPath = None,
     mag_axes: MagAxesWords = None,
     mount: MountPlace = "foot",
@@ -283,7 +285,7 @@ def stream(
 
     request = StreamRequest(
         source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
-        (host, port) if view else None, columns, units, rate, mount, step_constant,
+        (host, port) if view else None, columns, units, rate, mount, fixes, step_constant,
     )  # fmt: skip
     stream(request, out, force)
 
@@ -322,9 +324,7 @@ def simulate(
         Literal["still", "rocking", "none"] | None,
         typer.Option(help="What the foot does where the person stands; none: there is no standing."),
     ] = None,
-    feet: Annotated[
-        Literal["still", "moving"] | None, typer.Option(help="Whether the loaded foot moves on, as real ones do.")
-    ] = None,
+    feet: FeetWord = None,
     out: OutDir = None,
     force: Force = False,
 ) -> None:

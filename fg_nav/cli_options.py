@@ -167,3 +167,6 @@ Speed = Annotated[float, typer.Option(metavar="FACTOR", help="Of the walk that i
 EndDir = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Folder for the result at the end. \\[default: lines]")
 ]
+FeetWord = Annotated[
+    Literal["still", "moving"] | None, typer.Option(help="Whether the loaded foot moves on, as real ones do.")
+]

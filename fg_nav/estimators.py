@@ -25,10 +25,10 @@ Progress: TypeAlias = Callable[[float], None]
 
 Estimator: TypeAlias = Callable[[Walk, Progress | None], Solution]
 
-WITH_FIXES = ("smoother", "inertial")
-"""Those that make use of fixes."""
-
 ONLINE = "online"
+
+WITH_FIXES = ("smoother", "inertial", ONLINE)
+"""Those that make use of fixes."""
 
 SMOOTHERS = ("smoother", "inertial", ONLINE)
 """The factor graph with the magnetic field, without, and while the walk goes on."""
@@ -74,7 +74,8 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.online.options import OnlineOptions
 
     recording, field, options = walk.recording, walk.field, walk.options
-    given = (options.heading_rad, field is not None, None, choose_parameters(options), options.mag_axes is not None)
+    axes_given = options.mag_axes is not None
+    given = (options.heading_rad, field is not None, None, choose_parameters(options), axes_given, walk.fixes)
     navigator = OnlineNavigator(OnlineOptions(*given))
     _push_recording(navigator, recording, progress)
     return finish_walk(navigator, options.polish, progress, walk.stances, field)

@@ -30,6 +30,7 @@ from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
+from fg_nav.recording import Fix
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from fg_nav.text import to_json
 
@@ -143,8 +144,14 @@ def _read_options(words: Mapping[str, Any]) -> OnlineOptions | PocketOptions:
     if "step_constant_m" in words:
         return PocketOptions(**words)
     parameters = SmootherParameters(magnetic=FieldParameters(gate=words["parameters"]["magnetic"]["gate"]))
-    given = (words["heading_rad"], bool(words["use_field"]), words["lag_s"], parameters, words["axes_given"])
+    fixes = tuple(_read_fix(**fix) for fix in words["fixes"])
+    given = (words["heading_rad"], bool(words["use_field"]), words["lag_s"], parameters, words["axes_given"], fixes)
     return OnlineOptions(*given)
+
+
+def _read_fix(time_s: float, position: list[float], horizontal_sigma_m: float, vertical_sigma_m: float | None) -> Fix:
+    """Return a fix of its JSON values, in which an infinite sigma is None."""
+    return Fix(time_s, np.array(position), horizontal_sigma_m, np.inf if vertical_sigma_m is None else vertical_sigma_m)
 
 
 def _write_atomically(path: Path, content: Mapping[str, Any]) -> None:

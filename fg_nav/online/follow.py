@@ -25,6 +25,7 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.detection.mount import Wearing
 from fg_nav.errors import EstimationError, OutputError, StreamError
+from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online import load
@@ -298,6 +299,7 @@ class StreamRequest:
     units: str | None = None
     rate_hz: float | None = None
     mount: Wearing = "foot"
+    fixes_path: Path | None = None
     step_constant_m: float | None = None
 
 
@@ -356,7 +358,7 @@ def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:
         raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
     heading_rad = None if heading is None else float(np.radians(heading))
     if request.mount == "pocket":
-        for name, given in (("--lag", request.lag_s), ("--gate", request.gate)):
+        for name, given in (("--lag", request.lag_s), ("--gate", request.gate), ("--fixes", request.fixes_path)):
             if given is not None:
                 raise EstimationError(f"{name} is for a sensor on a foot: leave it out with --mount pocket.")
         axes_given = request.mag_axes is not None
@@ -377,6 +379,7 @@ def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:
         lag_s=lag_s,
         parameters=SmootherParameters(magnetic=FieldParameters(gate=gate)),
         axes_given=request.mag_axes is not None,
+        fixes=() if request.fixes_path is None else read_fixes(request.fixes_path),
     )
 
 

@@ -22,6 +22,7 @@ from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.field import OnlineField, Verdict
 from fg_nav.online.strides import Place, RestLedger
+from fg_nav.recording import Fix
 from fg_nav.smoother.graph import Known
 from fg_nav.smoother.parameters import SmootherParameters
 
@@ -92,6 +93,8 @@ class Handover:
     rests, biases : what the graph has of the gyro bias.
     sensor : what the walk shows of it.
     counts : factors so far, by kind.
+    fixes : of the walk, with those to come.
+    heading_known : whether the heading at the start was given, or fixes show it.
     notes : for the user.
     """
 
@@ -109,6 +112,8 @@ class Handover:
     biases: BiasLedger | None
     sensor: SensorState
     counts: dict[str, int]
+    fixes: tuple[Fix, ...]
+    heading_known: bool
     notes: tuple[str, ...]
 
     def forget_past(self) -> Handover:

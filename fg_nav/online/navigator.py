@@ -210,10 +210,11 @@ class OnlineNavigator:
         if stances is None:
             stances = detect_stances(recording, self.detection.stance)
             field, _ = measure_walk_field(recording, stances, options.heading_rad, options.use_field)
+        fixes = tuple(fix for fix in options.fixes if fix.time_s <= recording.t[-1])
         why = ""
         for used in (None,) if field is None else (field, None):
             try:
-                found = smooth(recording, stances, options.parameters, options.heading_rad, progress, used)
+                found = smooth(recording, stances, options.parameters, options.heading_rad, progress, used, fixes)
             except UNSOLVED as error:
                 why = why or str(error).strip().partition("\n")[0]
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from fg_nav.recording import Fix
 from fg_nav.smoother.parameters import SmootherParameters
 
 
@@ -20,6 +21,7 @@ class OnlineOptions:
     lag_s : how far back the past is still corrected, s; None for the whole walk (full mode).
     parameters : of the smoother.
     axes_given : whether the magnetometer is used whatever its axes look like.
+    fixes : positions that are known from elsewhere, at times of the walk to come.
     """
 
     heading_rad: float | None = 0.0
@@ -27,3 +29,4 @@ class OnlineOptions:
     lag_s: float | None = None
     parameters: SmootherParameters = field(default_factory=SmootherParameters)
     axes_given: bool = False
+    fixes: tuple[Fix, ...] = ()

@@ -19,12 +19,13 @@ from fg_nav.online.buffer import WalkSoFar
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow, estimate_stance
 from fg_nav.online.field import OnlineField, Verdict
+from fg_nav.online.fixes import add_fixes_so_far
 from fg_nav.online.graph_parts import list_variables, result_keys
 from fg_nav.online.handover import Handover, Past
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import nodes_of_places
 from fg_nav.online.strides import Place, RestLedger, list_places
-from fg_nav.recording import Recording
+from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.constraints import add_constraints
 from fg_nav.smoother.count import count_factors
@@ -76,7 +77,7 @@ def solve_from_start(walk: WalkSoFar, options: OnlineOptions) -> Handover:
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
     given = options.heading_rad, options.use_field, options.parameters, walk.continues
-    found = solve_so_far(recording, stances, *given)
+    found = solve_so_far(recording, stances, *given, options.fixes)
     walk.sensor = replace(walk.sensor, peak_height=found.known.peak_height)
     places = list_places(found.nodes, recording.t)
     problem, magnetometer = found.problem, walk.sensor.magnetometer
@@ -95,6 +96,8 @@ def solve_from_start(walk: WalkSoFar, options: OnlineOptions) -> Handover:
         biases=BiasLedger.from_factors(problem.differential),
         sensor=walk.sensor,
         counts=dict(count_factors(problem)),
+        fixes=options.fixes,
+        heading_known=problem.heading_known,
         notes=(*found.known.notes, *found.verdict.notes, *(() if magnetometer is None else magnetometer.notes)),
     )
 
@@ -127,6 +130,7 @@ def solve_so_far(
     use_field: bool,
     p: SmootherParameters,
     continues: Bools | None = None,
+    fixes: tuple[Fix, ...] = (),
 ) -> WalkSolution:
     """Solve a walk so far.
 
@@ -134,6 +138,7 @@ def solve_so_far(
     ----------
     continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
         first, so the field there counts once. None where there is none.
+    fixes : of the walk; those that it has come to are used.
 
     Raises
     ------
@@ -142,13 +147,13 @@ def solve_so_far(
     """
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     field = field if field is None or continues is None else field.leave_out(continues)
-    solution = _solve_once(recording, stances, heading, field, unseen, p)
+    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes)
     # As in batch: a bias that is too large for its prior is that of a sensor that was not calibrated.
     prior = find_bias_prior(solution.problem, solution.solved)
     if prior is None:
         return solution
     p = replace(p, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    solution = _solve_once(recording, stances, heading, field, unseen, p)
+    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes)
     return replace(solution, verdict=replace(solution.verdict, notes=(prior.note, *solution.verdict.notes)))
 
 
@@ -159,8 +164,10 @@ def _solve_once(
     field: FootfallField | None,
     unseen: str,
     p: SmootherParameters,
+    fixes: tuple[Fix, ...],
 ) -> WalkSolution:
     problem = walk_problem(recording, stances, heading, p, in_progress=True)
+    problem = add_fixes_so_far(problem, fixes)
     found = solve_walk(add_constraints(problem, problem.values), field, unseen)
     going_on = None if found.field is None or field is None else OnlineField(found.field, field)
     return WalkSolution(found.problem, found.solved, going_on, found.verdict)

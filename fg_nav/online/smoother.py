@@ -192,7 +192,8 @@ class OnlineSmoother:
         field, begins = self._stretch.field, int(self._footfalls[-1].footfall.start[0])
         if self._options.use_field and not self._has_mag:
             self._has_mag = bool(np.isfinite(self._buffer.between(begins, self._walk.stop)[:, 7]).any())
-        if self._options.heading_rad is not None or not self._has_mag or self.wrong_axes is not None:
+        shown_by_field = self._has_mag and self.wrong_axes is None
+        if self._stretch.begun.heading_known or not (shown_by_field or self._options.fixes):
             return estimate
         sigma = UNKNOWN_RAD if field is None else field.north_sigma
         return replace(estimate, pose_cov=extend_with_north(estimate.pose_cov, estimate.position, sigma))

@@ -27,6 +27,7 @@ from fg_nav.online.buffer import WalkSoFar
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, estimate_stance, propagate_strapdown
 from fg_nav.online.field import OnlineField, Verdict, measure_field
+from fg_nav.online.fixes import agrees, find_stride_fixes, fix_factor
 from fg_nav.online.graph_parts import list_variables, order_variables
 from fg_nav.online.handover import Handover, Past
 from fg_nav.online.isam2 import ISAM2Backend
@@ -184,6 +185,8 @@ class Stretch:
         self._places.append(window.place)
         self._backend.add(graph, values, self._places)
         self._counts.update(count_graph(graph))
+        # Fixes of the stride.
+        self._add_fixes(window)
         # The field is compared along the path of the stride in that solution.
         stride_path = self._cut_stride(window)
         self._verdicts.append(self._add_field(window, *stride_path))
@@ -191,6 +194,19 @@ class Stretch:
             gyro_bias = self._backend.bias(B(window.place.bias)).gyroscope()
             biases = biases.add(window, *stride_path, gyro_bias, ledger.counted)
         return ledger, biases
+
+    def _add_fixes(self, window: StrideWindow) -> None:
+        """Add the fixes since the footfall before that agree with the graph."""
+        before, place = window.before, window.place
+        t_node = np.array([self._walk.buffer.stamp(sample) for sample in (*before.samples, *place.samples)])
+        nodes = (*range(before.first, before.stop), *range(place.first, place.stop))
+        graph = gtsam.NonlinearFactorGraph()
+        for node, fix in find_stride_fixes(self._begun.fixes, t_node, float(t_node[len(before.samples) - 1])):
+            key = X(nodes[node])
+            if agrees(self._backend.pose(key), self._backend.covariance(key), fix):
+                graph.push_back(fix_factor(key, fix))
+        if graph.size():
+            self._backend.add(graph, gtsam.Values(), self._places)
 
     def _measure_motion(self, before: Place) -> tuple[StrideWindow, gtsam.NonlinearFactorGraph, RestLedger]:
         known, p = self._begun.known, self._p

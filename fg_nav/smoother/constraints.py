@@ -112,7 +112,11 @@ def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes) -> PinnedFixes:
     EstimationError
         For a fix outside the walk or farther than a stride from any node, or one without a place or a sigma.
     """
-    t_node = t[nodes.sample]
+    return pin_to_times(fixes, t[nodes.sample])
+
+
+def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
+    """Find the node of each fix among nodes at these times (n,) s; errors as of `pin_fixes`."""
     node = [_node_of(fix, t_node) for fix in fixes]
     apart = np.array([fix.time_s - t_node[j] for fix, j in zip(fixes, node, strict=True)])
     return PinnedFixes(
