@@ -32,6 +32,7 @@ from fg_nav.online.revision import Revision, compare_pasts
 from fg_nav.online.schedule import AT_ONCE, WINDOW, choose_delay, choose_next, is_windowed
 from fg_nav.online.solving import CONTEXT_S, Solver, Task, WalkSolver
 from fg_nav.online.stretch import Stretch
+from fg_nav.online.strides import Place
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
@@ -119,7 +120,7 @@ class OnlineSmoother:
     @property
     def latest(self) -> StanceEstimate | None:
         """Of the newest footfall; None before the first."""
-        return None if self._stretch is None else self._stretch.latest
+        return None if self._stretch is None else replace(self._stretch.latest, number=self.n_told - 1)
 
     @property
     def parameters(self) -> SmootherParameters:
@@ -261,7 +262,7 @@ class OnlineSmoother:
         """Return the handovers that a window may begin at: from the newest that is old enough on."""
         earlier = [] if handover.first == 0 else self._starts
         # One behind a footfall that was taken back, or put in, holds what is not so.
-        valid = [one for one in earlier if self._footfalls[one.place.number].footfall.stillest == one.place.sample]
+        valid = [one for one in earlier if self._has_footfall(one.place)]
         starts, lag_s = [*valid, handover.forget_past()], self._options.lag_s
         newest = handover.place
         if lag_s is None:
@@ -269,6 +270,10 @@ class OnlineSmoother:
         else:
             enough = sum(newest.t - one.place.t >= lag_s for one in starts)
         return starts[max(enough - 1, 0) :]
+
+    def _has_footfall(self, place: Place) -> bool:
+        footfalls = self._footfalls[place.number : place.number + 1]
+        return any(one.footfall.stillest == place.sample for one in footfalls)
 
     def _discard(self) -> None:
         """Discard what lies before the first handover that a window may begin at, samples with a lag alone."""

@@ -33,7 +33,7 @@ def walked() -> OnlineNavigator:
 
 def test_the_delay_is_found_on_the_way_and_taken_off_what_follows(walked):
     walk = walked._smoother._walk
-    delay = walk.magnetometer.delay
+    delay = walk.sensor.magnetometer.delay
     assert delay.taken_off
     assert delay.tau_s == pytest.approx(LATE_S, abs=0.0015)
     right = minute(5, 0.0, "indoor", 100.0).mag[: walk.stop]
@@ -54,7 +54,7 @@ def test_a_resumed_walk_has_the_same_delay_to_the_bit(walked, tmp_path):
     again = load(tmp_path / "walk.npz", NORTH)
     push(again, rows[2200:])
     assert worst_difference(again.causal(), walked.causal()) < 1e-9
-    assert again._smoother._walk.magnetometer.delay == walked._smoother._walk.magnetometer.delay
+    assert again._smoother._walk.sensor.magnetometer.delay == walked._smoother._walk.sensor.magnetometer.delay
 
 
 def test_the_whole_walk_is_solved_with_the_field_at_its_stamps(walked):

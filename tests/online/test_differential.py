@@ -12,10 +12,11 @@ from fg_nav.online import smoother as online_smoother
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.stretch import Stretch
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.differential_factors import LevelBias, limit_information
 from tests.online.test_online_smoother import FOOTFALLS, fed, in_field, polished
+from tests.online.walks import solve_only_at
 from tests.simulated import corridor
 from tests.smoother.test_differential import NO_REST
 from tests.smoother.walks import DEFAULT
@@ -54,7 +55,7 @@ def test_what_a_re_solve_has_put_there_counts_once(seed: int) -> None:
 
 @pytest.fixture
 def solved_again_early(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(online_smoother, "RESOLVE_AT", SOLVED_AGAIN)
+    solve_only_at(monkeypatch, *SOLVED_AGAIN)
 
 
 def count_calls(monkeypatch: pytest.MonkeyPatch, owner: object, name: str) -> list[object]:
@@ -76,10 +77,9 @@ def test_a_stride_extends_the_graph_and_is_never_solved_in_batch_instead(
     monkeypatch: pytest.MonkeyPatch, parameters: SmootherParameters, heading: float | None
 ) -> None:
     """Neither by what is behind the schedule nor by a tree that had to be built again."""
-    solved_again = count_calls(monkeypatch, online_smoother, "solve_so_far")
+    solved_again = count_calls(monkeypatch, online_smoother, "solve_from_start")
     others = [
-        count_calls(monkeypatch, owner, name)
-        for owner, name in ((ISAM2Backend, "_rebuild"), (OnlineSmoother, "_recover"))
+        count_calls(monkeypatch, owner, name) for owner, name in ((ISAM2Backend, "_rebuild"), (Stretch, "_recover"))
     ]
     online = fed(in_field(), OnlineOptions(heading_rad=heading, parameters=parameters))
     # A walk with a rest keeps the shape that its field does not refute; where a heading is given it is not asked.

@@ -18,7 +18,7 @@ from fg_nav.online.judge import LONGEST_GAP_S, RESTART, UNKNOWN_GAP_S, SampleJud
 from fg_nav.online.navigator import finish_walk
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
-from tests.online.walks import NORTH, push, short_walk, worst_difference
+from tests.online.walks import NORTH, estimates_of, push, short_walk, solve_in_windows, worst_difference
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def whole():
     """The walk in one block: its navigator, and the estimates."""
     navigator = OnlineNavigator(NORTH)
     found = push(navigator, rows_of(short_walk()))
-    return navigator, found + navigator.close()
+    return navigator, estimates_of(found + navigator.close())
 
 
 def test_each_footfall_is_returned_once_and_in_order(whole):
@@ -99,12 +99,12 @@ def test_the_path_is_continuous_through_all_nodes(whole):
     assert np.linalg.norm(steps, axis=1).max() > 2.0
 
 
-def test_a_walk_whose_beginning_left_the_graph_still_has_its_path(whole, monkeypatch):
-    monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 8)
+def test_a_walk_whose_beginning_is_not_solved_again_still_has_its_path(whole, monkeypatch):
+    solve_in_windows(monkeypatch, behind=8, window=4)
     navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk()))
     found, expected = navigator.finish(), whole[0].finish()
-    assert len(navigator._smoother._frozen) > 2
+    assert navigator._smoother._starts[0].place.number > 2
     assert np.linalg.norm(found.position - expected.position, axis=1).max() < 0.05
 
 
@@ -154,7 +154,7 @@ def test_odd_samples_are_left_out_counted_and_reported_once(whole, kind):
     rows = spoiled(rows_of(short_walk()), kind)
     told = []
     navigator = OnlineNavigator(NORTH, told.append)
-    found = push(navigator, rows, range(7, len(rows), 7)) + navigator.close()
+    found = estimates_of(push(navigator, rows, range(7, len(rows), 7)) + navigator.close())
     assert navigator.judge.counts[kind] >= 1
     kinds = [kind for kind, number in navigator.judge.counts.items() if number]
     assert len(told) == len(kinds)

@@ -8,7 +8,6 @@ from itertools import pairwise
 import gtsam
 import numpy as np
 import pytest
-from fg_nav.online.fixed_lag import FixedLagBackend
 from gtsam.symbol_shorthand import X
 
 from fg_nav.detection import RestParameters, detect_stances, find_rests
@@ -19,14 +18,16 @@ from fg_nav.lab.simulation.motion import Style
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
+from fg_nav.online import stretch as online_stretch
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.resolve import RESOLVE_AT, solve_so_far
+from fg_nav.online.resolve import solve_so_far
+from fg_nav.online.schedule import AT_ONCE, choose_delay, choose_next
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters
-from tests.online.walks import NORTH, push, short_walk
+from tests.online.walks import NORTH, push, short_walk, solve_only_at
 from tests.simulated import corridor, straight_walk
 from tests.smoother.walks import FREE, Walk, demo, part
 
@@ -79,11 +80,11 @@ def footfall_at(start: np.ndarray, stop: np.ndarray, stillest: int, continues: b
 
 
 def polished(walk: Walk, options: OnlineOptions = OnlineOptions()):
-    """The batch on the same footfalls, without gyroscope scale and level floors, which a walk in progress has not."""
+    """The batch on the same footfalls, without the gyroscope scale, which a walk in progress has not."""
     cut = part(walk, FOOTFALLS)
     recording, stances = cut.recording, cut.stances
     field = None if recording.mag is None else average_footfall_field(recording, stances)
-    p = replace(options.parameters, gyro_scale=False, walk=FREE.walk)
+    p = replace(options.parameters, gyro_scale=False)
     return smooth(recording, stances, p, options.heading_rad, None, field)
 
 
@@ -110,7 +111,9 @@ def test_it_ends_where_the_batch_ends(online, given):
     batch = polished(given[0](), given[1]).stances
     assert farthest(table, batch) < 0.10
     np.testing.assert_allclose(table.heading_sigma[-1], batch.heading_sigma[-1], rtol=0.1)
-    np.testing.assert_allclose(table.position_sigma[-1], batch.position_sigma[-1], rtol=0.1)
+    np.testing.assert_allclose(table.position_sigma[-1, :2], batch.position_sigma[-1, :2], rtol=0.1)
+    # Of the newest strides it is not known yet whether they are on a level floor.
+    assert batch.position_sigma[-1, 2] < table.position_sigma[-1, 2] < 0.15
 
 
 @pytest.mark.parametrize("online", [whole, whole_in_field])
@@ -146,49 +149,12 @@ def test_a_lag_longer_than_the_walk_is_none():
     assert farthest(lagged.smoothed(), whole_in_field().smoothed()) < 0.01
 
 
-def test_a_lag_keeps_what_left_it_and_little_else():
-    options = OnlineOptions(parameters=WITH_WAY, lag_s=8.0)
-    lagged = fed(in_field(), options)
-    graph = lagged._backend
-    assert isinstance(graph, FixedLagBackend)
-    assert len(lagged.smoothed()) == FOOTFALLS
-    assert len(lagged._places) < 14
-    end = lagged.smoothed().position[-1] - whole_in_field().smoothed().position[-1]
-    assert np.linalg.norm(end) < 0.05
-    np.testing.assert_allclose(
-        lagged.smoothed().heading_sigma[-1], whole_in_field().smoothed().heading_sigma[-1], rtol=0.1
-    )
-
-
-def test_samples_are_forgotten_after_the_last_warm_up(monkeypatch):
-    monkeypatch.setattr("fg_nav.online.smoother.RESOLVE_AT", (1, 4, 8))
-    lagged = fed(demo(), OnlineOptions(lag_s=8.0))
-    kept = lagged._walk.buffer
-    assert lagged._walk.stop - kept.first < 30.0 * 200.0
-    assert kept.first > 0
-    assert farthest(lagged.smoothed(), whole().smoothed()) < 0.3
-
-
-def test_a_long_walk_is_cut_and_nothing_else_changes(monkeypatch):
-    """When the graph is full its older half leaves: as given then in the past, and as a prior for what follows."""
-    monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 12)
-    monkeypatch.setattr("fg_nav.online.smoother.RESOLVE_AT", (1, 2, 3, 4, 8))
-    cut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
-    monkeypatch.setattr("fg_nav.online.isam2.MOST_FOOTFALLS", 2000)
-    uncut = fed(in_field(), OnlineOptions(parameters=WITH_WAY))
-    assert len(cut._places) < 12
-    assert len(cut.smoothed()) == FOOTFALLS
-    np.testing.assert_array_equal(cut.smoothed().sample, uncut.smoothed().sample)
-    assert farthest(cut.causal(), uncut.causal()) < 0.03
-    np.testing.assert_allclose(cut.causal().heading_sigma, uncut.causal().heading_sigma, rtol=0.05)
-
-
 def test_the_pose_is_carried_on_to_the_next_footfall():
     walk, online = demo(), fed(demo(), footfalls=20)
     reached = int(walk.stances.stop[walk.stances.footfall == 19][-1]) + 5
     arrives = int(walk.stances.start[walk.stances.footfall == 20][0]) + 3
     track = online.propagate(arrives + 200, stands_from(arrives - reached, 200))
-    assert track.t[0] == pytest.approx(walk.recording.t[online._places[-1].samples[-1]])
+    assert track.t[0] == pytest.approx(walk.recording.t[online._stretch._places[-1].samples[-1]])
     there = track.position[np.searchsorted(track.t, walk.recording.t[arrives])]
     np.testing.assert_array_equal(track.position[-1], track.position[-50])
     add(online, walk, 20)
@@ -207,11 +173,11 @@ def test_an_indeterminate_graph_is_repaired():
     values.insert(X(10_000), gtsam.Pose3())
     noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
     loose.push_back(gtsam.GPSFactor(X(10_000), np.array([1.0, 2.0, 3.0]), noise))
-    before = online._backend.pose(X(online._places[-1].result)).translation()
-    online._backend.add(loose, values, online._places)
-    after = online._backend.pose(X(online._places[-1].result)).translation()
+    before = online._stretch._backend.pose(X(online._stretch._places[-1].result)).translation()
+    online._stretch._backend.add(loose, values, online._stretch._places)
+    after = online._stretch._backend.pose(X(online._stretch._places[-1].result)).translation()
     np.testing.assert_allclose(after, before, atol=0.01)
-    np.testing.assert_allclose(online._backend.pose(X(10_000)).translation(), [1.0, 2.0, 3.0], atol=1e-3)
+    np.testing.assert_allclose(online._stretch._backend.pose(X(10_000)).translation(), [1.0, 2.0, 3.0], atol=1e-3)
     add(online, demo(), 10)
     assert np.isfinite(online.latest.position).all()
 
@@ -225,30 +191,36 @@ def test_a_long_standing_given_in_pieces_is_one_rest():
         continues = start > ends[0]
         piece = footfall_at(np.array([start]), np.array([stop]), int(start + stop) // 2, continues)
         online.add_footfall(piece, stop)
-    in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances, FREE).stances
+    in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances).stances
     np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.1)
     np.testing.assert_allclose(in_pieces.position[last - 1], whole_walk.position[last - 1], atol=0.1)
 
 
-@pytest.mark.parametrize("options", [OnlineOptions(), OnlineOptions(lag_s=8.0)])
-def test_a_warm_up_that_fails_late_leaves_no_trace(monkeypatch, options):
-    """Nothing of it is left in the graph, whether it has no solution or one that is not finite."""
-    monkeypatch.setattr(online_smoother, "RESOLVE_AT", (1, 4, 8))
+def test_a_solution_that_fails_late_leaves_no_trace(monkeypatch):
+    """Nothing of it is left in the walk, whether it has no solution or one that is not finite."""
+    solve_only_at(monkeypatch, 1, 4, 8)
     tables = []
-    for broken in ("solve_so_far", "check_solution"):
-        whole_of_it, calls = getattr(online_smoother, broken), []
-
-        def failing(*given, whole_of_it=whole_of_it, calls=calls, broken=broken):
-            calls.append(0)
-            if len(calls) == {"solve_so_far": 3, "check_solution": 8}[broken]:
-                raise RuntimeError("Indeterminate linear system detected")
-            return whole_of_it(*given)
-
+    for owner, broken, fails in ((online_smoother, "solve_from_start", 3), (online_stretch, "check_solution", 8)):
         with monkeypatch.context() as patched:
-            patched.setattr(online_smoother, broken, failing)
-            tables.append(fed(demo(), options, 12).causal())
+            calls = failing_at(patched, owner, broken, fails)
+            tables.append(fed(demo(), footfalls=12).causal())
+            assert len(calls) > fails or broken == "solve_from_start"
     np.testing.assert_array_equal(tables[0].position, tables[1].position)
     np.testing.assert_array_equal(tables[0].position_cov, tables[1].position_cov)
+
+
+def failing_at(monkeypatch, owner: object, name: str, call: int) -> list[int]:
+    """Let one call of a function raise; a list that grows by one with each."""
+    whole_of_it, calls = getattr(owner, name), []
+
+    def failing(*given):
+        calls.append(0)
+        if len(calls) == call:
+            raise RuntimeError("Indeterminate linear system detected")
+        return whole_of_it(*given)
+
+    monkeypatch.setattr(owner, name, failing)
+    return calls
 
 
 def test_what_is_no_walk_is_refused():
@@ -266,13 +238,19 @@ def test_what_is_no_walk_is_refused():
     online = OnlineSmoother(OnlineOptions(), buffer)
     with pytest.raises(EstimationError, match="not finite"):
         online.add_footfall(first, stop)
-    assert online.n_footfalls == 0
+    assert online.n_told == 0
     assert online.latest is None
 
 
-def test_warm_ups_rise():
-    assert list(RESOLVE_AT) == sorted(set(RESOLVE_AT))
-    assert RESOLVE_AT[0] == 1
+def test_solutions_come_less_and_less_often_and_one_at_a_time():
+    assert list(AT_ONCE) == sorted(set(AT_ONCE))
+    assert AT_ONCE[0] == 1
+    for has_lag in (False, True):
+        n = AT_ONCE[-1]
+        while n < 20_000:
+            then = choose_next(n, has_lag)
+            assert n + choose_delay(n, has_lag) < then <= 1.7 * n
+            n = then
 
 
 def cut_into_its_last_standing() -> Recording:
@@ -294,13 +272,13 @@ def test_the_end_of_the_samples_makes_no_rest():
 
 
 def test_nor_does_the_end_of_a_window(monkeypatch):
-    monkeypatch.setattr(online_smoother, "RESOLVE_AT", (1, 2, 3, 4))
+    solve_only_at(monkeypatch, 1, 2, 3, 4)
     recording = cut_into_its_last_standing()
     navigator = OnlineNavigator(replace(NORTH, use_field=False))
     push(navigator, rows_of(recording))
     navigator.close()
     assert navigator.footfalls[-1].stop[-1] > len(recording) - 5
-    counted = navigator._smoother._rests.counted
+    counted = navigator._smoother._stretch._rests.counted
     assert counted is not None
     assert counted.stop < find_rests(recording)[-1].start
 
@@ -319,7 +297,7 @@ def test_the_field_of_a_standing_counts_once_however_it_is_cut():
             online.add_footfall(
                 footfall_at(np.array([begin]), np.array([end]), int(inside), begin > start), int(end) + 5
             )
-    assert online.n_footfalls == 16
+    assert online.n_told == 16
     assert online.counts["magnetic_heading"] == 12
 
 
@@ -347,7 +325,7 @@ def clipped_run() -> Walk:
 def test_between_re_solves_clipped_peaks_are_as_high_as_the_walk_showed():
     walk = clipped_run()
     online = fed(walk, footfalls=18)
-    assert 18 not in RESOLVE_AT
+    assert online._stretch.begun.place.number < 17
     height, window = online.peak_height, online._walk.cut_recording(0)
     rise = walk.recording.peaks[1].whole - walk.recording.gyr
     assert height > 1.0

@@ -8,32 +8,28 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.online import OnlineNavigator, fixed_lag, isam2, recovery, smoother
+from fg_nav.online import OnlineNavigator, isam2, recovery, smoother
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.fixed_lag import FixedLagBackend
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.smoother import SmootherParameters
-from tests.online.walks import NORTH, push, short_walk
+from tests.online.walks import NORTH, push, short_walk, solve_only_at
 
-LAGS = [None, 6.0]
 BEGINS = 7
-"""Footfall at which it begins to fail, after the last warm-up of these tests."""
+"""Footfall at which it begins to fail, behind the last solution of the whole in these tests."""
 
 
 @pytest.fixture(autouse=True)
-def early_warm_ups(monkeypatch):
-    monkeypatch.setattr(smoother, "RESOLVE_AT", (1, 2, 3, 4))
+def solved_early(monkeypatch):
+    solve_only_at(monkeypatch, 1, 2, 3, 4)
 
 
 @pytest.fixture(scope="module")
 def undisturbed():
-    patched = pytest.MonkeyPatch()
-    patched.setattr(smoother, "RESOLVE_AT", (1, 2, 3, 4))
-    tables = {lag: walked(lag).causal() for lag in LAGS}
-    patched.undo()
-    return tables
+    with pytest.MonkeyPatch.context() as patched:
+        solve_only_at(patched, 1, 2, 3, 4)
+        return walked().causal()
 
 
 DEFAULT = SmootherParameters()
@@ -42,13 +38,12 @@ QUIET = replace(DEFAULT, gyr_density_deg_s=0.015)
 
 
 def walked(
-    lag: float | None,
     remark: Callable[[str], None] = lambda words: None,
     heading_rad: float | None = 0.0,
     standing_s: float = 0.0,
     parameters: SmootherParameters = DEFAULT,
 ) -> OnlineNavigator:
-    options = replace(NORTH, lag_s=lag, heading_rad=heading_rad, parameters=parameters)
+    options = replace(NORTH, heading_rad=heading_rad, parameters=parameters)
     navigator = OnlineNavigator(options, remark)
     rows = stand_on(rows_of(short_walk()), standing_s)
     push(navigator, rows, range(40, len(rows), 40))
@@ -82,7 +77,7 @@ class Failing:
         add = OnlineSmoother.add_footfall
 
         def counted(smoother: OnlineSmoother, *given):
-            self._now, self._left = smoother.n_footfalls, self._calls
+            self._now, self._left = smoother.n_told, self._calls
             try:
                 return add(smoother, *given)
             finally:
@@ -125,53 +120,49 @@ def goes_on(navigator: OnlineNavigator, expected, least_growth: float) -> None:
     assert np.isfinite(navigator.finish().position).all()
 
 
-@pytest.mark.parametrize("lag", LAGS)
 @pytest.mark.parametrize("error", [RuntimeError, ValueError, np.linalg.LinAlgError])
-def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, lag, error):
+def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, error):
     fault = Failing(monkeypatch, calls=1, error=error)
-    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
-    navigator = walked(lag)
+    fault.breaks(ISAM2Backend, "add")
+    navigator = walked()
     assert fault.failed == 1
-    goes_on(navigator, undisturbed[lag], 1.0)
+    goes_on(navigator, undisturbed, 1.0)
     assert navigator.causal().field_reason[BEGINS] == recovery.REASON
 
 
-@pytest.mark.parametrize("lag", LAGS)
-def test_the_uncertainty_about_north_outlasts_a_recovery(monkeypatch, lag):
+def test_the_uncertainty_about_north_outlasts_a_recovery(monkeypatch):
     """Of a heading that was not given: as much of it, and once."""
-    expected = walked(lag, heading_rad=None).causal()
+    expected = walked(heading_rad=None).causal()
     fault = Failing(monkeypatch, calls=1)
-    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
-    found = walked(lag, heading_rad=None).causal()
+    fault.breaks(ISAM2Backend, "add")
+    found = walked(heading_rad=None).causal()
     assert fault.failed == 1
     assert found.heading_sigma[BEGINS] == pytest.approx(expected.heading_sigma[BEGINS], rel=0.1)
     assert np.degrees(expected.heading_sigma[BEGINS]) > 0.1
 
 
-@pytest.mark.parametrize("lag", LAGS)
-def test_a_rest_of_an_update_that_failed_is_counted_with_the_next(monkeypatch, lag):
+def test_a_rest_of_an_update_that_failed_is_counted_with_the_next(monkeypatch):
     """The first piece of the standing at the end fails; the second shows what both show, and shows it once."""
-    usual = walked(lag, standing_s=6.0, parameters=QUIET)
+    usual = walked(standing_s=6.0, parameters=QUIET)
     first = next(k for k, footfall in enumerate(usual.footfalls) if footfall.continues)
     fault = Failing(monkeypatch, calls=1, begins=first)
-    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
-    found, expected = (n.causal().gyro_bias_sigma[:, 0] for n in (walked(lag, standing_s=6.0, parameters=QUIET), usual))
+    fault.breaks(ISAM2Backend, "add")
+    found, expected = (n.causal().gyro_bias_sigma[:, 0] for n in (walked(standing_s=6.0, parameters=QUIET), usual))
     assert fault.failed == 1
     assert found[first] > 1.5 * expected[first]
     assert expected[first + 1] <= found[first + 1] < 1.27 * expected[first + 1]
 
 
-@pytest.mark.parametrize("lag", LAGS)
 @pytest.mark.parametrize("footfalls", [1, 3])
-def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, lag, footfalls):
+def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, footfalls):
     """Nor the stride alone: then it begins again with sigmas for all that may have happened."""
     fault = Failing(monkeypatch, footfalls)
-    fault.breaks(ISAM2Backend if lag is None else FixedLagBackend, "add")
-    fault.breaks(recovery, "marginalize")
+    fault.breaks(ISAM2Backend, "add")
+    fault.breaks(recovery, "condense")
     fault.breaks(recovery, "initialize_stride")
-    navigator = walked(lag)
+    navigator = walked()
     assert fault.failed == 3 * footfalls
-    goes_on(navigator, undisturbed[lag], 5.0)
+    goes_on(navigator, undisturbed, 5.0)
     assert navigator.causal().heading_sigma[BEGINS] > 0.9
 
 
@@ -179,52 +170,34 @@ def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, lag, foo
 def test_an_update_and_its_repair_have_no_solution(monkeypatch, undisturbed, calls):
     fault = Failing(monkeypatch, calls=calls)
     fault.breaks(gtsam.ISAM2, "update")
-    goes_on(walked(None), undisturbed[None], 1.0 if calls == 2 else 0.9)
+    goes_on(walked(), undisturbed, 1.0 if calls == 2 else 0.9)
     assert fault.failed == calls
-
-
-@pytest.mark.parametrize("calls", [1, 2])
-def test_a_window_has_no_solution_with_weak_priors_either(monkeypatch, undisturbed, calls):
-    fault = Failing(monkeypatch, calls=calls)
-    fault.breaks(FixedLagBackend, "_solve")
-    goes_on(walked(6.0), undisturbed[6.0], 1.0 if calls == 2 else 0.9)
-    assert fault.failed == calls
-
-
-@pytest.mark.parametrize("lag", LAGS)
-def test_nothing_can_leave(monkeypatch, undisturbed, lag):
-    monkeypatch.setattr(isam2, "MOST_FOOTFALLS", BEGINS + 1)
-    fault = Failing(monkeypatch, calls=1)
-    fault.breaks(isam2 if lag is None else fixed_lag, "marginalize")
-    goes_on(walked(lag), undisturbed[lag], 0.9)
-    assert fault.failed == 1
 
 
 def test_a_covariance_that_isam_does_not_find_is_found_again(monkeypatch, undisturbed):
     fault = Failing(monkeypatch, footfalls=4)
     fault.breaks(gtsam.ISAM2, "marginalCovariance")
-    navigator = walked(None)
+    navigator = walked()
     assert fault.failed == 8
-    goes_on(navigator, undisturbed[None], 0.9)
-    found, expected = navigator.causal(), undisturbed[None]
+    goes_on(navigator, undisturbed, 0.9)
+    found, expected = navigator.causal(), undisturbed
     np.testing.assert_allclose(found.heading_sigma, expected.heading_sigma, rtol=0.05)
     np.testing.assert_allclose(found.position_sigma, expected.position_sigma, rtol=0.05)
 
 
-@pytest.mark.parametrize("lag", LAGS)
-def test_no_covariance_is_found_or_it_is_no_number(monkeypatch, undisturbed, lag):
+def test_no_covariance_is_found_or_it_is_no_number(monkeypatch, undisturbed):
     for instead in (None, lambda found: {key: np.full_like(part, np.nan) for key, part in found.items()}):
         with monkeypatch.context() as patched:
             fault = Failing(patched, calls=1)
-            fault.breaks(gtsam.ISAM2, "marginalCovariance") if lag is None else None
+            fault.breaks(gtsam.ISAM2, "marginalCovariance")
             second = Failing(patched, calls=1, error=ZeroDivisionError)
-            second.breaks(isam2 if lag is None else fixed_lag, "marginal_covariances", instead)
-            goes_on(walked(lag), undisturbed[lag], 0.9)
+            second.breaks(isam2, "marginal_covariances", instead)
+            goes_on(walked(), undisturbed, 0.9)
             assert second.failed == 1
 
 
 def test_the_smoothed_past_is_returned_though_it_cannot_be_solved(monkeypatch, undisturbed):
-    navigator = walked(None)
+    navigator = walked()
     expected = navigator.smoothed()
 
     def never(*_: object) -> None:
@@ -244,9 +217,8 @@ def test_the_smoothed_past_is_returned_though_it_cannot_be_solved(monkeypatch, u
     assert np.isfinite(ended.position).all()
 
 
-@pytest.mark.parametrize("lag", LAGS)
-def test_a_warm_up_that_finds_nothing_is_left_out(monkeypatch, undisturbed, lag):
-    solve, calls = smoother.solve_so_far, []
+def test_a_solution_of_the_whole_that_is_not_found_is_left_out(monkeypatch, undisturbed):
+    solve, calls = smoother.solve_from_start, []
 
     def failing(*given):
         calls.append(0)
@@ -254,16 +226,15 @@ def test_a_warm_up_that_finds_nothing_is_left_out(monkeypatch, undisturbed, lag)
             raise RuntimeError("Indeterminate linear system detected")
         return solve(*given)
 
-    monkeypatch.setattr(smoother, "solve_so_far", failing)
-    navigator = walked(lag)
-    assert len(navigator.causal()) == len(undisturbed[lag])
-    np.testing.assert_allclose(navigator.causal().position, undisturbed[lag].position, atol=0.5)
+    monkeypatch.setattr(smoother, "solve_from_start", failing)
+    navigator = walked()
+    assert len(navigator.causal()) == len(undisturbed)
+    np.testing.assert_allclose(navigator.causal().position, undisturbed.position, atol=0.5)
 
 
-@pytest.mark.parametrize("lag", LAGS)
-def test_a_walk_begins_where_it_can(monkeypatch, undisturbed, lag):
+def test_a_walk_begins_where_it_can(monkeypatch, undisturbed):
     """The first two footfalls cannot be leveled, say; the third is the first."""
-    solve, calls = smoother.solve_so_far, []
+    solve, calls = smoother.solve_from_start, []
 
     def failing(*given):
         calls.append(0)
@@ -271,12 +242,12 @@ def test_a_walk_begins_where_it_can(monkeypatch, undisturbed, lag):
             raise EstimationError("it has no up.")
         return solve(*given)
 
-    monkeypatch.setattr(smoother, "solve_so_far", failing)
+    monkeypatch.setattr(smoother, "solve_from_start", failing)
     told = []
-    navigator = walked(lag, told.append)
+    navigator = walked(told.append)
     assert len(told) == 1
     assert "does not begin yet" in told[0]
-    table, expected = navigator.causal(), undisturbed[lag]
+    table, expected = navigator.causal(), undisturbed
     assert 0 < len(expected) - len(table) <= 2
     assert np.isfinite(table.position).all()
     stride, usual = (np.linalg.norm(np.diff(one.position[-6:], axis=0), axis=1) for one in (table, expected))

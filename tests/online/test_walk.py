@@ -5,7 +5,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from fg_nav.detection.causal import Footfall
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online.buffer import SampleBuffer, WalkSoFar
+from fg_nav.online.buffer import SampleBuffer, ToldFootfall, WalkSoFar
 from fg_nav.samples.saturation import find_clipping_levels
 
 RATE_HZ = 100.0
@@ -32,7 +32,8 @@ def walk_of(*parts: np.ndarray) -> WalkSoFar:
     walk, at = WalkSoFar(SampleBuffer()), 0
     for k, acc in enumerate(parts):
         append(walk, acc)
-        walk.add(Footfall(np.array([at + 5]), np.array([at + len(acc)]), np.ones(1), at + 6, False), at + len(acc))
+        footfall = Footfall(np.array([at + 5]), np.array([at + len(acc)]), np.ones(1), at + 6, False)
+        walk.add(ToldFootfall(footfall, k, at + len(acc)))
         at += len(acc)
         if k == 0:
             walk.cut_whole()

@@ -8,9 +8,10 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.online import OnlineNavigator
+from fg_nav.online import OnlineNavigator, schedule, smoother
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.revision import Revision
@@ -47,3 +48,34 @@ def worst_difference(one: StanceTable, other: StanceTable) -> float:
     if not np.array_equal(one.sample, other.sample) or one.field != other.field:
         return np.inf
     return max(float(np.abs(getattr(one, name) - getattr(other, name)).max()) for name in names)
+
+
+def estimates_of(found: Iterable[StanceEstimate | Revision]) -> list[StanceEstimate]:
+    """The estimates among what a navigator returned."""
+    return [one for one in found if isinstance(one, StanceEstimate)]
+
+
+def revisions_of(found: Iterable[StanceEstimate | Revision]) -> list[Revision]:
+    """The revisions among it."""
+    return [one for one in found if isinstance(one, Revision)]
+
+
+def solve_only_at(monkeypatch: pytest.MonkeyPatch, *footfalls: int) -> None:
+    """Let a walk be solved again at these footfalls, and never behind them."""
+    monkeypatch.setattr(smoother, "AT_ONCE", footfalls)
+    monkeypatch.setattr(smoother, "choose_next", lambda n, has_lag: 10**9)
+
+
+def solve_in_windows(monkeypatch: pytest.MonkeyPatch, behind: int, window: int = 16) -> None:
+    """Let a walk be solved as a whole up to a footfall, and behind it window by window."""
+    at_once = tuple(n for n in (1, 2, 3, 4, 6, 8, 10) if n <= behind)
+    for owner, name, value in (
+        (schedule, "AT_ONCE", at_once),
+        (schedule, "WHOLE_UNTIL", behind),
+        (schedule, "WHOLE_WITH_LAG", behind),
+        (schedule, "WINDOW", window),
+        (smoother, "AT_ONCE", at_once),
+        (smoother, "WINDOW", window),
+        (smoother, "choose_next", schedule.choose_next),
+    ):
+        monkeypatch.setattr(owner, name, value)

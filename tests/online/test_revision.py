@@ -1,0 +1,218 @@
+"""What is taken back of a walk in progress: footfalls in hindsight, and the lines that say what changed."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall
+from fg_nav.frames import compute_heading, yaw_rotation
+from fg_nav.online.buffer import ToldFootfall
+from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.review import OPEN_S, UNTOLD, review_footfalls
+from fg_nav.online.revision import MOST_POINTS, Revision, compare_pasts, format_revision
+from fg_nav.online.smoother import OnlineSmoother
+from tests.online.test_online_smoother import add, farthest, footfall_at, in_field, smoother_of
+from tests.online.walks import estimates_of, revisions_of, short_walk
+from tests.smoother.walks import Walk, demo
+
+STANCE = CausalParameters().stance
+
+
+@cache
+def told_footfalls() -> tuple[ToldFootfall, ...]:
+    """Of the short walk, as they were told."""
+    walk = short_walk()
+    stances = CausalStances(CausalParameters())
+    found = [*stances.push(walk.t, walk.acc, walk.gyr), *stances.finish()]
+    ends = [min(int(one.stop[-1]) + 1, len(walk)) for one in found]
+    return tuple(ToldFootfall(one, k, end) for k, (one, end) in enumerate(zip(found, ends, strict=True)))
+
+
+def swing_behind(k: int) -> ToldFootfall:
+    """A false footfall in the middle of the swing behind one."""
+    before, after = (told_footfalls()[i].footfall for i in (k, k + 1))
+    middle = (int(before.stop[-1]) + int(after.start[0])) // 2
+    return ToldFootfall(footfall_at(np.array([middle - 5]), np.array([middle + 5]), middle), 99, middle + 6)
+
+
+def review(footfalls: list[ToldFootfall]) -> list[ToldFootfall]:
+    return review_footfalls(short_walk(), 0, footfalls, STANCE)
+
+
+def is_open(one: ToldFootfall) -> bool:
+    """Whether it ends in the newest part of the walk."""
+    return bool(short_walk().t[one.footfall.stop[-1] - 1] > short_walk().t[-1] - OPEN_S)
+
+
+def test_footfalls_that_are_none_are_taken_out() -> None:
+    told = list(told_footfalls())
+    assert review(told) == told
+    assert review([*told[:6], swing_behind(5), *told[6:]]) == told
+
+
+def test_footfalls_that_were_missed_are_put_in() -> None:
+    told = list(told_footfalls())
+    found = review([*told[:5], *told[6:]])
+    assert [one.told for one in found] == [*range(5), UNTOLD, *range(6, len(told))]
+    missed, true = found[5].footfall, told[5].footfall
+    assert missed.start[0] < true.stop[-1]
+    assert true.start[0] < missed.stop[-1]
+    assert (np.diff([one.until for one in found]) >= 0).all()
+    assert found[5].until > missed.stop[-1] - 1
+
+
+def test_the_newest_part_of_a_walk_stays_as_it_was_told() -> None:
+    """It has not been seen from both sides."""
+    walk, told = short_walk(), list(told_footfalls())
+    cut = int(told[8].footfall.start[0]) + 20
+    part, known = walk.slice(0, cut), told[:8]
+    swing = swing_behind(7)
+    assert walk.t[cut - 1] - walk.t[swing.footfall.stop[-1]] < OPEN_S
+    assert review_footfalls(part, 0, [*known, swing], STANCE) == [*known, swing]
+    late = told[7].footfall.stop[-1]
+    assert walk.t[cut - 1] - walk.t[late] < OPEN_S
+    assert review_footfalls(part, 0, known[:7], STANCE) == known[:7]
+
+
+def test_samples_of_a_part_of_the_walk_are_enough() -> None:
+    first = int(told_footfalls()[3].footfall.start[0]) - 50
+    part = short_walk().slice(first, len(short_walk()))
+    told = list(told_footfalls()[3:])
+    swing = swing_behind(4)
+    assert review_footfalls(part, first, [*told[:2], swing, *told[2:]], STANCE) == told
+
+
+def test_without_any_stance_all_stays() -> None:
+    told = list(told_footfalls()[:1])
+    assert review_footfalls(short_walk().slice(0, 60), 0, told, STANCE) == told
+
+
+# --- what changed ----------------------------------------------------------------------------------------------------
+
+
+def straight(count: int, heading: float = 0.0) -> list:
+    """Rows of a walk straight on."""
+    attitude = yaw_rotation(heading)
+    return [
+        StanceEstimate(
+            number=k,
+            sample=100 * k,
+            t=1.0 * k,
+            position=attitude @ np.array([0.0, 1.3 * k, 0.0]),
+            nav_R_body=attitude,
+            heading=float(compute_heading(attitude)),
+            velocity=np.zeros(3),
+            gyro_bias=np.zeros(3),
+            pose_cov=np.eye(4),
+            gyro_bias_sigma=np.ones(3),
+            field="none",
+            field_reason="",
+        ).as_row()
+        for k in range(count)
+    ]
+
+
+def lines(revision: Revision) -> list[dict]:
+    return [json.loads(line) for line in format_revision(revision)]
+
+
+@pytest.mark.parametrize("angle_deg", [-150.0, -1.2, 0.7, 2.0, 179.0])
+def test_a_map_that_turns_by_more_than_a_degree_is_announced(angle_deg: float) -> None:
+    """Clockwise, as headings are."""
+    before, after = straight(12), straight(14, np.radians(angle_deg))
+    clockwise = np.degrees(compute_heading(yaw_rotation(np.radians(angle_deg))) - compute_heading(np.eye(3)))
+    found = lines(compare_pasts(before, after, 0, []))
+    assert [line["kind"] for line in found] == ["turned"] * (abs(angle_deg) > 1.0) + ["revised"]
+    if len(found) == 2:
+        assert np.isclose((found[0]["angle_deg"] - clockwise + 180) % 360, 180, atol=1e-3)
+
+
+def test_lines_whose_footfalls_were_none_are_retracted_before_the_path() -> None:
+    footfall = Footfall(np.array([3]), np.array([9]), np.ones(1), 5, False)
+    untold = [ToldFootfall(footfall, told, 10) for told in (7, 9)]
+    found = lines(compare_pasts(straight(12), straight(12), 0, untold))
+    assert [(line["kind"], line.get("stance")) for line in found] == [
+        ("retracted", 7),
+        ("retracted", 9),
+        ("revised", None),
+    ]
+    assert {line["t"] for line in found} == {11.0}
+
+
+@pytest.mark.parametrize("count", [1, 12, 200, 201, 5000])
+def test_the_path_is_all_of_the_walk_in_two_hundred_points_at_most(count: int) -> None:
+    rows = straight(count)
+    path = np.array(lines(compare_pasts(rows[-10:], rows, max(count - 10, 0), []))[-1]["path"])
+    assert path.shape == (min(count, MOST_POINTS), 4)
+    np.testing.assert_allclose(path[-1], [count - 1, 0.0, 1.3 * (count - 1), 0.0], atol=1e-3)
+    np.testing.assert_allclose(path[0], 0.0)
+    gaps = np.diff(path[:, 0])
+    assert not len(gaps) or ((gaps > 0).all() and gaps.max() - gaps.min() <= 1.0)
+
+
+# --- of a walk -------------------------------------------------------------------------------------------------------
+
+
+def add_told(online: OnlineSmoother, walk: Walk, k: int) -> list:
+    """Add a footfall of a walk; what is returned."""
+    of = walk.stances.footfall == k
+    still = int(walk.stances.stillest(walk.recording.gyr)[k])
+    footfall = footfall_at(walk.stances.start[of], walk.stances.stop[of], still)
+    return online.add_footfall(footfall, int(walk.stances.stop[of][-1]) + 5)
+
+
+def add_in_swing(online: OnlineSmoother, walk: Walk, k: int) -> list:
+    """Add a false footfall in the middle of the swing before footfall k."""
+    before, after = (walk.stances.footfall == i for i in (k - 1, k))
+    middle = int(walk.stances.stop[before][-1] + walk.stances.start[after][0]) // 2
+    return online.add_footfall(footfall_at(np.array([middle - 10]), np.array([middle + 10]), middle), middle + 12)
+
+
+def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew() -> None:
+    walk, at, false = demo(), 14, 14
+    online, undisturbed = smoother_of(walk), smoother_of(walk)
+    found = [one for k in range(at) for one in add_told(online, walk, k)]
+    found += add_in_swing(online, walk, at)
+    found += [one for k in range(at, at + 10) for one in add_told(online, walk, k)]
+    for k in range(at + 10):
+        add(undisturbed, walk, k)
+    assert [number for one in revisions_of(found) for number in one.retracted] == [false]
+    assert [one.number for one in estimates_of(found)] == list(range(at + 11))
+    assert [one.told for one in online.footfalls] == [k for k in range(online.n_told) if k != false]
+    assert len(online.smoothed()) == len(online.causal()) - 1 == at + 10
+    np.testing.assert_allclose(online.latest.position, undisturbed.latest.position, atol=0.05)
+    assert online.latest.number == online.n_told - 1
+
+
+def test_a_footfall_that_was_missed_is_put_in() -> None:
+    walk = demo()
+    online = smoother_of(walk)
+    for k in range(24):
+        if k != 14:
+            add(online, walk, k)
+    assert len(online.smoothed()) == len(online.causal()) + 1 == 24
+    assert [one.told for one in online.footfalls] == [*range(14), UNTOLD, *range(14, 23)]
+    expected = smoother_of(walk)
+    for k in range(24):
+        add(expected, walk, k)
+    assert farthest(online.smoothed(), expected.smoothed()) < 0.05
+
+
+def test_a_map_that_was_turned_is_where_the_field_has_north() -> None:
+    """Without a heading the walk begins to the north; the field says where that is."""
+    walk = in_field()
+    online = smoother_of(walk, OnlineOptions(heading_rad=None))
+    told, turns = [], []
+    for k in range(12):
+        found = add_told(online, walk, k)
+        turns += [(len(told), one.turn) for one in revisions_of(found) if one.turn]
+        told.append(found[-1].heading)
+    assert turns
+    now = compute_heading(online.smoothed().nav_R_body)
+    announced = np.array([sum(turn for line, turn in turns if line > k) for k in range(12)])
+    error = np.degrees(np.angle(np.exp(1j * (now - np.array(told) - announced))))
+    assert np.abs(error).max() < 2.0
+    assert np.abs(np.degrees(announced)).max() > 1.0

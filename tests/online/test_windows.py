@@ -1,0 +1,157 @@
+"""A long walk is solved again window by window: it stays where the whole is, and what it holds is bounded."""
+
+import pickle
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fg_nav.detection.stance import StanceParameters
+from fg_nav.online import smoother, solving
+from fg_nav.online.beside import WorkerSolver
+from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.isam2 import ISAM2Backend
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.worker import Worker
+from tests.online.test_online_smoother import FOOTFALLS, WITH_WAY, add, farthest, fed, in_field
+from tests.online.walks import solve_in_windows
+from tests.smoother.walks import demo
+
+BEHIND, WINDOW = 12, 16
+
+
+@pytest.fixture
+def windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve_in_windows(monkeypatch, BEHIND, WINDOW)
+
+
+@cache
+def whole(with_field: bool) -> OnlineSmoother:
+    return fed(in_field(), OnlineOptions(parameters=WITH_WAY)) if with_field else fed(demo())
+
+
+@pytest.mark.usefixtures("windows")
+@pytest.mark.parametrize("with_field", [False, True])
+@pytest.mark.parametrize("lag_s", [None, 12.0])
+def test_it_stays_where_the_whole_is(with_field: bool, lag_s: float | None) -> None:
+    walk = in_field() if with_field else demo()
+    options = OnlineOptions(lag_s=lag_s, parameters=WITH_WAY) if with_field else OnlineOptions(lag_s=lag_s)
+    expected = whole(with_field)
+    online = fed(walk, options)
+    begun = online._stretch.begun
+    assert begun.first > 0
+    table, other = online.smoothed(), expected.smoothed()
+    np.testing.assert_array_equal(table.sample, other.sample)
+    assert farthest(table, other) < 0.10
+    np.testing.assert_allclose(table.heading_sigma[-1], other.heading_sigma[-1], rtol=0.1)
+
+
+class InPieces:
+    """A solver with samples of its own, as the process beside has; messages go through pickle as over a pipe."""
+
+    def __init__(self, options: OnlineOptions) -> None:
+        self._worker, self._sent, self._answer = Worker(), 0, None
+        self._say("options", options, StanceParameters())
+
+    @property
+    def buffer(self) -> SampleBuffer:
+        return self._worker._buffer
+
+    def follow(self, buffer: SampleBuffer, until: int) -> None:
+        self._say("samples", buffer.between(self._sent, until))
+        self._sent = until
+
+    def discard(self, before: int) -> None:
+        self._say("discard", before)
+
+    def begin(self, task: object) -> None:
+        self._say("begin", task)
+
+    def ask(self, footfalls: object) -> None:
+        self._answer = self._say("ask", tuple(footfalls))
+
+    def take(self) -> object:
+        return self._answer[0]
+
+    def close(self) -> None: ...
+
+    def _say(self, *message: object) -> object:
+        return pickle.loads(pickle.dumps(self._worker.answer(*pickle.loads(pickle.dumps(message)))))
+
+
+@pytest.mark.usefixtures("windows")
+@pytest.mark.parametrize("lag_s", [None, 12.0])
+def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
+    monkeypatch: pytest.MonkeyPatch, lag_s: float | None
+) -> None:
+    for owner in (smoother, solving):
+        monkeypatch.setattr(owner, "CONTEXT_S", 3.0)
+    options = OnlineOptions(lag_s=lag_s, parameters=WITH_WAY)
+    here, buffer, beside = fed(in_field(), options), SampleBuffer(), InPieces(options)
+    rows = rows_of(in_field().recording)
+    there = OnlineSmoother(options, buffer, solver=beside)
+    buffer.append(rows)
+    kept = []
+    for k in range(FOOTFALLS):
+        until = add(there, in_field(), k)
+        kept.append((until - beside.buffer.first, until - buffer.first))
+    np.testing.assert_array_equal(here.causal().position, there.causal().position)
+    np.testing.assert_array_equal(here.smoothed().pose_cov, there.smoothed().pose_cov)
+    seconds = np.array(kept)[-10:] / 200.0
+    assert seconds[:, 0].max() < 28.0 < in_field().recording.t[until] - 10.0
+    assert (buffer.first > 0) == (lag_s is not None)
+
+
+@pytest.mark.usefixtures("windows")
+def test_handovers_behind_footfalls_that_were_taken_back_are_left_out() -> None:
+    """Also where there are fewer footfalls now than such a handover had."""
+    online = fed(demo(), footfalls=30)
+    newest, starts = online._stretch.begun, list(online._starts)
+    del online._footfalls[starts[-1].place.number :]
+    earlier = replace(newest, place=starts[-2].place)
+    assert [one.place for one in online._keep_starts(earlier)] == [one.place for one in [*starts[:-1], earlier]]
+
+
+def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is killed once it has answered; the walk goes on to the bit, with one remark."""
+    walk, buffer, remarks = in_field(), SampleBuffer(), []
+    options = OnlineOptions(parameters=WITH_WAY)
+    here = fed(walk, options, 32)
+    buffer.append(rows_of(walk.recording))
+    solver = WorkerSolver(options, StanceParameters(), buffer, remarks.append)
+    try:
+        there = OnlineSmoother(options, buffer, solver=solver)
+        for k in range(26):
+            add(there, walk, k)
+        assert there._stretch.begun.place.number == 23
+        assert remarks == []
+        solver._worker.kill()
+        solver._worker.wait()
+        for k in range(26, 32):
+            add(there, walk, k)
+    finally:
+        there.close()
+    assert len(remarks) == 1
+    assert "has died" in remarks[0]
+    np.testing.assert_array_equal(here.causal().position, there.causal().position)
+    np.testing.assert_array_equal(here.causal().pose_cov, there.causal().pose_cov)
+    np.testing.assert_array_equal(here.smoothed().position, there.smoothed().position)
+
+
+@pytest.mark.usefixtures("windows")
+def test_a_footfall_that_had_no_solution_has_one_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual, adds, failed = fed(demo()), ISAM2Backend.add, []
+
+    def failing(backend: ISAM2Backend, *given: object) -> None:
+        if given[-1][-1].number == 22 and not failed:
+            failed.append(22)
+            raise RuntimeError("Indeterminate linear system detected")
+        adds(backend, *given)
+
+    monkeypatch.setattr(ISAM2Backend, "add", failing)
+    online = fed(demo())
+    assert failed
+    assert farthest(online.causal(), usual.causal()) > 1e-6
+    assert farthest(online.smoothed(), usual.smoothed()) < 0.02
