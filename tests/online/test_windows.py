@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import smoother, solving
+from fg_nav.online import smoother, solving, strides
 from fg_nav.online.beside import WorkerSolver
-from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.buffer import LEAD_S, SampleBuffer, rows_of
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.smoother import OnlineSmoother
@@ -86,8 +86,8 @@ class InPieces:
 def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     monkeypatch: pytest.MonkeyPatch, lag_s: float | None
 ) -> None:
-    for owner in (smoother, solving):
-        monkeypatch.setattr(owner, "CONTEXT_S", 3.0)
+    for owner, context_s in ((smoother, 3.0), (solving, 3.0), (strides, 2.0)):
+        monkeypatch.setattr(owner, "CONTEXT_S", context_s)
     options = OnlineOptions(lag_s=lag_s, parameters=WITH_WAY)
     here, buffer, beside = fed(in_field(), options), SampleBuffer(), InPieces(options)
     rows = rows_of(in_field().recording)
@@ -102,6 +102,11 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     seconds = np.array(kept)[-10:] / 200.0
     assert seconds[:, 0].max() < 28.0 < in_field().recording.t[until] - 10.0
     assert (buffer.first > 0) == (lag_s is not None)
+
+
+def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at() -> None:
+    """Else a process that discarded the rest would say something else than one that has it."""
+    assert solving.CONTEXT_S >= strides.CONTEXT_S + LEAD_S
 
 
 @pytest.mark.usefixtures("windows")
