@@ -14,45 +14,7 @@ from typing import Annotated, Literal, NoReturn
 
 import typer
 
-from fg_nav.cli_options import (
-    METHOD_NAMES,
-    POCKET_METHOD_NAMES,
-    AlignmentMode,
-    CalibrationPath,
-    CheckpointPath,
-    ColumnNames,
-    EndDir,
-    FeetWord,
-    FixesPath,
-    Force,
-    FormatName,
-    GateName,
-    GateNames,
-    Heading,
-    KnownDistance,
-    Lag,
-    MagAxesWords,
-    MountPlace,
-    NoMag,
-    OutDir,
-    PlaceWords,
-    Polish,
-    Preset,
-    RecordingPath,
-    RowRate,
-    Seed,
-    ServedPort,
-    Silence,
-    SourceName,
-    Speed,
-    StepConstant,
-    Strict,
-    TruthPath,
-    UnitNames,
-    ViewHost,
-    ViewPage,
-    ViewPort,
-)
+from fg_nav import cli_options as given
 from fg_nav.errors import FgNavError
 
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
@@ -95,7 +57,7 @@ def _program(version: Annotated[bool, typer.Option("--version", help="Show the v
 @app.command()
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", show_default=False, help="File with a recording.")],
-    format: FormatName = None,
+    format: given.FormatName = None,
 ) -> None:
     """Say what a file holds, and whether it can be navigated with."""
     from fg_nav.commands.inspect import inspect
@@ -105,31 +67,32 @@ def inspect(
 
 @app.command()
 def run(
-    recording: RecordingPath,
+    recording: given.RecordingPath,
     method: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help=f"{METHOD_NAMES}. With --mount pocket: {POCKET_METHOD_NAMES}. \\[default: smoother, or pocket]",
+            help=f"{given.METHOD_NAMES}. With --mount pocket: {given.POCKET_METHOD_NAMES}. "
+            "\\[default: smoother, or pocket]",
         ),
     ] = None,
-    mount: MountPlace = "foot",
-    step_constant: StepConstant = None,
-    known_distance: KnownDistance = None,
-    no_mag: NoMag = False,
-    heading: Heading = None,
-    truth: TruthPath = None,
-    calibration: CalibrationPath = None,
-    mag_axes: MagAxesWords = None,
-    gate: GateName = None,
-    preset: Preset = "tuned",
-    fixes: FixesPath = None,
-    polish: Polish = False,
-    format: FormatName = None,
-    alignment: AlignmentMode = "yaw",
-    out: OutDir = None,
-    force: Force = False,
-    strict: Strict = False,
+    mount: given.MountPlace = "foot",
+    step_constant: given.StepConstant = None,
+    known_distance: given.KnownDistance = None,
+    no_mag: given.NoMag = False,
+    heading: given.Heading = None,
+    truth: given.TruthPath = None,
+    calibration: given.CalibrationPath = None,
+    mag_axes: given.MagAxesWords = None,
+    gate: given.GateName = None,
+    preset: given.Preset = "tuned",
+    fixes: given.FixesPath = None,
+    polish: given.Polish = False,
+    format: given.FormatName = None,
+    alignment: given.AlignmentMode = "yaw",
+    out: given.OutDir = None,
+    force: given.Force = False,
+    strict: given.Strict = False,
 ) -> None:
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
     from fg_nav.commands import choose_options
@@ -144,21 +107,21 @@ def run(
 
 @app.command()
 def compare(
-    recording: RecordingPath,
+    recording: given.RecordingPath,
     methods: Annotated[
-        str, typer.Option(metavar="A,B", help=f"Methods, with commas between: {METHOD_NAMES}.")
+        str, typer.Option(metavar="A,B", help=f"Methods, with commas between: {given.METHOD_NAMES}.")
     ] = "smoother,iez",
-    no_mag: NoMag = False,
-    heading: Heading = None,
-    truth: TruthPath = None,
-    calibration: CalibrationPath = None,
-    mag_axes: MagAxesWords = None,
-    gate: GateName = None,
-    preset: Preset = "tuned",
-    format: FormatName = None,
-    alignment: AlignmentMode = "yaw",
-    out: OutDir = None,
-    force: Force = False,
+    no_mag: given.NoMag = False,
+    heading: given.Heading = None,
+    truth: given.TruthPath = None,
+    calibration: given.CalibrationPath = None,
+    mag_axes: given.MagAxesWords = None,
+    gate: given.GateName = None,
+    preset: given.Preset = "tuned",
+    format: given.FormatName = None,
+    alignment: given.AlignmentMode = "yaw",
+    out: given.OutDir = None,
+    force: given.Force = False,
 ) -> None:
     """Run several methods on the same recording and the same stances, and lay them side by side."""
     from fg_nav.commands import choose_options
@@ -171,13 +134,13 @@ def compare(
 
 @app.command()
 def demo(
-    seed: Seed = 1,
-    view: ViewPage = False,
-    speed: Speed = 1.0,
-    host: ViewHost = "127.0.0.1",
-    port: ViewPort = 8642,
-    out: OutDir = None,
-    force: Force = False,
+    seed: given.Seed = 1,
+    view: given.ViewPage = False,
+    speed: given.Speed = 1.0,
+    host: given.ViewHost = "127.0.0.1",
+    port: given.ViewPort = 8642,
+    out: given.OutDir = None,
+    force: given.Force = False,
 ) -> None:
     """Simulate one minute of walking and compare the methods on it; with --view show it as it is walked."""
     from fg_nav.commands.run import demo
@@ -191,7 +154,7 @@ def demo(
 
 @app.command()
 def calibrate(
-    file: RecordingPath,
+    file: given.RecordingPath,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", show_default=False, help="Calibration to write.")],
     method: Annotated[
         str | None,
@@ -200,9 +163,9 @@ def calibrate(
     strength: Annotated[
         float | None, typer.Option(metavar="UT", help="Of the field, if known: for a sensor turned over.")
     ] = None,
-    place: PlaceWords = None,
-    mag_axes: MagAxesWords = None,
-    format: FormatName = None,
+    place: given.PlaceWords = None,
+    mag_axes: given.MagAxesWords = None,
+    format: given.FormatName = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older calibration.")] = False,
 ) -> None:
     """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration."""
@@ -213,17 +176,17 @@ def calibrate(
 
 @app.command()
 def detect(
-    file: RecordingPath,
-    gates: GateNames = None,
-    calibration: CalibrationPath = None,
-    mag_axes: MagAxesWords = None,
-    heading: Heading = None,
-    place: PlaceWords = None,
-    truth: TruthPath = None,
-    format: FormatName = None,
-    alignment: AlignmentMode = "yaw",
-    out: OutDir = None,
-    force: Force = False,
+    file: given.RecordingPath,
+    gates: given.GateNames = None,
+    calibration: given.CalibrationPath = None,
+    mag_axes: given.MagAxesWords = None,
+    heading: given.Heading = None,
+    place: given.PlaceWords = None,
+    truth: given.TruthPath = None,
+    format: given.FormatName = None,
+    alignment: given.AlignmentMode = "yaw",
+    out: given.OutDir = None,
+    force: given.Force = False,
 ) -> None:
     """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
 
@@ -238,10 +201,10 @@ def detect(
 
 @app.command()
 def allan(
-    file: RecordingPath,
-    format: FormatName = None,
-    out: OutDir = None,
-    force: Force = False,
+    file: given.RecordingPath,
+    format: given.FormatName = None,
+    out: given.OutDir = None,
+    force: given.Force = False,
 ) -> None:
     """Say how noisy the sensor is, from a recording of it lying still: allan.json, allan.png."""
     from fg_nav.commands.allan import allan
@@ -251,30 +214,32 @@ def allan(
 
 @app.command()
 def stream(
-    source: SourceName,
-    checkpoint: CheckpointPath = None,
+    source: given.SourceName,
+    checkpoint: given.CheckpointPath = None,
     every: Annotated[float, typer.Option(metavar="SECONDS", help="Between two saves.")] = 10.0,
-    lag: Lag = None,
-    heading: Heading = None,
-    no_mag: NoMag = False,
-    gate: GateName = None,
-    fixes: FixesPath = None,
-    calibration: CalibrationPath = None,
-    mag_axes: MagAxesWords = None,
-    mount: MountPlace = "foot",
-    step_constant: StepConstant = None,
-    serve: ServedPort = None,
-    view: ViewPage = False,
-    host: ViewHost = "127.0.0.1",
-    port: ViewPort = 8642,
+    lag: given.Lag = None,
+    heading: given.Heading = None,
+    no_mag: given.NoMag = False,
+    gate: given.GateName = None,
+    fixes: given.FixesPath = None,
+    calibration: given.CalibrationPath = None,
+    mag_axes: given.MagAxesWords = None,
+    mount: given.MountPlace = "foot",
+    step_constant: given.StepConstant = None,
+    serve: given.ServedPort = None,
+    view: given.ViewPage = False,
+    host: given.ViewHost = "127.0.0.1",
+    port: given.ViewPort = 8642,
     baud: Annotated[int, typer.Option(help="Of a serial device.")] = 115200,
-    columns: ColumnNames = None,
-    units: UnitNames = None,
-    rate: RowRate = None,
-    silence: Silence = None,
-    out: EndDir = None,
-    polish: Polish = False,
-    force: Force = False,
+    columns: given.ColumnNames = None,
+    units: given.UnitNames = None,
+    rate: given.RowRate = None,
+    speed: given.ReplaySpeed = None,
+    record: given.RecordPath = None,
+    silence: given.Silence = None,
+    out: given.EndDir = None,
+    polish: given.Polish = False,
+    force: given.Force = False,
 ) -> None:
     """Follow a sensor while it is walked with: one JSON line a footfall or stride, and at the end the whole walk.
 
@@ -286,6 +251,7 @@ def stream(
     request = StreamRequest(
         source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
         (host, port) if view else None, columns, units, rate, mount, fixes, step_constant,
+        speed, record, force,
     )  # fmt: skip
     stream(request, out, force)
 
@@ -303,7 +269,7 @@ def simulate(
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", show_default=False, help="Its name, or a .toml file with one.")
     ],
-    seed: Seed = 1,
+    seed: given.Seed = 1,
     list_all: Annotated[
         bool, typer.Option("--list", help="Say what there is to choose from.", is_eager=True, callback=_list_scenarios)
     ] = False,
@@ -324,9 +290,9 @@ def simulate(
         Literal["still", "rocking", "none"] | None,
         typer.Option(help="What the foot does where the person stands; none: there is no standing."),
     ] = None,
-    feet: FeetWord = None,
-    out: OutDir = None,
-    force: Force = False,
+    feet: given.FeetWord = None,
+    out: given.OutDir = None,
+    force: given.Force = False,
 ) -> None:
     """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
     from fg_nav.commands.simulate import simulate
@@ -369,13 +335,13 @@ def reproduce(
     seeds: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="How many walks of each kind. \\[default: 50, quick 3]")
     ] = None,
-    first: Annotated[int, typer.Option(metavar="SEED", min=0, help="Seed of the first walk.")] = 101,
+    first: Annotated[int, typer.Option(metavar="SEED", min=0, help="given.Seed of the first walk.")] = 101,
     workers: Annotated[int | None, typer.Option(metavar="N", min=1, help="Processes. \\[default: one a core]")] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: results/reproduce-PAPER]"),
     ] = None,
-    force: Force = False,
+    force: given.Force = False,
 ) -> None:
     """Lay the experiments of a paper beside ours, from simulated walks: report.html, results.json, pictures.
 

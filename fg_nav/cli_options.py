@@ -112,6 +112,18 @@ RowRate = Annotated[
     float | None,
     typer.Option("--rate", metavar="HZ", help="Of rows without t: their stamps are counted."),
 ]
+ReplaySpeed = Annotated[
+    str | None,
+    typer.Option(
+        "--speed",
+        metavar="FACTOR",
+        help="SOURCE is a whole recording: replay it so many times as fast as it was walked, or max.",
+    ),
+]
+RecordPath = Annotated[
+    Path | None,
+    typer.Option("--record", metavar="FILE", help="Write the samples as they come, before any correction."),
+]
 StepConstant = Annotated[
     float | None,
     typer.Option("--step-constant", metavar="M", help="Of the person, with --mount pocket: a step over its opening."),
@@ -140,7 +152,7 @@ SourceName = Annotated[
     typer.Argument(
         metavar="SOURCE",
         show_default=False,
-        help="- for standard input, a file that grows, a serial device, tcp://host:port or udp://host:port.",
+        help="- for standard input, a file that grows, a serial device, or tcp, tcp-listen or udp and ://host:port.",
     ),
 ]
 ViewPage = Annotated[bool, typer.Option("--view", help="Show the walk on a page, for a browser on this machine.")]

@@ -36,7 +36,7 @@ from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 def stream(request: StreamRequest, out: Path | None, force: bool) -> None:
     """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder."""
-    target = Target(out, force, "stream")
+    target = Target(out, force and (out is not None or request.record is None), "stream")
     with open_outlets(request.serve, request.view, line_printer(), remark) as outlets:
         walk = run_stream(request, outlets)
         if out is None:

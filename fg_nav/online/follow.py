@@ -34,10 +34,11 @@ from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
+from fg_nav.online.record import open_recorded
 from fg_nav.online.revision import Revision, format_revision
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import SourceCheck
-from fg_nav.online.sources import SampleSource, TextSource, open_source
+from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.online.status import StatusReporter, Watcher
 from fg_nav.signals import catch_signals
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
@@ -301,6 +302,9 @@ class StreamRequest:
     mount: Wearing = "foot"
     fixes_path: Path | None = None
     step_constant_m: float | None = None
+    speed: str | None = None
+    record: Path | None = None
+    force: bool = False
 
 
 @dataclass(frozen=True)
@@ -346,10 +350,18 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
     )
     with (
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
-        closing(TextSource(open_source(request.source, request.baud), outlets.remark, options.columns)) as source,
+        closing(_open_samples(request, options.columns, outlets.remark)) as source,
     ):
         navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
     return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
+
+
+def _open_samples(request: StreamRequest, columns: Columns | None, remark: Say) -> SampleSource:
+    given = (request.source, columns, request.baud, request.speed, remark)
+    if request.record is None:
+        return open_samples(*given)
+    goes_on = request.checkpoint is not None and request.checkpoint.exists()
+    return open_recorded(request.record, goes_on, request.force, *given)
 
 
 def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:

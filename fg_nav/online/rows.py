@@ -20,7 +20,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.canonical import ACC, GYR, MAG, TIME
-from fg_nav.io.content import find_column
+from fg_nav.io.content import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
 
 LONGEST_LINE = 1 << 16
@@ -183,10 +183,13 @@ class RowReader:
     def read(self, piece: bytes, away_s: float = 0.0) -> Floats:
         """Return the samples (n, 10) whose rows end in this piece: t, acc, gyr, mag (NaN without one).
 
-        `away_s` is how long the source was not connected before the piece: counted stamps go on behind it.
+        `away_s` is how long the source was not connected before the piece: a row that was cut off then is left out, and
+        counted stamps go on behind it.
         """
-        if away_s > 0.0 and self._columns is not None and self._columns.rate_hz is not None:
-            self._counted += round(away_s * self._columns.rate_hz)
+        if away_s > 0.0:
+            self._rest, self._is_too_long = b"", False
+            rate_hz = None if self._columns is None else self._columns.rate_hz
+            self._counted += round(away_s * (rate_hz or 0.0))
         if self._is_too_long:
             _, end, piece = piece.partition(b"\n")
             self._is_too_long = not end
@@ -233,7 +236,7 @@ class RowReader:
         table = np.full((len(fields), COLUMNS), np.nan)
         for k, position in enumerate(self._positions):
             if position >= 0:
-                table[:, k] = fields[:, position] * columns.units[k]
+                table[:, k] = scale_values(fields[:, position], columns.units[k])
         if columns.rate_hz:
             table[:, 0] = self._count_stamps(len(table), columns.rate_hz)
         return table

@@ -1,12 +1,16 @@
 """Where samples come from.
 
-==================== =====================================================================================
--                    standard input, until its end
-a file               from its beginning, and on as it grows
-a serial device      such as /dev/ttyUSB0; needs pyserial
-tcp://host:port      from a server, until it closes
-udp://host:port      datagrams sent to that address of this machine; each holds whole lines
-==================== =====================================================================================
+======================== =================================================================================
+-                        standard input, until its end
+a file                   from its beginning, and on as it grows
+a serial device          such as /dev/ttyUSB0; again when it is plugged in again; needs pyserial
+tcp://host:port          from a server, and again when it is there again
+tcp-listen://host:port   from a sensor that connects to that address of this machine, and again
+udp://host:port          datagrams sent to that address of this machine; each holds whole lines
+======================== =================================================================================
+
+The host is 127.0.0.1 if none is given; 0.0.0.0 is heard by other machines too. Standard input, files and recordings
+(`replay`) wait for us; the others do not, and a thread reads them (`live`). These have no end but Ctrl-C and --silence.
 
 A `SampleSource` gives samples. `TextSource` reads them from a `ByteSource`, one of these, by a `RowReader`.
 """
@@ -15,18 +19,20 @@ from __future__ import annotations
 
 import os
 import select
-import socket
 import stat
 import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Protocol
+from typing import Protocol
 from urllib.parse import urlsplit
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
+from fg_nav.io import read
+from fg_nav.online.connections import Door, SerialDevice, Server
+from fg_nav.online.live import Datagrams, Reconnected
+from fg_nav.online.replay import Replay, parse_speed
 from fg_nav.online.rows import Columns, RowReader
 
 PIECE = 1 << 16
@@ -34,9 +40,6 @@ PIECE = 1 << 16
 
 POLL_S = 0.05
 """How often a file is looked at for more."""
-
-CONNECT_S = 10.0
-"""How long a server may take to answer."""
 
 
 class ByteSource(Protocol):
@@ -115,8 +118,27 @@ class TextSource:
         self._source.close()
 
 
-def open_source(word: str, baud: int = 115200) -> ByteSource:
-    """Open a source by the name that the user gave.
+def open_samples(
+    word: str, columns: Columns | None, baud: int, speed: str | None, remark: Callable[[str], None]
+) -> SampleSource:
+    """Open a source of samples: the rows of `open_source`, or with a speed the samples of a recording.
+
+    Raises
+    ------
+    StreamError, FormatError, RecordingError
+        If it cannot be opened, or is not what it is said to be.
+    """
+    if speed is None:
+        return TextSource(open_source(word, baud, remark), remark, columns)
+    if columns is not None:
+        raise StreamError("--columns is for rows of a stream, and --speed replays a recording: leave one of them out.")
+    if word == "-" or "://" in word:
+        raise StreamError(f"--speed replays a recording, and {word} is none: name a file, or leave --speed out.")
+    return Replay(read(Path(word)), parse_speed(speed), Path(word).name)
+
+
+def open_source(word: str, baud: int, remark: Callable[[str], None]) -> ByteSource:
+    """Open a source by the name that the user gave; what becomes of it is remarked.
 
     Raises
     ------
@@ -129,15 +151,15 @@ def open_source(word: str, baud: int = 115200) -> ByteSource:
         return _Descriptor("standard input", sys.stdin.fileno())
     scheme = word.partition("://")[0].lower() if "://" in word else ""
     try:
-        if scheme in ("tcp", "udp"):
-            return _open_socket(word, scheme)
+        if scheme in ("tcp", "tcp-listen", "udp"):
+            return _open_socket(word, scheme, remark)
         if scheme:
             raise StreamError(
-                f"{word} is no source: give -, a file, a serial device, tcp://host:port or udp://host:port."
+                f"{word} is no source: give -, a file, a serial device, or tcp, tcp-listen or udp and ://host:port."
             )
         mode = os.stat(word).st_mode
         if stat.S_ISCHR(mode) and word != os.devnull:
-            return _Serial(word, baud)
+            return Reconnected(word, SerialDevice(word, baud), remark)
         if stat.S_ISFIFO(mode):
             return _Descriptor(word, os.open(word, os.O_RDONLY | os.O_NONBLOCK))  # or it waits for a writer
         return _GrowingFile(Path(word))
@@ -146,35 +168,27 @@ def open_source(word: str, baud: int = 115200) -> ByteSource:
         raise StreamError(f"{word} cannot be opened ({reason}): check its name, and that it is there.") from None
 
 
-class _Closing:
-    """With-statement for a source; it is always connected."""
+class _Descriptor:
+    """A pipe."""
 
     away_s = 0.0
-
-    def __enter__(self) -> Any:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close it."""
-
-
-class _Descriptor(_Closing):
-    """A pipe."""
 
     def __init__(self, name: str, descriptor: int) -> None:
         self.name, self._descriptor = name, descriptor
 
     def read(self, wait_s: float) -> bytes | None:
-        """See `Source`."""
+        """See `ByteSource`."""
         ready, _, _ = select.select([self._descriptor], [], [], wait_s)
         return (os.read(self._descriptor, PIECE) or None) if ready else b""
 
+    def close(self) -> None:
+        """See `ByteSource`."""
 
-class _GrowingFile(_Closing):
+
+class _GrowingFile:
     """A file that is being written; it has no end, unless it is cut or removed."""
+
+    away_s = 0.0
 
     def __init__(self, path: Path) -> None:
         self.name = path.name
@@ -183,7 +197,7 @@ class _GrowingFile(_Closing):
         self._place = 0
 
     def read(self, wait_s: float) -> bytes | None:
-        """See `Source`."""
+        """See `ByteSource`."""
         until = time.monotonic() + wait_s
         while True:
             piece = self._file.read(PIECE)
@@ -201,70 +215,7 @@ class _GrowingFile(_Closing):
         self._file.close()
 
 
-class _Connection(_Closing):
-    """A TCP connection."""
-
-    def __init__(self, name: str, connection: socket.socket) -> None:
-        self.name, self._socket = name, connection
-
-    def read(self, wait_s: float) -> bytes | None:
-        """See `Source`."""
-        self._socket.settimeout(wait_s)
-        try:
-            return self._socket.recv(PIECE) or None
-        except TimeoutError:
-            return b""
-        except OSError:
-            return None
-
-    def close(self) -> None:
-        """Close it."""
-        self._socket.close()
-
-
-class _Datagrams(_Connection):
-    """UDP: what is lost is lost, and there is no end."""
-
-    def read(self, wait_s: float) -> bytes | None:
-        """See `Source`."""
-        piece = super().read(wait_s)
-        if not piece:
-            return b""
-        return piece if piece.endswith(b"\n") else piece + b"\n"
-
-
-class _Serial(_Closing):
-    """A serial device; it ends when it is unplugged."""
-
-    def __init__(self, path: str, baud: int) -> None:
-        try:
-            import serial
-        except ImportError:
-            raise StreamError(
-                f"{path} is a serial device, and pyserial is not installed: pip install 'fg-nav[serial]'."
-            ) from None
-        self.name = path
-        self._lost: type[Exception] = serial.SerialException
-        try:
-            self._port = serial.Serial(path, baud)
-        except (serial.SerialException, ValueError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise StreamError(f"{path} cannot be opened as a serial device ({reason}): check it and --baud.") from None
-
-    def read(self, wait_s: float) -> bytes | None:
-        """See `Source`."""
-        try:
-            self._port.timeout = wait_s
-            return bytes(self._port.read(max(1, self._port.in_waiting)))
-        except (self._lost, OSError):
-            return None
-
-    def close(self) -> None:
-        """Close it."""
-        self._port.close()
-
-
-def _open_socket(word: str, scheme: str) -> ByteSource:
+def _open_socket(word: str, scheme: str, remark: Callable[[str], None]) -> ByteSource:
     try:
         address = urlsplit(word)
         host, port = address.hostname or "127.0.0.1", address.port
@@ -272,13 +223,7 @@ def _open_socket(word: str, scheme: str) -> ByteSource:
         port = None
     if port is None:
         raise StreamError(f"{word} has no port: give {scheme}://host:port.")
-    if scheme == "tcp":
-        return _Connection(word, socket.create_connection((host, port), CONNECT_S))
-    kind = socket.AF_INET6 if ":" in host else socket.AF_INET
-    receiver = socket.socket(kind, socket.SOCK_DGRAM)
-    try:
-        receiver.bind((host, port))
-    except OSError:
-        receiver.close()
-        raise
-    return _Datagrams(word, receiver)
+    if scheme == "udp":
+        return Datagrams(word, host, port, remark)
+    connector = Server(host, port) if scheme == "tcp" else Door(word, host, port, remark)
+    return Reconnected(word, connector, remark)

@@ -227,7 +227,7 @@ def test_a_growing_file_is_followed(csv, whole, tmp_path):
 
     writer = threading.Thread(target=grow)
     writer.start()
-    with closing(open_source(str(path))) as source:
+    with closing(open_source(str(path), 115200, print)) as source:
         navigator, _, _ = followed(source, until_silent_s=0.5)
     writer.join()
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
@@ -243,8 +243,8 @@ def test_sockets_are_followed(csv, whole):
         connection.close()
 
     threading.Thread(target=serve, daemon=True).start()
-    with closing(open_source(f"tcp://127.0.0.1:{door.getsockname()[1]}")) as source:
-        navigator, _, _ = followed(source)
+    with closing(open_source(f"tcp://127.0.0.1:{door.getsockname()[1]}", 115200, print)) as source:
+        navigator, _, _ = followed(source, until_silent_s=1.0)
     door.close()
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
 
@@ -252,13 +252,17 @@ def test_sockets_are_followed(csv, whole):
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     with (
-        closing(open_source(f"udp://127.0.0.1:{port}")) as source,
+        closing(open_source(f"udp://127.0.0.1:{port}", 115200, print)) as source,
         closing(socket.socket(type=socket.SOCK_DGRAM)) as out,
     ):
         reader = RowReader("udp")
         for line in data.splitlines()[:50]:
             out.sendto(line, ("127.0.0.1", port))
-        rows = np.concatenate([reader.read(source.read(1.0) or b"") for _ in range(50)])
+        rows = np.empty((0, 10))
+        for _ in range(50):
+            rows = np.concatenate([rows, reader.read(source.read(1.0) or b"")])
+            if len(rows) == 49:
+                break
     assert np.array_equal(rows, rows_of(short_walk())[:49])
 
 
@@ -266,7 +270,7 @@ def test_a_serial_device_is_followed(csv):
     pytest.importorskip("serial")
     controller, device = os.openpty()
     data = csv.read_bytes()[:20_000]
-    with closing(open_source(os.ttyname(device), baud=115200)) as source:
+    with closing(open_source(os.ttyname(device), 115200, print)) as source:
         threading.Thread(target=os.write, args=(controller, data), daemon=True).start()
         reader, rows = RowReader(source.name), []
         for _ in range(100):
@@ -297,7 +301,7 @@ def test_lines_are_served_to_all_who_connect():
 
 
 @pytest.mark.parametrize(
-    "source", ["no such file", "ftp://here:1", "tcp://127.0.0.1", "tcp://127.0.0.1:1", "udp://:99999"]
+    "source", ["no such file", "ftp://here:1", "tcp://127.0.0.1", "tcp://no.such.host.invalid:1", "udp://:99999"]
 )
 def test_a_source_that_is_none_is_refused_in_one_line(fg_nav, source):
     assert fg_nav("stream", source).refused(source)

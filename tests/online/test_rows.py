@@ -37,7 +37,7 @@ lines = st.one_of(
 def test_a_block_gives_the_samples_of_its_lines(drawn, has_rate):
     """To the last bit, in sum of all that a number may look like."""
     data = "\n".join(drawn).encode("utf-8", "surrogatepass") + b"\n"
-    columns = Columns(("-", *CANONICAL[1:]), tuple(np.linspace(0.5, 2.0, 10)), 400.0) if has_rate else None
+    columns = Columns(("-", *CANONICAL[1:]), tuple(np.linspace(0.5, 2.0, 10).tolist()), 400.0) if has_rate else None
     readers = [RowReader("a test", columns=columns) for _ in range(2)]
     results = []
     with pytest.MonkeyPatch.context() as patch:

@@ -1,0 +1,240 @@
+"""The raw samples of a stream, written as they come: canonical CSV, as `fg-nav run` reads it, exact to the last bit.
+
+Before calibration, and before anything is left out or set on. A thread writes once a second what has come since: killed
+at any instant the file lacks that second at most. What cannot be written, because the disk is full, waits and is tried
+again; the walk goes on.
+
+A walk that is resumed goes on in its file. A source that begins again sends what is in it already; that is left out.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import FgNavError, FormatError, OutputError
+from fg_nav.io.canonical import ACC, GYR, MAG, TIME, format_rows
+from fg_nav.io.content import read_content
+from fg_nav.io.formats import FORMATS
+from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.overlap import TAIL, Overlap
+from fg_nav.online.rows import Columns
+from fg_nav.online.sources import SampleSource, open_samples
+
+WRITE_S = 1.0
+"""Between two writes."""
+
+MOST_WAITING = 500_000
+"""Samples that wait for a disk with room, twenty minutes at 400 Hz; then the oldest are given up."""
+
+PART = 5000
+"""Samples that are written at once, in some hundredths of a second."""
+
+HEADER = ",".join(TIME + ACC + GYR + MAG) + "\n"
+
+
+class Recorder:
+    """Writes samples into a file.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    goes_on
+        Whether an older file is that of the same walk, and is continued.
+    force
+        Whether another older file is replaced.
+    remark
+        Given a sentence where the file cannot be written, and when it can again.
+
+    Raises
+    ------
+    OutputError
+        If the file is there already and is not to be continued or replaced, or cannot be opened.
+    FormatError
+        If it is to be continued and is none of ours.
+    """
+
+    def __init__(self, path: Path, goes_on: bool, force: bool, remark: Callable[[str], None]) -> None:
+        self._path, self._remark = path, remark
+        self._overlap = Overlap(np.empty((0, COLUMNS)), [(0, 0.0)], [], np.empty((0, COLUMNS)), np.empty((0, COLUMNS)))
+        is_old = path.is_file() and path.stat().st_size > 0
+        if is_old and not goes_on and not force:
+            raise OutputError(f"{path} is there already: name another file to record into, or replace it by --force.")
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            self._good = self._cut_last_line() if is_old and goes_on else 0
+            if self._good:
+                known = _read_recorded(path)
+                self._overlap = Overlap(known, [(0, 0.0)], [], known[-TAIL:], known[:0])
+            elif path.is_file():
+                os.truncate(self._file, 0)
+        except OSError as error:
+            reason = (error.strerror or type(error).__name__).lower()
+            raise OutputError(f"{path} cannot be written ({reason}): name another file to record into.") from None
+        self._text = "" if self._good else HEADER
+        self._waiting: deque[Floats] = deque()
+        self._count = self._lost = 0
+        self._fails = False
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def add(self, rows: Floats) -> None:
+        """Take samples (n, 10), to be written within a second."""
+        self._put(self._overlap.select_new(rows))
+
+    def close(self) -> None:
+        """Write what waits, and close the file."""
+        self._put(self._overlap.select_new(np.empty((0, COLUMNS)), at_end=True))
+        self._closed.set()
+        self._thread.join()
+        os.close(self._file)
+        if self._lost + self._count:
+            self._remark(f"{self._path} lacks {self._lost + self._count} samples that could not be written.")
+
+    def _put(self, rows: Floats) -> None:
+        if not len(rows):
+            return
+        with self._lock:
+            self._waiting.append(rows)
+            self._count += len(rows)
+            while self._count > MOST_WAITING:
+                given_up = len(self._waiting.popleft())
+                self._count, self._lost = self._count - given_up, self._lost + given_up
+
+    def _run(self) -> None:
+        is_over = False
+        while not is_over:
+            is_over = self._closed.wait(WRITE_S)
+            self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        """Write what waits, part by part; put back the part with which that fails."""
+        while (blocks := self._take()) or self._text:
+            rows = np.concatenate([np.empty((0, COLUMNS)), *blocks])
+            text = self._text + "".join(format_rows(rows, "%r", ",")).replace("nan", "")
+            try:
+                self._write(text.encode("ascii"))
+            except OSError as error:
+                with self._lock:
+                    self._waiting.extendleft(reversed(blocks))
+                    self._count += len(rows)
+                self._note_failure((error.strerror or type(error).__name__).lower())
+                return
+            self._text = ""
+        if self._fails:
+            self._remark(f"{self._path} is written again.")
+        self._fails = False
+
+    def _take(self) -> list[Floats]:
+        """Take the oldest of what waits, some `PART` samples."""
+        blocks: list[Floats] = []
+        with self._lock:
+            taken = 0
+            while self._waiting and taken < PART:
+                blocks.append(self._waiting.popleft())
+                taken += len(blocks[-1])
+            self._count -= taken
+        return blocks
+
+    def _write(self, data: bytes) -> None:
+        """Append all of it, or nothing: what was written of it is cut off again."""
+        place = self._good
+        try:
+            while data:
+                written = os.pwrite(self._file, data, place)
+                place, data = place + written, data[written:]
+        except OSError:
+            if self._path.is_file():
+                os.truncate(self._file, self._good)
+            raise
+        self._good = place
+
+    def _note_failure(self, reason: str) -> None:
+        if not self._fails:
+            self._remark(f"{self._path} cannot be written ({reason}): the walk goes on, and it is tried again.")
+        self._fails = True
+
+    def _cut_last_line(self) -> int:
+        """Cut off a last line without an end; return how long the file is then."""
+        size = os.fstat(self._file).st_size
+        tail = os.pread(self._file, 1 << 16, max(size - (1 << 16), 0))
+        good = size - len(tail) + tail.rfind(b"\n") + 1
+        os.truncate(self._file, good)
+        return good
+
+
+def _read_recorded(path: Path) -> Floats:
+    """Return the samples (n, 10) of a file that was recorded."""
+    content = read_content(path)
+    if content.fields() != HEADER.strip().split(","):
+        raise FormatError(f"{path.name} was not recorded by this command: name another file to record into.")
+    try:
+        raw = FORMATS["canonical"].read(content)
+    except FormatError:
+        return np.empty((0, COLUMNS))
+    assert raw.mag is not None
+    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
+
+
+class RecordedSource:
+    """A `SampleSource` whose samples are recorded as they are read."""
+
+    def __init__(self, source: SampleSource, recorder: Recorder) -> None:
+        self.name = source.name
+        self._source, self._recorder = source, recorder
+
+    @property
+    def header(self) -> list[str] | None:
+        """See `SampleSource`."""
+        return self._source.header
+
+    def resume(self, header: Sequence[str]) -> None:
+        """See `SampleSource`."""
+        self._source.resume(header)
+
+    def read(self, wait_s: float) -> Floats | None:
+        """See `SampleSource`."""
+        rows = self._source.read(wait_s)
+        if rows is not None:
+            self._recorder.add(rows)
+        return rows
+
+    def finish(self) -> Floats:
+        """See `SampleSource`."""
+        rows = self._source.finish()
+        self._recorder.add(rows)
+        return rows
+
+    def close(self) -> None:
+        """Close both."""
+        self._source.close()
+        self._recorder.close()
+
+
+def open_recorded(
+    path: Path,
+    goes_on: bool,
+    force: bool,
+    word: str,
+    columns: Columns | None,
+    baud: int,
+    speed: str | None,
+    remark: Callable[[str], None],
+) -> RecordedSource:
+    """Open a source as `open_samples` does, and before it the file that it is recorded in (`Recorder`)."""
+    if path.exists() and Path(word).exists() and path.samefile(word):
+        raise OutputError(f"{path} is what is streamed: name another file to record into.")
+    recorder = Recorder(path, goes_on, force, remark)
+    try:
+        return RecordedSource(open_samples(word, columns, baud, speed, remark), recorder)
+    except FgNavError:
+        recorder.close()
+        raise

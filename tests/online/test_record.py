@@ -1,0 +1,168 @@
+"""What is recorded of a stream: all that could be read, to the last bit, whatever becomes of program and disk."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fg_nav import cli
+from fg_nav.errors import FormatError, OutputError, StreamError
+from fg_nav.io import read_raw, write_canonical
+from fg_nav.online import record
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.record import Recorder
+from fg_nav.online.replay import Replay, parse_speed
+from tests.online.walks import short_walk
+
+
+@pytest.fixture(scope="module")
+def rows():
+    odd = rows_of(short_walk()).copy()
+    odd[100:110, 2] = np.nan
+    odd[200:300, 7:] = np.nan
+    odd[400, 1] = np.inf
+    odd[500:520, 0] -= 3.0
+    return odd
+
+
+@pytest.fixture(autouse=True)
+def hurry(monkeypatch):
+    monkeypatch.setattr(record, "WRITE_S", 0.01)
+
+
+def recorded(path: Path):
+    raw = read_raw(path)
+    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
+
+
+def write(path, rows, goes_on=False, force=False, block=50):
+    said = []
+    recorder = Recorder(path, goes_on, force, said.append)
+    for k in range(0, len(rows), block):
+        recorder.add(rows[k : k + block])
+    recorder.close()
+    return said
+
+
+def test_what_is_recorded_is_what_came(rows, tmp_path):
+    assert write(tmp_path / "walk.csv", rows) == []
+    np.testing.assert_array_equal(recorded(tmp_path / "walk.csv"), rows)
+
+
+def test_an_older_file_is_kept_unless_it_may_be_replaced(rows, tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text("a letter to my mother\n")
+    with pytest.raises(OutputError, match="there already"):
+        write(path, rows)
+    with pytest.raises(FormatError, match="not recorded by"):
+        write(path, rows, goes_on=True)
+    assert path.read_text() == "a letter to my mother\n"
+    write(path, rows[:100], force=True)
+    np.testing.assert_array_equal(recorded(path), rows[:100])
+    with pytest.raises(OutputError, match="no such file"):
+        write(tmp_path / "no folder" / "walk.csv", rows)
+
+
+@pytest.mark.parametrize("kept", [0, 5, 700])
+@pytest.mark.parametrize("back", [0, 30, 10_000], ids=["goes on", "some rows again", "from the beginning"])
+def test_a_resumed_walk_goes_on_in_its_file(rows, tmp_path, kept, back):
+    """Whose last line was cut off; what the source sends again is in it already."""
+    path = tmp_path / "walk.csv"
+    write(path, rows[:kept])
+    with path.open("a") as file:
+        file.write("12.5,0.1,9")
+    write(path, rows[max(kept - back, 0) :], goes_on=True)
+    np.testing.assert_array_equal(recorded(path), rows)
+
+
+def test_a_full_disk_does_not_end_the_walk(rows, tmp_path, monkeypatch):
+    """It is said once, and what waited is written once there is room."""
+    path, said, is_full = tmp_path / "walk.csv", [], [False]
+    pwrite = os.pwrite
+
+    def write_some(file, data, place):
+        if is_full[0] and len(data) > 100:
+            return pwrite(file, data[:100], place)
+        if is_full[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return pwrite(file, data, place)
+
+    monkeypatch.setattr(record.os, "pwrite", write_some)
+    recorder = Recorder(path, False, False, said.append)
+    for k in range(0, len(rows), 100):
+        is_full[0] = 400 <= k < 900
+        recorder.add(rows[k : k + 100])
+        time.sleep(0.03)
+    recorder.close()
+    np.testing.assert_array_equal(recorded(path), rows)
+    assert [words.partition("walk.csv ")[2] for words in said] == [
+        "cannot be written (no space left on device): the walk goes on, and it is tried again.",
+        "is written again.",
+    ]
+
+
+def test_what_waits_for_a_full_disk_is_bounded_and_what_is_missing_is_said(rows, monkeypatch):
+    monkeypatch.setattr(record, "MOST_WAITING", 300)
+    said = write(Path("/dev/full"), rows[:1000])
+    assert "cannot be written" in said[0]
+    assert "lacks 1000 samples" in said[-1]
+
+
+def stream(*words: object, **more) -> subprocess.Popen:
+    environment = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    command = [sys.executable, "-m", "fg_nav.cli", "stream", *map(str, words)]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment, **more)
+
+
+def test_killed_at_most_the_last_second_is_missing(tmp_path):
+    source, path = tmp_path / "walk.csv", tmp_path / "record.csv"
+    write_canonical(short_walk(), source)
+    rows = rows_of(short_walk())
+    process = stream("-", "--record", path, stdin=subprocess.PIPE)
+    assert process.stdin is not None
+    process.stdin.write(source.read_bytes())
+    process.stdin.flush()
+    deadline = time.monotonic() + 60.0
+    while not (path.exists() and path.read_bytes().count(b"\n") > len(rows)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    np.testing.assert_array_equal(recorded(path), rows)
+
+
+def test_a_replay_is_recorded_as_it_is_and_gives_its_walk(fg_nav, tmp_path):
+    source = tmp_path / "walk.csv"
+    write_canonical(short_walk(), source)
+    words = ("stream", source, "--speed", "max", "--heading", 0, "--record", tmp_path / "record.csv", "--out")
+    assert fg_nav(*words, tmp_path / "out").code == 0
+    np.testing.assert_array_equal(recorded(tmp_path / "record.csv"), rows_of(short_walk()))
+    assert fg_nav("run", source, "--method", "online", "--heading", 0, "--out", tmp_path / "run").code == 0
+    ends = [np.loadtxt(tmp_path / name / "trajectory.tum")[-1, 1:4] for name in ("out", "run")]
+    assert np.allclose(*ends, atol=1e-6)
+    assert fg_nav(*words, tmp_path / "other").refused("record.csv", "--force")
+    assert fg_nav("stream", source, "--record", source, "--force").refused("what is streamed")
+    assert fg_nav("stream", "udp://:1", "--speed", 2).refused("--speed")
+    assert fg_nav("stream", source, "--speed", 0).refused("--speed 0")
+
+
+@pytest.mark.parametrize("words", ["0", "-1", "nan", "fast"])
+def test_a_speed_that_is_none_is_refused(words):
+    with pytest.raises(StreamError, match="no factor"):
+        parse_speed(words)
+
+
+def test_a_replay_takes_its_time():
+    """Never faster than was asked; how much slower is up to the machine."""
+    walk = short_walk()
+    replay = Replay(walk, 20.0, "a walk")
+    began, came = time.monotonic(), []
+    while (rows := replay.read(0.05)) is not None:
+        came += rows[:, 0].tolist()
+        assert came == [] or (came[-1] - walk.t[0]) / 20.0 <= time.monotonic() - began
+    assert np.array_equal(came, walk.t)
