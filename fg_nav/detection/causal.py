@@ -116,6 +116,21 @@ class Footfall:
     continues: bool
 
 
+@dataclass(frozen=True)
+class Seen:
+    """Stance intervals `start <= i < stop`, (K,) each, that a search saw in the samples `first <= i < last`."""
+
+    first: int
+    last: int
+    start: Ints
+    stop: Ints
+
+    def lacks(self, start: int, stop: int) -> bool:
+        """Whether the samples `start <= i < stop` lie within what was searched, and are of no stance."""
+        within = self.first <= start and stop <= self.last
+        return within and not ((self.start < stop) & (start < self.stop)).any()
+
+
 class CausalStances:
     """Finds footfalls in samples that keep coming.
 
@@ -148,6 +163,11 @@ class CausalStances:
         while self._n_waiting >= (size := FIRST_SAMPLES if self._search is None else self._search.step):
             found += self._started_search().advance(*self._take(size))
         return found
+
+    @property
+    def seen(self) -> Seen | None:
+        """What the last search saw; None before the first."""
+        return None if self._search is None else self._search.seen
 
     def finish(self) -> list[Footfall]:
         """Return the footfalls left at the end of the stream; `push` no more after it."""
@@ -193,6 +213,7 @@ class _Search:
         self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in (WALKING, ROUGH)]
         self._velocity = [Sliding(keep, (3,)) for _ in self._passes]
         self._reported, self._stands, self._last_end = 0, False, 0
+        self.seen: Seen | None = None
 
     @property
     def stands(self) -> bool:
@@ -254,6 +275,7 @@ class _Search:
         t, acc, gyr, level = (x.between(first, stop) for x in (self._t, self._acc, self._gyr, self._level))
         velocity = [column.between(first, stop) for column in self._velocity]
         found = choose_footfalls(t, acc, gyr, level, velocity)
+        self.seen = Seen(first, stop, found[0] + first, found[1] + first)
         start, end, threshold = self._after_reported(found[0] + first, found[1] + first, found[2])
         self._last_end = int(end[-1]) if len(end) else 0
         if len(start) == 0:

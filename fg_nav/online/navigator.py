@@ -137,7 +137,7 @@ class OnlineNavigator:
         return found
 
     def close(self) -> list[StanceEstimate | Revision]:
-        """End the walk and return the estimates of the footfalls that were still open."""
+        """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
         if self._closed:
             return []
         self._closed = True
@@ -145,7 +145,7 @@ class OnlineNavigator:
         if self.buffer.stop >= MIN_SAMPLES:
             # A stance of the very last sample alone is none.
             found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
-        self._smoother.close()
+        found += self._smoother.finish()
         return found
 
     def finish(
@@ -299,7 +299,7 @@ class OnlineNavigator:
         """Give a footfall and the samples up to the one behind it to the smoother."""
         footfall = replace(footfall, continues=footfall.continues and self._smoother.n_told > 0)
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
-        found = self._smoother.add_footfall(_end_before(footfall, until), until)
+        found = self._smoother.add_footfall(_end_before(footfall, until), until, self._stances.seen)
         self._handed = until
         if self._smoother.wrong_axes is not None and not self._warned:
             self._remark(self._smoother.wrong_axes.warning)

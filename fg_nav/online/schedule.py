@@ -1,11 +1,14 @@
 """When a walk in progress is solved again, by the count of its footfalls alone.
 
-the first footfalls     at once, each time all of the walk
-then                    every n / 16, six at least; the solution is taken over two footfalls later, and one more for
-each 128 of the walk: a solution of n footfalls takes some n / 200 s, a footfall one second
-behind `WHOLE_UNTIL`    what is known of sensor and foot does not change any more. Every `WINDOW` / 8 footfalls
-the last `WINDOW` are solved again, from what was handed over before them; with a lag those
-within it
+======================== ==============================================================================================
+the first footfalls      at once, each time all of the walk
+then                     every n / 16, four at least. The solution is taken over two footfalls later, and one more for
+                         each 200 of the walk: one of n footfalls takes some n / 250 s, a footfall one second
+behind `WHOLE_UNTIL`     what is known of sensor and foot does not change any more. Every `WINDOW` / 8 footfalls the
+                         last `WINDOW` are solved again, from what was handed over before them; with a lag, those in it
+a footfall in doubt      at once, from the last handover before it
+the end                  once more
+======================== ==============================================================================================
 """
 
 from __future__ import annotations
@@ -19,6 +22,12 @@ WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512
 WINDOW = 256
 """Footfalls that are solved again behind it."""
 
+NEWEST = 20
+"""Footfalls that are looked at for one in doubt: those of the last 20 s, in which stances are searched."""
+
+DOUBT_DELAY = 3
+"""Footfalls behind which a walk is taken over that was solved again for one in doubt."""
+
 
 def is_windowed(n: int, has_lag: bool) -> bool:
     """Whether a walk of n footfalls is not solved as a whole any more."""
@@ -26,12 +35,10 @@ def is_windowed(n: int, has_lag: bool) -> bool:
 
 
 def choose_next(n: int, has_lag: bool) -> int:
-    """Return the footfall behind n at which the walk is solved next."""
-    if n < AT_ONCE[-1]:
-        return min(k for k in AT_ONCE if k > n)
-    return n + (WINDOW // 8 if is_windowed(n, has_lag) else max(6, n // 16))
+    """Return the footfall behind n, after the first ones, at which the walk is solved next."""
+    return n + (WINDOW // 8 if is_windowed(n, has_lag) else max(4, n // 16))
 
 
 def choose_delay(n: int, has_lag: bool) -> int:
     """Return how many footfalls behind n a solution of n footfalls is taken over."""
-    return 2 + (WINDOW if is_windowed(n, has_lag) else n) // 128
+    return 2 + (WINDOW if is_windowed(n, has_lag) else n) // 200

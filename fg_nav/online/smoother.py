@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools
-from fg_nav.detection.causal import Footfall
+from fg_nav.detection.causal import Footfall, Seen
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import MagAxes
@@ -29,7 +29,7 @@ from fg_nav.online.north import UNKNOWN_RAD, extend_with_north
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
 from fg_nav.online.revision import Revision, compare_pasts
-from fg_nav.online.schedule import AT_ONCE, WINDOW, choose_delay, choose_next, is_windowed
+from fg_nav.online.schedule import AT_ONCE, DOUBT_DELAY, NEWEST, WINDOW, choose_delay, choose_next, is_windowed
 from fg_nav.online.solving import CONTEXT_S, Solver, Task, WalkSolver
 from fg_nav.online.stretch import Stretch
 from fg_nav.online.strides import Place
@@ -64,7 +64,7 @@ class OnlineSmoother:
         stance: StanceParameters = StanceParameters(),
         solver: Solver | None = None,
     ) -> None:
-        self._options, self._buffer = options, buffer
+        self._options, self._buffer, self._stance = options, buffer, stance
         self._walk = WalkSoFar(buffer, options.use_field, options.axes_given)
         self._solver = WalkSolver(options, stance, buffer) if solver is None else solver
         self._stretch: Stretch | None = None
@@ -74,10 +74,11 @@ class OnlineSmoother:
         self._footfalls: list[ToldFootfall] = []
         self._starts: list[Handover] = []
         self._pending: Pending | None = None
-        self._next = AT_ONCE[0]
+        self._next = AT_ONCE[-1]
+        self._doubted: set[int] = set()
         self._has_mag = False
 
-    def add_footfall(self, footfall: Footfall, until: int) -> list[StanceEstimate | Revision]:
+    def add_footfall(self, footfall: Footfall, until: int, seen: Seen | None = None) -> list[StanceEstimate | Revision]:
         """Add a complete footfall; what is taken back before it, and its estimate.
 
         Parameters
@@ -87,6 +88,8 @@ class OnlineSmoother:
         until
             Samples of the buffer before this one are used; they reach to the end of the footfall or beyond. Rests are
             found in them.
+        seen
+            Stances as they are seen by now: a footfall that is none of them is in doubt.
 
         Raises
         ------
@@ -109,8 +112,17 @@ class OnlineSmoother:
         self._told.append(estimate.as_row())
         self._told_continues.append(footfall.continues)
         # The next solution is begun, or asked for where it is due.
-        self._schedule()
+        self._schedule(None if seen is None else self._find_doubtful(seen))
         return [*revised, estimate]
+
+    def finish(self) -> list[StanceEstimate | Revision]:
+        """End the walk, and solve it once more, as far as its samples are there; what this takes back."""
+        self._solver.close()
+        if self._stretch is None:
+            return []
+        self._solver = WalkSolver(self._options, self._stance, self._buffer)
+        self._solver.begin(self._build_task(self._starts[0] if self._is_windowed else None))
+        return self._take_over()
 
     @property
     def n_told(self) -> int:
@@ -183,10 +195,6 @@ class OnlineSmoother:
             raise EstimationError("there is no footfall yet to carry a pose on from: add one first.")
         return self._stretch.propagate(until, stands)
 
-    def close(self) -> None:
-        """Give up what solves beside."""
-        self._solver.close()
-
     def _count_north(self, estimate: StanceEstimate) -> StanceEstimate:
         """Count in what is not known of a north that the field alone shows, or has yet to show."""
         assert self._stretch is not None
@@ -238,7 +246,20 @@ class OnlineSmoother:
         rows = (*self._past.rows, self._stretch.latest.as_row())
         return compare_pasts(old[first:], rows, first, list_untold(before, handover.footfalls))
 
-    def _schedule(self) -> None:
+    def _find_doubtful(self, seen: Seen) -> int | None:
+        """Return the newest footfall that is no stance any more, and was not in doubt before."""
+        for k in range(len(self._footfalls) - 2, max(len(self._footfalls) - NEWEST, 0), -1):
+            one = self._footfalls[k]
+            start, stop = int(one.footfall.start[0]), int(one.footfall.stop[-1])
+            if one.told not in self._doubted and seen.lacks(start, stop):
+                return k
+        return None
+
+    @property
+    def _is_windowed(self) -> bool:
+        return is_windowed(self.n_told, self._options.lag_s is not None)
+
+    def _schedule(self, doubtful: int | None) -> None:
         """Begin the next solution, or ask for the one that is due behind the newest footfall."""
         n, has_lag, pending = self.n_told, self._options.lag_s is not None, self._pending
         self._solver.follow(self._buffer, self._walk.stop)
@@ -246,17 +267,24 @@ class OnlineSmoother:
             if n == pending.due_at:
                 self._solver.ask(self._footfalls[pending.footfalls :])
             return
-        if n < self._next:
+        if n < AT_ONCE[-1] or (doubtful is None and n < self._next):
             return
-        self._next = choose_next(n, has_lag)
-        if n < AT_ONCE[-1]:
-            return
-        start = self._starts[0] if is_windowed(n, has_lag) else None
+        start, delay = self._starts[0] if self._is_windowed else None, choose_delay(n, has_lag)
         if start is not None:
             self._discard()
-        footfalls = tuple(self._footfalls[0 if start is None else start.place.number :])
-        self._solver.begin(Task(start, footfalls, self._walk.sensor))
-        self._pending = Pending(n + choose_delay(n, has_lag), len(self._footfalls))
+        if doubtful is None:
+            self._next = choose_next(n, has_lag)
+        else:
+            # One that is in doubt is looked at from the last handover before it, which takes no long.
+            self._doubted.add(self._footfalls[doubtful].told)
+            before = [one for one in self._starts if one.place.number < doubtful]
+            start, delay = (before[-1], DOUBT_DELAY) if before else (start, delay)
+        self._solver.begin(self._build_task(start))
+        self._pending = Pending(n + delay, len(self._footfalls))
+
+    def _build_task(self, start: Handover | None) -> Task:
+        footfalls = self._footfalls[0 if start is None else start.place.number :]
+        return Task(start, tuple(footfalls), self._walk.sensor)
 
     def _keep_starts(self, handover: Handover) -> list[Handover]:
         """Return the handovers that a window may begin at: from the newest that is old enough on."""
