@@ -322,14 +322,7 @@ class StreamedWalk:
 
 
 def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
-    """Follow a source until it ends or a signal says stop.
-
-    Parameters
-    ----------
-    request
-        What the user asks for.
-    outlets
-        Where lines and remarks go.
+    """Follow a source until it ends or a signal says stop, as a user asks; lines and remarks go to the outlets.
 
     Raises
     ------
