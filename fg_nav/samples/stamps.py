@@ -27,9 +27,10 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
+from fg_nav.samples.gaps import LONGEST_HELD_S
 from fg_nav.text import format_count
 
-MAX_BRIDGED_S = 0.5
+MAX_BRIDGED_S = LONGEST_HELD_S
 """In a longer gap a foot may have stepped and turned anywhere: behind this one the heading's sigma is a radian."""
 
 LOST_PERIODS = 1.5

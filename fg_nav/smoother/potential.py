@@ -90,6 +90,7 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
         # Leave it out with its neighbors; stop where that gains too little.
         stride = problem.field.strides[statistic.argmax()]
         near = np.arange(max(stride - 1, 0), min(stride + 2, len(problem.field.path.u)))
+        near = near[np.isfinite(problem.field.path.sigma_uT_m[near])]
         if predict_change(problem, solved, near) < LEAST_FALL:
             break
         try:

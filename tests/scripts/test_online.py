@@ -18,6 +18,7 @@ from tests.simulated import PERSON, straight_walk
 fuzz = load_script("online_fuzz")
 online_accuracy = load_script("online_accuracy")
 honesty = load_script("online_honesty")
+losses = load_script("online_losses")
 benchmark = load_script("benchmark")
 
 
@@ -35,6 +36,14 @@ def test_the_fuzz_names_what_fails(capsys, monkeypatch):
     said = capsys.readouterr().out
     assert "broken on purpose" in said
     assert "missed: fuzz, exceptions" in said
+
+
+def test_what_a_loss_leaves_is_within_its_sigmas(capsys):
+    (fate,) = losses.walk_on(101, ["3"], unseeing=True)
+    assert all(line.error_m < 3.0 * line.sigma_m for line in fate.lines)
+    assert 2.0 < fate.lines[0].sigma_m < 15.0
+    losses.print_fates([fate])
+    assert "3 s lost, 1 walks" in capsys.readouterr().out
 
 
 def test_every_defect_leaves_rows_to_walk_on():
