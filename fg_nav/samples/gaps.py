@@ -69,8 +69,8 @@ LONGEST_S = 0.1
 
 LONGEST_HELD_S = 0.5
 """Over a longer gap the samples on either side say less of the motion than that a person walked: held, rate and force
-are off by the spread of a walking foot (`WALKING`), which turns it by a radian and moves it by 1.4 m before it stands. On
-simulated swings the sigmas of the place are alike at 0.45 s (1.25 m), and the errors at 0.7 (1.6 and 1.9 m)."""
+are off by the spread of a walking foot (`WALKING`), which turns it by a radian and moves it by 1.4 m before it stands.
+On simulated swings the sigmas of the place are alike at 0.45 s (1.25 m), and the errors at 0.7 (1.6 and 1.9 m)."""
 
 WALKING = np.repeat([5.0, 2.0], 3)
 """Spread of a walking foot's specific force, m/s^2, and rate, rad/s; both axis by axis, however the sensor sits."""
