@@ -1,0 +1,296 @@
+"""What listeners do to a walk in progress: how long its lines are held up, and when they arrive.
+
+    python scripts/online_listeners.py [--clients N] [--seconds S]
+
+A line is sent every second, and a status as often as the page asks for it, from the main thread to a line server and a
+page server, as `fg-nav stream` does; between them that thread does a little every 20 ms. One honest listener of each,
+in a process of its own, says when they arrive. Besides, in another process:
+
+=========== ===========================================================================================
+nobody      none: what the machine itself does
+readers     N clients on each server, that read
+deaf        N on each, that never read
+garbage     fifty connections that are opened again and again with random bytes, a line of 100 MB without an end, a
+            frame that claims 2^40 bytes, a handshake that is never finished
+descriptors N readers on each, while the process may open 150 files only: a checkpoint must still find one
+=========== ===========================================================================================
+
+Held up: from when something was due to when the thread goes on. Asked: 50 ms at most.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import resource
+import selectors
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.queues import Queue
+from multiprocessing.synchronize import Event
+from pathlib import Path
+
+import harness
+import numpy as np
+from benchmark import memory_mb
+from harness import Figure, option
+from websockets.sync.client import connect
+
+from fg_nav.arrays import Floats
+from fg_nav.view.line_server import LineServer
+from fg_nav.view.page_server import LIVE, PageServer
+
+TICK_S, TICKS_A_LINE = 0.02, 50
+HELD_UP_MS = 50.0
+FEW_FILES = 150
+HOST = "127.0.0.1"
+PROCESSES = multiprocessing.get_context("spawn")
+HANDSHAKE = (
+    f"GET {LIVE} HTTP/1.1\r\nHost: {HOST}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+).encode()
+GIANT_FRAME = b"\x82\xff" + (1 << 40).to_bytes(8, "big") + b"mask"
+HUNDRED_MB = 100
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where lines and page are served."""
+
+    lines: int
+    page: int
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One kind of crowd: how long each line was held up, and when it arrived, ms; and who was connected, most."""
+
+    name: str
+    held_up: Floats
+    lines: Floats
+    page: Floats
+    connected: int
+    memory_mb: float
+    opened: bool
+
+
+def probe(ports: Ports, count: int, found: Queue[tuple[str, list[float]]], ready: Event) -> None:
+    """Read lines and page until `count` lines have come on each; put when each arrived after it was sent, ms."""
+    with (
+        closing(socket.create_connection((HOST, ports.lines))) as lines,
+        lines.makefile() as file,
+        connect(f"ws://{HOST}:{ports.page}{LIVE}") as page,
+    ):
+        page.recv()
+        ready.set()
+        delays: dict[str, list[float]] = {"lines": [], "page": []}
+        while len(delays["lines"]) < count:
+            line = json.loads(file.readline())
+            delays["lines"].append(1e3 * (time.monotonic() - line["t"]))
+            event = json.loads(page.recv())
+            while event["kind"] != "now":
+                event = json.loads(page.recv())
+            delays["page"].append(1e3 * (time.monotonic() - event["t"]))
+        for name, values in delays.items():
+            found.put((name, values))
+
+
+def read_all(ports: Ports, clients: int, done: Event, reads: bool = True) -> None:
+    """Connect many, and read what comes, or not."""
+    with selectors.DefaultSelector() as selector:
+        for port, greeting in ((ports.lines, b""), (ports.page, HANDSHAKE)):
+            for _ in range(clients):
+                with suppress(OSError):
+                    listener = socket.create_connection((HOST, port), 5.0)
+                    listener.sendall(greeting)
+                    listener.setblocking(False)
+                    selector.register(listener, selectors.EVENT_READ)
+        while not done.is_set():
+            if not reads:
+                time.sleep(0.1)
+                continue
+            for key, _ in selector.select(0.1):
+                assert isinstance(key.fileobj, socket.socket)
+                with suppress(OSError):
+                    if not key.fileobj.recv(1 << 16):
+                        selector.unregister(key.fileobj)
+
+
+def stay_deaf(ports: Ports, clients: int, done: Event) -> None:
+    """Connect many, and never read."""
+    read_all(ports, clients, done, reads=False)
+
+
+def send_garbage(ports: Ports, clients: int, done: Event) -> None:
+    """Say what is not asked for, as fast as it is taken."""
+    rng = np.random.default_rng(1)
+    while not done.is_set():
+        for kind in range(50):
+            with suppress(OSError), socket.create_connection((HOST, (ports.lines, ports.page)[kind % 2]), 1.0) as loud:
+                loud.settimeout(0.2)
+                for piece in _garbage(kind // 2, rng):
+                    loud.sendall(piece)
+
+
+def _garbage(kind: int, rng: np.random.Generator) -> Iterator[bytes]:
+    if kind % 4 == 0:
+        yield rng.bytes(1 << 18)
+    elif kind % 4 == 1:
+        yield from (b"x" * (1 << 20) for _ in range(HUNDRED_MB))
+    elif kind % 4 == 2:
+        yield HANDSHAKE + GIANT_FRAME
+        yield from (b"x" * (1 << 20) for _ in range(HUNDRED_MB))
+    else:
+        yield HANDSHAKE[:-2]
+
+
+CROWDS: dict[str, Callable[[Ports, int, Event], None] | None] = {
+    "nobody": None,
+    "readers": read_all,
+    "deaf": stay_deaf,
+    "garbage": send_garbage,
+    "descriptors": read_all,
+}
+
+
+def measure(name: str, clients: int, seconds: float) -> Measured:
+    """Serve lines and page beside one kind of crowd."""
+    count = int(seconds / TICK_S / TICKS_A_LINE)
+    with closing(LineServer(0)) as lines, closing(PageServer(HOST, 0)) as page:
+        ports = Ports(lines.port, page.port)
+        with few_files(name == "descriptors"), listener(ports, count) as found, crowd(CROWDS[name], ports, clients):
+            held_up, connected = send_lines(lines, page, count)
+            opened = can_open()
+            arrived = dict(found.get(timeout=60.0) for _ in range(2))
+    delays = (np.array(arrived["lines"]), np.array(arrived["page"]))
+    return Measured(name, held_up, *delays, connected, memory_mb(), opened)
+
+
+def send_lines(lines: LineServer, page: PageServer, count: int) -> tuple[Floats, int]:
+    """Send lines when they are due; return how long the thread was held up, ms, and how many were connected at most."""
+    held_up, began, due_status, connected = [], time.monotonic(), 0.0, 0
+    for k in range(count * TICKS_A_LINE):
+        due = began + k * TICK_S
+        time.sleep(max(0.0, due - time.monotonic()))
+        if k % TICKS_A_LINE == 0:
+            line = json.dumps(_line(k))
+            lines.send(line)
+            page.send(line)
+        if due >= due_status:
+            due_status = due + page.status_s
+            page.send_status({"t": due, "position_m": [0.0, 0.0, 0.0], "heading_deg": 0.0, "source": "ok"})
+        held_up.append(1e3 * (time.monotonic() - due))
+        connected = max(connected, lines.listeners + page.viewers)
+    return np.array(held_up), connected
+
+
+def _line(k: int) -> dict[str, object]:
+    return {
+        "kind": "now", "stance": k, "continues": False, "t": time.monotonic(), "position_m": [0.01 * k, 0.0, 0.0],
+        "heading_deg": 0.0, "position_sigma_m": [0.1, 0.1, 0.1], "east_north_cov_m2": 0.0, "heading_sigma_deg": 1.0,
+        "field": "none", "field_reason": "a walk that is none " * 10,
+    }  # fmt: skip
+
+
+@contextmanager
+def crowd(work: Callable[[Ports, int, Event], None] | None, ports: Ports, clients: int) -> Iterator[None]:
+    """Run a crowd in a process of its own, and give it time to come."""
+    if work is None:
+        yield
+        return
+    done = PROCESSES.Event()
+    process = PROCESSES.Process(target=work, args=(ports, clients, done), daemon=True)
+    process.start()
+    time.sleep(3.0)
+    yield
+    done.set()
+    process.join(10.0)
+    process.kill()
+
+
+@contextmanager
+def listener(ports: Ports, count: int) -> Iterator[Queue[tuple[str, list[float]]]]:
+    """Run the honest listener; yield what it puts its delays in."""
+    ready, found = PROCESSES.Event(), PROCESSES.Queue()
+    process = PROCESSES.Process(target=probe, args=(ports, count, found, ready), daemon=True)
+    process.start()
+    ready.wait(30.0)
+    yield found
+    process.join(10.0)
+    process.kill()
+
+
+@contextmanager
+def few_files(few: bool) -> Iterator[None]:
+    """Let this process open few files only."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if few:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (FEW_FILES, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+def can_open() -> bool:
+    """Whether a file can be opened, as that of a checkpoint."""
+    try:
+        os.close(os.open(Path(__file__), os.O_RDONLY))
+    except OSError:
+        return False
+    return True
+
+
+def judge_all(found: Sequence[Measured]) -> list[Figure]:
+    """Figures of all crowds."""
+    figures = []
+    for one in found:
+        values = [
+            Figure(one.name, "held up, most (ms)", "lines", float(one.held_up.max()), high=HELD_UP_MS),
+            Figure(one.name, "arrived, 99 % (ms)", "lines", float(np.quantile(one.lines, 0.99)), high=HELD_UP_MS),
+            Figure(one.name, "arrived, 99 % (ms)", "page", float(np.quantile(one.page, 0.99)), high=HELD_UP_MS),
+        ]
+        figures += [*values, Figure(one.name, "a file can be opened", "walk", float(one.opened), low=1.0)]
+    return figures
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run it and print the figures."""
+    given = harness.parse_arguments(
+        __doc__,
+        arguments,
+        clients=option(1000, "on each server"),
+        seconds=option(20.0, "for each kind of crowd"),
+        crowds=option(list(CROWDS), "kinds of crowd", nargs="+", choices=list(CROWDS)),
+    )
+    found = [measure(name, given.clients, given.seconds) for name in given.crowds]
+    harness.print_heading(f"a line every {TICK_S * TICKS_A_LINE:g} s, {given.clients} clients on each server; ms")
+    columns = (
+        "crowd",
+        "connected",
+        "held up, p50",
+        "p99",
+        "most",
+        "lines, p50",
+        "p99",
+        "most",
+        "page, p50",
+        "p99",
+        "most",
+    )
+    rows = [(one.name, str(one.connected), *(w for x in (one.held_up, one.lines, one.page) for w in _cells(x)),
+             f"{one.memory_mb:.0f}") for one in found]  # fmt: skip
+    harness.print_table((*columns, "memory, MB"), rows)
+    figures = judge_all(found)
+    harness.print_figures(figures)
+    harness.print_verdict(figures)
+
+
+def _cells(values: Floats) -> list[str]:
+    return [f"{np.quantile(values, q):.1f}" for q in (0.5, 0.99, 1.0)]
+
+
+if __name__ == "__main__":
+    harness.run(main)
