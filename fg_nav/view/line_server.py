@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from typing import cast
 
-from fg_nav.view.loop import BACKLOG, LoopThread, is_last_descriptor, open_port
+from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, open_port, run_there, start_loop
 
 HOST = "127.0.0.1"
 
@@ -33,9 +33,8 @@ class LineServer:
         door = open_port(HOST, port, "--serve")
         self.port = int(door.getsockname()[1])
         self._listeners: set[asyncio.Transport] = set()
-        self._thread = LoopThread("line server")
-        self._server = self._thread.run(
-            self._thread.loop.create_server(lambda: _Listener(self._listeners), sock=door, backlog=BACKLOG)
+        self._server = run_there(
+            start_loop().create_server(lambda: _Listener(self._listeners), sock=door, backlog=BACKLOG)
         )
 
     @property
@@ -45,12 +44,11 @@ class LineServer:
 
     def send(self, line: str) -> None:
         """Send a line to all listeners; does not wait for them."""
-        self._thread.post(self._write, (line + "\n").encode())
+        call_there(self._write, (line + "\n").encode())
 
     def close(self) -> None:
         """Disconnect all, each after the lines that it takes at once."""
-        self._thread.run(self._end())
-        self._thread.close()
+        run_there(self._end())
 
     def _write(self, data: bytes) -> None:
         for listener in list(self._listeners):

@@ -1,17 +1,18 @@
 """An asyncio loop in a thread of its own, and sockets that listen on this machine.
 
-Sockets are opened before the thread has them, so that a port that is taken is said at once.
+Sockets are opened before the loop has them, so that a port that is taken is said at once.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import ipaddress
 import resource
 import socket
+import sys
 import threading
 from collections.abc import Callable, Coroutine
+from functools import cache
 from typing import Any, TypeVar
 
 from fg_nav.errors import StreamError
@@ -22,36 +23,34 @@ BACKLOG = 1024
 SPARE_DESCRIPTORS = 64
 """Of the process, left for the walk: its checkpoint, its source, its worker."""
 
-CLOSING_S = 2.0
-"""How long the end waits for listeners."""
+SWITCH_S = 1e-3
+"""Between two threads that compute in Python."""
 
 Result = TypeVar("Result")
 
 
-class LoopThread:
-    """Runs an asyncio loop until it is closed."""
+@cache
+def start_loop() -> asyncio.AbstractEventLoop:
+    """Return the loop, which runs in a thread of its own until the process ends; one serves all ports.
 
-    def __init__(self, name: str) -> None:
-        self.loop = asyncio.new_event_loop()
-        self.loop.set_exception_handler(lambda loop, context: None)  # a listener's fault is no news for the walk
-        self._thread = threading.Thread(target=self.loop.run_forever, name=name, daemon=True)
-        self._thread.start()
+    Where another thread computes, one waits for the interpreter for a switch interval. Sending a line
+    takes some of these waits: beside a thousand listeners, at the usual 5 ms, they add up to 40 ms.
+    """
+    sys.setswitchinterval(SWITCH_S)
+    loop = asyncio.new_event_loop()
+    loop.set_exception_handler(lambda loop, context: None)  # a listener's fault is no news for the walk
+    threading.Thread(target=loop.run_forever, name="listeners", daemon=True).start()
+    return loop
 
-    def run(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """Run a coroutine there, and wait for what it returns."""
-        return asyncio.run_coroutine_threadsafe(work, self.loop).result()
 
-    def post(self, call: Callable[..., object], *arguments: object) -> None:
-        """Have a function called there, and do not wait; after the end nothing is."""
-        with contextlib.suppress(RuntimeError):
-            self.loop.call_soon_threadsafe(call, *arguments)
+def run_there(work: Coroutine[Any, Any, Result]) -> Result:
+    """Run a coroutine in the loop, and wait for what it returns."""
+    return asyncio.run_coroutine_threadsafe(work, start_loop()).result()
 
-    def close(self) -> None:
-        """Stop the loop."""
-        self.post(self.loop.stop)
-        self._thread.join(CLOSING_S)
-        if not self._thread.is_alive():
-            self.loop.close()
+
+def call_there(call: Callable[..., object], *arguments: object) -> None:
+    """Have a function called in the loop, and do not wait."""
+    start_loop().call_soon_threadsafe(call, *arguments)
 
 
 def open_port(host: str, port: int, option: str) -> socket.socket:

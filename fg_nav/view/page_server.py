@@ -38,7 +38,7 @@ from websockets.http11 import Request, Response
 
 from fg_nav.text import to_json
 from fg_nav.view.history import History, turn_ellipse, turn_row
-from fg_nav.view.loop import BACKLOG, LoopThread, is_last_descriptor, open_port
+from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, open_port, run_there, start_loop
 
 LIVE = "/live"
 
@@ -110,8 +110,7 @@ class PageServer:
         self._viewers: set[_Viewer] = set()
         self._redraws: asyncio.TimerHandle | None = None
         self._status_s = STATUS_S
-        self._thread = LoopThread("page server")
-        self._server = self._thread.run(self._open(door))
+        self._server = run_there(self._open(door))
 
     @property
     def address(self) -> str:
@@ -131,20 +130,19 @@ class PageServer:
 
     def send(self, line: str) -> None:
         """Send a line of the stream; does not wait."""
-        self._thread.post(self._take, line)
+        call_there(self._take, line)
 
     def send_status(self, status: dict[str, Any]) -> None:
         """Send what holds between footfalls."""
-        self._thread.post(self._take_status, status)
+        call_there(self._take_status, status)
 
     def send_remark(self, words: str) -> None:
         """Send a sentence for people."""
-        self._thread.post(self._take_remark, words)
+        call_there(self._take_remark, words)
 
     def close(self) -> None:
         """Disconnect all."""
-        self._thread.run(self._end())
-        self._thread.close()
+        run_there(self._end())
 
     async def _open(self, door: socket.socket) -> Any:
         logger = logging.getLogger(__name__)
@@ -221,7 +219,7 @@ class PageServer:
         if event["kind"] in {"now", "turned", "retracted"}:
             self._send_to(self._viewers, line)
         if changed and self._redraws is None:
-            self._redraws = self._thread.loop.call_later(REDRAW_S, self._redraw)
+            self._redraws = start_loop().call_later(REDRAW_S, self._redraw)
 
     def _take_status(self, status: dict[str, Any]) -> None:
         known = {"distance_m": self._history.distance_m, "speed_m_s": self._history.speed_m_s(status["t"] or 0.0)}
