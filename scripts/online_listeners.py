@@ -2,9 +2,9 @@
 
     python scripts/online_listeners.py [--clients N] [--seconds S]
 
-A line is sent every second, and a status as often as the page asks for it, from the main thread to a line server and a
-page server, as `fg-nav stream` does; between them that thread does a little every 20 ms. One honest listener of each,
-in a process of its own, says when they arrive. Besides, in another process:
+A line is sent every second, and a status as often as the page asks for it, to lines and page, as `fg-nav stream --serve
+--view` does; between them the thread that sends does a little every 20 ms. One honest listener of each, in a process of
+its own, says when they arrive. Besides, in another process:
 
 =========== ===========================================================================================
 nobody      none: what the machine itself does
@@ -12,7 +12,7 @@ readers     N clients on each server, that read
 deaf        N on each, that never read
 garbage     fifty connections that are opened again and again with random bytes, a line of 100 MB without an end, a
             frame that claims 2^40 bytes, a handshake that is never finished
-descriptors N readers on each, while the process may open 150 files only: a checkpoint must still find one
+descriptors N readers on each, while the process that serves them may open 150 files only
 =========== ===========================================================================================
 
 Held up: from when something was due to when the thread goes on. Asked: 50 ms at most.
@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import resource
 import selectors
 import socket
@@ -36,13 +35,13 @@ from pathlib import Path
 
 import harness
 import numpy as np
-from benchmark import memory_mb
 from harness import Figure, option
 from websockets.sync.client import connect
 
 from fg_nav.arrays import Floats
-from fg_nav.view.line_server import LineServer
-from fg_nav.view.page_server import LIVE, PageServer
+from fg_nav.view.loop import open_port
+from fg_nav.view.page_server import LIVE
+from fg_nav.view.process import ListenerProcess
 
 TICK_S, TICKS_A_LINE = 0.02, 50
 HELD_UP_MS = 50.0
@@ -67,15 +66,14 @@ class Ports:
 
 @dataclass(frozen=True)
 class Measured:
-    """One kind of crowd: how long each line was held up, and when it arrived, ms; and who was connected, most."""
+    """One kind of crowd: how long each line was held up, and when it arrived, ms; and who watched, most."""
 
     name: str
     held_up: Floats
     lines: Floats
     page: Floats
-    connected: int
+    watching: int
     memory_mb: float
-    opened: bool
 
 
 def probe(ports: Ports, count: int, found: Queue[tuple[str, list[float]]], ready: Event) -> None:
@@ -160,32 +158,39 @@ CROWDS: dict[str, Callable[[Ports, int, Event], None] | None] = {
 def measure(name: str, clients: int, seconds: float) -> Measured:
     """Serve lines and page beside one kind of crowd."""
     count = int(seconds / TICK_S / TICKS_A_LINE)
-    with closing(LineServer(0)) as lines, closing(PageServer(HOST, 0)) as page:
-        ports = Ports(lines.port, page.port)
-        with few_files(name == "descriptors"), listener(ports, count) as found, crowd(CROWDS[name], ports, clients):
-            held_up, connected = send_lines(lines, page, count)
-            opened = can_open()
-            arrived = dict(found.get(timeout=60.0) for _ in range(2))
-    delays = (np.array(arrived["lines"]), np.array(arrived["page"]))
-    return Measured(name, held_up, *delays, connected, memory_mb(), opened)
+    doors = open_port(HOST, 0, "lines"), open_port(HOST, 0, "page")
+    ports = Ports(*(int(door.getsockname()[1]) for door in doors))
+    with few_files(name == "descriptors"):
+        served = ListenerProcess(*doors, HOST, print)
+    with closing(served), listener(ports, count) as found, crowd(CROWDS[name], ports, clients):
+        held_up, watching = send_lines(served, count)
+        arrived = dict(found.get(timeout=60.0) for _ in range(2))
+        memory = memory_of(served.pid)
+    return Measured(name, held_up, np.array(arrived["lines"]), np.array(arrived["page"]), watching, memory)
 
 
-def send_lines(lines: LineServer, page: PageServer, count: int) -> tuple[Floats, int]:
-    """Send lines when they are due; return how long the thread was held up, ms, and how many were connected at most."""
-    held_up, began, due_status, connected = [], time.monotonic(), 0.0, 0
+def memory_of(process: int) -> float:
+    """Memory of another process, MB; NaN where the system does not show it."""
+    with suppress(OSError):
+        words = Path(f"/proc/{process}/status").read_text(encoding="ascii").split("VmRSS:")[1].split()
+        return float(words[0]) / 1024
+    return float("nan")
+
+
+def send_lines(served: ListenerProcess, count: int) -> tuple[Floats, int]:
+    """Send lines when they are due; return how long the thread was held up, ms, and how many watched at most."""
+    held_up, began, due_status, watching = [], time.monotonic(), 0.0, 0
     for k in range(count * TICKS_A_LINE):
         due = began + k * TICK_S
         time.sleep(max(0.0, due - time.monotonic()))
         if k % TICKS_A_LINE == 0:
-            line = json.dumps(_line(k))
-            lines.send(line)
-            page.send(line)
+            served.send_line(json.dumps(_line(k)))
         if due >= due_status:
-            due_status = due + page.status_s
-            page.send_status({"t": due, "position_m": [0.0, 0.0, 0.0], "heading_deg": 0.0, "source": "ok"})
+            due_status = due + served.status_s
+            served.send_status({"t": due, "position_m": [0.0, 0.0, 0.0], "heading_deg": 0.0, "source": "ok"})
         held_up.append(1e3 * (time.monotonic() - due))
-        connected = max(connected, lines.listeners + page.viewers)
-    return np.array(held_up), connected
+        watching = max(watching, served.viewers)
+    return np.array(held_up), watching
 
 
 def _line(k: int) -> dict[str, object]:
@@ -234,25 +239,15 @@ def few_files(few: bool) -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
-def can_open() -> bool:
-    """Whether a file can be opened, as that of a checkpoint."""
-    try:
-        os.close(os.open(Path(__file__), os.O_RDONLY))
-    except OSError:
-        return False
-    return True
-
-
 def judge_all(found: Sequence[Measured]) -> list[Figure]:
     """Figures of all crowds."""
     figures = []
     for one in found:
-        values = [
-            Figure(one.name, "held up, most (ms)", "lines", float(one.held_up.max()), high=HELD_UP_MS),
-            Figure(one.name, "arrived, 99 % (ms)", "lines", float(np.quantile(one.lines, 0.99)), high=HELD_UP_MS),
-            Figure(one.name, "arrived, 99 % (ms)", "page", float(np.quantile(one.page, 0.99)), high=HELD_UP_MS),
+        figures += [
+            Figure(one.name, f"{one.name}: held up, most (ms)", "walk", float(one.held_up.max()), high=HELD_UP_MS),
+            Figure(one.name, f"{one.name}: lines arrive, 99 % (ms)", "lines", _late(one.lines), high=HELD_UP_MS),
+            Figure(one.name, f"{one.name}: lines arrive, 99 % (ms)", "page", _late(one.page), high=HELD_UP_MS),
         ]
-        figures += [*values, Figure(one.name, "a file can be opened", "walk", float(one.opened), low=1.0)]
     return figures
 
 
@@ -280,12 +275,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "p99",
         "most",
     )
-    rows = [(one.name, str(one.connected), *(w for x in (one.held_up, one.lines, one.page) for w in _cells(x)),
+    rows = [(one.name, str(one.watching), *(w for x in (one.held_up, one.lines, one.page) for w in _cells(x)),
              f"{one.memory_mb:.0f}") for one in found]  # fmt: skip
     harness.print_table((*columns, "memory, MB"), rows)
     figures = judge_all(found)
     harness.print_figures(figures)
     harness.print_verdict(figures)
+
+
+def _late(values: Floats) -> float:
+    return float(np.quantile(values, 0.99))
 
 
 def _cells(values: Floats) -> list[str]:

@@ -30,7 +30,9 @@ def view_demo(seed: int, speed: float, host: str, port: int) -> None:
         simulated = simulate_walk(SCENARIO, seed).recording
         remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
         source = Replay(simulated, speed, "the simulated walk")
-        navigator = follow_source(source, StreamOptions(), outlets.emit, outlets.remark, stop, outlets.watcher)
+        navigator = follow_source(
+            source, StreamOptions(beside=True), outlets.emit, outlets.remark, stop, outlets.watcher
+        )
         if not stop.is_set() and outlets.emit_end is not None:
             emit_solution(navigator.finish(), navigator.judge.sensor_time, outlets.emit_end)
             remark("the walk is over, and stays on the page until Ctrl-C.")

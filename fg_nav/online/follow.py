@@ -177,10 +177,10 @@ class _Walk:
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
-        if not len(rows):
-            return
         if self._status is not None:
             self._status.count_samples(len(rows))
+        if not len(rows):
+            return
         self._check.add(rows)
         self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]

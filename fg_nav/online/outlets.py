@@ -6,14 +6,17 @@ on a port follows a walk. The page takes all of them; where nobody takes those o
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 
 from fg_nav.online.status import Watcher
-from fg_nav.view.line_server import LineServer
-from fg_nav.view.loop import is_loopback
-from fg_nav.view.page_server import PageServer
+from fg_nav.view.loop import format_address, is_loopback, open_port
+from fg_nav.view.process import ListenerProcess
+
+HOST = "127.0.0.1"
+"""That serves lines."""
 
 Say = Callable[[str], None]
 """Takes a line, or a sentence for people."""
@@ -48,17 +51,27 @@ def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Sa
         If a port cannot be served.
     """
     with ExitStack() as opened:
-        outlets = Outlets(print_line, print_line, remark)
-        if serve is not None:
-            lines = opened.enter_context(closing(LineServer(serve)))
-            remark(f"lines are served on 127.0.0.1:{lines.port}.")
-            outlets = Outlets(lines.send, None, remark)
-        if view is not None:
-            page = opened.enter_context(closing(PageServer(*view)))
-            remark(f"the walk is shown on {page.address} ({_who_sees_it(view[0])}).")
-            emit_end = page.send if outlets.emit_end is None else _both(outlets.emit_end, page.send)
-            outlets = Outlets(_both(outlets.emit, page.send), emit_end, _both(remark, page.send_remark), page)
-        yield outlets
+        lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))
+        page = None if view is None else opened.enter_context(open_port(*view, "--port"))
+        if lines is not None:
+            remark(f"lines are served on {HOST}:{_port_of(lines)}.")
+        if page is not None and view is not None:
+            remark(f"the walk is shown on {format_address(view[0], _port_of(page))} ({_who_sees_it(view[0])}).")
+        if lines is None and page is None:
+            yield Outlets(print_line, print_line, remark)
+            return
+        host = HOST if view is None else view[0]
+        listeners = opened.enter_context(closing(ListenerProcess(lines, page, host, remark)))
+        emit = listeners.send_line if lines is not None else _both(print_line, listeners.send)
+        if page is None:
+            yield Outlets(emit, None, remark)
+            return
+        emit_end = listeners.send if lines is not None else emit
+        yield Outlets(emit, emit_end, _both(remark, listeners.send_remark), listeners)
+
+
+def _port_of(door: socket.socket) -> int:
+    return int(door.getsockname()[1])
 
 
 def _both(first: Say, second: Say) -> Say:

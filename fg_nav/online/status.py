@@ -62,6 +62,7 @@ class StatusReporter:
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
         self._due = self._arrived = time.monotonic()
+        self._silent_since: float | None = None
         self._counts: deque[tuple[float, int]] = deque()
         self._latency_ms: float | None = None
 
@@ -71,10 +72,13 @@ class StatusReporter:
         self._watcher.send(json.dumps({"kind": "revised", "t": path[-1][0], "path": path}))
 
     def count_samples(self, count: int) -> None:
-        """Note that samples have come."""
+        """Note how many samples have come, at each read: one that finds none begins a silence."""
+        now = time.monotonic()
         if count:
-            self._arrived = time.monotonic()
-            self._counts.append((self._arrived, count))
+            self._arrived, self._silent_since = now, None
+            self._counts.append((now, count))
+        elif self._silent_since is None:
+            self._silent_since = now
 
     def note_line(self) -> None:
         """Note that a line was just sent."""
@@ -91,7 +95,7 @@ class StatusReporter:
             self._watcher.send_status({**self._describe(navigator), "source": source})
 
     def _describe_source(self, now: float) -> str:
-        silent_s = now - self._arrived
+        silent_s = 0.0 if self._silent_since is None else now - self._silent_since
         return "ok" if silent_s < SILENT_S else f"silent {silent_s:.0f} s"
 
     def _describe(self, navigator: Navigator) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Serves lines on 127.0.0.1 at a port, to each listener from its connection on.
+"""Serves lines at a port, to each listener from its connection on.
 
 A line is written into the buffers of all listeners at once. One whose buffer holds more than `MOST_WAITING` bytes does
 not read, and is disconnected; what listeners send is thrown away, and who sends much is disconnected too.
@@ -7,11 +7,10 @@ not read, and is disconnected; what listeners send is thrown away, and who sends
 from __future__ import annotations
 
 import asyncio
+import socket
 from typing import cast
 
-from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, open_port, run_there, start_loop
-
-HOST = "127.0.0.1"
+from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, run_there, start_loop
 
 MOST_WAITING = 1 << 18
 """Bytes; ten minutes of walking, and what the system holds comes on top."""
@@ -21,16 +20,9 @@ MOST_RECEIVED = 1 << 16
 
 
 class LineServer:
-    """Serves lines; `port` is the one it has, and 0 asks for a free one.
+    """Serves lines to who connects to a socket that listens."""
 
-    Raises
-    ------
-    StreamError
-        If the port is taken.
-    """
-
-    def __init__(self, port: int) -> None:
-        door = open_port(HOST, port, "--serve")
+    def __init__(self, door: socket.socket) -> None:
         self.port = int(door.getsockname()[1])
         self._listeners: set[asyncio.Transport] = set()
         self._server = run_there(

@@ -9,7 +9,6 @@ import asyncio
 import ipaddress
 import resource
 import socket
-import sys
 import threading
 from collections.abc import Callable, Coroutine
 from functools import cache
@@ -23,20 +22,12 @@ BACKLOG = 1024
 SPARE_DESCRIPTORS = 64
 """Of the process, left for the walk: its checkpoint, its source, its worker."""
 
-SWITCH_S = 1e-3
-"""Between two threads that compute in Python."""
-
 Result = TypeVar("Result")
 
 
 @cache
 def start_loop() -> asyncio.AbstractEventLoop:
-    """Return the loop, which runs in a thread of its own until the process ends; one serves all ports.
-
-    Where another thread computes, one waits for the interpreter for a switch interval. Sending a line
-    takes some of these waits: beside a thousand listeners, at the usual 5 ms, they add up to 40 ms.
-    """
-    sys.setswitchinterval(SWITCH_S)
+    """Return the loop, which runs in a thread of its own until the process ends; one serves all ports."""
     loop = asyncio.new_event_loop()
     loop.set_exception_handler(lambda loop, context: None)  # a listener's fault is no news for the walk
     threading.Thread(target=loop.run_forever, name="listeners", daemon=True).start()
@@ -67,6 +58,12 @@ def open_port(host: str, port: int, option: str) -> socket.socket:
     except (OSError, OverflowError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
         raise StreamError(f"port {port} cannot be served on {host} ({reason}): choose another {option}.") from None
+
+
+def format_address(host: str, port: int) -> str:
+    """Return where a browser of this machine finds a page."""
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
 
 
 def is_loopback(host: str) -> bool:

@@ -38,7 +38,7 @@ from websockets.http11 import Request, Response
 
 from fg_nav.text import to_json
 from fg_nav.view.history import History, turn_ellipse, turn_row
-from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, open_port, run_there, start_loop
+from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, run_there, start_loop
 
 LIVE = "/live"
 
@@ -91,16 +91,9 @@ class _Viewer:
 
 
 class PageServer:
-    """Serves the page; `port` is the one it has, and 0 asks for a free one.
+    """Serves the page to who connects to a socket that listens; `host` is its name for the user."""
 
-    Raises
-    ------
-    StreamError
-        If the port is taken.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        door = open_port(host, port, "--port")
+    def __init__(self, door: socket.socket, host: str) -> None:
         self.host, self.port = host, int(door.getsockname()[1])
         self._files = {path: (_read_file(name), kind) for path, (name, kind) in FILES.items()}
         self._history = History()
@@ -111,12 +104,6 @@ class PageServer:
         self._redraws: asyncio.TimerHandle | None = None
         self._status_s = STATUS_S
         self._server = run_there(self._open(door))
-
-    @property
-    def address(self) -> str:
-        """Where a browser of this machine finds it."""
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
-        return f"http://[{host}]:{self.port}/" if ":" in host else f"http://{host}:{self.port}/"
 
     @property
     def viewers(self) -> int:

@@ -18,7 +18,7 @@ import pytest
 from fg_nav import cli
 from fg_nav.calibration import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
-from fg_nav.errors import EstimationError, FormatError, StreamError
+from fg_nav.errors import EstimationError, FormatError
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
@@ -26,7 +26,6 @@ from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource, open_source
-from fg_nav.view.line_server import LineServer
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
@@ -280,24 +279,6 @@ def test_a_serial_device_is_followed(csv):
         os.close(controller)
     assert np.array_equal(rows[:90], rows_of(short_walk())[:90])
     os.close(device)
-
-
-def test_lines_are_served_to_all_who_connect():
-    with closing(LineServer(0)) as server:
-        listeners = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(2)]
-        for _ in range(100):
-            if server.listeners == 2:
-                break
-            time.sleep(0.01)
-        server.send("one")
-        listeners[0].close()
-        server.send("two")
-        server.send("three")
-        with listeners[1].makefile() as file:
-            assert [file.readline() for _ in range(3)] == ["one\n", "two\n", "three\n"]
-        listeners[1].close()
-        with pytest.raises(StreamError, match="--serve"):
-            LineServer(server.port)
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,17 @@ from itertools import pairwise
 
 import pytest
 
+from fg_nav.view.loop import format_address, open_port
 from fg_nav.view.page_server import PageServer
 from tests.browser import open_browser
 from tests.view.lines import circle, now, status
 
+HOST = "127.0.0.1"
 WAIT_S = 30.0
+
+
+def open_page(port=0):
+    return PageServer(open_port(HOST, port, "--port"), HOST)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +29,7 @@ def browser():
 
 @pytest.fixture
 def server():
-    with closing(PageServer("127.0.0.1", 0)) as opened:
+    with closing(open_page()) as opened:
         yield opened
 
 
@@ -39,7 +45,7 @@ def visit(browser):
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("request", lambda request: asked.append(request.url))
         page.on("websocket", lambda live: asked.append(live.url))
-        page.goto(server.address)
+        page.goto(format_address(HOST, server.port))
         wait(page, "canvas.dataset.state === 'connected'")
         opened.append(page)
         return page
@@ -162,14 +168,14 @@ def test_what_is_wrong_is_shown(visit, server):
 
 
 def test_a_server_that_begins_again_is_found_again_with_the_whole_path(visit):
-    with closing(PageServer("127.0.0.1", 0)) as server:
+    with closing(open_page()) as server:
         page = visit(server)
         send_walk(server, circle(12))
         wait(page, "canvas.dataset.points === '12'")
     wait(page, "canvas.dataset.state === 'lost'")
     assert page.inner_text("#banner").startswith("Connection lost")
     assert page.evaluate("canvas.dataset.points") == "12"
-    with closing(PageServer("127.0.0.1", server.port)) as again:
+    with closing(open_page(server.port)) as again:
         send_walk(again, circle(25))
         wait(page, "canvas.dataset.state === 'connected' && canvas.dataset.points === '25'")
         assert page.locator("#banner").is_hidden()

@@ -16,8 +16,11 @@ from websockets.sync.client import connect
 from fg_nav.errors import StreamError
 from fg_nav.view import line_server, loop, page_server
 from fg_nav.view.line_server import LineServer
+from fg_nav.view.loop import format_address, open_port
 from fg_nav.view.page_server import FILES, PageServer
 from tests.view.lines import circle, now, status
+
+HOST = "127.0.0.1"
 
 WAIT_S = 30.0
 """Longer than any machine takes: a test waits so long only where it fails."""
@@ -32,13 +35,13 @@ def wait_for(condition):
 
 @pytest.fixture
 def lines():
-    with closing(LineServer(0)) as server:
+    with closing(LineServer(open_port(HOST, 0, "--serve"))) as server:
         yield server
 
 
 @pytest.fixture
 def page():
-    with closing(PageServer("127.0.0.1", 0)) as server:
+    with closing(PageServer(open_port(HOST, 0, "--port"), HOST)) as server:
         yield server
 
 
@@ -68,6 +71,16 @@ def read(socket_, kinds=None):
 # --- lines
 
 
+def test_lines_go_to_all_who_are_connected(lines):
+    with closing(listen(lines)) as one, closing(listen(lines)) as other, other.makefile() as file:
+        wait_for(lambda: lines.listeners == 2)
+        lines.send("one")
+        one.close()
+        lines.send("two")
+        lines.send("three")
+        assert [file.readline() for _ in range(3)] == ["one\n", "two\n", "three\n"]
+
+
 def test_who_does_not_read_is_disconnected_and_others_read_on(lines, monkeypatch):
     monkeypatch.setattr(line_server, "MOST_WAITING", 1 << 16)
     with closing(listen(lines)) as deaf, closing(listen(lines)) as reader, reader.makefile() as file:
@@ -95,7 +108,7 @@ def test_who_says_much_is_disconnected(lines):
 
 
 def test_sending_to_nobody_and_after_the_end_does_no_harm():
-    server = LineServer(0)
+    server = LineServer(open_port(HOST, 0, "--serve"))
     server.send("nobody")
     server.close()
     server.send("nobody")
@@ -104,7 +117,7 @@ def test_sending_to_nobody_and_after_the_end_does_no_harm():
 @pytest.mark.parametrize("port", [99_999, -1])
 def test_a_port_that_is_none_is_refused(port):
     with pytest.raises(StreamError, match="choose another --serve"):
-        LineServer(port)
+        open_port(HOST, port, "--serve")
 
 
 def test_the_last_descriptors_are_left_to_the_walk(lines, monkeypatch):
@@ -235,9 +248,9 @@ def test_garbage_on_the_port_is_no_news(page, garbage, capfd):
 
 def test_a_port_that_is_taken_is_refused(page):
     with pytest.raises(StreamError, match="choose another --port"):
-        PageServer("127.0.0.1", page.port)
+        open_port(HOST, page.port, "--port")
     with pytest.raises(StreamError, match="choose another --port"):
-        PageServer("no-such-host.invalid", 0)
+        open_port("no-such-host.invalid", 0, "--port")
 
 
 def test_the_last_descriptors_are_left_to_the_walk_by_pages_too(page, monkeypatch):
@@ -246,7 +259,9 @@ def test_the_last_descriptors_are_left_to_the_walk_by_pages_too(page, monkeypatc
         watch(page)
 
 
-def test_the_address_is_one_that_a_browser_can_open():
-    with closing(PageServer("0.0.0.0", 0)) as page:
-        assert page.address == f"http://127.0.0.1:{page.port}/"
-        assert get(page, "/")[0].status == 200
+@pytest.mark.parametrize(
+    ("host", "address"),
+    [("0.0.0.0", "http://127.0.0.1:7/"), ("::", "http://[::1]:7/"), ("here.example", "http://here.example:7/")],
+)
+def test_the_address_is_one_that_a_browser_can_open(host, address):
+    assert format_address(host, 7) == address

@@ -1,0 +1,186 @@
+"""Lines and page are served by a process of their own: listeners and the walk share no interpreter, and no core.
+
+    python -m fg_nav.view.process LINES PAGE HOST      descriptors of the ports, -1 for none (`ListenerProcess`)
+
+The parent opens the ports, so that one that is taken is said at once, and writes to the process, one message a line: a
+letter, then JSON or the line itself.
+
+==== ================================================================
+L    a line for those who listen to lines, and for the page
+P    one for the page alone
+S    what holds between footfalls
+R    a remark
+==== ================================================================
+
+It answers with two numbers a line, whenever they change: how many watch the page, and how often to send what holds
+between footfalls (s). It ends with its input, and so with the parent, however that ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from typing import IO, Any
+
+from fg_nav.text import to_json
+from fg_nav.view.line_server import LineServer
+from fg_nav.view.loop import call_there, start_loop
+from fg_nav.view.page_server import STATUS_S, PageServer
+
+MOST_WAITING = 10_000
+"""Messages that the process has not read; more are dropped."""
+
+CLOSING_S = 5.0
+"""How long the end waits for it."""
+
+REPORT_S = 0.1
+"""Between two looks at how many watch."""
+
+
+class ListenerProcess:
+    """Hands lines, statuses and remarks to the process; nothing here waits for it.
+
+    Parameters
+    ----------
+    lines, page
+        Sockets that listen; they are closed here, for the process has them.
+    host
+        Of the page, as the user named it.
+    remark
+        Told where the process has ended before its time.
+    """
+
+    def __init__(
+        self, lines: socket.socket | None, page: socket.socket | None, host: str, remark: Callable[[str], None]
+    ) -> None:
+        self.viewers, self.status_s = 0, STATUS_S
+        self._remark, self._closing = remark, False
+        self._messages: queue.Queue[bytes | None] = queue.Queue(MOST_WAITING)
+        doors = [door for door in (lines, page) if door is not None]
+        descriptors = [-1 if door is None else door.fileno() for door in (lines, page)]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", __name__, *map(str, descriptors), host],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=[door.fileno() for door in doors],
+            start_new_session=True,
+        )
+        for door in doors:
+            door.close()
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._threads = [
+            threading.Thread(target=self._write, args=(self._process.stdin,), daemon=True),
+            threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def send_line(self, line: str) -> None:
+        """Send a line to all."""
+        self._put(b"L", line)
+
+    def send(self, line: str) -> None:
+        """Send a line to the page alone."""
+        self._put(b"P", line)
+
+    def send_status(self, status: dict[str, Any]) -> None:
+        """Send what holds between footfalls."""
+        self._put(b"S", json.dumps(to_json(status), allow_nan=False))
+
+    def send_remark(self, words: str) -> None:
+        """Send a sentence for people."""
+        self._put(b"R", json.dumps(words))
+
+    def close(self) -> None:
+        """End it, once all that was sent has been read."""
+        self._closing = True
+        with suppress(queue.Full):
+            self._messages.put(None, timeout=CLOSING_S)
+        try:
+            self._process.wait(CLOSING_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        for thread in self._threads:
+            thread.join()
+
+    def _put(self, kind: bytes, words: str) -> None:
+        with suppress(queue.Full):
+            self._messages.put_nowait(kind + words.encode() + b"\n")
+
+    def _write(self, pipe: IO[bytes]) -> None:
+        with suppress(OSError), pipe:
+            while (message := self._messages.get()) is not None:
+                pipe.write(message)
+                pipe.flush()
+
+    def _read(self, pipe: IO[bytes]) -> None:
+        with pipe:
+            for answer in pipe:
+                viewers, status_s = answer.split()
+                self.viewers, self.status_s = int(viewers), float(status_s)
+        self.viewers = 0
+        if not self._closing:
+            self._remark("what serves the walk has ended: it goes on unseen.")
+            while self._messages.get() is not None:
+                pass
+
+
+def serve(lines: LineServer | None, page: PageServer | None, messages: IO[bytes]) -> None:
+    """Pass messages on until there are no more."""
+    for message in messages:
+        kind, words = message[:1], message[1:-1].decode()
+        if kind == b"L" and lines is not None:
+            lines.send(words)
+        if page is None:
+            continue
+        if kind in b"LP":
+            page.send(words)
+        elif kind == b"S":
+            page.send_status(json.loads(words))
+        else:
+            page.send_remark(json.loads(words))
+
+
+async def _report(page: PageServer) -> None:
+    """Print how many watch, and how often to send them what holds between footfalls, whenever one changes."""
+    said = ""
+    while True:
+        now = f"{page.viewers} {page.status_s:.3f}"
+        if now != said:
+            print(now, flush=True)  # noqa: T201
+            said = now
+        await asyncio.sleep(REPORT_S)
+
+
+def main() -> None:
+    """Serve what comes on standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that tells the walk
+    doors = [None if word == "-1" else socket.socket(fileno=int(word)) for word in sys.argv[1:3]]
+    lines = None if doors[0] is None else LineServer(doors[0])
+    page = None if doors[1] is None else PageServer(doors[1], sys.argv[3])
+    if page is not None:
+        told = _report(page)
+        call_there(lambda: start_loop().create_task(told))
+    serve(lines, page, sys.stdin.buffer)
+    for server in (lines, page):
+        if server is not None:
+            server.close()
+
+
+if __name__ == "__main__":
+    main()
