@@ -43,6 +43,7 @@ from fg_nav.pocket.dead_reckoning import (
     StepLength,
     SteppedPath,
     add_steps,
+    propagate_corrections,
     turn_forward,
     use_step_constant,
 )
@@ -302,7 +303,10 @@ class PocketNavigator:
         axis_sigma = axis_sigma if given is not None or found.is_forward_known else np.pi
         sigma, part = np.hypot(known.heading_sigma, axis_sigma), slice(0, count)
         steps = Steps(*(getattr(steps, item.name)[part] for item in fields(steps)))
-        path = add_steps(steps, forward[part], sigma[part], self._step_length, known.lost_m2[part])
+        along = self._step_length.predict(steps.opening)[:, None] * forward[part]
+        unseen = propagate_corrections(along, known.heading_sigma[part] ** 2)
+        unseen += known.lost_m2[part, None, None] * np.eye(2)
+        path = add_steps(steps, forward[part], sigma[part], self._step_length, unseen)
         return _PathSoFar(path, np.maximum.accumulate(sigma), clockwise)
 
     def _report(self, ends: list[StrideEnd]) -> list[StanceEstimate | Revision]:

@@ -151,7 +151,7 @@ def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length
 
 
 def add_steps(
-    steps: Steps, forward: Floats, heading_sigma: Floats, step_length: StepLength, lost_m2: Floats | None = None
+    steps: Steps, forward: Floats, heading_sigma: Floats, step_length: StepLength, unseen: Floats | None = None
 ) -> SteppedPath:
     """Add up steps.
 
@@ -159,14 +159,14 @@ def add_steps(
     ----------
     forward : (S, 2) direction of each, of length 1.
     heading_sigma : (S,) rad, of the track at each.
-    lost_m2 : (S,) variance, an axis over ground, of what was walked unseen before each; None for none.
+    unseen : (S, 2, 2) m^2, covariance of the place at the end of each by what the sigmas do not show; None for none.
     """
     length = step_length.predict(steps.opening)
     after = np.cumsum(length[:, None] * forward, axis=0)
     position = np.concatenate([np.zeros((1, 2)), after])
     covariance = _propagate_covariance(forward, length, heading_sigma, step_length.sigma)
-    if lost_m2 is not None:
-        covariance[1:, [0, 1], [0, 1]] += lost_m2[:, None]
+    if unseen is not None:
+        covariance[1:, :2, :2] += unseen
     ends = np.repeat(np.arange(len(steps) + 1), 2)[1:-1]  # before and after each step
     return SteppedPath(
         sample=np.stack([steps.start, steps.stop], axis=1).ravel(),
@@ -190,6 +190,18 @@ def turn_forward(left: Floats) -> Floats:
     """Directions (S, 2) east and north, of length 1, a quarter turn to the right of these (S, 2), of any length."""
     left = left / np.linalg.norm(left, axis=1, keepdims=True)
     return np.stack([left[:, 1], -left[:, 0]], axis=1)
+
+
+def propagate_corrections(along: Floats, variance: Floats) -> Floats:
+    """Covariance (S, 2, 2) of the places after steps `along` (S, 2) m, by what a filter learned of the heading later.
+
+    Where its variance (S,) of the heading falls by dv it was corrected by so much, and the steps before keep the
+    direction that they had: sum dv_m (J p_m)(J p_m)^T over the m at which it fell, p_m the path until there.
+    """
+    fallen = np.maximum(-np.diff(variance, prepend=variance[0]), 0.0)
+    before = np.cumsum(along, axis=0) - along
+    across = np.stack([-before[:, 1], before[:, 0]], axis=1)
+    return np.asarray(np.cumsum(fallen[:, None, None] * _outer(across), axis=0))
 
 
 def _propagate_covariance(forward: Floats, length: Floats, sigma: Floats, scale_sigma: float) -> Floats:

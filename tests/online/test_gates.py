@@ -1,0 +1,30 @@
+"""Every gate of the field decides while the walk goes on what it decides in batch on the same footfalls."""
+
+import numpy as np
+import pytest
+
+from fg_nav.magnetic.quasi_static import GATES, NO_GATE, QUASI_STATIC, apply_gate
+from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import measure_walk_field
+from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
+from tests.online.walks import push, short_walk
+
+
+@pytest.mark.parametrize("gate", GATES)
+def test_a_gate_judges_a_walk_in_progress(gate):
+    parameters = SmootherParameters(magnetic=FieldParameters(gate=gate))
+    navigator = OnlineNavigator(OnlineOptions(heading_rad=0.0, parameters=parameters))
+    push(navigator, rows_of(short_walk()))
+    navigator.close()
+    found = navigator.finish()
+    assert np.isfinite(found.stances.position).all()
+    # on the same footfalls, with the attitudes of the batch
+    field, _ = measure_walk_field(navigator.recording(), navigator.stances(), 0.0, use_field=True)
+    assert field is not None
+    passed = np.array([word == QUASI_STATIC for word in found.stances.field])
+    expected = np.array([word == QUASI_STATIC for word in apply_gate(field, gate).words])
+    assert (passed == expected[: len(passed)]).mean() > 0.75
+    assert passed.any()
+    assert passed.all() or gate != NO_GATE
