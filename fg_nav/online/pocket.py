@@ -7,10 +7,10 @@ The functions are those of the batch (`fg_nav.pocket.navigate`), with the orient
 of the filter forward, from the past alone. The blocks are those of the stamps, so that nothing depends on how the
 samples came. An estimate is where the body is at the end of a stride, and its heading is that of the stride.
 
-Every estimate adds up all steps so far, with the axes of the thigh as they are known then: in the first strides the
-axes are uncertain, and so the path turns a little about its origin. That is in no covariance of the batch, which has
-the axes of all the walk; here it is (`AXIS_SIGMA_DEG`). While the gait does not show front and back, a heading that was
-not given is unknown.
+Every estimate adds up all steps so far, with the axes of the thigh as they are known then. In the first strides they
+are uncertain, so the path turns about its origin; a degree and more is told (`revision`). That is in no covariance of
+the batch, which has the axes of all the walk; here it is (`AXIS_SIGMA_DEG`). So is what the filter learned of the
+heading later. While the gait does not show front and back, a heading that was not given is unknown.
 
 Over a gap a person walks at up to `pocket.online_thigh.WALKER_M_S` in any direction.
 """
@@ -35,7 +35,7 @@ from fg_nav.online.estimates import StanceEstimate, Track, build_table
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import METHOD, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.revision import Revision
+from fg_nav.online.revision import TURNED_RAD, Revision, thin_rows
 from fg_nav.pocket.causal_steps import StrideEnd
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
@@ -96,9 +96,10 @@ class PocketOptions:
 
 
 class _PathSoFar(NamedTuple):
-    """Path of the steps, the sigma (S,) rad of the heading of each, and by how much the track is turned for it."""
+    """Path of some steps, the direction (S, 2) of all and the sigma (S,) rad, and by how much the track is turned."""
 
     path: SteppedPath
+    forward: Floats
     heading_sigma: Floats
     clockwise: float
 
@@ -132,6 +133,7 @@ class PocketNavigator:
         self._thigh: OnlineThigh | None = None
         self._told: list[StanceEstimate] = []
         self._made: list[int] = []  # steps until each line
+        self._directions = np.empty((0, 2))  # of the steps, in the map of the last line
         self._closed, self._busy_s = False, 0.0
 
     def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
@@ -307,13 +309,14 @@ class PocketNavigator:
         unseen = propagate_corrections(along, known.heading_sigma[part] ** 2)
         unseen += known.lost_m2[part, None, None] * np.eye(2)
         path = add_steps(steps, forward[part], sigma[part], self._step_length, unseen)
-        return _PathSoFar(path, np.maximum.accumulate(sigma), clockwise)
+        return _PathSoFar(path, forward, np.maximum.accumulate(sigma), clockwise)
 
     def _report(self, ends: list[StrideEnd]) -> list[StanceEstimate | Revision]:
         """Return the estimates at the ends of strides."""
         if not ends:
             return []
         so_far = self._reckon_path(ends[-1].steps)
+        revised = self._revise(so_far)
         found = [self._make_estimate(len(self._told) + k, end, so_far) for k, end in enumerate(ends)]
         one = np.ones(1)
         self._made += [end.steps for end in ends]
@@ -321,7 +324,21 @@ class PocketNavigator:
             interval = np.array([end.sample]), np.array([end.sample + 1])
             self.footfalls.append(Footfall(*interval, one, end.sample, continues=False))
         self._told += found
-        return list(found)
+        return [*revised, *found]
+
+    def _revise(self, so_far: _PathSoFar) -> list[Revision]:
+        """Say by how much the axes of the thigh, as they are known now, turn the path of the lines so far."""
+        known = len(self._directions)
+        old, new = self._directions @ [1j, 1.0], so_far.forward @ [1j, 1.0]
+        turn = float(np.angle((new[:known] * old.conj()).sum()))
+        if abs(turn) < TURNED_RAD or not self._told:
+            self._directions = np.concatenate([self._directions, so_far.forward[known:]])
+            return []
+        self._directions = so_far.forward
+        at = [max(2 * self._made[k] - 1, 0) for k in thin_rows(len(self._made))]
+        t = [self._told[k].t for k in thin_rows(len(self._made))]
+        path = np.column_stack([t, so_far.path.position[at]])
+        return [Revision(self._told[-1].t, turn, (), path)]
 
     def _make_estimate(self, number: int, end: StrideEnd, so_far: _PathSoFar) -> StanceEstimate:
         assert self._thigh is not None

@@ -65,13 +65,18 @@ def compare_pasts(
     _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)
     turns = compute_heading(new.nav_R_body[j]) - compute_heading(old.nav_R_body[i])
     turn = float(np.angle(np.exp(1j * turns).sum())) if len(turns) else 0.0
-    path = split_rows([after[k] for k in _thin(len(after))])
+    path = split_rows([after[k] for k in thin_rows(len(after))])
     return Revision(
         t=float(path.t[-1]),
         turn=turn if abs(turn) > TURNED_RAD else 0.0,
         retracted=tuple(one.told for one in untold),
         path=np.column_stack([path.t, path.position]),
     )
+
+
+def thin_rows(count: int) -> list[int]:
+    """Return the numbers of at most `MOST_POINTS` of so many footfalls, the first and the last among them."""
+    return sorted(set(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(int).tolist()))
 
 
 def format_revision(revision: Revision) -> Iterator[str]:
@@ -82,11 +87,6 @@ def format_revision(revision: Revision) -> Iterator[str]:
     for number in revision.retracted:
         yield _format("retracted", {"stance": number, "t": t})
     yield _format("revised", {"t": t, "path": np.round(revision.path, DIGITS)})
-
-
-def _thin(count: int) -> list[int]:
-    """Numbers of at most `MOST_POINTS` of so many footfalls, the first and the last among them."""
-    return sorted(set(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(int).tolist()))
 
 
 def _format(kind: str, content: dict[str, object]) -> str:

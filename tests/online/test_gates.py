@@ -16,7 +16,7 @@ from tests.online.walks import push, short_walk
 def test_a_gate_judges_a_walk_in_progress(gate):
     parameters = SmootherParameters(magnetic=FieldParameters(gate=gate))
     navigator = OnlineNavigator(OnlineOptions(heading_rad=0.0, parameters=parameters))
-    push(navigator, rows_of(short_walk()))
+    push(navigator, rows_of(short_walk(8)))
     navigator.close()
     found = navigator.finish()
     assert np.isfinite(found.stances.position).all()

@@ -5,15 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
+from fg_nav.frames import yaw_rotation
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import load, save
-from fg_nav.online.estimates import format_estimate
+from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.pocket import PocketNavigator, PocketOptions
+from fg_nav.online.revision import Revision
 from fg_nav.pocket import follow_pocket
 from fg_nav.pocket.dead_reckoning import StepLength, reckon_path
 from fg_nav.pocket.navigate import choose_start
@@ -40,12 +43,12 @@ def push(navigator, rows, block=64):
 def walk(recording, options=COMPASS, block=64):
     """The navigator of a walk, and what it told."""
     navigator = PocketNavigator(options)
-    told = push(navigator, rows_of(recording), block)
-    return navigator, told + navigator.close()
+    told = push(navigator, rows_of(recording), block) + navigator.close()
+    return navigator, [one for one in told if isinstance(one, StanceEstimate)]
 
 
 def lines(told):
-    return [format_estimate(one, continues=False) for one in told]
+    return [format_estimate(one, continues=False) for one in told if isinstance(one, StanceEstimate)]
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +99,7 @@ def test_nothing_depends_on_the_blocks(recording, walked):
 def test_a_line_comes_within_two_steps(recording):
     navigator, late = PocketNavigator(COMPASS), []
     for row in rows_of(recording):
-        late += [row[0] - one.t for one in navigator.add_rows(row[None])]
+        late += [row[0] - one.t for one in navigator.add_rows(row[None]) if isinstance(one, StanceEstimate)]
     assert max(late[2:]) < 1.0  # the first two wait until three steps are a walk
 
 
@@ -126,7 +129,7 @@ def test_a_gap_widens_the_sigmas_and_the_walk_goes_on(recording, walked):
     lost = (recording.t > 14.0) & (recording.t < 17.0)
     rows = rows_of(recording)
     navigator = PocketNavigator(COMPASS)
-    told = push(navigator, rows[~lost]) + navigator.close()
+    told = [one for one in push(navigator, rows[~lost]) + navigator.close() if isinstance(one, StanceEstimate)]
     before = [one for one in told if one.t < 14.0]
     after = [one for one in told if one.t > 17.0]
     sigma = [float(np.sqrt(np.trace(one.pose_cov[:2, :2]))) for one in (before[-1], after[0])]
@@ -144,6 +147,31 @@ def test_without_a_magnetometer_the_field_is_unknown(recording):
     navigator, told = walk(replace(recording, mag=None))
     assert {one.field for one in told} == {"none"}
     assert any("unknown" in note for note in navigator.finish().notes)
+
+
+def test_a_path_that_turns_with_the_axes_of_the_thigh_says_so(recording):
+    """The first strides swing about another axis: a sensor that then slipped by 50 deg about the thigh."""
+    turn = Rotation.from_rotvec(np.radians(50.0) * up_of(recording)).as_matrix()
+    slipped = recording.t < 11.0
+    rows = rows_of(recording)
+    for part in (slice(1, 4), slice(4, 7), slice(7, 10)):
+        rows[slipped, part] = rows[slipped, part] @ turn.T
+    navigator = PocketNavigator(COMPASS)
+    told = push(navigator, rows) + navigator.close()
+    first = next(one for one in told if isinstance(one, StanceEstimate) and one.number == 2)
+    turned = [one for one in told[told.index(first) :] if isinstance(one, Revision)]
+    assert turned
+    now = navigator.smoothed().position[2]
+    by_turns = yaw_rotation(-sum(one.turn for one in turned)) @ first.position
+    assert np.linalg.norm(by_turns - now) < 0.03 * np.linalg.norm(now)
+    assert np.linalg.norm(first.position - now) > 0.1 * np.linalg.norm(now)
+    np.testing.assert_allclose(turned[-1].path[:2, 1:3], navigator.smoothed().position[:2, :2], atol=0.2)
+
+
+def up_of(recording):
+    """Direction of up in the body while it stands."""
+    force = recording.acc[:200].mean(axis=0)
+    return force / np.linalg.norm(force)
 
 
 def test_a_stream_prints_and_writes_what_a_recording_run_online_does(fg_nav, recording, tmp_path):
