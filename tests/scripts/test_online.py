@@ -20,6 +20,7 @@ online_accuracy = load_script("online_accuracy")
 honesty = load_script("online_honesty")
 losses = load_script("online_losses")
 benchmark = load_script("benchmark")
+limits = load_script("online_limits")
 
 
 def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
@@ -121,3 +122,25 @@ def test_the_cost_of_a_footfall_is_printed(lag: list[str], capsys, monkeypatch) 
 def test_a_walk_that_is_too_short_for_a_trend_is_refused() -> None:
     with pytest.raises(SimulationError, match="too few for a trend"):
         benchmark.measure_online(1.0, None, 100.0)
+
+
+def test_what_a_source_may_send_is_measured_with_what_is_lost(monkeypatch):
+    """With rows that are taken away the loss shows."""
+    rows = limits.draw_walk(0.5, 400.0)
+    assert len(rows) == 200
+    assert all(figure.measured > 0 for figure in limits.measure_reading(rows))
+    monkeypatch.setattr(
+        limits, "stream_text", lambda pieces: limits.Streamed(rows[:: 1 + (len(pieces) > 2)], 3, 90.0, "")
+    )
+    missing = [figure for figure in limits.measure_rubbish(rows, 1) if figure.name == "rows missing"]
+    assert [figure.measured for figure in missing] == [100] * 4
+    assert {figure.mark for figure in missing} == {"missed"}
+
+
+@pytest.mark.parametrize("at_once", [1, 4, 450])
+def test_datagrams_hold_whole_rows_and_no_more_than_they_can(at_once):
+    rows = limits.draw_walk(3.0, 400.0)
+    datagrams = limits.cut_datagrams(limits.make_text(rows), at_once)
+    assert max(map(len, datagrams)) <= limits.LONGEST_DATAGRAM
+    reader = limits.RowReader("datagrams")
+    assert np.array_equal(np.concatenate([reader.read(datagram) for datagram in datagrams]), rows, equal_nan=True)
