@@ -30,7 +30,7 @@ WORKER = "fg_nav.online.worker"
 
 
 class WorkerSolver:
-    """Solves in another process; methods as in `Solver`.
+    """Solves in another process; attributes and methods as in `Solver`.
 
     Parameters
     ----------
@@ -47,7 +47,8 @@ class WorkerSolver:
     ) -> None:
         self._here = WalkSolver(options, stance, buffer)
         self._remark, self._sent = remark, 0
-        self._is_dead = False
+        self.is_here = False
+        self._answer: tuple[Handover | None] | None = None
         self._worker = subprocess.Popen(
             [sys.executable, "-m", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
@@ -79,15 +80,31 @@ class WorkerSolver:
         self._here.ask(footfalls)
         self._messages.put(("ask", tuple(footfalls)))
 
+    def is_ready(self) -> bool:
+        """See `Solver`."""
+        return self._answer is not None or not self._answers.empty()
+
+    def wait(self) -> None:
+        """See `Solver`."""
+        if self._answer is not None:
+            return
+        answer = EOFError() if self.is_here else self._answers.get()
+        if isinstance(answer, EOFError):
+            answer = self._solve_here()
+        assert answer is None or isinstance(answer, Handover)
+        self._answer = (answer,)
+
     def take(self) -> Handover | None:
         """See `Solver`."""
-        if not self._is_dead:
-            answer = self._answers.get()
-            if not isinstance(answer, EOFError):
-                assert answer is None or isinstance(answer, Handover)
-                return answer
-            self._is_dead = True
+        self.wait()
+        assert self._answer is not None
+        answer, self._answer = self._answer[0], None
+        return answer
+
+    def _solve_here(self) -> Handover | None:
+        if not self.is_here:
             self._remark("the process that solves the walk again has died: its work is done in between from here on.")
+        self.is_here = True
         return self._here.take()
 
     def close(self) -> None:

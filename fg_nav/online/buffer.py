@@ -201,6 +201,7 @@ class WalkSoFar:
     def replace_footfalls(self, number: int, footfalls: Sequence[ToldFootfall]) -> None:
         """Put these in place of the footfalls from one on."""
         self._footfalls[max(number - self._discarded, 0) :] = footfalls[max(self._discarded - number, 0) :]
+        self.stop = self._footfalls[-1].until
 
     def add(self, footfall: ToldFootfall) -> None:
         """Append a footfall, and the samples of the buffer up to one before its `until`.

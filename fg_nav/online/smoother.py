@@ -7,11 +7,14 @@
 
 The newest stretch is short, so that a footfall costs the same however long the walk; all of the past is in its anchor.
 Where it ends is fixed by the count of footfalls alone. So the same calls give the same answers to the bit, and how long
-a solution takes makes no difference, unless it takes longer than the footfalls until then: then it is waited for.
+a solution takes makes no difference, unless it takes longer than the footfalls until then. Then a walk whose samples
+come as they are walked goes on without it, and takes it over when it is there; only where they come faster, as from a
+file, it is waited for, between two footfalls.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -37,13 +40,24 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
 
+FAST = 5.0
+"""Times as fast as it was walked: then the samples are of a recording, and nobody watches."""
+
+MOST_LATE = 6
+"""Footfalls since a solution was due that are added when it is taken over: each takes 10 ms."""
+
 
 @dataclass(frozen=True)
 class Pending:
-    """A solution of the first `footfalls` that is taken over when `due_at` lines were told."""
+    """A solution of the first `footfalls` that is taken over when `due_at` lines were told.
+
+    It was begun at `clock_s` of this machine, when `t` was the stamp of the walk, s.
+    """
 
     due_at: int
     footfalls: int
+    clock_s: float
+    t: float
 
 
 class OnlineSmoother:
@@ -98,7 +112,7 @@ class OnlineSmoother:
             never raises, however the person moved.
         """
         # A solution that is due is taken over before the footfall that comes behind it.
-        revised = self._take_over() if self._pending and self._pending.due_at == self.n_told else []
+        revised = self._take_over() if self._is_due and (self._waits or self._solver.is_ready()) else []
         told = ToldFootfall(footfall, self.n_told, until)
         self._walk.add(told)
         self._footfalls.append(told)
@@ -115,6 +129,11 @@ class OnlineSmoother:
         self._schedule(None if seen is None else self._find_doubtful(seen))
         return [*revised, estimate]
 
+    def prepare(self) -> None:
+        """Wait for a solution that is due, where the walk waits for one: now, and not when a footfall is complete."""
+        if self._is_due and self._waits:
+            self._solver.wait()
+
     def finish(self) -> list[StanceEstimate | Revision]:
         """End the walk, and solve it once more, as far as its samples are there; what this takes back."""
         self._solver.close()
@@ -122,6 +141,7 @@ class OnlineSmoother:
             return []
         self._solver = WalkSolver(self._options, self._stance, self._buffer)
         self._solver.begin(self._build_task(self._starts[0] if self._is_windowed else None))
+        self._pending = self._build_pending(0)
         return self._take_over()
 
     @property
@@ -219,32 +239,54 @@ class OnlineSmoother:
             self._stretch.add_newest()
             return []
 
+    @property
+    def _is_due(self) -> bool:
+        """Whether a solution was asked for."""
+        return self._pending is not None and self._pending.due_at <= self.n_told
+
+    @property
+    def _waits(self) -> bool:
+        """Whether a solution is waited for: it is solved here, or the samples come faster than they were walked."""
+        assert self._pending is not None
+        passed_s = time.monotonic() - self._pending.clock_s
+        return self._solver.is_here or self._buffer.stamp(self._walk.stop - 1) - self._pending.t > FAST * passed_s
+
     def _take_over(self) -> list[StanceEstimate | Revision]:
         """Take over what was solved beside, unless there is no solution: then the newest stretch goes on."""
-        handover = self._solver.take()
+        assert self._pending is not None
+        handover, late = self._solver.take(), self.n_told - self._pending.due_at
+        if late > MOST_LATE:
+            # Too many footfalls have come since: they are added beside as well.
+            self._solver.ask(self._footfalls[-late:])
+            self._pending = replace(self._pending, due_at=self.n_told)
+            return []
         self._pending = None
         try:
-            return [] if handover is None else [self._take(handover)]
+            return [] if handover is None else [self._take(handover, self._footfalls[len(self._footfalls) - late :])]
         except UNSOLVED:
             return []
 
-    def _take(self, handover: Handover) -> Revision:
-        """Begin a new stretch at a handover, whose past is that of the walk now; what this changes."""
+    def _take(self, handover: Handover, since: Sequence[ToldFootfall] = ()) -> Revision:
+        """Begin a new stretch at a handover, with the footfalls since, and take over its past; what this changes."""
         before, first = self._footfalls[handover.first :], handover.first
         old = () if self._stretch is None else (*self._past.rows, *self._stretch.reported)
         known, self._walk.sensor = self._walk.sensor, handover.sensor
         self._walk.replace_footfalls(first, handover.footfalls)
         try:
-            self._stretch = Stretch(handover.forget_past(), self._walk)
+            stretch = Stretch(handover.forget_past(), self._walk)
+            for footfall in since:
+                self._walk.add(footfall)
+                stretch.add_newest()
         except UNSOLVED:
             self._walk.sensor = known
             self._walk.replace_footfalls(first, before)
             raise
-        self._footfalls[first:] = handover.footfalls
+        self._stretch = stretch
+        self._footfalls[first:] = [*handover.footfalls, *since]
         self._past = self._past.join(handover.past)
         self._starts = self._keep_starts(handover)
-        rows = (*self._past.rows, self._stretch.latest.as_row())
-        return compare_pasts(old[first:], rows, first, list_untold(before, handover.footfalls))
+        rows = (*self._past.rows, *stretch.reported)
+        return compare_pasts(old[first:], rows, first, list_untold(before, self._footfalls[first:]))
 
     def _find_doubtful(self, seen: Seen) -> int | None:
         """Return the newest footfall that is no stance any more, and was not in doubt before."""
@@ -280,7 +322,11 @@ class OnlineSmoother:
             before = [one for one in self._starts if one.place.number < doubtful]
             start, delay = (before[-1], DOUBT_DELAY) if before else (start, delay)
         self._solver.begin(self._build_task(start))
-        self._pending = Pending(n + delay, len(self._footfalls))
+        self._pending = self._build_pending(delay)
+
+    def _build_pending(self, delay: int) -> Pending:
+        stamp = self._buffer.stamp(self._walk.stop - 1)
+        return Pending(self.n_told + delay, len(self._footfalls), time.monotonic(), stamp)
 
     def _build_task(self, start: Handover | None) -> Task:
         footfalls = self._footfalls[0 if start is None else start.place.number :]

@@ -46,7 +46,9 @@ class Task:
 
 
 class Solver(Protocol):
-    """Solves a walk again while it goes on."""
+    """Solves a walk again while it goes on; `is_here` where it does so in this process."""
+
+    is_here: bool
 
     def follow(self, buffer: SampleBuffer, until: int) -> None:
         """Take note of the samples of the walk before this one."""
@@ -60,6 +62,12 @@ class Solver(Protocol):
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
         """Ask for the handover at the last of these footfalls, which came since the task."""
 
+    def is_ready(self) -> bool:
+        """Whether it is there."""
+
+    def wait(self) -> None:
+        """Wait until it is there."""
+
     def take(self) -> Handover | None:
         """Return it, as soon as it is there; None where the walk has no solution."""
 
@@ -68,12 +76,16 @@ class Solver(Protocol):
 
 
 class WalkSolver:
-    """Solves in this process, when a handover is taken."""
+    """Solves in this process, when a handover is waited for."""
+
+    is_here = True
 
     def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
         self._options, self._stance, self._buffer = options, stance, buffer
         self._task: Task | None = None
         self._since: Sequence[ToldFootfall] = ()
+        self._solved: tuple[Handover, WalkSoFar] | None = None
+        self._is_done = False
 
     def follow(self, buffer: SampleBuffer, until: int) -> None:
         """Nothing: the buffer is its owner's."""
@@ -83,20 +95,32 @@ class WalkSolver:
 
     def begin(self, task: Task) -> None:
         """See `Solver`."""
-        self._task = task
+        self._task, self._solved, self._is_done = task, None, False
 
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
         """See `Solver`."""
-        self._since = footfalls
+        self._since, self._is_done = footfalls, False
+
+    def is_ready(self) -> bool:
+        """See `Solver`."""
+        return self._is_done
+
+    def wait(self) -> None:
+        """See `Solver`."""
+        if self._is_done:
+            return
+        assert self._task is not None
+        try:
+            solved, walk = self.solve(self._task) if self._solved is None else self._solved
+            self._solved = self.go_on(solved, walk, self._since), walk
+        except UNSOLVED:
+            self._solved = None
+        self._is_done = True
 
     def take(self) -> Handover | None:
         """See `Solver`."""
-        assert self._task is not None
-        try:
-            solved, walk = self.solve(self._task)
-            return self.go_on(solved, walk, self._since)
-        except UNSOLVED:
-            return None
+        self.wait()
+        return None if self._solved is None else self._solved[0]
 
     def close(self) -> None:
         """Nothing to give up."""

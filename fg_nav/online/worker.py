@@ -9,9 +9,9 @@ import os
 import pickle
 import signal
 import sys
-from typing import Any
+from typing import Any, cast
 
-from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.buffer import SampleBuffer, ToldFootfall
 from fg_nav.online.handover import Handover
 from fg_nav.online.solving import WalkSolver
 from fg_nav.smoother.solver import UNSOLVED
@@ -41,8 +41,15 @@ class Worker:
             case "begin":
                 self._begun = self._try(self._solver.solve, content[0])
             case "ask":
-                return (None if self._begun is None else self._try(self._solver.go_on, *self._begun, content[0]),)
+                return (self._go_on(content[0]),)
         return None
+
+    def _go_on(self, footfalls: tuple[ToldFootfall, ...]) -> Handover | None:
+        if self._begun is None:
+            return None
+        handover = self._try(self._solver.go_on, *self._begun, footfalls)
+        self._begun = None if handover is None else (handover, self._begun[1])
+        return cast("Handover | None", handover)
 
     @staticmethod
     def _try(work: Any, *content: Any) -> Any:
