@@ -13,7 +13,8 @@ One sensor moves on from row to row: r is 0.5 to 0.6 for walking feet, 1.2 for o
 windows of 15 walks of gdin, openshoe, xio and gdlbio, and of simulated feet and thighs. Rows of two that take turns
 have 3 to 19 while they walk, over 100 while they stand, and 1.8 to 6 where one sends two for one of the other.
 
-Where a sensor is worn is seen as in a recording (`fg_nav.detection.mount`), as soon as it is clear.
+Where a sensor is worn is seen as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
+recordings of feet, walked and run (gdin, gdlbio, openshoe, xio, vicon, two feet), is refused by either.
 """
 
 from __future__ import annotations
