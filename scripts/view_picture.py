@@ -31,8 +31,8 @@ from fg_nav.view.loop import format_address, open_port
 from fg_nav.view.page_server import PageServer
 
 HOST = "127.0.0.1"
-SCENARIO, WALKED_S, PLAYED_S = "office", 330.0, 8.0
-DESK, PHONE, BETWEEN, COLORS = (1120, 700), (340, 700), 16, 128
+SCENARIO, WALKED_S, PLAYED_S = "office", 330.0, 15.0
+DESK, PHONE, BETWEEN, COLORS = (1120, 700), (340, 700), 16, 200
 
 
 class LateReplay(Replay):

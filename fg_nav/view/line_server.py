@@ -40,7 +40,7 @@ class LineServer:
 
     def close(self) -> None:
         """Disconnect all, each after the lines that it takes at once."""
-        run_there(self._end())
+        run_there(self.end())
 
     def _write(self, data: bytes) -> None:
         for listener in list(self._listeners):
@@ -48,7 +48,8 @@ class LineServer:
             if listener.get_write_buffer_size() > MOST_WAITING:
                 listener.abort()
 
-    async def _end(self) -> None:
+    async def end(self) -> None:
+        """Give the port back at once, and disconnect all."""
         self._server.close()
         for listener in self._listeners:
             listener.close()

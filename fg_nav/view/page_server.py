@@ -54,6 +54,9 @@ MOST_WAITING = 1 << 18
 LONGEST_MESSAGE = 1024
 """Bytes; pages send none."""
 
+CLOSING_S = 1.0
+"""How long the end waits for a page to agree."""
+
 MOST_REMARKS = 50
 
 STATUS_S = 0.2
@@ -129,7 +132,7 @@ class PageServer:
 
     def close(self) -> None:
         """Disconnect all."""
-        run_there(self._end())
+        run_there(self.end())
 
     async def _open(self, door: socket.socket) -> Any:
         logger = logging.getLogger(__name__)
@@ -141,11 +144,13 @@ class PageServer:
             process_request=self._answer,
             compression=None,
             max_size=LONGEST_MESSAGE,
+            close_timeout=CLOSING_S,
             server_header=None,
             logger=logger,
         )
 
-    async def _end(self) -> None:
+    async def end(self) -> None:
+        """Give the port back at once, and disconnect all."""
         self._server.close()
         await self._server.wait_closed()
 

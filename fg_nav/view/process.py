@@ -26,13 +26,13 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
 from fg_nav.text import to_json
 from fg_nav.view.line_server import LineServer
-from fg_nav.view.loop import call_there, start_loop
+from fg_nav.view.loop import call_there, run_there, start_loop
 from fg_nav.view.page_server import STATUS_S, PageServer
 
 MOST_WAITING = 10_000
@@ -177,9 +177,11 @@ def main() -> None:
         told = _report(page)
         call_there(lambda: start_loop().create_task(told))
     serve(lines, page, sys.stdin.buffer)
-    for server in (lines, page):
-        if server is not None:
-            server.close()
+    run_there(_end([server for server in (lines, page) if server is not None]))
+
+
+async def _end(servers: Sequence[LineServer | PageServer]) -> None:
+    await asyncio.gather(*(server.end() for server in servers))
 
 
 if __name__ == "__main__":

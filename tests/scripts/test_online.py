@@ -21,6 +21,7 @@ honesty = load_script("online_honesty")
 losses = load_script("online_losses")
 benchmark = load_script("benchmark")
 limits = load_script("online_limits")
+listeners = load_script("online_listeners")
 
 
 def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
@@ -144,3 +145,10 @@ def test_datagrams_hold_whole_rows_and_no_more_than_they_can(at_once):
     assert max(map(len, datagrams)) <= limits.LONGEST_DATAGRAM
     reader = limits.RowReader("datagrams")
     assert np.array_equal(np.concatenate([reader.read(datagram) for datagram in datagrams]), rows, equal_nan=True)
+
+
+def test_listeners_that_misbehave_are_measured(capsys):
+    listeners.main(["--clients", "5", "--seconds", "1", "--crowds", "readers", "deaf"])
+    said = capsys.readouterr().out
+    assert "readers: lines arrive, 99 % (ms)" in said
+    assert "of 6 figures are as asked" in said
