@@ -35,7 +35,7 @@ PLAIN = b"0123456789+-.eE,\n"
 LINES_TO_REMARK, MOST_BEFORE_HEADER = 20, 5000
 """Lines before the header: what was left in a device's buffer; and of a sender that sends its header every second."""
 
-HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns"
+HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
 """What to do without a header."""
 
 CANONICAL = TIME + ACC + GYR + MAG

@@ -297,6 +297,19 @@ def test_what_cannot_be_together_is_refused(fg_nav, csv, tmp_path):
     assert fg_nav("stream", csv, "--checkpoint", tmp_path / "x.npz").refused("no checkpoint")
 
 
+def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path):
+    """And a walk that is resumed has the same."""
+    path = tmp_path / "rows.csv"
+    path.write_bytes(b"".join(csv.read_bytes().splitlines(keepends=True)[1:]))
+    given = ("--heading", 0, "--silence", 0.3)
+    words = ("stream", path, *given, "--checkpoint", tmp_path / "x.npz", "--columns")
+    ran = fg_nav(*words, "t,ax,ay,az,gx,gy,gz,mx,my,mz")
+    assert ran.out == fg_nav("stream", csv, *given).out
+    assert ran.out.count("smoothed") > 5
+    assert fg_nav(*words, "t,ay,ax,az,gx,gy,gz,mx,my,mz").refused("--columns", "x.npz")
+    assert fg_nav("stream", path, "--columns", "t,ax").refused("--columns lacks")
+
+
 POLISHED = {"trajectory_polished.tum", "strides_polished.csv"}
 
 
