@@ -10,6 +10,7 @@ worker, busy with a task, does not read yet. What a worker answers is what `Walk
 
 from __future__ import annotations
 
+import os
 import pickle
 import queue
 import subprocess
@@ -49,8 +50,14 @@ class WorkerSolver:
         self._remark, self._sent = remark, 0
         self.is_here = False
         self._answer: tuple[Handover | None] | None = None
+        # It imports from where this process does, not from the folder that the user is in.
+        places = os.pathsep.join(place or os.getcwd() for place in sys.path)
         self._worker = subprocess.Popen(
-            [sys.executable, "-m", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            [sys.executable, "-P", "-m", WORKER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env={**os.environ, "PYTHONPATH": places},
         )
         assert self._worker.stdin is not None
         assert self._worker.stdout is not None
@@ -58,27 +65,32 @@ class WorkerSolver:
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         threading.Thread(target=_write, args=(self._worker.stdin, self._messages), daemon=True).start()
         threading.Thread(target=_read, args=(self._worker.stdout, self._answers), daemon=True).start()
-        self._messages.put(("options", options, stance))
+        self._say("options", options, stance)
+
+    @property
+    def pid(self) -> int:
+        """Of the other process."""
+        return self._worker.pid
 
     def follow(self, buffer: SampleBuffer, until: int) -> None:
         """See `Solver`."""
-        if until > self._sent:
-            self._messages.put(("samples", buffer.between(self._sent, until)))
+        if until > self._sent and not self.is_here:
+            self._say("samples", buffer.between(self._sent, until))
             self._sent = until
 
     def discard(self, before: int) -> None:
         """See `Solver`."""
-        self._messages.put(("discard", before))
+        self._say("discard", before)
 
     def begin(self, task: Task) -> None:
         """See `Solver`."""
         self._here.begin(task)
-        self._messages.put(("begin", task))
+        self._say("begin", task)
 
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
         """See `Solver`."""
         self._here.ask(footfalls)
-        self._messages.put(("ask", tuple(footfalls)))
+        self._say("ask", tuple(footfalls))
 
     def is_ready(self) -> bool:
         """See `Solver`."""
@@ -113,6 +125,11 @@ class WorkerSolver:
         with suppress(OSError):
             self._worker.kill()
         self._worker.wait()
+
+    def _say(self, *message: Any) -> None:
+        """Send a message; what nobody reads any more is not kept."""
+        if not self.is_here:
+            self._messages.put(message)
 
 
 def _write(pipe: IO[bytes], messages: queue.SimpleQueue[Any]) -> None:
