@@ -146,7 +146,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
         for k in range(26, 32):
             add(there, walk, k)
     finally:
-        there.close()
+        solver.close()
     assert solver._messages.qsize() < 10  # it does not keep what nobody reads
     assert len(remarks) == 1
     assert "has died" in remarks[0]

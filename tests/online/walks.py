@@ -61,9 +61,9 @@ def revisions_of(found: Iterable[StanceEstimate | Revision]) -> list[Revision]:
 
 
 def solve_only_at(monkeypatch: pytest.MonkeyPatch, *footfalls: int) -> None:
-    """Let a walk be solved again at these footfalls, and never behind them."""
+    """Let a walk be solved again at these footfalls and at its end: what is begun behind them is never due."""
     monkeypatch.setattr(smoother, "AT_ONCE", footfalls)
-    monkeypatch.setattr(smoother, "choose_next", lambda n, has_lag: 10**9)
+    monkeypatch.setattr(smoother, "choose_delay", lambda n, has_lag: 10**9)
 
 
 def solve_in_windows(monkeypatch: pytest.MonkeyPatch, behind: int, window: int = 16) -> None:
@@ -76,6 +76,6 @@ def solve_in_windows(monkeypatch: pytest.MonkeyPatch, behind: int, window: int =
         (schedule, "WINDOW", window),
         (smoother, "AT_ONCE", at_once),
         (smoother, "WINDOW", window),
-        (smoother, "choose_next", schedule.choose_next),
+        (smoother, "choose_delay", schedule.choose_delay),
     ):
         monkeypatch.setattr(owner, name, value)
