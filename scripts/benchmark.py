@@ -62,7 +62,6 @@ from fg_nav.magnetic.footfall_field import integrate_attitude
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task
 from fg_nav.recording import Recording
@@ -301,7 +300,7 @@ def tell_walk(recording: Recording, options: OnlineOptions) -> tuple[Floats, Flo
         elapsed = perf_counter() - began - (solver.idle_s - idle_s)
         if any(isinstance(line, StanceEstimate) for line in lines):
             milliseconds.append(1e3 * elapsed)
-            megabytes.append(memory_mb() + memory_mb(solver.process))
+            megabytes.append(memory_mb() + memory_mb(solver.pid))
     solver.close()
     return np.array(milliseconds), np.array(megabytes)
 
@@ -314,24 +313,19 @@ class PacedSolver(WorkerSolver):
         self._buffer, self.idle_s, self._begun = navigator.buffer, 0.0, (0.0, 0.0)
         navigator._solver = navigator._smoother._solver = self
 
-    @property
-    def process(self) -> int:
-        """Number of the other process."""
-        return self._worker.pid
-
     def begin(self, task: Task) -> None:
         """As it does, and note when."""
         self._begun = perf_counter(), self._walked_s()
         super().begin(task)
 
-    def take(self) -> Handover | None:
+    def wait(self) -> None:
         """As it does, after as long as the walk took since the task."""
         began = perf_counter()
         due = self._begun[0] + self._walked_s() - self._begun[1]
-        while self._answers.empty() and perf_counter() < due:
+        while not self.is_ready() and perf_counter() < due:
             sleep(0.001)
         self.idle_s += perf_counter() - began
-        return super().take()
+        super().wait()
 
     def _walked_s(self) -> float:
         return self._buffer.stamp(self._buffer.stop - 1)

@@ -95,11 +95,12 @@ class WalkSolver:
 
     def begin(self, task: Task) -> None:
         """See `Solver`."""
-        self._task, self._solved, self._is_done = task, None, False
+        self._task, self._since, self._solved, self._is_done = task, (), None, False
 
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
         """See `Solver`."""
-        self._since, self._is_done = footfalls, False
+        self._since = footfalls if self._is_done else (*self._since, *footfalls)
+        self._is_done = False
 
     def is_ready(self) -> bool:
         """See `Solver`."""

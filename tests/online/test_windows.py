@@ -13,10 +13,12 @@ import pytest
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import smoother, solving, strides
 from fg_nav.online.beside import WorkerSolver
-from fg_nav.online.buffer import LEAD_S, SampleBuffer, rows_of
+from fg_nav.online.buffer import LEAD_S, UNSEEN, SampleBuffer, WalkSoFar, rows_of
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.solving import Task, WalkSolver
+from fg_nav.online.stretch import Stretch
 from fg_nav.online.worker import Worker
 from tests.online.test_online_smoother import FOOTFALLS, WITH_WAY, add, farthest, fed, in_field
 from tests.online.walks import solve_in_windows
@@ -55,7 +57,7 @@ class InPieces:
     """A solver with samples of its own, as the process beside has; messages go through pickle as over a pipe."""
 
     def __init__(self, options: OnlineOptions) -> None:
-        self._worker, self._sent, self._answer = Worker(), 0, None
+        self._worker, self._sent, self._answer, self.is_here = Worker(), 0, None, False
         self._say("options", options, StanceParameters())
 
     @property
@@ -74,6 +76,11 @@ class InPieces:
 
     def ask(self, footfalls: object) -> None:
         self._answer = self._say("ask", tuple(footfalls))
+
+    def is_ready(self) -> bool:
+        return True
+
+    def wait(self) -> None: ...
 
     def take(self) -> object:
         return self._answer[0]
@@ -107,6 +114,25 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     assert (buffer.first > 0) == (lag_s is not None)
 
 
+def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
+    """It is asked for in two parts, of a solver that has not begun, and of one that has answered the first."""
+    walk = demo()
+    told = fed(walk, footfalls=20).footfalls
+    buffer, found = SampleBuffer(), []
+    buffer.append(rows_of(walk.recording))
+    for waits in (False, True):
+        solver = WalkSolver(OnlineOptions(), StanceParameters(), buffer)
+        solver.begin(Task(None, tuple(told[:14]), UNSEEN))
+        solver.ask(told[14:17])
+        if waits:
+            solver.wait()
+        solver.ask(told[17:])
+        handover = solver.take()
+        assert [one.told for one in handover.footfalls] == list(range(20))
+        found.append(Stretch(handover, WalkSoFar(buffer, footfalls=told)).latest)
+    np.testing.assert_allclose(found[0].position, found[1].position, atol=1e-3)
+
+
 def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at() -> None:
     """Else a process that discarded the rest would say something else than one that has it."""
     assert solving.CONTEXT_S >= strides.CONTEXT_S + LEAD_S
@@ -129,6 +155,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
     Modules in the folder that the user is in are none of its own.
     """
+    monkeypatch.setattr(smoother, "FAST", 0.0)  # solutions are waited for, however slow the machine
     (tmp_path / "numpy.py").write_text("raise ImportError\n")
     monkeypatch.chdir(tmp_path)
     walk, buffer, remarks = in_field(), SampleBuffer(), []
