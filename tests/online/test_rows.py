@@ -162,3 +162,33 @@ def test_a_line_of_any_length_costs_no_memory_and_one_row(end):
     assert peak < 1e6
     assert reader.bad == 1
     assert np.array_equal(reader.read(end + b"\n" + ROW), [SAMPLE])
+
+
+def resumed_reader(header):
+    reader = RowReader("a test")
+    reader.resume(header)
+    return reader
+
+
+def test_a_header_that_comes_again_names_the_same_columns():
+    header, rows = HEADER, [ROW, ROW.replace(b"20", b""), ROW]
+    names = header.decode().strip().split(",")
+    reader = resumed_reader(names)
+    turned = [b",".join(reversed(row.strip().split(b","))) + b"\n" for row in (header, *rows)]
+    assert np.array_equal(
+        reader.read(b"".join(turned)), RowReader("a test").read(b"".join([header, *rows])), equal_nan=True
+    )
+    with pytest.raises(FormatError, match="other columns"):
+        resumed_reader(names).read(b",".join(HEADER.split(b",")[:7]) + b"\n")
+    half = resumed_reader(names).read(rows[0][10:] + rows[1])
+    assert np.array_equal(half, RowReader("a test").read(header + rows[1]), equal_nan=True)
+
+
+def test_rows_are_read_in_any_order_and_ending():
+    one = b"time_s,acc_z_m_s2,acc_x_m_s2,acc_y_m_s2,note,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s,\r\n"
+    reader = RowReader("a test")
+    rows = reader.read(b"junk of before\n\xef\xbb\xbf" + one + b"1, 9.8,0.1,,words,1,2,3,\r\n2,9")
+    assert np.array_equal(rows[0, :7], [1, 0.1, np.nan, 9.8, 1, 2, 3], equal_nan=True)
+    assert np.isnan(rows[0, 7:]).all()
+    assert len(reader.finish()) == 0
+    assert reader.bad == 1
