@@ -244,9 +244,9 @@ def judge_all(found: Sequence[Measured]) -> list[Figure]:
     figures = []
     for one in found:
         figures += [
-            Figure(one.name, f"{one.name}: held up, most (ms)", "walk", float(one.held_up.max()), high=HELD_UP_MS),
-            Figure(one.name, f"{one.name}: lines arrive, 99 % (ms)", "lines", _late(one.lines), high=HELD_UP_MS),
-            Figure(one.name, f"{one.name}: lines arrive, 99 % (ms)", "page", _late(one.page), high=HELD_UP_MS),
+            Figure(one.name, "held up, most (ms)", "walk", float(one.held_up.max()), high=HELD_UP_MS),
+            Figure(one.name, "lines arrive, 99 % (ms)", "lines", _late(one.lines), high=HELD_UP_MS),
+            Figure(one.name, "lines arrive, 99 % (ms)", "page", _late(one.page), high=HELD_UP_MS),
         ]
     return figures
 
@@ -264,7 +264,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     harness.print_heading(f"a line every {TICK_S * TICKS_A_LINE:g} s, {given.clients} clients on each server; ms")
     columns = (
         "crowd",
-        "connected",
+        "watching",
         "held up, p50",
         "p99",
         "most",

@@ -31,7 +31,7 @@ from fg_nav.view.loop import format_address, open_port
 from fg_nav.view.page_server import PageServer
 
 HOST = "127.0.0.1"
-SCENARIO, WALKED_S, PLAYED_S = "office", 330.0, 15.0
+SCENARIO, WALKED_S, PLAYED_S = "office", 200.0, 12.0
 DESK, PHONE, BETWEEN, COLORS = (1120, 700), (340, 700), 16, 200
 
 
@@ -80,7 +80,7 @@ def draw_page(recording: Recording, heading_rad: float | None) -> Image.Image:
     joined = Image.new("RGB", (DESK[0] + BETWEEN + PHONE[0], DESK[1]), "white")
     joined.paste(shots[0], (0, 0))
     joined.paste(shots[1], (DESK[0] + BETWEEN, 0))
-    return joined.quantize(COLORS, dither=Image.Dither.NONE)
+    return joined.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
