@@ -139,7 +139,9 @@ def test_the_uncertainty_about_north_outlasts_a_recovery(monkeypatch):
     fault.breaks(ISAM2Backend, "add")
     found = walked(heading_rad=None).causal()
     assert fault.failed == 1
-    assert found.heading_sigma[BEGINS] == pytest.approx(expected.heading_sigma[BEGINS], rel=0.1)
+    # A footfall that had no solution shows nothing more of north than those before it.
+    least, most = expected.heading_sigma[BEGINS], expected.heading_sigma[BEGINS - 1]
+    assert 0.95 * least < found.heading_sigma[BEGINS] < 1.05 * most
     assert np.degrees(expected.heading_sigma[BEGINS]) > 0.1
 
 

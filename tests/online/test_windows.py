@@ -114,6 +114,43 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     assert (buffer.first > 0) == (lag_s is not None)
 
 
+class Late(InPieces):
+    """Each of its solutions is there so many footfalls later than it is due."""
+
+    def __init__(self, options: OnlineOptions, late: int) -> None:
+        super().__init__(options)
+        self._late, self._missed = late, 0
+
+    def begin(self, task: object) -> None:
+        self._missed = 0
+        super().begin(task)
+
+    def is_ready(self) -> bool:
+        self._missed += 1
+        return self._missed > self._late
+
+
+@pytest.mark.usefixtures("windows")
+@pytest.mark.parametrize("late", [3, smoother.MOST_LATE + 3])
+def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
+    """What came in the meantime is added to it when it is there: here, or where it is solved if that is much."""
+    usual = fed(demo())
+    monkeypatch.setattr(smoother, "FAST", np.inf)
+    buffer = SampleBuffer()
+    online = OnlineSmoother(OnlineOptions(), buffer, solver=Late(OnlineOptions(), late))
+    buffer.append(rows_of(demo().recording))
+    begun = []
+    for k in range(FOOTFALLS):
+        add(online, demo(), k)
+        begun.append(online._stretch.begun.place.number)
+    assert begun[11 + late] < 11 <= begun[13 + late]
+    assert begun[-1] > 11 + late
+    assert [one.told for one in online.footfalls] == list(range(FOOTFALLS))
+    np.testing.assert_array_equal(online.smoothed().sample, usual.smoothed().sample)
+    assert farthest(online.smoothed(), usual.smoothed()) < 0.10
+    np.testing.assert_allclose(online.latest.position, online.smoothed().position[-1], atol=1e-3)
+
+
 def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
     """It is asked for in two parts, of a solver that has not begun, and of one that has answered the first."""
     walk = demo()
