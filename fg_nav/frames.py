@@ -21,6 +21,21 @@ def compute_heading(nav_R_body: Floats) -> Floats:
     return np.arctan2(east, north)
 
 
+LEAST_LEVEL = 1e-12
+"""Square of the level part of an axis, below which it has no heading."""
+
+
+def turn_heading(nav_R_body: Floats) -> Floats:
+    """By how much the heading turns (3,), counter-clockwise, with a small turn of an attitude (3, 3) about body axes.
+
+    That of a level x axis turns with the body about up. Where the axis is inclined it also turns as the body tilts to
+    its side.
+    """
+    x, y, z = nav_R_body.T
+    level = np.array([-x[1], x[0], 0.0]) / max(x[0] ** 2 + x[1] ** 2, LEAST_LEVEL)
+    return np.array([0.0, -level @ z, level @ y])
+
+
 def level_attitude(body_up: Floats, heading: float = 0.0) -> Floats:
     """Attitude (3, 3) whose z row is `body_up` (3,), the direction of up in the body, and with this heading in rad.
 

@@ -6,11 +6,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude, quaternion_xyzw, wrap_angle, yaw_rotation
+from fg_nav.frames import (
+    GRAVITY_M_S2,
+    compute_heading,
+    level_attitude,
+    quaternion_xyzw,
+    turn_heading,
+    wrap_angle,
+    yaw_rotation,
+)
 
 angles = st.floats(-50.0, 50.0)
 rotvecs = st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3)
 EAST, NORTH, UP = np.eye(3)
+
+
+@given(rotvec=rotvecs)
+@settings(deadline=None)
+def test_a_small_turn_about_body_axes_turns_the_heading_as_told(rotvec):
+    nav_R_body = Rotation.from_rotvec(rotvec).as_matrix()
+    if np.hypot(nav_R_body[0, 0], nav_R_body[1, 0]) < 0.1:
+        return  # x is nearly vertical
+    small = 1e-6 * np.eye(3)
+    turned = nav_R_body @ Rotation.from_rotvec(small).as_matrix()
+    clockwise = wrap_angle(compute_heading(turned) - compute_heading(nav_R_body))
+    np.testing.assert_allclose(turn_heading(nav_R_body), -clockwise / 1e-6, atol=1e-3)
 
 
 @given(rotvec=rotvecs, heading=st.floats(-3.1, 3.1))

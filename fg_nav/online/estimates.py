@@ -37,9 +37,10 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.frames import compute_heading
+from fg_nav.frames import compute_heading, turn_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import Verdict
+from fg_nav.online.north import UNKNOWN_RAD
 from fg_nav.online.strides import Place
 from fg_nav.recording import Recording
 from fg_nav.smoother.moving_foot import extend_covariance
@@ -61,7 +62,7 @@ class StanceEstimate:
     heading                  rad, of the body's x axis, clockwise from north
     velocity         (3,)    m/s
     gyro_bias        (3,)    rad/s
-    pose_cov         (4, 4)  of east, north, up (m) and yaw about up (rad)
+    pose_cov         (4, 4)  of east, north, up (m) and yaw about up (rad), in whose variance is the heading's
     gyro_bias_sigma  (3,)    rad/s
     field                    verdict on the field, as in a stance table
     field_reason             in words
@@ -106,6 +107,9 @@ def estimate_stance(
     """
     position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
     pose_cov = in_nav(attitude[None], body_cov[None])[0]
+    # Heading is that of the x axis: where this is inclined, the tilt counts.
+    by_turn = turn_heading(attitude)
+    pose_cov[3, 3] = max(pose_cov[3, 3], min(float(by_turn @ body_cov[:3, :3] @ by_turn), UNKNOWN_RAD**2))
     return StanceEstimate(
         number=place.number,
         sample=place.sample,
