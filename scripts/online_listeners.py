@@ -44,6 +44,8 @@ from fg_nav.view.page_server import LIVE
 from fg_nav.view.process import ListenerProcess
 
 TICK_S, TICKS_A_LINE = 0.02, 50
+COMING_S = 0.003
+"""For each client to connect."""
 HELD_UP_MS = 50.0
 FEW_FILES = 150
 HOST = "127.0.0.1"
@@ -210,7 +212,7 @@ def crowd(work: Callable[[Ports, int, Event], None] | None, ports: Ports, client
     done = PROCESSES.Event()
     process = PROCESSES.Process(target=work, args=(ports, clients, done), daemon=True)
     process.start()
-    time.sleep(3.0)
+    time.sleep(COMING_S * clients)
     yield
     done.set()
     process.join(10.0)
