@@ -40,7 +40,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
 
-FAST = 5.0
+FAST = 2.0
 """Times as fast as it was walked: then the samples are of a recording, and nobody watches."""
 
 MOST_LATE = 6
