@@ -20,6 +20,7 @@ rows are counted from the first that was ever appended, and at least the last `k
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy, deepcopy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,12 +57,20 @@ class Sliding:
         used = self.stop - self._first
         if used + len(rows) > len(self._rows):
             kept = min(self._keep, used)
-            size = max(len(self._rows), kept + len(rows))
+            size = max(2 * self._keep, kept + len(rows))
             fresh = np.empty((size, *self._rows.shape[1:]))
             fresh[:kept] = self._rows[used - kept : used]
             self._rows, self._first, used = fresh, self.stop - kept, kept
         self._rows[used : used + len(rows)] = rows
         self.stop += len(rows)
+
+    def copy(self) -> Sliding:
+        """Return a copy of the rows that must be there."""
+        found = Sliding.__new__(Sliding)
+        found._keep, found.stop = self._keep, self.stop
+        found._first = max(self._first, self.stop - self._keep)
+        found._rows = self._rows[found._first - self._first : self.stop - self._first].copy()
+        return found
 
     def between(self, start: int, stop: int) -> Floats:
         """Return the rows `start <= i < stop` as a view that is good until the next `append`.
@@ -175,6 +184,13 @@ class CausalStances:
             return []
         return self._started_search().finish(*self._take(self._n_waiting))
 
+    def copy(self) -> CausalStances:
+        """Return a copy that goes on in the same way; the same samples give it the same footfalls."""
+        found = copy(self)
+        found._waiting = list(self._waiting)
+        found._search = None if self._search is None else self._search.copy()
+        return found
+
     @property
     def stands(self) -> bool:
         """Whether the foot stands at the last samples, as far as is seen."""
@@ -221,6 +237,14 @@ class _Search:
         stop = self._level.stop
         goes_on = self._stands and not self._has_swung(self._reported, stop)
         return goes_on or self._last_end > stop - self.step
+
+    def copy(self) -> _Search:
+        """Return a copy that goes on in the same way."""
+        found = copy(self)
+        found._t, found._acc, found._gyr = self._t.copy(), self._acc.copy(), self._gyr.copy()
+        found._level, found._velocity = self._level.copy(), [one.copy() for one in self._velocity]
+        found._passes = deepcopy(self._passes)
+        return found
 
     def advance(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
         """Add samples, search, and return the footfalls that are settled."""

@@ -80,7 +80,11 @@ class WorkerSolver:
 
     def discard(self, before: int) -> None:
         """See `Solver`."""
-        self._say("discard", before)
+        if before > self._sent:
+            self._sent = before
+            self._say("skip", before)
+        else:
+            self._say("discard", before)
 
     def begin(self, task: Task) -> None:
         """See `Solver`."""

@@ -54,6 +54,13 @@ class SampleBuffer:
         self._chunks: list[Floats] = []
         self.first = self.stop = 0
 
+    def skip_to(self, first: int) -> None:
+        """Begin at a row, where none is there yet: those before it were discarded."""
+        self.first = self.stop = first
+        self._chunks = []
+        if first % CHUNK:
+            self._chunks.append(np.full((CHUNK, COLUMNS), -np.inf))
+
     def append(self, rows: Floats) -> None:
         """Append rows (n, 10): finite but for the field, with rising stamps."""
         while len(rows):
@@ -179,6 +186,11 @@ class WalkSoFar:
     def buffer(self) -> SampleBuffer:
         """All samples that came, those behind `stop` too."""
         return self._buffer
+
+    @property
+    def discarded(self) -> int:
+        """Number of footfalls that were discarded."""
+        return self._discarded
 
     @property
     def n_footfalls(self) -> int:

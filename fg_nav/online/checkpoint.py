@@ -1,86 +1,205 @@
 """Save a walk in progress and resume it, to the same answer.
 
-A checkpoint is one .npz of arrays with a version: the samples, the ends of the footfalls, and as JSON the options, the
-parameters of the detection, the source, and what was left out. To resume, the samples go through a new navigator: the
-same samples give the same answer to the last bit. That takes some hundredths of the time of the walk; saving takes time
-in proportion to the walk.
+A checkpoint is a file that grows (`record_log`) with each save:
 
-The write is atomic: a file next to it is written, synced to the disk and then renamed.
+    samples since the last save, and what the judge of the samples knows       each time
+    state of the walk, what changed of it (`saved_state`)                      after it was solved again
 
-With a lag the samples are discarded, so there is no checkpoint.
+To resume, the walk goes on from the last state with the samples behind it: some tens of footfalls, however long the
+walk. The same samples give the same answer to the last bit. With a lag, samples that no state needs any more are left
+out when the file is written again; that happens once it is more than twice as large as it must be.
+
+`collect` takes what does not change any more by reference, and copies what does, some seconds of samples. So a save
+holds the walk up for milliseconds, however long it is; all else is done in `write`, which may run in another thread.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import tempfile
-import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
+from fg_nav.online.navigator import NavigatorState, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
+from fg_nav.online.packing import pack, unpack
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
-from fg_nav.recording import Fix
-from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
-from fg_nav.text import to_json
+from fg_nav.online.record_log import append_record, read_records, write_records
+from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
+from fg_nav.text import format_count, to_json
 
-VERSION = 4
-"""Of the arrays in a checkpoint."""
+VERSION = 5
+"""Of the records in a checkpoint."""
 
 BLOCK = 1 << 14
 """Rows that are replayed at once; the answer does not depend on it."""
 
+LEAST_BYTES = 1 << 20
+"""A file smaller than this is not written again."""
+
+ROW_BYTES = 8 * COLUMNS
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What stays as it is from save to save: with what the walk was begun."""
+
+    options: OnlineOptions | PocketOptions
+    detection: CausalParameters
+
+
+@dataclass(frozen=True)
+class Record:
+    """What the file holds of one save.
+
+    Attributes
+    ----------
+    frame : in the first record of a file; None in others.
+    first, rows : number of the first of these samples (n, 10), which are new.
+    kept_from : first sample that is still needed.
+    changes : of the state of the walk; None where that of the record before will do.
+    judge, source, has_ended, n_told : of the navigator, behind these samples.
+    """
+
+    frame: Frame | None
+    first: int
+    rows: Floats
+    kept_from: int
+    changes: StateChanges | None
+    judge: dict[str, Any]
+    source: dict[str, Any]
+    has_ended: bool
+    n_told: int
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What was collected of a walk: a record without changes, and the state that they lead to, where there are any."""
+
+    record: Record
+    state: NavigatorState | None
+
+
+class Checkpoint:
+    """A file in which a walk is saved as it goes on.
+
+    `collect` and `write` are called in turn, for one walk.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self._path = Path(path)
+        self._size = self._stop = 0
+        self._state: NavigatorState | None = None
+        self._begun_at = -1
+        self._state_bytes = 0
+
+    def collect(self, navigator: Navigator) -> Snapshot:
+        """Return what is new of a walk, to be written while it goes on."""
+        if not self._is_as_left():
+            self._size, self._stop, self._state, self._begun_at = 0, 0, None, -1
+        buffer, is_new = navigator.buffer, self._size == 0
+        # A state is needed where the walk was solved again, or where samples were discarded before they were saved.
+        first, state = max(self._stop, buffer.first), None
+        if isinstance(navigator, OnlineNavigator) and navigator.begun_at >= 0:
+            needs_state = navigator.begun_at != self._begun_at or first > self._stop
+            state = navigator.state() if needs_state else None
+        record = Record(
+            frame=Frame(navigator.options, navigator.detection) if is_new else None,
+            first=first,
+            rows=buffer.between(first, buffer.stop),
+            kept_from=buffer.first,
+            changes=None,
+            judge=navigator.judge.state(),
+            source=dict(navigator.source),
+            has_ended=navigator.has_ended,
+            n_told=len(navigator.told_continues),
+        )
+        return Snapshot(record, state)
+
+    def write(self, snapshot: Snapshot) -> None:
+        """Write what was collected; raises `OutputError` if that cannot be, and then the file stays as it was."""
+        record, state = snapshot.record, snapshot.state
+        if state is not None:
+            record = replace(record, changes=find_changes(state, self._state))
+        packed = pack(record)
+        try:
+            if record.frame is not None:
+                self._size = write_records(self._path, VERSION, [packed])
+            else:
+                self._size = append_record(self._path, self._size, packed)
+            # All of it is on the disk: the next save begins behind it.
+            self._stop = record.first + len(record.rows)
+            if state is not None:
+                self._state, self._begun_at = state, state.smoother.starts[-1].place.sample
+                self._state_bytes = len(packed)
+            # What is superseded is left out once it is more than half.
+            if self._size > max(2 * self._count_needed(record.kept_from), LEAST_BYTES):
+                self._size = _write_again(self._path)
+        except OSError as error:
+            reason = (error.strerror or type(error).__name__).lower()
+            raise OutputError(
+                f"{self._path} cannot be written ({reason}): name another checkpoint, or make room."
+            ) from None
+
+    def resume(
+        self,
+        options: OnlineOptions | PocketOptions | None = None,
+        remark: Callable[[str], None] = lambda words: None,
+        progress: Callable[[float], None] | None = None,
+        detection: CausalParameters = CausalParameters(),
+        beside: bool = False,
+    ) -> Navigator:
+        """Resume the walk that the file holds, see `load`; what is saved from then on goes into the same file."""
+        name = self._path.name
+        content = _Content(self._path)
+        frame = content.frame
+        compared = (options, frame.options, "other options"), (detection, frame.detection, "another detection")
+        for given, known, other in compared:
+            if given is not None and to_json(given) != to_json(known):
+                raise EstimationError(f"{name} was made with {other}: give the same, or name another checkpoint.")
+        self._state = content.state()
+        navigator = _resume(content, self._state, remark, progress, beside)
+        if len(navigator.told_continues) != content.newest.n_told:
+            raise EstimationError(f"{name} is of a version that found other footfalls: begin the walk again.")
+        self._size, self._stop = content.size, content.stop
+        self._begun_at = -1 if self._state is None else self._state.smoother.starts[-1].place.sample
+        behind = self._path.stat().st_size - content.size
+        if behind:
+            remark(f"the last {format_count(behind, 'byte')} of {name} are not whole, and left out.")
+            with suppress(OSError):
+                os.truncate(self._path, content.size)
+        return navigator
+
+    def _is_as_left(self) -> bool:
+        """Whether the file is as the last save left it."""
+        try:
+            return self._size > 0 and self._path.stat().st_size == self._size
+        except OSError:
+            return False
+
+    def _count_needed(self, kept_from: int) -> int:
+        """Bytes that a file with the newest state and the samples behind `kept_from` has, roughly."""
+        samples = (self._stop - kept_from) * ROW_BYTES + self._state_bytes
+        if self._state is None:
+            return samples
+        smoother = self._state.smoother
+        rows = (*smoother.told, *smoother.past.rows)
+        return samples + len(rows) * rows[0].numbers.nbytes + sum(part.nbytes for part in smoother.past.nodes)
+
 
 def save(navigator: Navigator, path: Path | str) -> None:
-    """Write a checkpoint in place of an older one.
-
-    Raises
-    ------
-    EstimationError
-        With a lag.
-    OutputError
-        If the file cannot be written.
-    """
-    write_content(collect_content(navigator), path)
-
-
-def collect_content(navigator: Navigator) -> dict[str, Any]:
-    """Return a copy of what a checkpoint holds, while the walk goes on; raises `EstimationError` with a lag."""
-    if navigator.options.lag_s is not None:
-        raise EstimationError("a walk with a lag discards its samples and has no checkpoint: leave one of the two out.")
-    facts = {
-        "options": to_json(navigator.options),
-        "detection": to_json(navigator.detection),
-        "judge": navigator.judge.state(),
-        "source": dict(navigator.source),
-        "has_ended": navigator.has_ended,
-    }
-    return {
-        "version": np.array(VERSION),
-        "samples": navigator.buffer.between(0, navigator.buffer.stop),
-        "footfall_stop": _stops(navigator),
-        "facts": np.array(json.dumps(facts)),
-    }
-
-
-def write_content(content: Mapping[str, Any], path: Path | str) -> None:
-    """Write the content of a checkpoint in place of an older one; raises `OutputError` if that cannot be."""
-    path = Path(path)
-    try:
-        _write_atomically(path, content)
-    except OSError as error:
-        reason = (error.strerror or type(error).__name__).lower()
-        raise OutputError(f"{path} cannot be written ({reason}): name another checkpoint, or make room.") from None
+    """Write a checkpoint in place of an older one; raises `OutputError` if that cannot be."""
+    checkpoint = Checkpoint(path)
+    checkpoint.write(checkpoint.collect(navigator))
 
 
 def load(
@@ -101,13 +220,13 @@ def load(
     path
         Of the checkpoint.
     options
-        Of the walk, for comparison; None for those of the checkpoint, with its gate and otherwise the usual parameters.
-    remark
+        Of the walk, for comparison; None for those of the checkpoint.
+    remark, beside
         As for `OnlineNavigator`.
     progress
         Given from time to time the fraction that is done.
-    detection, beside
-        As for `OnlineNavigator`.
+    detection
+        How footfalls were found.
 
     Raises
     ------
@@ -116,77 +235,128 @@ def load(
     EstimationError
         If it was made with other options or another detection, or finds other footfalls now.
     """
-    path = Path(path)
-    samples, stops, facts = _read(path)
-    options = _read_options(facts["options"]) if options is None else options
-    for given, name, other in ((options, "options", "other options"), (detection, "detection", "another detection")):
-        if to_json(given) != facts[name]:
-            raise EstimationError(f"{path.name} was made with {other}: give the same, or name another checkpoint.")
-    judge = SampleJudge.resume(facts["judge"], samples, remark)
-    navigator = begin_walk(options, remark, detection, judge, beside)
-    navigator.source.update(facts["source"])
-    for start in range(0, len(samples), BLOCK):
-        navigator.add_rows(samples[start : start + BLOCK])
+    return Checkpoint(path).resume(options, remark, progress, detection, beside)
+
+
+class _Content:
+    """What the records of a file come to.
+
+    The samples `first <= i < stop` are in `blocks`, unless they are not read; `size` is that of the file as far as it
+    is whole.
+
+    Raises
+    ------
+    FormatError
+        If the file is no checkpoint.
+    """
+
+    def __init__(self, path: Path, with_samples: bool = True) -> None:
+        self.blocks: list[Floats] = []
+        self.first = self.stop = self.size = 0
+        self._reader = StateReader()
+        self._frame: Frame | None = None
+        self._newest: Record | None = None
+        for record, size in _read(path):
+            self.size, self._frame, self._newest = size, self._frame or record.frame, record
+            if record.first > self.stop:
+                self.blocks, self.first = [], record.first
+            self.stop = record.first + len(record.rows)
+            if with_samples:
+                self.blocks.append(record.rows)
+            if record.changes is not None:
+                self._reader.add(record.changes)
+        if self._frame is None:
+            raise FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
+        if with_samples:
+            self._leave_out(self.newest.kept_from)
+
+    @property
+    def newest(self) -> Record:
+        """The last record."""
+        assert self._newest is not None
+        return self._newest
+
+    @property
+    def frame(self) -> Frame:
+        """With what the walk was begun."""
+        assert self._frame is not None
+        return self._frame
+
+    def state(self) -> NavigatorState | None:
+        """Return the last state; None where there is none."""
+        return self._reader.state()
+
+    def _leave_out(self, before: int) -> None:
+        """Leave out the samples before one."""
+        while self.blocks and self.first + len(self.blocks[0]) <= before:
+            self.first += len(self.blocks.pop(0))
+        if self.blocks and self.first < before:
+            self.blocks[0], self.first = self.blocks[0][before - self.first :], before
+
+
+def _resume(
+    content: _Content,
+    state: NavigatorState | None,
+    remark: Callable[[str], None],
+    progress: Callable[[float], None] | None,
+    beside: bool,
+) -> Navigator:
+    """Return a navigator that goes on from a state with the samples behind it."""
+    newest, frame = content.newest, content.frame
+    judge = SampleJudge.resume(newest.judge, content.blocks, remark, content.first)
+    navigator = begin_walk(frame.options, remark, frame.detection, judge, beside)
+    navigator.source.update(newest.source)
+    # The samples that the state knows, and the state.
+    navigator.buffer.skip_to(content.first)
+    known = 0 if state is None else state.stop - content.first
+    rows = iter(content.blocks)
+    behind: list[Floats] = []
+    for block in rows:
+        navigator.buffer.append(block[:known])
+        if len(block) > known:
+            behind.append(block[max(known, 0) :])
+        known = max(known - len(block), 0)
+    if state is not None:
+        assert isinstance(navigator, OnlineNavigator)
+        navigator.resume(state)
+    # Those behind it come as they came then.
+    later = np.concatenate(behind) if behind else np.empty((0, COLUMNS))
+    for start in range(0, len(later), BLOCK):
+        navigator.add_rows(later[start : start + BLOCK])
         if progress is not None:
-            progress(min(start + BLOCK, len(samples)) / len(samples))
-    if facts["has_ended"]:
+            progress(min(start + BLOCK, len(later)) / len(later))
+    if newest.has_ended:
         navigator.close()
-    if not np.array_equal(_stops(navigator), stops):
-        raise EstimationError(f"{path.name} is of a version that found other footfalls: begin the walk again.")
     return navigator
 
 
-def _stops(navigator: Navigator) -> Ints:
-    return np.array([int(footfall.stop[-1]) for footfall in navigator.footfalls], dtype=np.int64)
+def _read(path: Path) -> Iterator[tuple[Record, int]]:
+    """Yield the records of a file, each with the size of the file up to its end."""
+    for content, size in read_records(path, VERSION):
+        try:
+            record = unpack(content)
+        except FormatError:
+            record = None
+        rows = record.rows if isinstance(record, Record) else None
+        if not (isinstance(rows, np.ndarray) and rows.ndim == 2 and rows.shape[1] == COLUMNS and rows.dtype == float):
+            raise FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
+        yield record, size
 
 
-def _read_options(words: Mapping[str, Any]) -> OnlineOptions | PocketOptions:
-    if "step_constant_m" in words:
-        return PocketOptions(**words)
-    parameters = SmootherParameters(magnetic=FieldParameters(gate=words["parameters"]["magnetic"]["gate"]))
-    fixes = tuple(_read_fix(**fix) for fix in words["fixes"])
-    given = (words["heading_rad"], bool(words["use_field"]), words["lag_s"], parameters, words["axes_given"], fixes)
-    return OnlineOptions(*given)
+def _write_again(path: Path) -> int:
+    """Write a file again without what is superseded; its size. The samples pass through, a record at a time."""
+    content = _Content(path, with_samples=False)
+    newest, state = replace(content.newest, frame=None, changes=None), content.state()
+    changes = None if state is None else find_changes(state, None)
 
+    def list_records() -> Iterator[bytes]:
+        # All but the samples first, then these, in records that add nothing else.
+        kept_from = newest.kept_from
+        yield pack(replace(newest, frame=content.frame, first=kept_from, rows=newest.rows[:0], changes=changes))
+        for record, _ in _read(path):
+            stop = record.first + len(record.rows)
+            if stop > kept_from:
+                first = max(record.first, kept_from)
+                yield pack(replace(newest, first=first, rows=record.rows[first - record.first :]))
 
-def _read_fix(time_s: float, position: list[float], horizontal_sigma_m: float, vertical_sigma_m: float | None) -> Fix:
-    """Return a fix of its JSON values, in which an infinite sigma is None."""
-    return Fix(time_s, np.array(position), horizontal_sigma_m, np.inf if vertical_sigma_m is None else vertical_sigma_m)
-
-
-def _write_atomically(path: Path, content: Mapping[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, **content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException:
-        with suppress(OSError):
-            os.unlink(name)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the new name too
-    finally:
-        os.close(folder)
-
-
-def _read(path: Path) -> tuple[Floats, Ints, dict[str, Any]]:
-    refusal = FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            version = int(content["version"])
-            if version != VERSION:
-                raise FormatError(
-                    f"{path.name} is a checkpoint of version {version} and this program reads {VERSION}: begin again."
-                )
-            samples, stops = content["samples"], content["footfall_stop"]
-            facts = json.loads(str(content["facts"]))
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-        raise refusal from None
-    if samples.ndim != 2 or samples.shape[1] != COLUMNS or samples.dtype != np.float64:
-        raise refusal
-    return samples, stops, facts
+    return write_records(path, VERSION, list_records())

@@ -17,7 +17,6 @@ import time
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,14 +27,13 @@ from fg_nav.errors import EstimationError, OutputError, StreamError
 from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
-from fg_nav.online import load
-from fg_nav.online.checkpoint import collect_content, write_content
+from fg_nav.online.checkpoint import Checkpoint, Snapshot
 from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import open_recorded
-from fg_nav.online.revision import Revision, format_revision
+from fg_nav.online.revision import Revision, describe_past, format_revision
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import SourceCheck
 from fg_nav.online.sources import SampleSource, open_samples
@@ -117,10 +115,11 @@ def follow_source(
     FormatError, RecordingError, EstimationError
         Where the rows are of another format or unit, or a checkpoint cannot be resumed.
     """
-    navigator = _open_navigator(options, remark)
+    checkpoint = None if options.checkpoint is None else Checkpoint(options.checkpoint)
+    navigator = _open_navigator(options, checkpoint, remark)
     status = None if watcher is None else StatusReporter(watcher)
-    walk = _Walk(navigator, options, emit, remark, status)
-    walk.show_past()
+    walk = _Walk(navigator, options, checkpoint, emit, remark, status)
+    walk.tell_past()
     if navigator.source.get("header"):
         source.resume(navigator.source["header"])
     silence = _Silence(source.name, options, remark)
@@ -135,15 +134,15 @@ def follow_source(
     return navigator
 
 
-def _open_navigator(options: StreamOptions, remark: Say) -> Navigator:
+def _open_navigator(options: StreamOptions, checkpoint: Checkpoint | None, remark: Say) -> Navigator:
     path = options.checkpoint
-    if path is None or not path.exists():
+    if path is None or checkpoint is None or not path.exists():
         navigator = begin_walk(options.online, remark, beside=options.beside)
         navigator.source["calibration"] = to_json(options.calibration)
         navigator.source["columns"] = to_json(options.columns)
         navigator.source["mag_axes"] = _name_axes(options)
         return navigator
-    navigator = load(path, options.online, remark, beside=options.beside)
+    navigator = checkpoint.resume(options.online, remark, beside=options.beside)
     if navigator.source.get("calibration") != to_json(options.calibration):
         raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
     if navigator.source.get("columns") != to_json(options.columns):
@@ -166,10 +165,12 @@ class _Walk:
         self,
         navigator: Navigator,
         options: StreamOptions,
+        checkpoint: Checkpoint | None,
         emit: Say,
         remark: Say,
         status: StatusReporter | None = None,
     ) -> None:
+        self._checkpoint = checkpoint
         self._navigator, self._options, self._emit, self._status = navigator, options, emit, status
         self._due = time.monotonic() + options.checkpoint_s
         self._remark, self._unsaved = remark, False
@@ -186,12 +187,12 @@ class _Walk:
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
         self._emit_lines(self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None))
-        if self._options.checkpoint is not None and time.monotonic() >= self._due:
-            self._save(self._options.checkpoint)
+        if self._checkpoint is not None and time.monotonic() >= self._due:
+            self._save(self._checkpoint)
 
     def end(self) -> None:
-        if self._options.checkpoint is not None:
-            self._save(self._options.checkpoint)
+        if self._checkpoint is not None:
+            self._save(self._checkpoint)
             self._wait()
         self._emit_lines(self._navigator.close())
         self.show_status(ended=True)
@@ -200,10 +201,10 @@ class _Walk:
         if self._status is not None:
             self._status.report(self._navigator, ended)
 
-    def show_past(self) -> None:
-        """Show the path of a walk that was resumed."""
-        if self._status is not None and self._navigator.footfalls:
-            self._status.show_past(self._navigator.smoothed())
+    def tell_past(self) -> None:
+        """Tell the path of a walk that was resumed, for who has not seen it."""
+        if self._navigator.footfalls:
+            self._emit_lines([describe_past(self._navigator.smoothed())])
 
     def _emit_lines(self, found: list[StanceEstimate | Revision]) -> None:
         for one in found:
@@ -216,18 +217,18 @@ class _Walk:
                 if self._status is not None:
                     self._status.note_line()
 
-    def _save(self, path: Path) -> None:
-        """Save in a thread: only the copy holds the walk up."""
+    def _save(self, checkpoint: Checkpoint) -> None:
+        """Save in a thread: only what is collected holds the walk up."""
         self._wait()
-        content = collect_content(self._navigator)
-        self._saving = threading.Thread(target=self._write, args=(content, path))
+        snapshot = checkpoint.collect(self._navigator)
+        self._saving = threading.Thread(target=self._write, args=(snapshot, checkpoint))
         self._due = np.inf
         self._saving.start()
 
-    def _write(self, content: dict[str, Any], path: Path) -> None:
+    def _write(self, snapshot: Snapshot, checkpoint: Checkpoint) -> None:
         began = time.monotonic()
         try:
-            write_content(content, path)
+            checkpoint.write(snapshot)
             self._unsaved = False
         except OutputError as error:  # the walk goes on, disk full or not
             if not self._unsaved:
@@ -371,8 +372,6 @@ def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:
     if request.step_constant_m is not None:
         raise EstimationError("--step-constant is for a sensor in a pocket: add --mount pocket, or leave it out.")
     lag_s = _check_positive(request.lag_s, "--lag")
-    if lag_s is not None and request.checkpoint is not None:
-        raise EstimationError("with --lag the samples are discarded, so there is no --checkpoint: give one of the two.")
     if lag_s is not None and lag_s < SHORTEST_LAG_S:
         raise EstimationError(f"a lag of {lag_s:g} s is too short: give {SHORTEST_LAG_S:g} or more.")
     if lag_s is not None and request.polish:

@@ -26,7 +26,7 @@ and has already passed the last stamp looks like a gap, and is taken for one.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -126,6 +126,7 @@ class SampleJudge:
         self._waits = np.empty((0, COLUMNS))
         self._tail = np.empty((0, COLUMNS))
         self._left: deque[int] = deque(maxlen=MOST_LEFT)
+        self._head = np.empty((0, COLUMNS))
         self._overlap: Overlap | None = None
         self._first: list[Floats] = []
         self._to_check = CHECKED
@@ -155,16 +156,17 @@ class SampleJudge:
         return t - next(offset for first, offset in reversed(self._clocks) if first <= sample)
 
     def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values."""
+        """Return what `resume` needs, as JSON values, a copy of it."""
         held = self._waits[:0] if self._overlap is None else self._overlap.held
         return {
             "counts": dict(self.counts),
             "last": self._last,
             "before": self._before,
             "offset": self._offset,
-            "clocks": self._clocks,
-            "changes": self._changes,
+            "clocks": list(self._clocks),
+            "changes": list(self._changes),
             "behind": np.array(self._behind).reshape(-1, COLUMNS).tolist(),
+            "head": self._head.tolist(),
             "waits": self._waits.tolist(),
             "tail": self._tail.tolist(),
             "held": held.tolist(),
@@ -174,23 +176,29 @@ class SampleJudge:
         }
 
     @classmethod
-    def resume(cls, state: Mapping[str, Any], samples: Floats, remark: Callable[[str], None]) -> SampleJudge:
-        """Return a judge that goes on behind a checkpoint with these samples (N, 10), as if it had never stopped."""
+    def resume(
+        cls, state: Mapping[str, Any], blocks: Sequence[Floats], remark: Callable[[str], None], first: int = 0
+    ) -> SampleJudge:
+        """Return a judge that goes on behind a checkpoint with these samples (n, 10), as if it had never stopped.
+
+        They come in blocks one behind the other, from number `first` on: those before it were discarded.
+        """
         judge = cls(remark)
         judge.counts.update(state["counts"])
         judge._last, judge._before, judge._offset = (float(state[name]) for name in ("last", "before", "offset"))
         judge._clocks = [(int(first), float(offset)) for first, offset in state["clocks"]]
         judge._changes = list(state["changes"])
-        judge._taken = len(samples)
+        judge._taken = first + sum(map(len, blocks))
         judge._behind = list(_rows(state["behind"]))
-        judge._recent.extend(samples[-AROUND:])
+        for rows in blocks[-AROUND:]:
+            judge._recent.extend(rows[-AROUND:])
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
         judge._to_check = int(state["to_check"])
-        judge._first = [samples[:CHECKED]] if judge._to_check > 0 else []
+        judge._head, judge._first = _rows(state["head"]), [*blocks] if judge._to_check > 0 else []
         judge._missing_last = judge._missing_again = int(state["missing_last"])
         judge._left.extend(state["left"])
         left = [*judge._left, *fingerprint_rows(judge._waits).tolist()]
-        judge._overlap = Overlap(samples, judge._clocks, left, judge._tail, held)
+        judge._overlap = Overlap(blocks, judge._clocks, left, judge._tail, held, first, judge._head[:first])
         return judge
 
     @property
@@ -254,6 +262,7 @@ class SampleJudge:
         """Return the rows to take, of these as they were sent and of what waited."""
         self._tail = np.concatenate([self._tail, sent[-TAIL:]])[-TAIL:]
         rows = self._put_in_order(np.concatenate([self._waits, sent]), at_end)
+        self._head = np.concatenate([self._head, rows[: HEAD - len(self._head)]])
         self._count_gaps(rows)
         self._check_units(rows)
         return rows

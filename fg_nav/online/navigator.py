@@ -14,7 +14,7 @@ With a lag the samples are discarded once no stride needs them, and the path is 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import compress
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -36,6 +36,7 @@ from fg_nav.online.path import build_path
 from fg_nav.online.resolve import measure_walk_field
 from fg_nav.online.revision import Revision
 from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.smoother_state import SmootherState
 from fg_nav.online.solving import Solver
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
@@ -51,6 +52,23 @@ METHOD = "online"
 
 LONGEST_FREE_S = 3.0
 """A stride and the wait for its footfall; a free strapdown is metres off by then."""
+
+
+@dataclass(frozen=True)
+class NavigatorState:
+    """All that a navigator needs to go on behind the sample before `stop`; what is in it does not change any more.
+
+    `handed` samples were given to the smoother; `waits` and `warned` say what was remarked.
+    """
+
+    stop: int
+    smoother: SmootherState
+    stances: CausalStances
+    handed: int
+    waits: bool
+    warned: bool
+    has_ended: bool
+    busy_s: float
 
 
 class OnlineNavigator:
@@ -265,6 +283,30 @@ class OnlineNavigator:
     def has_ended(self) -> bool:
         """Whether the walk was closed."""
         return self._closed
+
+    @property
+    def begun_at(self) -> int:
+        """Which solution of the walk so far it goes on from: the sample of its last footfall; -1 before the first."""
+        return self._smoother.begun_at
+
+    @property
+    def n_told(self) -> int:
+        """Number of lines so far."""
+        return self._smoother.n_told
+
+    def state(self) -> NavigatorState:
+        """Return what `resume` needs, of a walk that has begun: a copy of some ten seconds, and of nothing longer."""
+        words = self._waits, self._warned, self._closed
+        stances = self._stances.copy()
+        return NavigatorState(self.buffer.stop, self._smoother.state(), stances, self._handed, *words, self._busy_s)
+
+    def resume(self, state: NavigatorState) -> None:
+        """Go on where another navigator was, whose samples are in the buffer, as far as they were not discarded."""
+        self._smoother.resume(state.smoother)
+        self._stances, self._handed, self._busy_s = state.stances.copy(), state.handed, state.busy_s
+        self._waits, self._warned, self._closed = state.waits, state.warned, state.has_ended
+        if self._closed and self._solver is not None:
+            self._solver.close()
 
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was reported."""

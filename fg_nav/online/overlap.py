@@ -11,6 +11,9 @@ Rows are compared by value, so it does not matter how often the sensor's clock r
 checkpoint, which were lost before and come now, are too late: they are left out too. If the last rows of the checkpoint
 never come, because they were lost this time, `LOST` rows that it does not hold, and that are not from the gap behind
 the last one that it holds, are taken for new; at the end of the stream as many as there are.
+
+With a lag a checkpoint holds the first `HEAD` rows of the walk and the last ones. A source that begins again at its
+beginning is known by the first of these, and what comes up to the others is too late.
 """
 
 from __future__ import annotations
@@ -49,25 +52,41 @@ class Overlap:
 
     Parameters
     ----------
-    samples : (N, 10) of the checkpoint.
+    blocks : of samples, (n, 10) each, one behind the other.
     clocks : the sample at which each clock of the sensor began, and by how much its stamps were set on, s.
     left : `fingerprint_rows` rows that came too, and were left out for their stamps.
     tail : (m, 10) the last usable rows before the checkpoint, as the sensor sent them; m <= `TAIL`.
     held : (n, 10) rows that waited when the checkpoint was saved.
+    first : number of the first sample of the blocks in the walk.
+    head : (m, 10) the very first samples of the walk, where those before `first` were discarded.
     """
 
     def __init__(
-        self, samples: Floats, clocks: Sequence[tuple[int, float]], left: Iterable[int], tail: Floats, held: Floats
+        self,
+        blocks: Sequence[Floats],
+        clocks: Sequence[tuple[int, float]],
+        left: Iterable[int],
+        tail: Floats,
+        held: Floats,
+        first: int = 0,
+        head: Floats = np.empty((0, COLUMNS)),
     ) -> None:
         self.known, self.late = 0, 0
         self.held = held
         self.skips, self.is_over = False, len(tail) == 0
-        sent = _restore_stamps(samples, clocks)
-        fingerprints = np.append(fingerprint_rows(sent), np.array(list(left), dtype=np.uint64))
+        known: list[NDArray[np.uint64]] = []
+        sent_t: list[Floats] = []
+        begins = [0, *(first + np.cumsum([0, *map(len, blocks)])).tolist()]
+        for at, rows in zip(begins, [head, *blocks], strict=False):
+            sent = _restore_stamps(rows, at, clocks)
+            known.append(fingerprint_rows(sent))
+            sent_t.append(sent[:, 0].copy())
+        fingerprints = np.concatenate([*known, np.array(list(left), dtype=np.uint64)])
         order = np.argsort(fingerprints, kind="stable")
         self._fingerprints = fingerprints[order]
-        self._numbers = np.where(order < len(samples), order, LEFT_OUT)
-        self._sent_t = np.append(sent[:, 0], np.nan)
+        self._sent_t = np.concatenate([*sent_t, [np.nan]])
+        self._numbers = np.where(order < len(self._sent_t) - 1, order, LEFT_OUT)
+        self._before_hole = len(head) - 1 if first > len(head) else UNKNOWN
         self._tail = _fill_missing(tail)
         self._before = np.empty((0, COLUMNS))
         self._last = -1
@@ -114,11 +133,12 @@ class Overlap:
     def _are_new(self, t: Floats, numbers: Ints, last: Ints) -> Bools:
         """(n,) True for rows that are not held, and not from the gap between the last one held and the next.
 
-        A gap in which the clock of the sensor restarted ends before it begins.
+        A gap in which the clock of the sensor restarted ends before it begins. Of what was discarded nothing is new.
         """
         begin, end = self._sent_t[last], self._sent_t[last + 1]
         within = (t > begin) & (t < end)
         within |= (end < begin) & ((t > begin) | (t < end))
+        within |= last == self._before_hole
         return np.asarray((numbers == UNKNOWN) & ~within)
 
     def _find_tail_end(self, rows: Floats) -> int | None:
@@ -148,12 +168,11 @@ def _find_run(flags: Bools) -> tuple[int, bool]:
     return int(begin) + 1, len(long) > 0
 
 
-def _restore_stamps(samples: Floats, clocks: Sequence[tuple[int, float]]) -> Floats:
-    """Samples with the stamps that the sensor gave them."""
+def _restore_stamps(samples: Floats, first: int, clocks: Sequence[tuple[int, float]]) -> Floats:
+    """Samples of the walk, from number `first` on, with the stamps that the sensor gave them."""
+    begins, offset = np.array(clocks).T
     sent = samples.copy()
-    for first, offset in reversed(clocks):
-        sent[first : len(samples), 0] -= offset
-        samples = samples[:first]
+    sent[:, 0] -= offset[np.searchsorted(begins, first + np.arange(len(samples)), side="right") - 1]
     return sent
 
 

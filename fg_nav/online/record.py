@@ -63,7 +63,7 @@ class Recorder:
 
     def __init__(self, path: Path, goes_on: bool, force: bool, remark: Callable[[str], None]) -> None:
         self._path, self._remark = path, remark
-        self._overlap = Overlap(np.empty((0, COLUMNS)), [(0, 0.0)], [], np.empty((0, COLUMNS)), np.empty((0, COLUMNS)))
+        self._overlap = Overlap([], [(0, 0.0)], [], np.empty((0, COLUMNS)), np.empty((0, COLUMNS)))
         is_old = path.is_file() and path.stat().st_size > 0
         if is_old and not goes_on and not force:
             raise OutputError(f"{path} is there already: name another file to record into, or replace it by --force.")
@@ -72,7 +72,7 @@ class Recorder:
             self._good = self._cut_last_line() if is_old and goes_on else 0
             if self._good:
                 known = _read_recorded(path)
-                self._overlap = Overlap(known, [(0, 0.0)], [], known[-TAIL:], known[:0])
+                self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
             elif path.is_file():
                 os.truncate(self._file, 0)
         except OSError as error:

@@ -21,6 +21,7 @@ from fg_nav.arrays import Floats
 from fg_nav.frames import compute_heading
 from fg_nav.online.buffer import ToldFootfall
 from fg_nav.online.estimates import EstimateRow, split_rows
+from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
 
 TURNED_RAD = float(np.radians(1.0))
@@ -77,6 +78,12 @@ def compare_pasts(
 def thin_rows(count: int) -> list[int]:
     """Return the numbers of at most `MOST_POINTS` of so many footfalls, the first and the last among them."""
     return sorted(set(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(int).tolist()))
+
+
+def describe_past(table: StanceTable) -> Revision:
+    """Return the past of a walk as it is known, for who has seen nothing of it."""
+    path = np.column_stack([table.t, table.position])
+    return Revision(float(table.t[-1]), 0.0, (), path[thin_rows(len(path))])
 
 
 def format_revision(revision: Revision) -> Iterator[str]:

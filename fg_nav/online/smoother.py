@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
 from fg_nav.online.revision import Revision, compare_pasts
 from fg_nav.online.schedule import AT_ONCE, DOUBT_DELAY, NEWEST, WINDOW, choose_delay, choose_next, is_windowed
+from fg_nav.online.smoother_state import Pending, SmootherState
 from fg_nav.online.solving import CONTEXT_S, Solver, Task, WalkSolver
 from fg_nav.online.stretch import Stretch
 from fg_nav.online.strides import Place
@@ -47,21 +48,8 @@ MOST_LATE = 6
 """Footfalls since a solution was due that are added when it is taken over: each takes 10 ms."""
 
 
-@dataclass(frozen=True)
-class Pending:
-    """A solution of the first `footfalls` that is taken over when `due_at` lines were told.
-
-    It was begun at `clock_s` of this machine, when `t` was the stamp of the walk, s.
-    """
-
-    due_at: int
-    footfalls: int
-    clock_s: float
-    t: float
-
-
 class OnlineSmoother:
-    """A walk in progress. The same calls give the same answers to the bit: a walk is resumed by replaying its calls.
+    """A walk in progress. The same calls give the same answers to the bit, those since a `state` of it too.
 
     Parameters
     ----------
@@ -140,8 +128,7 @@ class OnlineSmoother:
         if self._stretch is None:
             return []
         self._solver = WalkSolver(self._options, self._stance, self._buffer)
-        self._solver.begin(self._build_task(self._starts[0] if self._is_windowed else None))
-        self._pending = self._build_pending(0)
+        self._begin(self._build_task(self._starts[0] if self._is_windowed else None), 0)
         return self._take_over()
 
     @property
@@ -215,6 +202,54 @@ class OnlineSmoother:
             raise EstimationError("there is no footfall yet to carry a pose on from: add one first.")
         return self._stretch.propagate(until, stands)
 
+    @property
+    def begun_at(self) -> int:
+        """Sample of the footfall with which the newest stretch began; -1 before the first."""
+        return self._starts[-1].place.sample if self._starts else -1
+
+    def state(self) -> SmootherState:
+        """Return what `resume` needs, of a walk that has begun: at no cost but that of the lists."""
+        return SmootherState(
+            told=tuple(self._told),
+            told_continues=tuple(self._told_continues),
+            footfalls=tuple(self._footfalls),
+            past=self._past,
+            starts=tuple(self._starts),
+            pending=self._pending,
+            next=self._next,
+            doubted=tuple(self._doubted),
+            has_mag=self._has_mag,
+            discarded=self._walk.discarded,
+        )
+
+    def resume(self, state: SmootherState) -> None:
+        """Go on where another smoother was, whose samples are in the buffer, as far as they were not discarded."""
+        self._told, self._told_continues = list(state.told), list(state.told_continues)
+        self._footfalls, self._past, self._starts = list(state.footfalls), state.past, list(state.starts)
+        self._pending, self._next, self._has_mag = state.pending, state.next, state.has_mag
+        self._doubted = set(state.doubted)
+        # The newest stretch is made again of the strides since it began.
+        begun = self._starts[-1]
+        options, behind = self._options, begun.place.number + 1
+        known = self._footfalls[state.discarded : behind]
+        self._walk = WalkSoFar(
+            self._buffer, options.use_field, options.axes_given, state.discarded, known, begun.sensor
+        )
+        self._stretch = Stretch(begun, self._walk)
+        for footfall in self._footfalls[behind:]:
+            self._walk.add(footfall)
+            self._stretch.add_newest()
+        # What was being solved is begun again, on the samples that it and what comes need.
+        pending, n = self._pending, self.n_told
+        is_whole = not is_windowed(n + 1, options.lag_s is not None) or (pending and pending.task.start is None)
+        self._solver.discard(self._buffer.first if is_whole else self._find_window())
+        self._solver.follow(self._buffer, self._walk.stop)
+        if pending is not None:
+            self._begin(pending.task, 0)
+            self._pending = replace(pending, clock_s=time.monotonic(), t=self._buffer.stamp(self._walk.stop - 1))
+            if n >= pending.due_at:
+                self._solver.ask(self._footfalls[pending.footfalls : len(self._footfalls) - n + pending.due_at])
+
     def _count_north(self, estimate: StanceEstimate) -> StanceEstimate:
         """Count in what is not known of a north that the field alone shows, or has yet to show."""
         assert self._stretch is not None
@@ -229,9 +264,11 @@ class OnlineSmoother:
 
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
         """Solve all of the walk; extend the newest stretch where that has no solution."""
+        known = self._walk.sensor
         try:
             return [self._take(solve_from_start(self._walk, self._options))]
         except UNSOLVED as error:
+            self._walk.sensor = known  # the newest stretch goes on as it began
             if self._stretch is None:
                 raise EstimationError(
                     f"the walk has no beginning at footfall {self.n_told}: leave out the samples before it."
@@ -321,12 +358,13 @@ class OnlineSmoother:
             self._doubted.add(self._footfalls[doubtful].told)
             before = [one for one in self._starts if one.place.number < doubtful]
             start, delay = (before[-1], DOUBT_DELAY) if before else (start, delay)
-        self._solver.begin(self._build_task(start))
-        self._pending = self._build_pending(delay)
+        self._begin(self._build_task(start), delay)
 
-    def _build_pending(self, delay: int) -> Pending:
+    def _begin(self, task: Task, delay: int) -> None:
+        """Begin with a task, whose solution is due so many lines later."""
+        self._solver.begin(task)
         stamp = self._buffer.stamp(self._walk.stop - 1)
-        return Pending(self.n_told + delay, len(self._footfalls), time.monotonic(), stamp)
+        self._pending = Pending(self.n_told + delay, len(self._footfalls), task, time.monotonic(), stamp)
 
     def _build_task(self, start: Handover | None) -> Task:
         footfalls = self._footfalls[0 if start is None else start.place.number :]
@@ -351,9 +389,12 @@ class OnlineSmoother:
 
     def _discard(self) -> None:
         """Discard what lies before the first handover that a window may begin at, samples with a lag alone."""
-        start = self._starts[0]
-        begins = self._footfalls[start.place.number].footfall.start[0]
-        since = self._buffer.find_since(self._buffer.stamp(int(begins)) - CONTEXT_S, self._walk.stop)
+        since = self._find_window()
         self._solver.discard(since)
         if self._options.lag_s is not None:
-            self._walk.discard(start.place.number, since)
+            self._walk.discard(self._starts[0].place.number, since)
+
+    def _find_window(self) -> int:
+        """First sample that is needed to begin at the first handover that a window may begin at."""
+        begins = self._footfalls[self._starts[0].place.number].footfall.start[0]
+        return self._buffer.find_since(self._buffer.stamp(int(begins)) - CONTEXT_S, self._walk.stop)

@@ -15,7 +15,6 @@ What is not known yet is null. Sigmas and the verdict on the field are those of 
 
 from __future__ import annotations
 
-import json
 import time
 from collections import deque
 from typing import Any, Protocol
@@ -25,7 +24,6 @@ import numpy as np
 from fg_nav.frames import compute_heading
 from fg_nav.online.estimates import DIGITS
 from fg_nav.online.pocket import Navigator
-from fg_nav.solution import StanceTable
 
 RATE_S = 2.0
 """In which samples are counted for their rate."""
@@ -65,11 +63,6 @@ class StatusReporter:
         self._silent_since: float | None = None
         self._counts: deque[tuple[float, int]] = deque()
         self._latency_ms: float | None = None
-
-    def show_past(self, table: StanceTable) -> None:
-        """Show the path of a walk that was resumed, as the line of a past that was revised."""
-        path = np.round(np.column_stack([table.t, table.position]), DIGITS).tolist()
-        self._watcher.send(json.dumps({"kind": "revised", "t": path[-1][0], "path": path}))
 
     def count_samples(self, count: int) -> None:
         """Note how many samples have come, at each read: one that finds none begins a silence."""

@@ -36,6 +36,8 @@ class Worker:
                 self._solver = WalkSolver(options, stance, self._buffer)
             case "samples":
                 self._buffer.append(content[0])
+            case "skip":
+                self._buffer.skip_to(content[0])
             case "discard":
                 self._buffer.discard(content[0])
             case "begin":

@@ -236,7 +236,6 @@ def test_a_source_that_is_none_is_refused_in_one_line(fg_nav, source):
 
 
 def test_what_cannot_be_together_is_refused(fg_nav, csv, tmp_path):
-    assert fg_nav("stream", csv, "--lag", 60, "--checkpoint", tmp_path / "x.npz").refused("--lag", "--checkpoint")
     assert fg_nav("stream", csv, "--lag", 60, "--polish").refused("--lag", "--polish")
     assert fg_nav("stream", csv, "--silence", 0).refused("--silence")
     assert fg_nav("stream", csv, "--heading", "nan").refused("nan")

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.causal import CausalParameters
-from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.errors import EstimationError
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
-from fg_nav.online.options import OnlineOptions
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 
@@ -64,7 +63,7 @@ def resumed(rows, saved, then, block=7):
     """Samples that a judge takes of the first `saved` rows, and after a resume of the rows `then`; and that judge."""
     judge = SampleJudge()
     before = np.concatenate(admitted(judge, rows[:saved], 13))
-    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), before, lambda words: None)
+    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [before], lambda words: None)
     return np.concatenate([before, *admitted(again, then, block), again.flush()]), again
 
 
@@ -127,7 +126,7 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, np.delete(rows[:, 0], np.s_[700:740]), rtol=0, atol=1e-9)
     for begin in (0, 740):
-        again = SampleJudge.resume(json.loads(json.dumps(judge.state())), taken, lambda words: None)
+        again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
         assert sum(map(len, admitted(again, rows[begin:], 50))) == 0
         assert again.counts["late"] == (40 if begin == 0 else 0)  # that nobody listened to
         assert again.counts["known"] == len(rows) - begin - again.counts["late"]
@@ -263,59 +262,3 @@ def test_a_walk_that_had_ended_can_still_be_asked(whole, tmp_path):
     assert len(again.finish().stances) == len(navigator.finish().stances)
     with pytest.raises(EstimationError, match="has ended"):
         push(again, rows_of(short_walk()))
-
-
-def test_a_save_that_fails_leaves_the_old_checkpoint(tmp_path, monkeypatch):
-    navigator = OnlineNavigator(NORTH)
-    push(navigator, rows_of(short_walk())[:300])
-    path = tmp_path / "walk.npz"
-    save(navigator, path)
-    before = path.read_bytes()
-    push(navigator, rows_of(short_walk())[300:400])
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez", full)
-    with pytest.raises(OutputError, match="no space left"):
-        save(navigator, path)
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["walk.npz"]
-
-
-def test_what_is_no_checkpoint_is_refused(tmp_path):
-    path = tmp_path / "walk.npz"
-    for content in (b"", b"PK\x03\x04 broken", b"time_s,acc\n1,2\n"):
-        path.write_bytes(content)
-        with pytest.raises(FormatError, match="no checkpoint"):
-            load(path)
-    navigator = OnlineNavigator(NORTH)
-    push(navigator, rows_of(short_walk())[:300])
-    save(navigator, path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(FormatError):
-        load(path)
-    path.write_bytes(whole)
-    with pytest.raises(EstimationError, match="other options"):
-        load(path, OnlineOptions(heading_rad=1.0))
-    arrays = dict(np.load(path))
-    np.savez(path, **{**arrays, "version": np.array(99)})
-    with pytest.raises(FormatError, match="version 99"):
-        load(path)
-
-
-def test_a_checkpoint_is_arrays_with_a_version(tmp_path):
-    navigator = OnlineNavigator(NORTH)
-    push(navigator, rows_of(short_walk())[:900])
-    save(navigator, tmp_path / "walk.npz")
-    with np.load(tmp_path / "walk.npz", allow_pickle=False) as content:
-        assert int(content["version"]) == 4
-        assert content["samples"].shape == (900, 10)
-        assert len(content["footfall_stop"]) == len(navigator.footfalls) > 3
-        assert json.loads(str(content["facts"]))["options"]["heading_rad"] == 0.0
-
-
-def test_with_a_lag_there_is_no_checkpoint(tmp_path):
-    with pytest.raises(EstimationError, match="lag"):
-        save(OnlineNavigator(OnlineOptions(lag_s=60.0)), tmp_path / "walk.npz")

@@ -158,5 +158,5 @@ def test_each_change_of_stamps_is_told_when_it_happens_and_noted():
     assert sum("from there on stamps are set on by" in words for words in told) == 3
     assert sum("from there on stamps are set on by" in words for words in judge.notes) == 3
     assert sum("before the last one" in words for words in told) == 1
-    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), taken, lambda words: None)
+    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
     assert again.notes == judge.notes

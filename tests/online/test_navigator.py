@@ -223,7 +223,7 @@ def test_stamps_go_on_after_a_restart_of_the_clock(block):
     np.testing.assert_allclose(taken, rows[kept], rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, sent[kept, 0], rtol=0, atol=1e-9)
-    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), taken, lambda words: None)
+    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
     assert [again.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])] == sensor_t
 
 
