@@ -4,7 +4,7 @@
 
     now         one row more, and the distance to it
     turned      all rows turn about the origin, clockwise
-    retracted   the row of that time is taken off
+    retracted   the row of that line is taken off
     revised     rows move as the revised path does at their times, linear in time between its points
     smoothed, polished   the rows of the end take the place of those of the moment, in the order of time
 
@@ -32,8 +32,8 @@ MILLIMETRES = 3
 STILL_S = 2.5
 """No stride takes so long: a person whose last footfall was before that stands."""
 
-SAME_S = 1e-6
-"""Stamps of one footfall in two lines are that close."""
+SAME_S = 1e-3
+"""Stamps of one footfall in two lines are that close: those of a revised path are rounded."""
 
 
 class History:
@@ -42,6 +42,7 @@ class History:
     def __init__(self) -> None:
         self.distance_m = 0.0
         self._rows: list[tuple[float, float, float, float]] = []
+        self._stamps: dict[int, float] = {}  # of the newest lines, by number
         self._stands = True
         self._at_end = ""
         self._replaced: list[tuple[float, float, float, float]] = []
@@ -51,11 +52,14 @@ class History:
         match event["kind"]:
             case "now":
                 self._stands = bool(event["continues"])
+                self._stamps[event["stance"]] = event["t"]
+                self._stamps.pop(event["stance"] - MOST_ROWS, None)
                 return self._append(_row_of(event))
             case "turned":
                 self._rows = [turn_row(row, event["angle_deg"]) for row in self._rows]
             case "retracted":
-                self._rows = [row for row in self._rows if abs(row[0] - event["t"]) > SAME_S]
+                t = self._stamps.get(event["stance"], np.nan)
+                self._rows = [row for row in self._rows if not abs(row[0] - t) <= SAME_S]
             case "revised":
                 self._revise(np.array(event["path"], dtype=np.float64).reshape(-1, 4))
             case "smoothed" | "polished":
@@ -107,9 +111,14 @@ class History:
         self._thin()
 
     def _thin(self) -> bool:
-        """Drop a quarter of the older rows where there are too many."""
+        """Drop a quarter of the older rows while there are too many; return whether there were."""
         if len(self._rows) <= MOST_ROWS:
             return False
+        while len(self._rows) > MOST_ROWS:
+            self._drop_quarter()
+        return True
+
+    def _drop_quarter(self) -> None:
         rows = np.array(self._rows)
         candidates = np.arange(1, len(rows) - NEWEST_ROWS, 2)
         before, at, behind = (rows[candidates + step, 1:3] for step in (-1, 0, 1))
@@ -117,7 +126,6 @@ class History:
         area = np.abs(to[:, 0] * on[:, 1] - to[:, 1] * on[:, 0])
         dropped = candidates[area <= np.median(area)]
         self._rows = [tuple(row) for row in np.delete(rows, dropped, axis=0).tolist()]
-        return True
 
 
 def turn_row(row: tuple[float, float, float, float], angle_deg: float) -> tuple[float, float, float, float]:

@@ -38,8 +38,25 @@ def test_a_turn_is_clockwise_and_keeps_lengths():
 
 def test_a_false_footfall_is_taken_off():
     history = history_of(circle(5))
-    assert history.add({"kind": "retracted", "stance": 3, "t": 3.0})
+    assert history.add({"kind": "retracted", "stance": 3, "t": 4.0})  # the stamp is that of the newest footfall
     assert [row[0] for row in history.rows()] == [0.0, 1.0, 2.0, 4.0]
+
+
+def test_a_revised_path_whose_stamps_are_rounded_adds_no_row():
+    history = history_of(circle(5))
+    path = np.array(history.rows()) + np.array([4e-4, 0.5, 0.0, 0.0])
+    path[0, 0] -= 8e-4
+    history.add({"kind": "revised", "t": 4.0, "path": path.tolist()})
+    assert len(history.rows()) == 5
+    assert np.allclose(np.array(history.rows())[:, 1], path[:, 1], atol=2e-3)
+    assert history.speed_m_s(4.1) < 5.0
+
+
+def test_a_path_of_a_day_is_bounded_at_once():
+    history = History()
+    rows = np.column_stack([np.arange(80_000.0), np.cumsum(np.ones(80_000)), np.zeros((80_000, 2))])
+    history.add({"kind": "revised", "t": rows[-1, 0], "path": rows.tolist()})
+    assert len(history.rows()) <= MOST_ROWS
 
 
 def test_the_past_moves_as_the_revised_path_does_and_keeps_its_shape():
