@@ -115,10 +115,11 @@ class SocketLink:
 
 def _detect_dead_peer(connection: socket.socket) -> None:
     """Let the system find out within some ten seconds that a peer is gone without a word."""
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for name, value in (("TCP_KEEPIDLE", 4), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3)):
-        if hasattr(socket, name):
-            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+    with suppress(OSError):  # it is gone already
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in (("TCP_KEEPIDLE", 4), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3)):
+            if hasattr(socket, name):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 class Server:
@@ -171,7 +172,10 @@ class Door:
         """Hold the next connection if it is that of the sensor, else end it."""
         if self._next is not None or not select.select([self._socket], [], [], wait_s)[0]:
             return
-        connection, address = self._socket.accept()
+        try:
+            connection, address = self._socket.accept()
+        except OSError:  # it has gone already
+            return
         if self._senders.admit(address[0], address[1], is_free) is None:
             connection.close()
         else:

@@ -52,7 +52,7 @@ def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Sa
     """
     with ExitStack() as opened:
         lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))
-        page = None if view is None else opened.enter_context(open_port(*view, "--port"))
+        page = None if view is None else opened.enter_context(open_port(*view, "--port or --host"))
         if lines is not None:
             remark(f"lines are served on {HOST}:{_port_of(lines)}.")
         if page is not None and view is not None:

@@ -69,6 +69,8 @@ class Recorder:
             raise OutputError(f"{path} is there already: name another file to record into, or replace it by --force.")
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            if is_old and goes_on:
+                self._refuse_foreign()
             self._good = self._cut_last_line() if is_old and goes_on else 0
             if self._good:
                 known = _read_recorded(path)
@@ -162,6 +164,12 @@ class Recorder:
             self._remark(f"{self._path} cannot be written ({reason}): the walk goes on, and it is tried again.")
         self._fails = True
 
+    def _refuse_foreign(self) -> None:
+        """Refuse a file that does not begin as ours do, before anything of it is changed."""
+        if not HEADER.encode().startswith(os.pread(self._file, len(HEADER), 0)):
+            os.close(self._file)
+            raise FormatError(f"{self._path.name} was not recorded by this command: name another file to record into.")
+
     def _cut_last_line(self) -> int:
         """Cut off a last line without an end; return how long the file is then."""
         size = os.fstat(self._file).st_size
@@ -173,11 +181,8 @@ class Recorder:
 
 def _read_recorded(path: Path) -> Floats:
     """Return the samples (n, 10) of a file that was recorded."""
-    content = read_content(path)
-    if content.fields() != HEADER.strip().split(","):
-        raise FormatError(f"{path.name} was not recorded by this command: name another file to record into.")
     try:
-        raw = FORMATS["canonical"].read(content)
+        raw = FORMATS["canonical"].read(read_content(path))
     except FormatError:
         return np.empty((0, COLUMNS))
     assert raw.mag is not None

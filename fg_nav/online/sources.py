@@ -30,13 +30,10 @@ from urllib.parse import urlsplit
 from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
 from fg_nav.io import read
-from fg_nav.online.connections import Door, SerialDevice, Server
+from fg_nav.online.connections import PIECE, Door, SerialDevice, Server
 from fg_nav.online.live import Datagrams, Reconnected
 from fg_nav.online.replay import Replay, parse_speed
 from fg_nav.online.rows import Columns, RowReader
-
-PIECE = 1 << 16
-"""Bytes that are read at once."""
 
 POLL_S = 0.05
 """How often a file is looked at for more."""
@@ -163,8 +160,8 @@ def open_source(word: str, baud: int, remark: Callable[[str], None]) -> ByteSour
         if stat.S_ISFIFO(mode):
             return _Descriptor(word, os.open(word, os.O_RDONLY | os.O_NONBLOCK))  # or it waits for a writer
         return _GrowingFile(Path(word))
-    except OSError as error:
-        reason = (error.strerror or str(error) or type(error).__name__).lower()
+    except (OSError, UnicodeError) as error:  # the other is of a host that is no name
+        reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()
         raise StreamError(f"{word} cannot be opened ({reason}): check its name, and that it is there.") from None
 
 

@@ -55,14 +55,14 @@ class ListenerProcess:
     host
         Of the page, as the user named it.
     remark
-        Told where the process has ended before its time.
+        Given a sentence where the process has ended before its time.
     """
 
     def __init__(
         self, lines: socket.socket | None, page: socket.socket | None, host: str, remark: Callable[[str], None]
     ) -> None:
         self.viewers, self.status_s = 0, STATUS_S
-        self._remark, self._closing = remark, False
+        self._remark, self._closing, self._has_ended = remark, False, False
         self._messages: queue.Queue[bytes | None] = queue.Queue(MOST_WAITING)
         doors = [door for door in (lines, page) if door is not None]
         descriptors = [-1 if door is None else door.fileno() for door in (lines, page)]
@@ -119,6 +119,8 @@ class ListenerProcess:
             thread.join()
 
     def _put(self, kind: bytes, words: str) -> None:
+        if self._has_ended:
+            return
         with suppress(queue.Full):
             self._messages.put_nowait(kind + words.encode() + b"\n")
 
@@ -134,10 +136,9 @@ class ListenerProcess:
                 viewers, status_s = answer.split()
                 self.viewers, self.status_s = int(viewers), float(status_s)
         self.viewers = 0
+        self._has_ended = True
         if not self._closing:
             self._remark("what serves the walk has ended: it goes on unseen.")
-            while self._messages.get() is not None:
-                pass
 
 
 def serve(lines: LineServer | None, page: PageServer | None, messages: IO[bytes]) -> None:
@@ -174,8 +175,8 @@ def main() -> None:
     lines = None if doors[0] is None else LineServer(doors[0])
     page = None if doors[1] is None else PageServer(doors[1], sys.argv[3])
     if page is not None:
-        told = _report(page)
-        call_there(lambda: start_loop().create_task(told))
+        reports = _report(page)
+        call_there(lambda: start_loop().create_task(reports))
     serve(lines, page, sys.stdin.buffer)
     run_there(_end([server for server in (lines, page) if server is not None]))
 

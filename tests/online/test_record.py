@@ -57,12 +57,12 @@ def test_what_is_recorded_is_what_came(rows, tmp_path):
 
 def test_an_older_file_is_kept_unless_it_may_be_replaced(rows, tmp_path):
     path = tmp_path / "walk.csv"
-    path.write_text("a letter to my mother\n")
+    path.write_text("a letter\nto my mother")
     with pytest.raises(OutputError, match="there already"):
         write(path, rows)
     with pytest.raises(FormatError, match="not recorded by"):
         write(path, rows, goes_on=True)
-    assert path.read_text() == "a letter to my mother\n"
+    assert path.read_text() == "a letter\nto my mother"
     write(path, rows[:100], force=True)
     np.testing.assert_array_equal(recorded(path), rows[:100])
     with pytest.raises(OutputError, match="no such file"):

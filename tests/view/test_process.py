@@ -105,6 +105,18 @@ def test_the_walk_goes_on_where_the_process_is_killed():
     assert len(made.printed) == 20_000
 
 
+def test_the_walk_ends_where_the_process_was_killed_and_nothing_came_since():
+    with Outlets(0, None) as made:
+        os.kill(made.outlets.emit.__self__.pid, signal.SIGKILL)
+        wait_for(lambda: len(made.remarks) == 2)
+    assert made.remarks[1:] == ["what serves the walk has ended: it goes on unseen."]
+
+
+def test_a_host_that_is_no_name_is_refused():
+    with pytest.raises(StreamError, match="--host"), Outlets(None, ("a..b", 0)):
+        pass
+
+
 def test_the_walk_goes_on_where_the_process_stands_still():
     with Outlets(None, (HOST, 0)) as made:
         pid = made.outlets.watcher.pid
