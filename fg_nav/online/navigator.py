@@ -150,7 +150,8 @@ class OnlineNavigator:
     def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
         began = perf_counter()
-        self._smoother.prepare()
+        if len(rows):
+            self._smoother.prepare()
         found = self._add_rows(rows)
         self._busy_s += perf_counter() - began
         return found

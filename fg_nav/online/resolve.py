@@ -72,12 +72,12 @@ class WalkSolution:
         return self.problem.nodes
 
 
-def solve_from_start(walk: WalkSoFar, options: OnlineOptions) -> Handover:
+def solve_from_start(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = False) -> Handover:
     """Solve a walk with all its footfalls and samples; raises what `UNSOLVED` has where there is no solution."""
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
     given = options.heading_rad, options.use_field, options.parameters, walk.continues
-    found = solve_so_far(recording, stances, *given, options.fixes)
+    found = solve_so_far(recording, stances, *given, options.fixes, has_ended)
     walk.sensor = replace(walk.sensor, peak_height=found.known.peak_height)
     places = list_places(found.nodes, recording.t)
     problem, magnetometer = found.problem, walk.sensor.magnetometer
@@ -131,6 +131,7 @@ def solve_so_far(
     p: SmootherParameters,
     continues: Bools | None = None,
     fixes: tuple[Fix, ...] = (),
+    has_ended: bool = False,
 ) -> WalkSolution:
     """Solve a walk so far.
 
@@ -139,6 +140,7 @@ def solve_so_far(
     continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
         first, so the field there counts once. None where there is none.
     fixes : of the walk; those that it has come to are used.
+    has_ended : whether nothing follows: then who stands at the end rests.
 
     Raises
     ------
@@ -147,13 +149,13 @@ def solve_so_far(
     """
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     field = field if field is None or continues is None else field.leave_out(continues)
-    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes)
+    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes, has_ended)
     # As in batch: a bias that is too large for its prior is that of a sensor that was not calibrated.
     prior = find_bias_prior(solution.problem, solution.solved)
     if prior is None:
         return solution
     p = replace(p, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes)
+    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes, has_ended)
     return replace(solution, verdict=replace(solution.verdict, notes=(prior.note, *solution.verdict.notes)))
 
 
@@ -165,8 +167,9 @@ def _solve_once(
     unseen: str,
     p: SmootherParameters,
     fixes: tuple[Fix, ...],
+    has_ended: bool,
 ) -> WalkSolution:
-    problem = walk_problem(recording, stances, heading, p, in_progress=True)
+    problem = walk_problem(recording, stances, heading, p, in_progress=not has_ended)
     problem = add_fixes_so_far(problem, fixes)
     found = solve_walk(add_constraints(problem, problem.values), field, unseen)
     going_on = None if found.field is None or field is None else OnlineField(found.field, field)

@@ -41,11 +41,9 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
 
-FAST = 2.0
-"""Times as fast as it was walked: then the samples are of a recording, and nobody watches."""
-
-MOST_LATE = 6
-"""Footfalls since a solution was due that are added when it is taken over: each takes 10 ms."""
+FAST, MOST_LATE = 2.0, 6
+"""Times as fast as it was walked: then the samples are of a recording, and nobody watches. Footfalls since a solution
+was due that are added when it is taken over: each takes 10 ms."""
 
 
 class OnlineSmoother:
@@ -55,8 +53,7 @@ class OnlineSmoother:
     ----------
     options : chosen by the user.
     buffer : of the samples, filled by whoever adds footfalls; with a lag its beginning is discarded here.
-    stance : how footfalls are found.
-    solver : solves the walk again beside it; None to do so in between.
+    stance, solver : how footfalls are found; solves the walk again beside it, None to do so in between.
     """
 
     def __init__(
@@ -119,6 +116,8 @@ class OnlineSmoother:
 
     def prepare(self) -> None:
         """Wait for a solution that is due, where the walk waits for one: now, and not when a footfall is complete."""
+        if self._pending and np.isnan(self._pending.clock_s):  # resumed: what it has already came, it does not see
+            self._pending = replace(self._pending, clock_s=time.monotonic())
         if self._is_due and self._waits:
             self._solver.wait()
 
@@ -128,7 +127,7 @@ class OnlineSmoother:
         if self._stretch is None:
             return []
         self._solver = WalkSolver(self._options, self._stance, self._buffer)
-        self._begin(self._build_task(self._starts[0] if self._is_windowed else None), 0)
+        self._begin(replace(self._build_task(self._window_start), has_ended=True), delay=0)
         return self._take_over()
 
     @property
@@ -246,7 +245,7 @@ class OnlineSmoother:
         self._solver.follow(self._buffer, self._walk.stop)
         if pending is not None:
             self._begin(pending.task, 0)
-            self._pending = replace(pending, clock_s=time.monotonic(), t=self._buffer.stamp(self._walk.stop - 1))
+            self._pending = replace(pending, clock_s=np.nan, t=self._buffer.stamp(self._walk.stop - 1))
             if n >= pending.due_at:
                 self._solver.ask(self._footfalls[pending.footfalls : len(self._footfalls) - n + pending.due_at])
 
@@ -335,8 +334,8 @@ class OnlineSmoother:
         return None
 
     @property
-    def _is_windowed(self) -> bool:
-        return is_windowed(self.n_told, self._options.lag_s is not None)
+    def _window_start(self) -> Handover | None:
+        return self._starts[0] if is_windowed(self.n_told, self._options.lag_s is not None) else None
 
     def _schedule(self, doubtful: int | None) -> None:
         """Begin the next solution, or ask for the one that is due behind the newest footfall."""
@@ -348,7 +347,7 @@ class OnlineSmoother:
             return
         if n < AT_ONCE[-1] or (doubtful is None and n < self._next):
             return
-        start, delay = self._starts[0] if self._is_windowed else None, choose_delay(n, has_lag)
+        start, delay = self._window_start, choose_delay(n, has_lag)
         if start is not None:
             self._discard()
         if doubtful is None:

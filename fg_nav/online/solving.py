@@ -38,11 +38,13 @@ class Task:
     start : handover to begin at, without its past; None for the start of the walk.
     footfalls : from that of the handover on.
     sensor : what the walk shows of it so far.
+    has_ended : whether nothing follows.
     """
 
     start: Handover | None
     footfalls: tuple[ToldFootfall, ...]
     sensor: SensorState
+    has_ended: bool = False
 
 
 class Solver(Protocol):
@@ -134,7 +136,7 @@ class WalkSolver:
             walk = WalkSoFar(self._buffer, options.use_field, options.axes_given, sensor=task.sensor)
             for footfall in footfalls:
                 walk.add(footfall)
-            return solve_from_start(walk, options), walk
+            return solve_from_start(walk, options, task.has_ended), walk
         begun = footfalls[:1]
         walk = WalkSoFar(self._buffer, options.use_field, options.axes_given, start.place.number, begun, start.sensor)
         stretch = Stretch(replace(start, footfalls=begun, first=start.place.number), walk)

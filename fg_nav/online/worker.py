@@ -9,6 +9,7 @@ import os
 import pickle
 import signal
 import sys
+from contextlib import suppress
 from typing import Any, cast
 
 from fg_nav.online.buffer import SampleBuffer, ToldFootfall
@@ -68,15 +69,12 @@ def main() -> None:
     messages, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not print into the answers
     worker = Worker()
-    while True:
-        try:
-            message = pickle.load(messages)
-        except (EOFError, OSError):
-            return
-        answer = worker.answer(*message)
-        if answer is not None:
-            pickle.dump(answer[0], answers, protocol=pickle.HIGHEST_PROTOCOL)
-            answers.flush()
+    with suppress(EOFError, OSError, pickle.UnpicklingError):  # its owner has gone, maybe in the middle of a message
+        while True:
+            answer = worker.answer(*pickle.load(messages))
+            if answer is not None:
+                pickle.dump(answer[0], answers, protocol=pickle.HIGHEST_PROTOCOL)
+                answers.flush()
 
 
 if __name__ == "__main__":
