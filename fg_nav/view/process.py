@@ -30,6 +30,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
+from fg_nav.processes import start_module
 from fg_nav.text import to_json
 from fg_nav.view.line_server import LineServer
 from fg_nav.view.loop import call_there, run_there, start_loop
@@ -66,13 +67,8 @@ class ListenerProcess:
         self._messages: queue.Queue[bytes | None] = queue.Queue(MOST_WAITING)
         doors = [door for door in (lines, page) if door is not None]
         descriptors = [-1 if door is None else door.fileno() for door in (lines, page)]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, *map(str, descriptors), host],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            pass_fds=[door.fileno() for door in doors],
-            start_new_session=True,
-        )
+        passed = [door.fileno() for door in doors]
+        self._process = start_module(__name__, *map(str, descriptors), host, pass_fds=passed)
         for door in doors:
             door.close()
         assert self._process.stdin is not None

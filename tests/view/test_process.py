@@ -112,6 +112,13 @@ def test_the_walk_ends_where_the_process_was_killed_and_nothing_came_since():
     assert made.remarks[1:] == ["what serves the walk has ended: it goes on unseen."]
 
 
+def test_modules_in_the_folder_of_the_user_are_not_imported(tmp_path, monkeypatch):
+    (tmp_path / "queue.py").write_text("raise SystemExit(1)")
+    monkeypatch.chdir(tmp_path)
+    with Outlets(None, (HOST, 0)) as made, connect_to(made.port(0)) as page:
+        assert read(page)["path"] == []
+
+
 def test_a_host_that_is_no_name_is_refused():
     with pytest.raises(StreamError, match="--host"), Outlets(None, ("a..b", 0)):
         pass
