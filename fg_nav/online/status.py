@@ -49,10 +49,6 @@ class Watcher(Protocol):
         """Show it to all."""
         ...
 
-    def send(self, line: str) -> None:
-        """Show what a line of the stream says."""
-        ...
-
 
 class StatusReporter:
     """Measures while a source is followed, and reports to a watcher, where somebody watches."""
