@@ -27,7 +27,7 @@ one footfall more the walk is solved again at others, and a north that only the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -239,16 +239,14 @@ class WithFalseFootfall(CausalStances):
         self._before, self._gyr = before, gyr
         self._count, self._stop = 0, 0
 
-    def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Add samples and return the footfalls that they complete, and the false one."""
-        reported = []
-        for footfall in super().push(t, acc, gyr):
+    def search(self, t: Floats, acc: Floats, gyr: Floats) -> Iterator[Footfall]:
+        """Add samples and yield the footfalls that they complete, and the false one."""
+        for footfall in super().search(t, acc, gyr):
             if self._count == self._before and not footfall.continues:
-                reported.append(self._make_false(int(footfall.start[0])))
+                yield self._make_false(int(footfall.start[0]))
             self._count += not footfall.continues
             self._stop = int(footfall.stop[-1])
-            reported.append(footfall)
-        return reported
+            yield footfall
 
     def _make_false(self, until: int) -> Footfall:
         """Where the foot turns least in the middle half of the swing: it moves fastest there, and looks still."""

@@ -159,7 +159,11 @@ class CausalStances:
         self._search: _Search | None = None
 
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Add samples and return the footfalls that they complete.
+        """Add samples and return the footfalls that they complete; see `search`."""
+        return list(self.search(t, acc, gyr))
+
+    def search(self, t: Floats, acc: Floats, gyr: Floats) -> Iterator[Footfall]:
+        """Add samples and yield the footfalls that they complete, each when `seen` is of the search that found it.
 
         Parameters
         ----------
@@ -168,10 +172,8 @@ class CausalStances:
         """
         self._waiting.append((t, acc, gyr))
         self._n_waiting += len(t)
-        found: list[Footfall] = []
         while self._n_waiting >= (size := FIRST_SAMPLES if self._search is None else self._search.step):
-            found += self._started_search().advance(*self._take(size))
-        return found
+            yield from self._started_search().advance(*self._take(size))
 
     @property
     def seen(self) -> Seen | None:

@@ -319,7 +319,7 @@ class OnlineNavigator:
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
-        return self._estimates(self._stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
+        return self._estimates(self._stances.search(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 
     def _estimates(self, footfalls: Iterable[Footfall]) -> list[StanceEstimate | Revision]:
         """Return the estimates of footfalls; a walk begins at the first of them that it can begin at."""

@@ -131,6 +131,21 @@ def test_a_gap_is_survived(lost_s):
     assert np.mean((stances.mask != offline)[away]) < 0.01
 
 
+def test_what_is_seen_with_a_footfall_does_not_depend_on_blocks():
+    recording = straight_walk(PERSON, strides=20).recording
+
+    def see(size):
+        stream, seen = CausalStances(), []
+        for start in range(0, len(recording), size):
+            part = slice(start, start + size)
+            found = stream.search(recording.t[part], recording.acc[part], recording.gyr[part])
+            seen += [(footfall.stillest, stream.seen.first, stream.seen.last) for footfall in found]
+        return seen
+
+    assert len(see(7)) > 15
+    assert see(7) == see(len(recording))
+
+
 def test_the_work_and_the_memory_do_not_grow():
     """Ten minutes on the same twenty strides: the window is as long as ever."""
     recording = straight_walk(PERSON, strides=20).recording
