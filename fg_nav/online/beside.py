@@ -10,11 +10,8 @@ worker, busy with a task, does not read yet. What a worker answers is what `Walk
 
 from __future__ import annotations
 
-import os
 import pickle
 import queue
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -25,6 +22,7 @@ from fg_nav.online.buffer import SampleBuffer, ToldFootfall
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task, WalkSolver
+from fg_nav.processes import start_module
 
 WORKER = "fg_nav.online.worker"
 """The module that the other process runs."""
@@ -50,15 +48,7 @@ class WorkerSolver:
         self._remark, self._sent = remark, 0
         self.is_here = False
         self._answer: tuple[Handover | None] | None = None
-        # It imports from where this process does, not from the folder that the user is in.
-        places = os.pathsep.join(place or os.getcwd() for place in sys.path)
-        self._worker = subprocess.Popen(
-            [sys.executable, "-P", "-m", WORKER],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            env={**os.environ, "PYTHONPATH": places},
-        )
+        self._worker = start_module(WORKER)
         assert self._worker.stdin is not None
         assert self._worker.stdout is not None
         self._messages: queue.SimpleQueue[Any] = queue.SimpleQueue()

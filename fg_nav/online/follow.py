@@ -23,7 +23,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.detection.mount import Wearing
-from fg_nav.errors import EstimationError, OutputError, StreamError
+from fg_nav.errors import EstimationError, FgNavError, StreamError
 from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
@@ -230,12 +230,13 @@ class _Walk:
         try:
             checkpoint.write(snapshot)
             self._unsaved = False
-        except OutputError as error:  # the walk goes on, disk full or not
+        except FgNavError as error:  # the walk goes on, disk full or not
             if not self._unsaved:
                 self._remark(str(error))
             self._unsaved = True
-        took = time.monotonic() - began
-        self._due = time.monotonic() + max(self._options.checkpoint_s, took / SAVING_SHARE)
+        finally:
+            took = time.monotonic() - began
+            self._due = time.monotonic() + max(self._options.checkpoint_s, took / SAVING_SHARE)
 
     def _wait(self) -> None:
         if self._saving is not None:

@@ -2,7 +2,7 @@
 
 ======================== ==============================================================================================
 the first footfalls      at once, each time all of the walk
-then                     every n / 16, four at least. The solution is taken over two footfalls later, and one more for
+then                     every n / 12, eight at least. The solution is taken over two footfalls later, and one more for
                          each 200 of the walk: one of n footfalls takes some n / 250 s, a footfall one second
 behind `WHOLE_UNTIL`     what is known of sensor and foot does not change any more. Every `WINDOW` / 8 footfalls the
                          last `WINDOW` are solved again, from what was handed over before them; with a lag, those in it
@@ -36,7 +36,7 @@ def is_windowed(n: int, has_lag: bool) -> bool:
 
 def choose_next(n: int, has_lag: bool) -> int:
     """Return the footfall behind n, after the first ones, at which the walk is solved next."""
-    return n + (WINDOW // 8 if is_windowed(n, has_lag) else max(4, n // 16))
+    return n + (WINDOW // 8 if is_windowed(n, has_lag) else max(8, n // 12))
 
 
 def choose_delay(n: int, has_lag: bool) -> int:

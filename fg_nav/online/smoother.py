@@ -329,7 +329,7 @@ class OnlineSmoother:
         for k in range(len(self._footfalls) - 2, max(len(self._footfalls) - NEWEST, 0), -1):
             one = self._footfalls[k]
             start, stop = int(one.footfall.start[0]), int(one.footfall.stop[-1])
-            if one.told not in self._doubted and seen.lacks(start, stop):
+            if one.footfall.stillest not in self._doubted and seen.lacks(start, stop):
                 return k
         return None
 
@@ -354,7 +354,7 @@ class OnlineSmoother:
             self._next = choose_next(n, has_lag)
         else:
             # One that is in doubt is looked at from the last handover before it, which takes no long.
-            self._doubted.add(self._footfalls[doubtful].told)
+            self._doubted.add(self._footfalls[doubtful].footfall.stillest)
             before = [one for one in self._starts if one.place.number < doubtful]
             start, delay = (before[-1], DOUBT_DELAY) if before else (start, delay)
         self._begin(self._build_task(start), delay)

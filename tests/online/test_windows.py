@@ -204,7 +204,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
         there = OnlineSmoother(options, buffer, solver=solver)
         for k in range(26):
             add(there, walk, k)
-        assert there._stretch.begun.place.number == 23
+        assert there._stretch.begun.place.number == 19
         assert remarks == []
         os.kill(solver.pid, signal.SIGKILL)
         for k in range(26, 32):
