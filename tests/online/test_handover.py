@@ -81,11 +81,11 @@ def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> 
 
 
 def test_what_follows_a_handover_is_near_what_the_whole_says() -> None:
-    """To what the walk has shown of foot and sensor in the meantime."""
-    online = fed(demo(), footfalls=24)
+    """The swing noise is settled by then."""
+    online = fed(demo(), footfalls=30)
     walk = online._walk
     whole = Stretch(solve_from_start(walk, OnlineOptions()), walk).latest
-    assert online._stretch.begun.place.number == 19
+    assert online._stretch.begun.place.number == 27
     np.testing.assert_allclose(online.latest.position[:2], whole.position[:2], atol=0.02)
     flat = np.ix_([0, 1, 3], [0, 1, 3])  # whether the newest strides are on a level floor is known in hindsight
     assert differ(online.latest.pose_cov[flat], whole.pose_cov[flat]) < 0.15
