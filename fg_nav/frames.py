@@ -14,6 +14,9 @@ from fg_nav.arrays import Floats
 GRAVITY_M_S2 = 9.80665
 """Standard gravity."""
 
+UNKNOWN_RAD = float(np.pi / np.sqrt(3.0))
+"""Sigma of an angle of which nothing is known."""
+
 
 def compute_heading(nav_R_body: Floats) -> Floats:
     """Heading (...,) rad, clockwise from north, of attitudes (..., 3, 3)."""

@@ -34,7 +34,7 @@ class WorkerSolver:
     Parameters
     ----------
     remark : given a sentence where the other process dies.
-    buffer : of the walk's samples, for what is then solved here.
+    buffer : of the walk's samples.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class WorkerSolver:
         buffer: SampleBuffer,
         remark: Callable[[str], None] = lambda words: None,
     ) -> None:
-        self._here = WalkSolver(options, stance, buffer)
+        self._here, self._buffer = WalkSolver(options, stance, buffer), buffer
         self._remark, self._sent = remark, 0
         self.is_here = False
         self._answer: tuple[Handover | None] | None = None
@@ -62,10 +62,10 @@ class WorkerSolver:
         """Of the other process."""
         return self._worker.pid
 
-    def follow(self, buffer: SampleBuffer, until: int) -> None:
+    def follow(self, until: int) -> None:
         """See `Solver`."""
         if until > self._sent and not self.is_here:
-            self._say("samples", buffer.between(self._sent, until))
+            self._say("samples", self._buffer.between(self._sent, until))
             self._sent = until
 
     def discard(self, before: int) -> None:

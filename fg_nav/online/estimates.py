@@ -28,19 +28,19 @@ Sigmas are one standard deviation. What is not finite is null.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B, V, X
 from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.frames import compute_heading, turn_heading
+from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import Verdict
-from fg_nav.online.north import UNKNOWN_RAD
 from fg_nav.online.strides import Place
 from fg_nav.recording import Recording
 from fg_nav.smoother.moving_foot import extend_covariance
@@ -124,6 +124,22 @@ def estimate_stance(
         field=verdict.word,
         field_reason=verdict.reason,
     )
+
+
+def list_estimates(
+    places: Sequence[Place],
+    verdicts: Sequence[Verdict],
+    values: gtsam.Values,
+    covariances: Mapping[int, Floats],
+    moving_foot: bool,
+) -> list[EstimateRow]:
+    """Return the estimates of some footfalls as rows, from the values of a graph and its covariances by variable."""
+    rows = []
+    for place, verdict in zip(places, verdicts, strict=True):
+        pose, bias = X(place.result), B(place.bias)
+        state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
+        rows.append(estimate_stance(place, *state, covariances[pose], covariances[bias], verdict, moving_foot).as_row())
+    return rows
 
 
 class EstimateRow(NamedTuple):

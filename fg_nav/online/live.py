@@ -10,6 +10,7 @@ import socket
 import sys
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
@@ -32,7 +33,7 @@ _SO_RCVBUFFORCE, _SO_RXQ_OVFL = 33, 40
 """Of Linux, which Python does not name: more buffer than users have, and the count of datagrams without room."""
 
 
-class LiveSource:
+class LiveSource(ABC):
     """A `ByteSource` that a thread reads; who makes one starts it."""
 
     def __init__(self, name: str, remark: Remark) -> None:
@@ -70,9 +71,9 @@ class LiveSource:
             self._changed.notify_all()
         self._thread.join(4.0 * POLL_S)
 
+    @abstractmethod
     def _receive(self) -> Iterator[tuple[float, bytes]]:
         """Yield how long the source was away, s, and what came then, until it is closed."""
-        raise NotImplementedError
 
     def _make_room(self, size: int) -> bool:
         """Return whether a piece of some bytes is put into the queue, once there is room."""

@@ -28,8 +28,8 @@ from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.beside import WorkerSolver
-from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track
+from fg_nav.online.intake import SampleIntake
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import build_path
@@ -71,15 +71,13 @@ class NavigatorState:
     busy_s: float
 
 
-class OnlineNavigator:
+class OnlineNavigator(SampleIntake):
     """Navigates while samples come in.
 
     Attributes
     ----------
     options : of the smoother.
     detection : how footfalls are found.
-    buffer, judge : the samples so far, and what was left out of them.
-    source : what a checkpoint keeps of the source for its reader, as JSON values.
     """
 
     def __init__(
@@ -99,10 +97,8 @@ class OnlineNavigator:
         judge : of the samples, where a walk is resumed.
         beside : whether it is solved again in another process, so that no footfall waits for that.
         """
+        super().__init__(remark, judge)
         self.options = options
-        self.buffer = SampleBuffer()
-        self.judge = SampleJudge(remark) if judge is None else judge
-        self.source: dict[str, Any] = {}
         self.detection = detection
         self._stances = CausalStances(detection)
         self._solver: Solver | None = None
@@ -111,8 +107,6 @@ class OnlineNavigator:
         self._smoother = self._begin_smoother()
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
-        self._closed = False
-        self._busy_s = 0.0
 
     @property
     def footfalls(self) -> list[Footfall]:
@@ -123,38 +117,6 @@ class OnlineNavigator:
     def told_continues(self) -> Sequence[bool]:
         """Which lines are further pieces of a standing."""
         return self._smoother.told_continues
-
-    def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
-        """Add samples and return the estimates of the footfalls that they complete, and what they take back, in order.
-
-        Parameters
-        ----------
-        t, acc, gyr, mag
-            (n,) s, (n, 3) m/s^2, (n, 3) rad/s and (n, 3) uT, as they come; n may be 0 or 1. What cannot be used is left
-            out (`fg_nav.online.judge`).
-
-        Raises
-        ------
-        RecordingError
-            Where the first seconds show that a unit is wrong.
-        EstimationError
-            After the end.
-        """
-        if self._closed:
-            raise EstimationError("this walk has ended: begin a new one for more samples.")
-        began = perf_counter()
-        rows = self.judge.admit(t, acc, gyr, mag)
-        self._busy_s += perf_counter() - began
-        return self.add_rows(rows)
-
-    def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
-        """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
-        began = perf_counter()
-        if len(rows):
-            self._smoother.prepare()
-        found = self._add_rows(rows)
-        self._busy_s += perf_counter() - began
-        return found
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
@@ -168,9 +130,7 @@ class OnlineNavigator:
         found += self._smoother.finish()
         return found
 
-    def finish(
-        self,
-    ) -> Solution:
+    def finish(self) -> Solution:
         """End the walk and return its estimates as they are then, with their path.
 
         Raises
@@ -246,9 +206,7 @@ class OnlineNavigator:
         """Return all samples; raises `EstimationError` with a lag, and `RecordingError` if there are too few."""
         if self.options.lag_s is not None:
             raise EstimationError("with a lag the samples of a walk are not kept: leave the lag out.")
-        rows = self.buffer.between(0, self.buffer.stop)
-        mag = rows[:, 7:] if np.isfinite(rows[:, 7:]).all(axis=1).any() else None
-        return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag)
+        return self._cut_all()
 
     def _align(self, recording: Recording) -> AlignedMagnetometer:
         if not self.options.use_field:
@@ -279,11 +237,6 @@ class OnlineNavigator:
     def stands(self) -> bool:
         """Whether the foot stands at the last samples, as far as is seen."""
         return self._stances.stands
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the walk was closed."""
-        return self._closed
 
     @property
     def begun_at(self) -> int:
@@ -318,6 +271,8 @@ class OnlineNavigator:
         return self._smoother.smoothed()
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
+        if len(rows):
+            self._smoother.prepare()
         self.buffer.append(rows)
         return self._estimates(self._stances.search(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 

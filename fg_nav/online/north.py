@@ -31,9 +31,7 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-
-UNKNOWN_RAD = float(np.pi / np.sqrt(3.0))
-"""Sigma of an angle of which nothing is known."""
+from fg_nav.frames import UNKNOWN_RAD
 
 FLOOR_UT = 7.0
 """sigma_0: per axis, at the height of a foot over a reinforced floor."""

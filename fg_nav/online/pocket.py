@@ -20,18 +20,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from time import perf_counter
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters, Footfall
 from fg_nav.detection.mount import refuse_foot
-from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
-from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track, build_table
+from fg_nav.online.intake import SampleIntake
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import METHOD, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
@@ -104,15 +103,13 @@ class _PathSoFar(NamedTuple):
     clockwise: float
 
 
-class PocketNavigator:
+class PocketNavigator(SampleIntake):
     """Navigates while samples come in, as `fg_nav.online.OnlineNavigator` does on a foot.
 
     Attributes
     ----------
     options : of the walk.
     footfalls : one an estimate: the sample at which its stride ends.
-    buffer, judge : the samples so far, and what was left out of them.
-    source : what a checkpoint keeps of the source for its reader, as JSON values.
     """
 
     detection = CausalParameters()
@@ -124,48 +121,18 @@ class PocketNavigator:
         judge: SampleJudge | None = None,
     ) -> None:
         """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
+        super().__init__(remark, judge)
         self.options, self._step_length = options, options.step_length
         self.footfalls: list[Footfall] = []
-        self.buffer = SampleBuffer()
-        self.judge = SampleJudge(remark) if judge is None else judge
-        self.source: dict[str, Any] = {}
         self._used = 0
         self._thigh: OnlineThigh | None = None
         self._told: list[StanceEstimate] = []
         self._made: list[int] = []  # steps until each line
         self._directions = np.empty((0, 2))  # of the steps, in the map of the last line
-        self._closed, self._busy_s = False, 0.0
 
-    def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
-        """Add samples and return the estimates of the strides that they complete.
-
-        Parameters
-        ----------
-        t, acc, gyr, mag
-            (n,) s, (n, 3) m/s^2, (n, 3) rad/s and (n, 3) uT, as they come; n may be 0 or 1. What cannot be used is left
-            out (`fg_nav.online.judge`).
-
-        Raises
-        ------
-        RecordingError
-            Where the first seconds show that a unit is wrong.
-        EstimationError
-            After the end, or where there is no up to begin with.
-        """
-        if self._closed:
-            raise EstimationError("this walk has ended: begin a new one for more samples.")
-        began = perf_counter()
-        rows = self.judge.admit(t, acc, gyr, mag)
-        self._busy_s += perf_counter() - began
-        return self.add_rows(rows)
-
-    def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
-        """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
-        began = perf_counter()
+    def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
-        found = self._add_blocks(at_end=False)
-        self._busy_s += perf_counter() - began
-        return found
+        return self._add_blocks(at_end=False)
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the strides that were still open."""
@@ -194,11 +161,6 @@ class PocketNavigator:
         course = yaw_rotation(np.pi / 2 - last.heading)
         return Track(np.array([t]), last.position[None], last.velocity[None], course[None])
 
-    @property
-    def has_ended(self) -> bool:
-        """Whether the walk was closed."""
-        return self._closed
-
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was reported; its attitude is that of the sensor."""
         return build_table([estimate.as_row() for estimate in self._told])
@@ -214,9 +176,7 @@ class PocketNavigator:
 
     def recording(self) -> Recording:
         """Return all samples; raises `RecordingError` if there are too few."""
-        rows = self.buffer.between(0, self.buffer.stop)
-        mag = rows[:, 7:] if self.options.use_field and np.isfinite(rows[:, 7:]).all(axis=1).any() else None
-        return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag)
+        return self._cut_all(self.options.use_field)
 
     def finish(self) -> Solution:
         """End the walk and return its steps with the axes known then, and the orientation of the moment between them.
@@ -335,8 +295,8 @@ class PocketNavigator:
             self._directions = np.concatenate([self._directions, so_far.forward[known:]])
             return []
         self._directions = so_far.forward
-        at = [max(2 * self._made[k] - 1, 0) for k in thin_rows(len(self._made))]
-        t = [self._told[k].t for k in thin_rows(len(self._made))]
+        thinned = thin_rows(len(self._made))
+        at, t = [max(2 * self._made[k] - 1, 0) for k in thinned], [self._told[k].t for k in thinned]
         path = np.column_stack([t, so_far.path.position[at]])
         return [Revision(self._told[-1].t, turn, (), path)]
 

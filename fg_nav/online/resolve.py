@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gtsam.symbol_shorthand import B, V, X
-
 from fg_nav.arrays import Bools
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.online.anchor import Anchor, condense
 from fg_nav.online.buffer import WalkSoFar
 from fg_nav.online.differential import BiasLedger
-from fg_nav.online.estimates import EstimateRow, estimate_stance
+from fg_nav.online.estimates import EstimateRow, list_estimates
 from fg_nav.online.field import OnlineField, Verdict
 from fg_nav.online.fixes import add_fixes_so_far
 from fg_nav.online.graph_parts import list_variables, result_keys
@@ -114,13 +112,8 @@ def _condense_at(found: WalkSolution, place: Place) -> Anchor:
 def _list_rows(found: WalkSolution, places: list[Place]) -> tuple[EstimateRow, ...]:
     """Estimates of all footfalls."""
     values, covariances = found.solved.values, marginal_covariances(found.solved.tree, result_keys(places))
-    rows = []
-    for place, word, reason in zip(places, found.verdict.words, found.verdict.reason, strict=True):
-        pose, bias = X(place.result), B(place.bias)
-        state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
-        verdict, moving_foot = Verdict(word, reason), found.parameters.moving_foot
-        rows.append(estimate_stance(place, *state, covariances[pose], covariances[bias], verdict, moving_foot).as_row())
-    return tuple(rows)
+    verdicts = [Verdict(*both) for both in zip(found.verdict.words, found.verdict.reason, strict=True)]
+    return tuple(list_estimates(places, verdicts, values, covariances, found.parameters.moving_foot))
 
 
 def solve_so_far(

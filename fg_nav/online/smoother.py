@@ -24,11 +24,12 @@ from fg_nav.arrays import Bools
 from fg_nav.detection.causal import Footfall, Seen
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
+from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import SampleBuffer, ToldFootfall, WalkSoFar
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table
 from fg_nav.online.handover import Handover, Past, PathNodes, list_untold
-from fg_nav.online.north import UNKNOWN_RAD, extend_with_north
+from fg_nav.online.north import extend_with_north
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
 from fg_nav.online.revision import Revision, compare_pasts
@@ -242,7 +243,7 @@ class OnlineSmoother:
         pending, n = self._pending, self.n_told
         is_whole = not is_windowed(n + 1, options.lag_s is not None) or (pending and pending.task.start is None)
         self._solver.discard(self._buffer.first if is_whole else self._find_window())
-        self._solver.follow(self._buffer, self._walk.stop)
+        self._solver.follow(self._walk.stop)
         if pending is not None:
             self._begin(pending.task, 0)
             self._pending = replace(pending, clock_s=np.nan, t=self._buffer.stamp(self._walk.stop - 1))
@@ -340,7 +341,7 @@ class OnlineSmoother:
     def _schedule(self, doubtful: int | None) -> None:
         """Begin the next solution, or ask for the one that is due behind the newest footfall."""
         n, has_lag, pending = self.n_told, self._options.lag_s is not None, self._pending
-        self._solver.follow(self._buffer, self._walk.stop)
+        self._solver.follow(self._walk.stop)
         if pending is not None:
             if n == pending.due_at:
                 self._solver.ask(self._footfalls[pending.footfalls :])

@@ -52,7 +52,7 @@ class Solver(Protocol):
 
     is_here: bool
 
-    def follow(self, buffer: SampleBuffer, until: int) -> None:
+    def follow(self, until: int) -> None:
         """Take note of the samples of the walk before this one."""
 
     def discard(self, before: int) -> None:
@@ -89,7 +89,7 @@ class WalkSolver:
         self._solved: tuple[Handover, WalkSoFar] | None = None
         self._is_done = False
 
-    def follow(self, buffer: SampleBuffer, until: int) -> None:
+    def follow(self, until: int) -> None:
         """Nothing: the buffer is its owner's."""
 
     def discard(self, before: int) -> None:

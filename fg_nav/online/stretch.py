@@ -25,7 +25,14 @@ from fg_nav.mechanisation import NavState
 from fg_nav.online.anchor import condense
 from fg_nav.online.buffer import WalkSoFar
 from fg_nav.online.differential import BiasLedger
-from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, estimate_stance, propagate_strapdown
+from fg_nav.online.estimates import (
+    EstimateRow,
+    StanceEstimate,
+    Track,
+    estimate_stance,
+    list_estimates,
+    propagate_strapdown,
+)
 from fg_nav.online.field import OnlineField, Verdict, measure_field
 from fg_nav.online.fixes import agrees, find_stride_fixes, fix_factor
 from fg_nav.online.graph_parts import list_variables, order_variables
@@ -112,14 +119,9 @@ class Stretch:
     def solve(self) -> Past:
         """Return the present estimates of all its footfalls, the first that of the handover."""
         values, covariances = self._backend.solution(self._places)
-        rows, moving_foot = list(self._left), self._p.moving_foot
-        for place, verdict in zip(self._places, self._verdicts, strict=True):
-            pose, bias = X(place.result), B(place.bias)
-            state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
-            row = estimate_stance(place, *state, covariances[pose], covariances[bias], verdict, moving_foot).as_row()
-            rows.append(row)
+        in_graph = list_estimates(self._places, self._verdicts, values, covariances, self._p.moving_foot)
         nodes = nodes_of_rows(self._left).join(nodes_of_places(self._places, values))
-        return Past(self._begun.place.number, tuple(rows), nodes)
+        return Past(self._begun.place.number, (*self._left, *in_graph), nodes)
 
     def hand_over(self) -> Handover:
         """Return what the walk leaves at the newest footfall; raises what `UNSOLVED` has where there is no solution."""

@@ -5,7 +5,7 @@ apart, the foot has walked and turned (`factors.unseen_walk`) by
 
     0 +- WALKING_M_S d(T)      over ground on each axis
     0 +- CLIMBING_M_S d(T)     up
-    turn +- min(TURNING_RAD sqrt(T), ANY_TURN_RAD),
+    turn +- min(TURNING_RAD sqrt(T), UNKNOWN_RAD),
 
     d(T)^2 = 2 tau (T - tau (1 - exp(-T / tau))),     tau = `STRAIGHT_S`,
 
@@ -29,7 +29,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.factors.rotation import turn_about_up
 from fg_nav.factors.unseen_walk import UnseenWalk
-from fg_nav.frames import level_attitude, yaw_rotation
+from fg_nav.frames import UNKNOWN_RAD, level_attitude, yaw_rotation
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes, find_holes
 
@@ -44,9 +44,6 @@ STRAIGHT_S = 120.0
 
 TURNING_RAD = 0.5
 """In a second; a random walk: a right angle each ten seconds, as indoors."""
-
-ANY_TURN_RAD = float(np.pi / np.sqrt(3.0))
-"""Of a direction that may be any."""
 
 FIELD_SIGMA_RAD = 0.8
 """Of the field's turn from one footfall to another, in a building."""
@@ -78,7 +75,7 @@ def find_unseen_walks(recording: Recording, sample: Ints, with_compass: bool = T
     unseen = cross_holes(recording.t, sample)
     elapsed = np.diff(recording.t[sample])
     move = walk_for(elapsed)[:, None] * np.array([WALKING_M_S, WALKING_M_S, CLIMBING_M_S])
-    turn, sigma = np.zeros(len(elapsed)), np.minimum(TURNING_RAD * np.sqrt(elapsed), ANY_TURN_RAD)
+    turn, sigma = np.zeros(len(elapsed)), np.minimum(TURNING_RAD * np.sqrt(elapsed), UNKNOWN_RAD)
     body_up = np.zeros((len(elapsed), 3))
     for k in np.flatnonzero(unseen):
         before, behind = (_look_about(recording, int(i)) for i in sample[k : k + 2])

@@ -56,16 +56,17 @@ def test_it_stays_where_the_whole_is(with_field: bool, lag_s: float | None) -> N
 class InPieces:
     """A solver with samples of its own, as the process beside has; messages go through pickle as over a pipe."""
 
-    def __init__(self, options: OnlineOptions) -> None:
+    def __init__(self, options: OnlineOptions, walked: SampleBuffer) -> None:
         self._worker, self._sent, self._answer, self.is_here = Worker(), 0, None, False
+        self._walked = walked
         self._say("options", options, StanceParameters())
 
     @property
     def buffer(self) -> SampleBuffer:
         return self._worker._buffer
 
-    def follow(self, buffer: SampleBuffer, until: int) -> None:
-        self._say("samples", buffer.between(self._sent, until))
+    def follow(self, until: int) -> None:
+        self._say("samples", self._walked.between(self._sent, until))
         self._sent = until
 
     def discard(self, before: int) -> None:
@@ -99,7 +100,8 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     for owner, context_s in ((smoother, 3.0), (solving, 3.0), (strides, 2.0)):
         monkeypatch.setattr(owner, "CONTEXT_S", context_s)
     options = OnlineOptions(lag_s=lag_s, parameters=WITH_WAY)
-    here, buffer, beside = fed(in_field(), options), SampleBuffer(), InPieces(options)
+    here, buffer = fed(in_field(), options), SampleBuffer()
+    beside = InPieces(options, buffer)
     rows = rows_of(in_field().recording)
     there = OnlineSmoother(options, buffer, solver=beside)
     buffer.append(rows)
@@ -117,8 +119,8 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
 class Late(InPieces):
     """Each of its solutions is there so many footfalls later than it is due."""
 
-    def __init__(self, options: OnlineOptions, late: int) -> None:
-        super().__init__(options)
+    def __init__(self, options: OnlineOptions, walked: SampleBuffer, late: int) -> None:
+        super().__init__(options, walked)
         self._late, self._missed = late, 0
 
     def begin(self, task: object) -> None:
@@ -137,7 +139,7 @@ def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.Monk
     usual = fed(demo())
     monkeypatch.setattr(smoother, "FAST", np.inf)
     buffer = SampleBuffer()
-    online = OnlineSmoother(OnlineOptions(), buffer, solver=Late(OnlineOptions(), late))
+    online = OnlineSmoother(OnlineOptions(), buffer, solver=Late(OnlineOptions(), buffer, late))
     buffer.append(rows_of(demo().recording))
     begun = []
     for k in range(FOOTFALLS):

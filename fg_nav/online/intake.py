@@ -1,0 +1,79 @@
+"""The way in of a walk in progress, wherever its sensor is worn: what the judge admits of its samples is kept."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
+from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.judge import SampleJudge
+from fg_nav.online.revision import Revision
+from fg_nav.recording import Recording
+
+
+class SampleIntake(ABC):
+    """Takes samples in blocks of any size.
+
+    Attributes
+    ----------
+    buffer, judge : the samples so far, and what was left out of them.
+    source : what a checkpoint keeps of the source for its reader, as JSON values.
+    """
+
+    def __init__(self, remark: Callable[[str], None], judge: SampleJudge | None) -> None:
+        self.buffer = SampleBuffer()
+        self.judge = SampleJudge(remark) if judge is None else judge
+        self.source: dict[str, Any] = {}
+        self._closed, self._busy_s = False, 0.0
+
+    def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
+        """Add samples and return the estimates that they complete, and what they take back, in order.
+
+        Parameters
+        ----------
+        t, acc, gyr, mag
+            (n,) s, (n, 3) m/s^2, (n, 3) rad/s and (n, 3) uT, as they come; n may be 0 or 1. What cannot be used is left
+            out (`fg_nav.online.judge`).
+
+        Raises
+        ------
+        RecordingError
+            Where the first seconds show that a unit is wrong.
+        EstimationError
+            After the end; in a pocket, where there is no up to begin with.
+        """
+        if self._closed:
+            raise EstimationError("this walk has ended: begin a new one for more samples.")
+        began = perf_counter()
+        rows = self.judge.admit(t, acc, gyr, mag)
+        self._busy_s += perf_counter() - began
+        return self.add_rows(rows)
+
+    def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
+        """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
+        began = perf_counter()
+        found = self._add_rows(rows)
+        self._busy_s += perf_counter() - began
+        return found
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the walk was closed."""
+        return self._closed
+
+    @abstractmethod
+    def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
+        """Put rows into the buffer, and estimate by them."""
+
+    def _cut_all(self, use_mag: bool = True) -> Recording:
+        """Cut out all samples, with the magnetometer if there is one; raises `RecordingError` if there are too few."""
+        rows = self.buffer.between(0, self.buffer.stop)
+        mag = rows[:, 7:] if use_mag and np.isfinite(rows[:, 7:]).all(axis=1).any() else None
+        return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag)
