@@ -1,7 +1,6 @@
 """How long the estimators and the simulator take, as ratios within one run where times differ between machines.
 
     python scripts/benchmark.py [--long] [--filters] [--real FILE] [--repeats N] [--json FILE]
-    python scripts/benchmark.py --online [--minutes N] [--lag SECONDS] [--rate HZ] [--json FILE]
     python scripts/benchmark.py --simulator [--json FILE]
 
 The yardstick is the bare loop that gives every sample to `integrateMeasurement` of the preintegration class which
@@ -18,11 +17,6 @@ IEZ               `run_iez(recording, stances)`, compiled before
 doubling          cost of a walk over the cost of one half as long, by the time of the processor
 filters           each filter in its default preset, on half an hour at 400 Hz; stances and field are found before, and
                   the field is homogeneous, so that the compass is used at every footfall; time of the processor
-online            `OnlineNavigator.push` for hours round a corridor with a magnetometer, a tenth of a second at a time,
-                  solved again in a process beside it: from the push that completes a footfall to its line. A row each
-                  thousand lines: p50, p99 and longest, ms, and memory of both processes, MB. The walk is pushed faster
-                  than it was walked, so where it waits for the other process, the time that this would have had is
-                  not counted
 simulator         `fg-nav simulate`, its files included, each in a process of its own: `mall` (half an hour at 400 Hz,
                   eight sensors averaged) and an hour by a scenario file. Memory is the peak of the process
 ================= ==============================================================================================
@@ -30,7 +24,6 @@ simulator         `fg-nav simulate`, its files included, each in a process of it
 
 from __future__ import annotations
 
-import os
 import resource
 import subprocess
 import sys
@@ -40,7 +33,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from time import perf_counter, sleep
+from time import perf_counter
 from typing import TypeAlias
 
 import gtsam
@@ -53,17 +46,11 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.ekf.presets import TUNED, run_filter
-from fg_nav.errors import SimulationError
 from fg_nav.evaluation import evaluate
 from fg_nav.io import read
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.footfall_field import integrate_attitude
-from fg_nav.online import OnlineNavigator
-from fg_nav.online.beside import WorkerSolver
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.options import OnlineOptions
-from fg_nav.online.solving import Task
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.strides import POSITION_DENSITY
@@ -73,8 +60,6 @@ SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 2.5, 2.3, 2.5
 
 MINUTES, LONG_MINUTES = (10.0, 20.0), (7.5, 15.0, 30.0, 60.0, 120.0)
 SEED = 1
-INFINITE = float("inf")
-
 BARE, SMOOTH, BOTH, IEZ, DETECT = "bare loop", "smooth", "detect + smooth", "IEZ", "detection"
 
 Repeat: TypeAlias = Mapping[str, Mapping[str, Time]]
@@ -89,10 +74,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         long=option(False, "walks of 7.5 minutes to 2 hours, doubling each time"),
         filters=option(False, "each filter on half an hour at 400 Hz as well"),
         real=option(None, "a recording in place of the simulated walks", type=Path, metavar="FILE"),
-        online=option(False, "what a footfall costs online instead"),
-        minutes=option(240.0, "of walking online", metavar="N"),
-        lag=option(None, "fixed lag online (none: the whole walk)", type=float, metavar="SECONDS"),
-        rate=option(100.0, "of the samples online", metavar="HZ"),
         simulator=option(False, "what a simulation costs instead"),
         repeats=5,
         json=None,
@@ -100,10 +81,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.simulator:
         figures = measure_simulator()
         harness.print_figures(figures)
-        harness.print_verdict(figures, chosen.json)
-        return
-    if chosen.online:
-        figures = measure_online(chosen.minutes, chosen.lag, chosen.rate)
         harness.print_verdict(figures, chosen.json)
         return
     some = read_or_simulate(chosen.long, chosen.real)
@@ -258,109 +235,6 @@ def measure_filters(recording: Recording, repeats: int) -> list[Figure]:
     harness.print_heading(f"Filters: {len(recording)} samples, medians over {repeats} repeats")
     harness.print_figures(figures)
     return figures
-
-
-# --- online ----------------------------------------------------------------------------------------------------------
-
-BLOCK_S = 0.1
-"""Samples that come at once."""
-
-EVERY, EARLY = 1000, slice(500, 1500)
-P50_MS, P99_MS, LONGEST_MS, LAG_RATIO, GROWTH = 10.0, 60.0, 250.0, 1.3, 1.05
-"""What is asked: p50, p99 and longest of all lines; with a lag the ratio of p99 of the last thousand to that of lines
-500 to 1500, and of the memory at the end to that at half of the walk."""
-
-
-def measure_online(minutes: float, lag_s: float | None, rate_hz: float) -> list[Figure]:
-    """Print what a footfall costs, however long the walk, and return the figures."""
-    recording = simulate_long_walk(minutes, SEED, rate_hz, "indoor")
-    stances = detect_stances(recording)
-    mode = "the whole walk" if lag_s is None else f"a lag of {lag_s:g} s"
-    if stances.n_footfalls <= EARLY.start:
-        raise SimulationError(f"{stances.n_footfalls} footfalls are too few for a trend: ask for 15 minutes or more.")
-    harness.print_heading(f"{minutes:g} minutes, {stances.n_footfalls} footfalls, {mode}")
-    milliseconds, megabytes = tell_walk(recording, OnlineOptions(heading_rad=0.0, lag_s=lag_s))
-    rows = [_footfall_row(milliseconds, megabytes, start) for start in range(0, len(milliseconds), EVERY)]
-    harness.print_table(("lines", "p50, ms", "p99, ms", "longest, ms", "memory, MB"), rows)
-    figures = judge_footfalls(mode, milliseconds, megabytes, lag_s)
-    harness.print_figures(figures)
-    return figures
-
-
-def tell_walk(recording: Recording, options: OnlineOptions) -> tuple[Floats, Floats]:
-    """Time (K,) of each push that returns a line, ms, and memory (K,) after it, MB."""
-    navigator, milliseconds, megabytes = OnlineNavigator(options), [], []
-    solver = PacedSolver(navigator)
-    block = max(1, round(BLOCK_S / recording.period_s))
-    for start in range(0, len(recording), block):
-        part, idle_s = np.s_[start : start + block], solver.idle_s
-        mag = None if recording.mag is None else recording.mag[part]
-        began = perf_counter()
-        lines = navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], mag)
-        elapsed = perf_counter() - began - (solver.idle_s - idle_s)
-        if any(isinstance(line, StanceEstimate) for line in lines):
-            milliseconds.append(1e3 * elapsed)
-            megabytes.append(memory_mb() + memory_mb(solver.pid))
-    solver.close()
-    return np.array(milliseconds), np.array(megabytes)
-
-
-class PacedSolver(WorkerSolver):
-    """Is given the time that it would have had; `idle_s` is how long it was waited for within that."""
-
-    def __init__(self, navigator: OnlineNavigator) -> None:
-        super().__init__(navigator.options, navigator.detection.stance, navigator.buffer)
-        self.idle_s, self._begun = 0.0, (0.0, 0.0)
-        navigator._solver = navigator._smoother._solver = self
-
-    def begin(self, task: Task) -> None:
-        """As it does, and note when."""
-        self._begun = perf_counter(), self._walked_s()
-        super().begin(task)
-
-    def wait(self) -> None:
-        """As it does, after as long as the walk took since the task."""
-        began = perf_counter()
-        due = self._begun[0] + self._walked_s() - self._begun[1]
-        while not self.is_ready() and perf_counter() < due:
-            sleep(0.001)
-        self.idle_s += perf_counter() - began
-        super().wait()
-
-    def _walked_s(self) -> float:
-        return self._buffer.stamp(self._buffer.stop - 1)
-
-
-def memory_mb(process: int | str = "self") -> float:
-    """Memory of a process; NaN where the system does not show it."""
-    try:
-        pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
-    except OSError:
-        return float("nan")
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def _footfall_row(milliseconds: Floats, megabytes: Floats, start: int) -> list[str]:
-    part = milliseconds[start : start + EVERY]
-    p50, p99 = np.percentile(part, [50, 99])
-    last = start + len(part)
-    return [f"{start} to {last}", f"{p50:.1f}", f"{p99:.1f}", f"{part.max():.0f}", f"{megabytes[last - 1]:.0f}"]
-
-
-def judge_footfalls(mode: str, milliseconds: Floats, megabytes: Floats, lag_s: float | None) -> list[Figure]:
-    """Compare the lines of a walk with what is asked."""
-    p50, p99, longest = np.percentile(milliseconds, [50, 99, 100])
-    early, late = np.percentile(milliseconds[EARLY], 99), np.percentile(milliseconds[-EVERY:], 99)
-    growth = float(megabytes[-1] / megabytes[len(megabytes) // 2])
-    lagged = INFINITE if lag_s is None else 1.0
-    ratio = "p99 of the last thousand over that of 500 to 1500"
-    return [
-        Figure(mode, "p50 (ms)", "online", float(p50), high=P50_MS),
-        Figure(mode, "p99 (ms)", "online", float(p99), high=P99_MS),
-        Figure(mode, "longest (ms)", "online", float(longest), high=LONGEST_MS),
-        Figure(mode, ratio, "online", float(late / early), high=LAG_RATIO * lagged),
-        Figure(mode, "memory at the end over that at half", "online", growth, high=GROWTH * lagged),
-    ]
 
 
 # --- the simulator ---------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ fuzz = load_script("online_fuzz")
 online_accuracy = load_script("online_accuracy")
 honesty = load_script("online_honesty")
 losses = load_script("online_losses")
-benchmark = load_script("benchmark")
+benchmark = load_script("benchmark_online")
 limits = load_script("online_limits")
 listeners = load_script("online_listeners")
 
@@ -114,7 +114,7 @@ def test_lines_are_compared_with_the_end_and_a_false_footfall_is_added(capsys, t
 def test_the_cost_of_a_footfall_is_printed(lag: list[str], capsys, monkeypatch) -> None:
     monkeypatch.setattr(benchmark, "EARLY", slice(5, 20))
     monkeypatch.setattr(benchmark, "EVERY", 20)
-    benchmark.main(["--online", "--minutes", "0.6", *lag])
+    benchmark.main(["--minutes", "0.6", *lag])
     printed = capsys.readouterr().out
     assert "0 to 20" in printed
     assert "memory at the end over that at half" in printed
