@@ -69,7 +69,7 @@ def test_factors_need_gtsam_and_numpy_only():
 
 @pytest.mark.parametrize("package", BELOW_ESTIMATORS)
 def test_the_ground_floor_knows_no_estimator(package):
-    for path in (ROOT / "fg_nav" / package).glob("*.py"):
+    for path in (ROOT / "fg_nav" / package).rglob("*.py"):
         assert not IMPORTS[path] & (ESTIMATORS | TOP), path.name
 
 

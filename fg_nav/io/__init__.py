@@ -4,10 +4,10 @@
 inspection of broken files.
 """
 
-from fg_nav.io.canonical import write_canonical
 from fg_nav.io.formats import FORMATS, Format, read, read_raw, read_truth
-from fg_nav.io.gdlbio import read_pyshoe_track
-from fg_nav.io.pyshoe import read_pyshoe_labels
+from fg_nav.io.readers.canonical import write_canonical
+from fg_nav.io.readers.gdlbio import read_pyshoe_track
+from fg_nav.io.readers.pyshoe import read_pyshoe_labels
 from fg_nav.io.truth import read_fixes, write_tum
 
 __all__ = [

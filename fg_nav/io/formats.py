@@ -11,8 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fg_nav.errors import FormatError
-from fg_nav.io import broad, canonical, gdlbio, openshoe, pyshoe, sensorconnect, xio
 from fg_nav.io.content import Content, read_content
+from fg_nav.io.readers import broad, canonical, gdlbio, openshoe, pyshoe, sensorconnect, xio
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
 

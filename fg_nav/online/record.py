@@ -19,9 +19,9 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError, FormatError, OutputError
-from fg_nav.io.canonical import ACC, GYR, MAG, TIME, format_rows
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
+from fg_nav.io.readers.canonical import ACC, GYR, MAG, TIME, format_rows
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns

@@ -19,8 +19,8 @@ import pandas as pd
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.canonical import ACC, GYR, MAG, TIME
 from fg_nav.io.content import find_column, scale_values
+from fg_nav.io.readers.canonical import ACC, GYR, MAG, TIME
 from fg_nav.online.buffer import COLUMNS
 
 LONGEST_LINE = 1 << 16

@@ -26,7 +26,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, drop_held, read_table, scale_values
-from fg_nav.io.sensorconnect import GAUSS_UT
+from fg_nav.io.readers.sensorconnect import GAUSS_UT
 from fg_nav.recording import Provenance, RawRecording
 
 COLUMNS = (
