@@ -14,7 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fg_nav.report.plots.maps import AlignedSolution, plot_trajectories, plot_trajectory
+from fg_nav.report.aligned import align_solution
+from fg_nav.report.plots.maps import plot_trajectories, plot_trajectory
 from fg_nav.report.plots.style import save
 from fg_nav.report.plots.timeseries import plot_errors, plot_gyro_bias, plot_heading, plot_stance_statistic
 
@@ -53,9 +54,3 @@ def draw_survey(folder: Path, walk: Walk, survey: FieldSurvey, outcome: Outcome)
 
     save(plot_field(survey), folder / "field.png")
     save(plot_field_map(survey, align_solution(walk, outcome)), folder / "field_map.png")
-
-
-def align_solution(walk: Walk, outcome: Outcome) -> AlignedSolution:
-    """Return the solution as it is drawn: with its truth where the two could be compared."""
-    usable = outcome.comparison is not None
-    return AlignedSolution(outcome.solution, walk.truth if usable else None, outcome.comparison)

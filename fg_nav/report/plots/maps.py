@@ -7,7 +7,6 @@ the solution's own. Bands and ellipses are the estimator's own uncertainty.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,18 +17,15 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
 from fg_nav.arrays import Floats
-from fg_nav.evaluation.comparison import Comparison
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.report.aligned import ELLIPSE_RADIUS, AlignedSolution
+from fg_nav.report.decimation import spread_rows
 from fg_nav.report.plots import style
-from fg_nav.report.plots.style import MAX_POINTS, spread_rows
-from fg_nav.solution import Solution
+from fg_nav.report.plots.style import MAX_POINTS
 
 if TYPE_CHECKING:
     from fg_nav.lab.simulation import SimulatedWalk
 
-
-ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))
-"""Semi-axes of the 95 % ellipse of a two-dimensional normal distribution, in standard deviations."""
 
 MAX_ELLIPSES = 80
 MAX_DOTS = 400
@@ -38,44 +34,6 @@ MAX_DOTS = 400
 MAX_PIECES = 20_000
 WIDEST_SCALE = (2.0, 98.0)
 """Percentiles of the strength that the colours span: a magnet would leave all else one colour."""
-
-
-_ALIGNMENTS = {
-    "yaw": "aligned by yaw and shift",
-    "se3": "aligned by rotation and shift",
-    "origin": "aligned at the start",
-    "none": "not aligned",
-}
-
-
-@dataclass(frozen=True)
-class AlignedSolution:
-    """A solution as it is drawn; its truth and the comparison that aligns it with the truth: both or neither."""
-
-    solution: Solution
-    truth: Truth | None = None
-    comparison: Comparison | None = None
-
-    def align_position(self, position: Floats) -> Floats:
-        """Positions (N, 3) m in the frame of the picture."""
-        return position if self.comparison is None else self.comparison.alignment.apply(position)
-
-    def align_attitude(self, nav_R_body: Floats) -> Floats:
-        """Attitudes (N, 3, 3) in the frame of the picture."""
-        return nav_R_body if self.comparison is None else self.comparison.alignment.rotate(nav_R_body)
-
-    def horizontal_cov(self) -> Floats:
-        """(K, 2, 2) m^2, covariance of the stances' horizontal position."""
-        cov = self.solution.stances.position_cov
-        if self.comparison is not None:
-            turn = self.comparison.alignment.truth_R_nav
-            cov = turn @ cov @ turn.T
-        return cov[:, :2, :2]
-
-    @property
-    def alignment_words(self) -> str:
-        """How the solution was aligned with the truth, to follow a title; empty without a truth."""
-        return "" if self.comparison is None else f", {_ALIGNMENTS[self.comparison.alignment.mode]}"
 
 
 def plot_trajectory(view: AlignedSolution) -> Figure:

@@ -18,8 +18,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from fg_nav.arrays import Floats, Ints
-
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of methods or axes, in order."""
@@ -122,22 +120,3 @@ def _columns_that_fit(labels: Sequence[str], most: int) -> int:
 
 MAX_POINTS = 60_000
 """Enough for a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide."""
-
-
-def spread_rows(n: int, at_most: int) -> Ints:
-    """At most `at_most` of `n` rows, evenly spread, the first and the last among them."""
-    rows = np.arange(0, n, max(-(-(n - 1) // max(at_most - 1, 1)), 1))
-    return rows if rows[-1] == n - 1 else np.append(rows, n - 1)
-
-
-def envelope(t: Floats, value: Floats, bins: int = 2000) -> tuple[Floats, Floats]:
-    """Smallest and largest value of each of `bins` slices, in turn: drawn as a line it looks like the whole.
-
-    `t`, `value` (N,); returns at most (2 bins,) of each. NaN is left out; a slice without a number stays NaN.
-    """
-    if len(t) <= 2 * bins:
-        return t, value
-    edge = np.linspace(0, len(t), bins, endpoint=False).astype(np.int64)
-    low, high = np.fmin.reduceat(value, edge), np.fmax.reduceat(value, edge)
-    middle = t[(edge + np.append(edge[1:], len(t))) // 2]
-    return np.repeat(middle, 2), np.stack([low, high], axis=1).ravel()

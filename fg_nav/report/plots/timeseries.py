@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from fg_nav.arrays import Floats
-from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.recording import TrajectoryTruth
+from fg_nav.report.aligned import AlignedSolution
+from fg_nav.report.decimation import envelope, spread_rows
+from fg_nav.report.excerpt import choose_excerpt, find_log_limits
+from fg_nav.report.headings import Headings, break_line, trace_headings
 from fg_nav.report.plots import style
-from fg_nav.report.plots.maps import AlignedSolution
-from fg_nav.report.plots.style import MAX_POINTS, envelope, spread_rows
+from fg_nav.report.plots.style import MAX_POINTS
 from fg_nav.stances import Stances
 
 _PALE: dict[str, Any] = {"alpha": 0.4, "linewidth": 0.7}
@@ -23,16 +24,7 @@ _PALE: dict[str, Any] = {"alpha": 0.4, "linewidth": 0.7}
 _COMPASS_DEG = (5, 10, 15, 30, 45, 90, 180, 360)
 """Steps of an axis of angles."""
 
-_TURNS_UNWRAPPED = 5.0
-"""A heading that turns more often than this is shown wrapped."""
-
 _MAX_DOTS = 400
-
-_GAUGE_RAD = 0.02
-"""A heading surer than this at the start was given, or zero by definition; a compass does not know it as well."""
-
-_STEEP = float(np.sin(np.deg2rad(60.0)))
-"""An axis steeper than this has hardly a heading."""
 
 
 def plot_errors(views: Mapping[str, AlignedSolution]) -> Figure:
@@ -51,15 +43,15 @@ def plot_errors(views: Mapping[str, AlignedSolution]) -> Figure:
 
 def plot_heading(view: AlignedSolution) -> Figure:
     """Draw the heading of the body's x axis; below it the claimed 95 % band, and the error if known."""
-    heading, true_heading = _heading(view), _true_heading(view)
+    headings = trace_headings(view)
     with style.styled():
         figure = style.new_figure(5.0)
         whole, close = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-        _draw_headings(whole, view, heading, true_heading)
+        _draw_headings(whole, view, headings)
         whole.set_ylabel("heading (deg,\nclockwise from north)")
         whole.margins(x=0.01)
         style.head(whole, f"Heading{view.alignment_words}")
-        _draw_heading_error(close, view, heading - true_heading)
+        _draw_heading_error(close, view.solution.stances.t, headings)
         close.set_xlabel("time (s)")
     return figure
 
@@ -95,36 +87,13 @@ def _draw_error(axes: Axes, view: AlignedSolution, colour: str, name: str) -> No
         axes.plot(*envelope(view.comparison.t, error), color=colour, linewidth=0.9, label=rms)
 
 
-def _heading(view: AlignedSolution) -> Floats:
-    return compute_heading(view.align_attitude(view.solution.nav_R_body))
-
-
-def _true_heading(view: AlignedSolution) -> Floats:
-    """Read the true heading (N,) rad at the solution's stamps; NaN where it is unknown."""
-    truth, t = view.truth, view.solution.t
-    if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
-        return np.full(len(t), np.nan)
-    seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
-    if not seen.any():
-        return np.full(len(t), np.nan)
-    known = np.unwrap(compute_heading(truth.nav_R_body[seen]))
-    return np.interp(t, truth.t[seen], known, left=np.nan, right=np.nan)
-
-
-def _draw_headings(axes: Axes, view: AlignedSolution, heading: Floats, true_heading: Floats) -> None:
-    """Count turns from stance to stance: in a swing the axis may point anywhere, even up."""
-    stances, t = view.solution.stances, view.solution.t
-    at_stances = np.unwrap(heading[stances.sample])
-    middle = np.interp(t, stances.t, at_stances)
-    steep = np.abs(view.solution.nav_R_body[:, 2, 0]) > _STEEP
-    between = np.where(steep, np.nan, middle + wrap_angle(heading - middle))
-    truth = middle + wrap_angle(true_heading - middle)
-    wrapped = bool(np.ptp(at_stances) > _TURNS_UNWRAPPED * 2 * np.pi)
+def _draw_headings(axes: Axes, view: AlignedSolution, headings: Headings) -> None:
+    stances, t, wrapped = view.solution.stances, view.solution.t, headings.wrapped
     dots = {"marker": ".", "markersize": 4.5} if len(stances) <= _MAX_DOTS else {}
     line = {"color": style.BLUE, "linewidth": 1.1, "label": f"{view.solution.method}, at the stances"}
-    _draw_angle(axes, t, truth, wrapped, {**style.TRUTH_LINE, "label": "truth"})
-    _draw_angle(axes, t, between, wrapped, {**line, **_PALE, "label": "in between"})
-    _draw_angle(axes, stances.t, at_stances, wrapped, {**line, **dots})
+    _draw_angle(axes, t, headings.truth, wrapped, {**style.TRUTH_LINE, "label": "truth"})
+    _draw_angle(axes, t, headings.between, wrapped, {**line, **_PALE, "label": "in between"})
+    _draw_angle(axes, stances.t, headings.at_stances, wrapped, {**line, **dots})
     span_deg = float(np.ptp(axes.get_ylim()))
     axes.yaxis.set_major_locator(MultipleLocator(next((s for s in _COMPASS_DEG if span_deg / s <= 9), 360)))
 
@@ -132,42 +101,25 @@ def _draw_headings(axes: Axes, view: AlignedSolution, heading: Floats, true_head
 def _draw_angle(axes: Axes, t: Floats, angle: Floats, wrapped: bool, kind: dict[str, Any]) -> None:
     row = spread_rows(len(t), MAX_POINTS)
     if np.isfinite(angle[row]).any():
-        axes.plot(*_broken(t[row], np.rad2deg(angle[row]), wrapped), **kind)
+        axes.plot(*break_line(t[row], np.rad2deg(angle[row]), wrapped), **kind)
 
 
-def _broken(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats]:
-    """Where angles are shown wrapped: bring them to [0, 360) and break the line where it jumps."""
-    if not wrapped:
-        return t, angle_deg
-    inside = angle_deg % 360.0
-    jump = np.flatnonzero(np.abs(np.diff(inside)) > 180.0) + 1
-    return np.insert(t, jump, t[jump]), np.insert(inside, jump, np.nan)
-
-
-def _draw_heading_error(axes: Axes, view: AlignedSolution, heading_error: Floats) -> None:
-    """Where heading at the start is a gauge, claim and error are both counted from the first stance."""
-    stances = view.solution.stances
-    gauge = len(stances) == 0 or stances.heading_sigma[0] < _GAUGE_RAD
-    half_deg = 1.96 * np.rad2deg(stances.heading_sigma)
+def _draw_heading_error(axes: Axes, t: Floats, headings: Headings) -> None:
+    half_deg = 1.96 * np.rad2deg(headings.sigma)
     band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.2, "linewidth": 0, "label": "95 % claimed"}
-    axes.fill_between(stances.t, -half_deg, half_deg, **band)
+    axes.fill_between(t, -half_deg, half_deg, **band)
     axes.axhline(0.0, color=style.SOFT_INK, linewidth=0.6)
-    error = wrap_angle(heading_error[stances.sample])
-    known = np.flatnonzero(np.isfinite(error))
-    if len(known):
-        counted_deg = np.rad2deg(wrap_angle(error - error[known[0]]) if gauge else error)
+    known = bool(np.isfinite(headings.error).any())
+    if known:
         line: dict[str, Any] = {"color": style.BLUE, "markersize": 3, "linewidth": 0.8, "label": "error"}
-        axes.plot(stances.t, counted_deg, ".-", **line)
+        axes.plot(t, np.rad2deg(headings.error), ".-", **line)
     axes.set_ylim(*np.clip(axes.get_ylim(), -180.0, 180.0))
-    axes.set_ylabel("since the start (deg)" if gauge else "heading (deg)")
-    style.head(axes, "Uncertainty and error at the stances" if len(known) else "Uncertainty at the stances")
+    axes.set_ylabel("since the start (deg)" if headings.gauge else "heading (deg)")
+    style.head(axes, "Uncertainty and error at the stances" if known else "Uncertainty at the stances")
 
 
 MAX_STANCES_AS_LINE = 150
 """With more stances than this the line of the statistic would fill the picture."""
-
-EXCERPT_S = 10.0
-"""Length of the close-up: about ten strides."""
 
 
 def plot_stance_statistic(t: Floats, stances: Stances) -> Figure:
@@ -177,7 +129,7 @@ def plot_stance_statistic(t: Floats, stances: Stances) -> Figure:
     """
     if stances.statistic is None:
         raise ValueError("these stances have no statistic to draw")
-    excerpt = _excerpt(t, stances)
+    excerpt = choose_excerpt(t, stances)
     with style.styled():
         figure = style.new_figure(5.0)
         whole, close = figure.subplots(2, 1, sharey=True)
@@ -187,21 +139,13 @@ def plot_stance_statistic(t: Floats, stances: Stances) -> Figure:
         pointer = {"transform": whole.get_xaxis_transform(), "clip_on": False}
         whole.plot(middle, 1.0, "v", color=style.ORANGE, markersize=7, **pointer)
         style.head(whole, f"Stance detection ({stances.detector}): {stances.n_footfalls} footfalls")
-        whole.set_ylim(*_log_limits(stances.statistic))
+        whole.set_ylim(*find_log_limits(stances.statistic))
         _shade_stances(close, t, stances, excerpt)
         _draw_statistic(close, t[excerpt], stances.statistic[excerpt], linewidth=1.0)
         close.set_xlim(t[excerpt.start], t[excerpt.stop - 1])
         close.set_xlabel("time (s)")
         style.head(close, "Close-up of the marked stretch")
     return figure
-
-
-def _excerpt(t: Floats, stances: Stances) -> slice:
-    """Choose the samples of the close-up: around the middle stance, where the walk is in full swing."""
-    k = len(stances) // 2
-    centre = t[stances.start[k]] if len(stances) else t[len(t) // 2]
-    begin = min(max(centre - EXCERPT_S / 2, t[0]), max(t[-1] - EXCERPT_S, t[0]))
-    return slice(int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + EXCERPT_S, side="right")))
 
 
 def _shade_stances(axes: Axes, t: Floats, stances: Stances, part: slice) -> None:
@@ -230,11 +174,3 @@ def _draw_statistic(axes: Axes, t: Floats, statistic: Floats, linewidth: float) 
     axes.set_yscale("log")
     axes.margins(x=0.01)
     axes.set_ylabel("statistic / threshold")
-
-
-def _log_limits(statistic: Floats) -> tuple[float, float]:
-    positive = statistic[np.isfinite(statistic) & (statistic > 0)]
-    if not len(positive):
-        return 0.1, 10.0
-    low, high = np.percentile(positive, [0.5, 100.0])
-    return min(float(low) / 2, 0.5), max(float(high) * 2, 2.0)

@@ -1,0 +1,101 @@
+"""The heading of the body's x axis along a walk, rad clockwise from north, as it is drawn; its error at the stances.
+
+Turns are counted from stance to stance: in a swing the axis may point anywhere, even up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.recording import TrajectoryTruth
+from fg_nav.report.aligned import AlignedSolution
+
+TURNS_UNWRAPPED = 5.0
+"""A heading that turns more often than this is shown wrapped."""
+
+GAUGE_RAD = 0.02
+"""A heading surer than this at the start was given, or zero by definition; a compass does not know it as well."""
+
+_STEEP = float(np.sin(np.deg2rad(60.0)))
+"""An axis steeper than this has hardly a heading."""
+
+
+@dataclass(frozen=True)
+class Headings:
+    """The headings of a solution of N samples and K stances.
+
+    ========== ==== =====================================================================================
+    at_stances (K,) rad, turns counted
+    between    (N,) rad, within half a turn of the line through `at_stances`; NaN where the axis is steep
+    truth      (N,) rad, likewise; NaN where it is not known
+    error      (K,) rad at the stances, wrapped, since the first known one where `gauge`; NaN where unknown
+    sigma      (K,) rad, the estimator's own
+    gauge           whether the heading at the start is sure: given, or zero by definition
+    wrapped         whether it turns too often to be shown with its turns
+    ========== ==== =====================================================================================
+    """
+
+    at_stances: Floats
+    between: Floats
+    truth: Floats
+    error: Floats
+    sigma: Floats
+    gauge: bool
+    wrapped: bool
+
+
+def trace_headings(view: AlignedSolution) -> Headings:
+    """Return the headings of a solution that is aligned with its truth, if there is one."""
+    stances, t = view.solution.stances, view.solution.t
+    heading, true_heading = compute_heading(view.align_attitude(view.solution.nav_R_body)), _read_truth(view)
+    at_stances = np.unwrap(heading[stances.sample])
+    middle = np.interp(t, stances.t, at_stances) if len(stances) else heading
+    steep = np.abs(view.solution.nav_R_body[:, 2, 0]) > _STEEP
+    gauge = has_gauge_heading(view)
+    return Headings(
+        at_stances,
+        np.where(steep, np.nan, middle + wrap_angle(heading - middle)),
+        middle + wrap_angle(true_heading - middle),
+        _count_error((heading - true_heading)[stances.sample], gauge),
+        stances.heading_sigma,
+        gauge,
+        bool(len(stances) and np.ptp(at_stances) > TURNS_UNWRAPPED * 2 * np.pi),
+    )
+
+
+def has_gauge_heading(view: AlignedSolution) -> bool:
+    """Whether the heading at the start counts as sure."""
+    sigma = view.solution.stances.heading_sigma
+    return len(sigma) == 0 or bool(sigma[0] < GAUGE_RAD)
+
+
+def _count_error(error: Floats, gauge: bool) -> Floats:
+    """Where heading at the start is a gauge, claim and error are both counted from the first stance."""
+    error = wrap_angle(error)
+    known = np.flatnonzero(np.isfinite(error))
+    return wrap_angle(error - error[known[0]]) if gauge and len(known) else error
+
+
+def _read_truth(view: AlignedSolution) -> Floats:
+    """Read the true heading (N,) rad at the solution's stamps; NaN where it is unknown."""
+    truth, t = view.truth, view.solution.t
+    if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
+        return np.full(len(t), np.nan)
+    seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
+    if not seen.any():
+        return np.full(len(t), np.nan)
+    known = np.unwrap(compute_heading(truth.nav_R_body[seen]))
+    return np.interp(t, truth.t[seen], known, left=np.nan, right=np.nan)
+
+
+def break_line(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats]:
+    """Where angles are shown wrapped: bring them to [0, 360) and break the line where it jumps."""
+    if not wrapped:
+        return t, angle_deg
+    inside = angle_deg % 360.0
+    jump = np.flatnonzero(np.abs(np.diff(inside)) > 180.0) + 1
+    return np.insert(t, jump, t[jump]), np.insert(inside, jump, np.nan)
