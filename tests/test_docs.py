@@ -13,7 +13,7 @@ from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibr
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS, Calibration
 from fg_nav.cli import app
-from fg_nav.cli_options import METHOD_NAMES, PRESET_NAMES
+from fg_nav.cli.options import METHOD_NAMES, PRESET_NAMES
 from fg_nav.ekf.presets import PRESETS
 from fg_nav.estimators import ESTIMATORS, FILTERS, SMOOTHERS
 from fg_nav.evaluation.field_survey import SURVEYED

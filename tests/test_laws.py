@@ -15,7 +15,7 @@ LIBRARY = sorted({*ROOT.glob("fg_nav/**/*.py"), *ROOT.glob("fg_nav/factors/*.py"
 BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "evaluation", "samples")
 ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
 TOP = {
-    *("fg_nav.cli", "fg_nav.cli_options", "fg_nav.commands", "fg_nav.navigate", "fg_nav.report", "fg_nav.walk"),
+    *("fg_nav.cli", "fg_nav.commands", "fg_nav.navigate", "fg_nav.report", "fg_nav.walk"),
     "fg_nav.estimators",
     "fg_nav.lab.campaign",
 }
@@ -88,7 +88,6 @@ def test_the_report_is_imported_by_the_command_line_alone():
     assert importers_of("fg_nav.lab.campaign") <= commands | {"fg_nav.lab.campaign", "fg_nav.lab.reproduce"}
     assert importers_of("fg_nav.commands") <= commands
     assert importers_of("fg_nav.cli") <= {"fg_nav.cli"}
-    assert importers_of("fg_nav.cli_options") <= {"fg_nav.cli"}
 
 
 def test_gtsam_and_matplotlib_each_have_their_place():

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import fg_nav
 
-SHOWS_ONLY = ("report/", "commands/", "lab/reproduce/", "cli.py")
+SHOWS_ONLY = ("report/", "commands/", "lab/reproduce/", "cli/")
 """Sources of the package that change no result."""
 
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")

@@ -1,0 +1,66 @@
+"""The command line: its verbs by group; what they do is in `fg_nav.commands`.
+
+`options` has the types of the options. Each verb loads what it needs when it is called, so that the help is quick.
+
+`main` is the one error boundary. Exit codes: 0 done; 1 the input or the output is to blame, said in one
+line on standard error; 2 the command was not understood; 70 a bug, with its traceback; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+import traceback
+from typing import Annotated, NoReturn
+
+import typer
+
+from fg_nav.cli import laboratory, live, sensors, walks
+from fg_nav.errors import FgNavError
+
+EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
+
+app = typer.Typer(
+    name="fg-nav", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+    help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
+)  # fmt: skip
+for group in (walks, sensors, live, laboratory):  # in the order of the help
+    app.add_typer(group.verbs)
+
+
+def main() -> NoReturn:
+    """Run the command line and exit."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug
+    try:
+        app()
+    except FgNavError as error:
+        _leave(_one_line(error), EXIT_USER)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        where = "" if error.filename is None else f" ({error.filename})"
+        _leave(f"the system refused: {reason.lower()}{where}; check path, permissions and free space.", EXIT_USER)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+    except Exception as error:
+        traceback.print_exc()
+        _leave(f"this is a bug ({type(error).__name__}): please report it with the lines above.", EXIT_BUG)
+    sys.exit(0)
+
+
+@app.callback(invoke_without_command=True)
+def _program(version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False) -> None:
+    if version:
+        from fg_nav.text import find_version
+
+        typer.echo(f"fg-nav {find_version()}")
+        raise typer.Exit
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _leave(words: str, code: int) -> NoReturn:
+    print(f"fg-nav: {words}", file=sys.stderr)  # noqa: T201
+    sys.exit(code)

@@ -1,0 +1,55 @@
+"""The verb for a walk in progress: stream."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from fg_nav.cli import options as given
+
+verbs = typer.Typer()
+
+
+@verbs.command()
+def stream(
+    source: given.SourceName,
+    checkpoint: given.CheckpointPath = None,
+    every: Annotated[float, typer.Option(metavar="SECONDS", help="Between two saves.")] = 10.0,
+    lag: given.Lag = None,
+    heading: given.Heading = None,
+    no_mag: given.NoMag = False,
+    gate: given.GateName = None,
+    fixes: given.FixesPath = None,
+    calibration: given.CalibrationPath = None,
+    mag_axes: given.MagAxesWords = None,
+    mount: given.MountPlace = "foot",
+    step_constant: given.StepConstant = None,
+    serve: given.ServedPort = None,
+    view: given.ViewPage = False,
+    host: given.ViewHost = "127.0.0.1",
+    port: given.ViewPort = 8642,
+    baud: Annotated[int, typer.Option(help="Of a serial device.")] = 115200,
+    columns: given.ColumnNames = None,
+    units: given.UnitNames = None,
+    rate: given.RowRate = None,
+    speed: given.ReplaySpeed = None,
+    record: given.RecordPath = None,
+    silence: given.Silence = None,
+    out: given.EndDir = None,
+    polish: given.Polish = False,
+    force: given.Force = False,
+) -> None:
+    """Follow a sensor while it is walked with: one JSON line a footfall or stride, and at the end the whole walk.
+
+    Reads canonical CSV, the header line first, or rows of --columns. Ctrl-C ends the walk and writes its result.
+    """
+    from fg_nav.commands.stream import stream
+    from fg_nav.online.follow import StreamRequest
+
+    request = StreamRequest(
+        source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
+        (host, port) if view else None, columns, units, rate, mount, fixes, step_constant,
+        speed, record, force,
+    )  # fmt: skip
+    stream(request, out, force)
