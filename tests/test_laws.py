@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LIBRARY = sorted({*ROOT.glob("fg_nav/**/*.py"), *ROOT.glob("fg_nav/factors/*.py")})
-BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "evaluation", "samples")
+BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "evaluation", "samples", "columns")
 ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
 TOP = {
     *("fg_nav.cli", "fg_nav.commands", "fg_nav.navigate", "fg_nav.report", "fg_nav.walk"),

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.arrays import Floats
+from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor, find_quantity
 from fg_nav.errors import FormatError, StreamError
-from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import find_column, scale_values
 from fg_nav.io.readers.canonical import ACC, GYR, MAG, TIME
 from fg_nav.online.buffer import COLUMNS
@@ -47,15 +47,10 @@ SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz"), CA
 PASSED_OVER = "-"
 """In place of the name of a column that is not used."""
 
-_TIME, _ACC, _GYR, _MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
-
-UNITS: dict[str, tuple[slice, float]] = {
-    "s": (_TIME, 1.0), "ms": (_TIME, 1e-3), "us": (_TIME, 1e-6), "ns": (_TIME, 1e-9),
-    "m/s2": (_ACC, 1.0), "g": (_ACC, GRAVITY_M_S2), "mg": (_ACC, 1e-3 * GRAVITY_M_S2),
-    "rad/s": (_GYR, 1.0), "deg/s": (_GYR, np.pi / 180.0), "mdeg/s": (_GYR, 1e-3 * np.pi / 180.0),
-    "uT": (_MAG, 1.0), "nT": (_MAG, 1e-3), "gauss": (_MAG, 100.0), "mgauss": (_MAG, 0.1),
+_PLACES: dict[Quantity, slice] = {
+    "time": slice(0, 1), "acc": slice(1, 4), "gyr": slice(4, 7), "mag": slice(7, 10),
 }  # fmt: skip
-"""For each unit the columns of its quantity in a sample, and how much of theirs it is."""
+"""The columns of each quantity in a sample."""
 
 
 @dataclass(frozen=True)
@@ -114,15 +109,15 @@ def _refuse_alone(units: str | None, rate_hz: float | None) -> None:
 
 
 def _parse_units(words: str | None) -> tuple[float, ...]:
-    factors = np.ones(COLUMNS)
-    given = [word.strip() for word in (words or "").split(",") if word.strip()]
-    for word in given:
-        if word not in UNITS:
-            raise StreamError(f"there is no unit '{word}' for --units: choose of {', '.join(UNITS)}.")
-        place, factor = UNITS[word]
-        if sum(UNITS[other][0] == place for other in given) > 1:
-            raise StreamError(f"--units has two units of one quantity, '{word}' and another: give one.")
-        factors[place] = factor
+    factors, units = np.ones(COLUMNS), dict[Quantity, str]()
+    for word in (word.strip() for word in (words or "").split(",") if word.strip()):
+        quantity = find_quantity(word)
+        if quantity is None:
+            raise StreamError(f"there is no unit '{word}' for --units: choose of {', '.join(KNOWN_UNITS.values())}.")
+        if quantity in units:
+            raise StreamError(f"--units has two units of one quantity, '{units[quantity]}' and '{word}': give one.")
+        units[quantity] = word
+        factors[_PLACES[quantity]] = find_factor(quantity, word)
     return tuple(factors.tolist())
 
 

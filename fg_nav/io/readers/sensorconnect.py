@@ -24,14 +24,12 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.columns.units import GAUSS_UT
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, drop_held, find_column, read_table, scale_values, split_fields
 from fg_nav.io.truth import read_footprint_mat
 from fg_nav.recording import FootprintTruth, Provenance, RawRecording
-
-GAUSS_UT = 100.0
-"""One gauss in uT."""
 
 _EXPORTS = (("scaledAccel", "scaledGyro", GRAVITY_M_S2), ("estCompensatedAccel", "estAngularRate", 1.0))
 """Channels of acc and gyr, and the unit of acc in m/s^2; raw ones before those a filter has touched."""

@@ -13,20 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
-from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
-_DEGREE = np.pi / 180.0
-
-UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "gyroscope": {"deg/s": _DEGREE, "°/s": _DEGREE, "dps": _DEGREE, "mdps": 1e-3 * _DEGREE, "rad/s": 1.0},
-    "accelerometer": {"g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2, "m/s^2": 1.0, "m/s/s": 1.0, "m/s2": 1.0},
-    "magnetometer": {"ut": 1.0, "nt": 1e-3, "gauss": 100.0, "g": 100.0, "mgauss": 0.1, "mg": 0.1, "a.u.": np.nan},
-}
-"""SI (or uT) value of each known unit, in lower case; NaN: arbitrary."""
+_QUANTITIES: dict[str, Quantity] = {
+    "time": "time", "timestamp": "time", "accelerometer": "acc", "gyroscope": "gyr", "magnetometer": "mag",
+}  # fmt: skip
 
 _COLUMN = re.compile(
     r"^(time|timestamp|gyroscope|accelerometer|magnetometer)\s*([xyz]?)\s*(?:[(\[]\s*(.*?)\s*[)\]])?$",
@@ -87,18 +81,17 @@ def find_columns(header: list[str], path: Path) -> list[Column]:
         match = _COLUMN.match(name)
         if match:
             quantity = match[1].lower().replace("timestamp", "time")
-            scale = _scale(quantity, match[3] or "", name, path)
+            scale = _scale(_QUANTITIES[match[1].lower()], match[3] or "", name, path)
             columns.append(Column(position, quantity, match[2].lower(), scale))
     return columns
 
 
-def _scale(quantity: str, unit: str, name: str, path: Path) -> float:
-    known = UNITS[quantity]
-    plain = unit.lower().replace("²", "^2").replace("µ", "u").replace("μ", "u")
-    if plain in known:
-        return known[plain]
+def _scale(quantity: Quantity, unit: str, name: str, path: Path) -> float:
+    factor = find_factor(quantity, unit)
+    if factor is not None:
+        return factor
     problem = f"the unit '{unit}', which is not known" if unit else "no unit"
-    raise FormatError(f"{path.name}: column '{name}' has {problem}: write one of {', '.join(known)} in brackets.")
+    raise FormatError(f"{path.name}: column '{name}' has {problem}: write one of {KNOWN_UNITS[quantity]} in brackets.")
 
 
 def _find_one(columns: list[Column], quantity: str, axis: str, path: Path) -> Column:
