@@ -29,11 +29,16 @@ _HEAD_BYTES = 65536
 
 @dataclass(frozen=True)
 class Content:
-    """The beginning of a file: `lines` of text or `variables` of a MATLAB file; both empty for neither."""
+    """The beginning of a file: `lines` of text or `variables` of a MATLAB file; both empty for neither.
+
+    `rate_hz` and `sensor` are what the user says where the file does not: its rate, and which of several sensors.
+    """
 
     path: Path
     lines: tuple[str, ...] = ()
     variables: frozenset[str] = frozenset()
+    rate_hz: float | None = None
+    sensor: str | None = None
 
     def fields(self, line: int = 0) -> list[str]:
         """Comma-separated fields of one of the first lines, stripped; empty if there is no such line."""

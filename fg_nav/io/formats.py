@@ -6,13 +6,13 @@ A format is recognized from the content of the file, never from its name.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, read_content
-from fg_nav.io.readers import broad, canonical, gdlbio, openshoe, pyshoe, sensorconnect, xio
+from fg_nav.io.readers import broad, canonical, gdlbio, openshoe, pyshoe, sensorconnect, xio, xsens_mt
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
 
@@ -39,27 +39,37 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("gdlbio", "MATLAB file of surveyed walks (gdlbio)", gdlbio.recognizes, gdlbio.read, is_mat=True),
     Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
+    Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read),
     Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, is_mat=True),
 )
 """All formats by name."""
 
 
-def read(path: Path | str, format: str | None = None) -> Recording:
+def read(
+    path: Path | str, format: str | None = None, *, rate_hz: float | None = None, sensor: str | None = None
+) -> Recording:
     """Read a recording that estimators can use.
 
-    `format` is a name of `FORMATS` to read it as; without one the format is recognized from the content.
+    Parameters
+    ----------
+    path : the file.
+    format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
+    rate_hz : the rate of a file that has neither a clock nor a rate.
+    sensor : which of several sensors in the file.
 
     Raises `FormatError` if the file cannot be read, or its format is not known; raises `RecordingError` if what it
     holds cannot be navigated with (`Recording.from_raw`).
     """
-    return Recording.from_raw(read_raw(path, format))
+    return Recording.from_raw(read_raw(path, format, rate_hz=rate_hz, sensor=sensor))
 
 
-def read_raw(path: Path | str, format: str | None = None) -> RawRecording:
+def read_raw(
+    path: Path | str, format: str | None = None, *, rate_hz: float | None = None, sensor: str | None = None
+) -> RawRecording:
     """Read what a file says, unchecked; parameters and `FormatError` as of `read`."""
     if format is not None and format not in FORMATS:
         raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
-    content = read_content(Path(path))
+    content = replace(read_content(Path(path)), rate_hz=rate_hz, sensor=sensor)
     chosen = recognize_format(content) if format is None else FORMATS[format]
     if chosen.is_mat != bool(content.variables):
         kind = "a MATLAB file" if chosen.is_mat else "a text file"

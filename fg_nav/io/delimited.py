@@ -1,0 +1,74 @@
+"""Tables of text below lines about the session: where the header is, and what separates its fields.
+
+A line `sep=;` says it, as spreadsheets have it; else it is the character of tab, semicolon and comma that is most often
+in the header, and a blank where there is none of them.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.io.content import Content, find_column, read_table
+
+_MOST_LINES = 60
+"""The longest block of lines about a session is a third of this."""
+
+_SEPARATORS = "\t;,"
+
+_SAID = re.compile(r'^"?sep=(.)"?', re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header of a table: its line, counted from 0, the names of its columns and what separates them."""
+
+    line: int
+    names: list[str]
+    separator: str
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def read(self, path: Path, names: list[str], skip: int = 0) -> tuple[Floats, Ints]:
+        """Read columns (N, K) and the line (N,) of each row, from `skip` lines below the header on.
+
+        Raises `FormatError` if a column is missing or doubled, or a field is no number.
+        """
+        positions = [find_column(name, self.names, path) for name in names]
+        return read_table(path, self.names, positions, self.line + 2 + skip, self.separator)
+
+
+def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Header | None:
+    """Find the first line whose fields are those of a header."""
+    said = find_said_separator(content)
+    for line, text in enumerate(content.lines[:_MOST_LINES]):
+        separator = said or guess_separator(text)
+        names = split_line(text, separator)
+        if is_header(names):
+            return Header(line, names, separator)
+    return None
+
+
+def find_said_separator(content: Content) -> str | None:
+    """Find the separator that a line `sep=` at the top names."""
+    match = _SAID.match(content.lines[0]) if content.lines else None
+    return match[1] if match else None
+
+
+def guess_separator(line: str) -> str:
+    """Guess what separates the fields of a line."""
+    best = max(_SEPARATORS, key=line.count)
+    return best if best in line else " "
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """Fields of a line, quotes and surrounding blanks removed."""
+    try:
+        return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
+    except csv.Error:
+        return []

@@ -1,0 +1,124 @@
+"""Xsens MT Manager: text of an MTi, MTx or MTw (Awinda), one file a sensor, below lines that begin with `//`.
+
+=================================== ==========================================================================
+`Acc_X` ...                         m/s^2
+`Gyr_X` ...                         rad/s
+`Mag_X` ...                         of the local field, which is 1: no strength in uT, and so left out
+`SampleTimeFine`                    0.1 ms, begins again at 864 000 000; the time, where the exporter filled it
+`PacketCounter`, `Counter` (old)    begins again at 65 536; the time over the rate, where there is no other
+`Update Rate: 100.0Hz`              in a line above the table; `Sample rate` in old files, in many of 2019 on none
+=================================== ==========================================================================
+
+Fields are separated by tab, comma, semicolon or a blank, as the user chose, and may be empty. A packet that was lost on
+the air is missing from the counter, and so becomes a gap. `FreeAcc` is without gravity and in another frame.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import FormatError
+from fg_nav.io.content import Content
+from fg_nav.io.counters import PACKETS_16_BIT, TICKS_32_BIT, continue_counter
+from fg_nav.io.delimited import Header, find_header
+from fg_nav.recording import Provenance, RawRecording
+
+ACC, GYR, MAG = (tuple(f"{sensor}_{axis}" for axis in "XYZ") for sensor in ("Acc", "Gyr", "Mag"))
+_COUNTERS = ("PacketCounter", "Counter")
+_FINE = "SampleTimeFine"
+_TICKS_A_DAY = 864_000_000.0
+_TICK_S = 1e-4
+
+_RATE = re.compile(r"(?:update|sample|sampling|output)\s+rate\s*:\s*([0-9.]+)\s*hz", re.IGNORECASE)
+
+
+def recognizes(content: Content) -> bool:
+    """Whether lines that begin with `//` stand above a table with a packet counter, or such a table not of commas."""
+    header = _find_header(content)
+    return header is not None and (content.lines[0].startswith("//") or header.separator != ",")
+
+
+def read(content: Content) -> RawRecording:
+    """Read an export of MT Manager.
+
+    Raises `FormatError` if there is no accelerometer, gyroscope or rate, or a field is no number.
+    """
+    path, header = content.path, _find_header(content)
+    if header is None:
+        raise FormatError(f"{path.name} has no header with PacketCounter: export it again from MT Manager.")
+    refuse_without_inertial(header, path)
+    clocks = [name for name in (_FINE, *_COUNTERS) if name in header]
+    magnetic = list(MAG) if set(MAG) <= set(header.names) else []
+    table, row = header.read(path, [*clocks, *ACC, *GYR, *magnetic])
+    clock, acc, gyr, mag = np.split(table, [len(clocks), len(clocks) + 3, len(clocks) + 6], axis=1)
+    t, notes = _make_time(dict(zip(clocks, clock.T, strict=True)), len(table), content)
+    return RawRecording(
+        t=t,
+        acc=acc,
+        gyr=gyr,
+        row=row,
+        provenance=Provenance(path=path, format="xsens", notes=(*notes, *note_local_field(mag))),
+    )
+
+
+def _find_header(content: Content) -> Header | None:
+    sensors = {*ACC, *GYR, *MAG, "FreeAcc_X", "Mat[1][1]", "Quat_q0", "Quat_w", "Roll"}
+    return find_header(content, lambda names: not (sensors.isdisjoint(names) or set(_COUNTERS).isdisjoint(names)))
+
+
+def refuse_without_inertial(header: Header, path: Path) -> None:
+    """Raise `FormatError` if the table has not both an accelerometer and a gyroscope."""
+    absent = [
+        what for what, names in (("accelerometer", ACC), ("gyroscope", GYR)) if set(names).isdisjoint(header.names)
+    ]
+    if not absent:
+        return
+    removed = " (FreeAcc is without gravity)" if "FreeAcc_X" in header and "accelerometer" in absent else ""
+    names = " and ".join(f"{sensor[0][:3]}_X, _Y, _Z" for sensor in (ACC, GYR) if set(sensor).isdisjoint(header.names))
+    raise FormatError(
+        f"{path.name} has no {' and no '.join(absent)}{removed}: export it again with the inertial data ({names})."
+    )
+
+
+def note_local_field(mag: Floats) -> tuple[str, ...]:
+    """Say that a magnetometer (N, 3) in units of the local field was left out, if there is one."""
+    strength = np.linalg.norm(mag[np.abs(mag).max(axis=1, initial=0.0) < 1e6], axis=1) if mag.size else np.empty(0)
+    if not strength.size:
+        return ()
+    median = np.median(strength)
+    return (f"the magnetometer is in units of the local field (median {median:.2f}), not in uT, and was left out",)
+
+
+def _make_time(clocks: dict[str, Floats], count: int, content: Content) -> tuple[Floats, tuple[str, ...]]:
+    """Make the time (N,) s from the best clock of the file, and say which."""
+    fine = clocks.get(_FINE)
+    if fine is not None and np.isfinite(fine).mean() > 0.5 and np.nanmax(fine) > np.nanmin(fine):
+        ticks, rounds = continue_counter(fine, _TICKS_A_DAY if np.nanmax(fine) < _TICKS_A_DAY else TICKS_32_BIT)
+        return ticks * _TICK_S, _note_rounds("SampleTimeFine", rounds)
+    rate_hz = _find_rate_hz(content)
+    packets = next((clocks[name] for name in _COUNTERS if name in clocks and np.isfinite(clocks[name]).any()), None)
+    if packets is None:
+        return np.arange(count) / rate_hz, (f"there is no clock: time is the row number at {rate_hz:g} Hz",)
+    packets, rounds = continue_counter(packets, PACKETS_16_BIT)
+    words = f"time is the packet counter at {rate_hz:g} Hz"
+    return (packets - packets[np.isfinite(packets)][0]) / rate_hz, (words, *_note_rounds("the packet counter", rounds))
+
+
+def _note_rounds(what: str, rounds: int) -> tuple[str, ...]:
+    return (f"{what} began again at its end {rounds} times: set on",) if rounds else ()
+
+
+def _find_rate_hz(content: Content) -> float:
+    if content.rate_hz is not None:
+        return content.rate_hz
+    said = next((match for match in map(_RATE.search, content.lines[:60]) if match), None)
+    if said and 1.0 <= float(said[1]) <= 1e4:
+        return float(said[1])
+    raise FormatError(
+        f"{content.path.name} holds packet numbers but neither time nor rate: give the rate it was recorded at in Hz, "
+        f"such as `--rate 100`."
+    )
