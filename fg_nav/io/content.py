@@ -1,20 +1,25 @@
-"""What a file holds: its first lines, or the variables of a MATLAB file (version 5 to 7.2).
+"""What a path holds: the first lines of a text, the variables of a MATLAB file, or further files.
 
-Formats are recognized from this alone, never from the file's name. scipy's MATLAB reader trusts the file: on a damaged
-one nearly any exception may come out of it. Only this module calls it.
+A folder, a zip archive and a gzip file are looked into (`fg_nav.io.packed`); nothing is unpacked onto the disk. Formats
+are recognized from the content alone, never from a name. scipy's MATLAB reader trusts the file: on a damaged one nearly
+any exception may come out of it. Only this module calls it.
 
-Text tables become float columns, read at C speed; what does not parse is named by line and column. Lines are counted
-from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. Many loggers repeat the last magnetometer
-sample until there is a new one; an estimator would count each repeat as a measurement (`drop_held`).
+Text is UTF-8, with or without a byte-order mark, UTF-16 with one, or Latin-1. Text tables become float columns, read at
+C speed; what does not parse is named by line and column. Lines are counted from 1 as in an editor. Empty fields are
+NaN; wholly empty lines are left out. Many loggers repeat the last magnetometer sample until there is a new one; an
+estimator would count each repeat as a measurement (`drop_held`).
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,26 +28,83 @@ import scipy.io
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
+from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, list_folder, list_zip, shared_folder
 
 _HEAD_BYTES = 65536
+_GZIP, _ZIP = b"\x1f\x8b", (b"PK\x03\x04", b"PK\x05\x06")
+
+TEXT, MATLAB, MEMBERS, BINARY = "a text file", "a MATLAB file", "a folder or archive", "a binary file"
+"""The kinds of content."""
+
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Content:
-    """The beginning of a file: `lines` of text or `variables` of a MATLAB file; both empty for neither.
+    """What a path holds, as far as needed to recognize it: `lines`, `variables` or `members`; else `head` alone.
 
-    `rate_hz` and `sensor` are what the user says where the file does not: its rate, and which of several sensors.
+    A reader takes a table's columns by `read_table(content, ...)`, the whole text by `read_text()` and the bytes by
+    `read_bytes()`, all at C speed and unpacked where they were packed; `source()` is what the reader of a library
+    takes. For a folder or an archive it does so with `members[name]`.
+
+    Attributes
+    ----------
+    path : of the file, for messages (`path.name`) and provenance; that of a member goes on behind that of its archive.
+    lines : first lines of a text.
+    variables : names in a MATLAB file.
+    members : files of a folder or archive, by their place in it with `/` between, without folders that all share.
+    head : first bytes of a file, unpacked.
+    encoding : of the text.
+    fetch : reads the bytes where the file is packed; None for a plain file.
+    rate_hz, sensor : what the user says where the file does not: its rate, and which of several sensors.
     """
 
     path: Path
     lines: tuple[str, ...] = ()
     variables: frozenset[str] = frozenset()
+    members: Mapping[str, Content] = field(default_factory=lambda: _NOTHING)
+    head: bytes = b""
+    encoding: str = "utf-8"
+    fetch: Fetch | None = None
     rate_hz: float | None = None
     sensor: str | None = None
+
+    @property
+    def kind(self) -> str:
+        """What it is, for messages: one of `TEXT`, `MATLAB`, `MEMBERS` and `BINARY`."""
+        if self.members:
+            return MEMBERS
+        return MATLAB if self.variables else TEXT if self.lines else BINARY
 
     def fields(self, line: int = 0) -> list[str]:
         """Comma-separated fields of one of the first lines, stripped; empty if there is no such line."""
         return split_fields(self.lines[line]) if line < len(self.lines) else []
+
+    def parts(self) -> list[Content]:
+        """Files and folders right in a folder or archive."""
+        folders: dict[str, dict[str, Content]] = {}
+        files = []
+        for place, member in self.members.items():
+            folder, _, rest = place.partition("/")
+            if rest:
+                folders.setdefault(folder, {})[rest] = member
+            else:
+                files.append(member)
+        return files + [Content(self.path / name, members=inner) for name, inner in folders.items()]
+
+    def read_bytes(self) -> bytes:
+        """All bytes, unpacked. Raises `FormatError` if they cannot be read, or are damaged where packed."""
+        return (self.fetch or fetch_file(self.path))(None)
+
+    def read_text(self) -> str:
+        """All text, without a byte-order mark; what is no character of the encoding is a replacement character."""
+        return self.read_bytes().decode(self.encoding, errors="replace").removeprefix("\ufeff")
+
+    def source(self) -> Path | io.BytesIO:
+        """Path of a plain file, else its bytes in memory; text of UTF-16 in UTF-8."""
+        if self.encoding == "utf-16":
+            return io.BytesIO(self.read_text().encode())
+        return self.path if self.fetch is None else io.BytesIO(self.fetch(None))
 
 
 def split_fields(line: str) -> list[str]:
@@ -54,36 +116,66 @@ def split_fields(line: str) -> list[str]:
 
 
 def read_content(path: Path) -> Content:
-    """Open a file and see what it is made of.
+    """Open a path and see what it is made of.
 
-    Raises `FormatError` if the path is no readable file, or the file is empty.
+    Raises `FormatError` if there is nothing to read, or it is empty, damaged where packed, or too large.
     """
-    head = _read_head(path)
+    path = path.resolve() if path.name in ("", "..") else path
+    if path.is_dir():
+        return _look_inside(path, list_folder(path), plain=True)
+    fetch = fetch_file(path)
+    head = fetch(_HEAD_BYTES)
+    if head.startswith(_GZIP):
+        fetch = fetch_gzip(path.name, fetch)
+        return _look(path, fetch, fetch(_HEAD_BYTES), packed=True)
+    return _look(path, fetch, head, packed=False)
+
+
+def _look(path: Path, fetch: Fetch, head: bytes, packed: bool) -> Content:
     if not head.strip():
         raise FormatError(f"{path.name} is empty: record or export it again.")
-    if is_mat(head):
-        return Content(path, variables=list_variables(path))
-    if b"\0" in head:
-        return Content(path)
-    return Content(path, lines=tuple(_decode(head).splitlines()))
+    if head.startswith(_ZIP):
+        files = list_zip(path.name, fetch, None if packed else path)
+        return _look_inside(path, files, plain=False, head=head, fetch=fetch if packed else None)
+    content = _look_at_file(path, fetch if packed else None, head)
+    return replace(content, variables=list_variables(content)) if is_mat(head) else content
 
 
-def _read_head(path: Path) -> bytes:
-    if path.is_dir():
-        raise FormatError(f"{path} is a directory: give one of the files in it.")
+def _look_inside(path: Path, files: Mapping[str, Fetch], plain: bool, **known: Any) -> Content:
+    """Content of a folder (`plain`) or archive. Members that are archives stay shut."""
+    if not files:
+        raise FormatError(f"{path.name} holds no file that is not empty: record or export it again.")
+    shared = len(shared_folder(files))
+    members = {place[shared:]: _look_at_member(path / place, fetch, plain) for place, fetch in files.items()}
+    return Content(path, members=MappingProxyType(members), **known)
+
+
+def _look_at_member(path: Path, fetch: Fetch, plain: bool) -> Content:
+    head = fetch(_HEAD_BYTES)
+    if head.startswith(_GZIP):
+        plain, fetch = False, fetch_gzip(path.name, fetch)
+        head = fetch(_HEAD_BYTES)
+    content = _look_at_file(path, None if plain else fetch, head)
+    if not is_mat(head):
+        return content
     try:
-        with path.open("rb") as file:
-            return file.read(_HEAD_BYTES)
-    except FileNotFoundError:
-        raise FormatError(f"{path} does not exist: check the path.") from None
-    except PermissionError:
-        raise FormatError(f"{path} may not be read: check its permissions.") from None
-    except (OSError, ValueError) as error:
-        raise FormatError(f"{path} cannot be opened ({error}): check the path.") from None
+        return replace(content, variables=list_variables(content))
+    except FormatError:  # it may be none that is needed
+        return content
 
 
-def _decode(head: bytes) -> str:
+def _look_at_file(path: Path, fetch: Fetch | None, head: bytes) -> Content:
+    encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8"
+    if is_mat(head) or (b"\0" in head and encoding == "utf-8"):
+        return Content(path, head=head, fetch=fetch)
+    lines = tuple(_decode(head, encoding).splitlines())
+    return Content(path, lines=lines, head=head, encoding=encoding, fetch=fetch)
+
+
+def _decode(head: bytes, encoding: str) -> str:
     """Text of the head. A byte that is no UTF-8 (a degree or micro sign, mostly) is taken as Latin-1."""
+    if encoding == "utf-16":
+        return head[: len(head) // 2 * 2].decode(encoding, errors="replace")
     if len(head) == _HEAD_BYTES:  # a character may be cut in two at the end
         head = head[: head.rfind(b"\n") + 1] or head
     try:
@@ -100,20 +192,20 @@ def is_mat(head: bytes) -> bool:
     return head.startswith(b"MATLAB ")
 
 
-def list_variables(path: Path) -> frozenset[str]:
+def list_variables(content: Content) -> frozenset[str]:
     """Names of the variables in a MATLAB file.
 
     Raises `FormatError` if the file is damaged or of version 7.3.
     """
-    return frozenset(name for name, _, _ in _run_reader(path, scipy.io.whosmat))
+    return frozenset(name for name, _, _ in _run_reader(content, scipy.io.whosmat))
 
 
-def load_mat(path: Path) -> Mapping[str, Any]:
+def load_mat(content: Content) -> Mapping[str, Any]:
     """Variables of a MATLAB file by name.
 
     Raises `FormatError` if the file is damaged or of version 7.3.
     """
-    return _run_reader(path, scipy.io.loadmat)
+    return _run_reader(content, scipy.io.loadmat)
 
 
 def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int | None = None) -> Floats:
@@ -146,11 +238,12 @@ def mat_samples(variables: Mapping[str, Any], imu: str, stamps: str, path: Path)
     return t, samples[:, :3].copy(), samples[:, 3:].copy()
 
 
-def _run_reader(path: Path, reader: Callable[[str], T]) -> T:
+def _run_reader(content: Content, reader: Callable[[Any], T]) -> T:
+    path, source = content.path, content.source()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # scipy warns of what it then raises or repairs
-            return reader(str(path))
+            return reader(str(source) if isinstance(source, Path) else source)
     except NotImplementedError:
         raise FormatError(
             f"{path.name} is a MATLAB 7.3 file, which is not read here: save it again with '-v7'."
@@ -180,13 +273,13 @@ def scale_values(values: Floats, unit: Floats | float) -> Floats:
 
 
 def read_table(
-    path: Path, header: Sequence[str], positions: Sequence[int], first_line: int, separator: str = ","
+    content: Content, header: Sequence[str], positions: Sequence[int], first_line: int, separator: str = ","
 ) -> tuple[Floats, Ints]:
     r"""Read some columns of a text table, and the line of each row.
 
     Parameters
     ----------
-    path : the file.
+    content : of the file.
     header : (C,) names of all columns of the file, for messages.
     positions : (K,) indices into `header` of the wanted columns, in the wanted order.
     first_line : counted from 1, that holds data.
@@ -203,9 +296,10 @@ def read_table(
     options: dict[str, Any] = {
         "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
         "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
-        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"],
+        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"], "compression": None,
     }  # fmt: skip
-    values = _parse(path, wanted, options, [*header, "after the last"], first_line)
+    path = content.path
+    values = _parse(content, wanted, options, [*header, "after the last"], first_line)
     row = np.arange(len(values), dtype=np.int64) + first_line
     longer = ~np.isnan(values[:, -1])
     if longer.any():
@@ -218,11 +312,14 @@ def read_table(
     return np.ascontiguousarray(values[filled, :-1]), row[filled]
 
 
-def _parse(path: Path, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int) -> Floats:
+def _parse(
+    content: Content, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
+) -> Floats:
+    path = content.path
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
-            frame = pd.read_csv(path, dtype=dict.fromkeys(wanted, np.float64), **options)
+            frame = pd.read_csv(content.source(), dtype=dict.fromkeys(wanted, np.float64), **options)
     except pd.errors.EmptyDataError:
         return np.empty((0, len(wanted)))
     except pd.errors.ParserWarning:
@@ -231,17 +328,18 @@ def _parse(path: Path, wanted: Sequence[int], options: dict[str, Any], names: Se
         reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
         raise FormatError(f"{path.name} is not a regular table ({reason}): correct that line.") from None
     except (ValueError, OverflowError):
-        raise _find_bad_cell(path, wanted, options, names, first_line) from None
+        raise _find_bad_cell(content, wanted, options, names, first_line) from None
     return np.asarray(frame[wanted].to_numpy(dtype=np.float64))
 
 
 def _find_bad_cell(
-    path: Path, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
+    content: Content, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
 ) -> FormatError:
     """Find the first field that is no number. Slow, but only ever run on a broken file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pd.errors.ParserWarning)
-        text = pd.read_csv(path, dtype=str, **options)[wanted]
+        path = content.path
+        text = pd.read_csv(content.source(), dtype=str, **options)[wanted]
     numbers = text.apply(pd.to_numeric, errors="coerce")
     bad = np.argwhere((numbers.isna() & text.notna()).to_numpy())
     if not len(bad):

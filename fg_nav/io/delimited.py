@@ -10,7 +10,6 @@ import csv
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.io.content import Content, find_column, read_table
@@ -34,13 +33,13 @@ class Header:
     def __contains__(self, name: object) -> bool:
         return name in self.names
 
-    def read(self, path: Path, names: list[str], skip: int = 0) -> tuple[Floats, Ints]:
+    def read(self, content: Content, names: list[str], skip: int = 0) -> tuple[Floats, Ints]:
         """Read columns (N, K) and the line (N,) of each row, from `skip` lines below the header on.
 
         Raises `FormatError` if a column is missing or doubled, or a field is no number.
         """
-        positions = [find_column(name, self.names, path) for name in names]
-        return read_table(path, self.names, positions, self.line + 2 + skip, self.separator)
+        positions = [find_column(name, self.names, content.path) for name in names]
+        return read_table(content, self.names, positions, self.line + 2 + skip, self.separator)
 
 
 def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Header | None:

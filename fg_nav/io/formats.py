@@ -1,17 +1,18 @@
 """The formats a recording may have, and the one way in: `read`.
 
-A format is recognized from the content of the file, never from its name.
+A format is recognized from the content of the file, never from its name. A folder or an archive is asked first whether
+it is a recording as a whole; else it is looked through for the one that it holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, read_content
+from fg_nav.io.content import MATLAB, TEXT, Content, read_content
 from fg_nav.io.readers import broad, canonical, gdlbio, openshoe, pyshoe, sensorconnect, xio, xsens_mt
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
@@ -19,13 +20,13 @@ from fg_nav.recording import RawRecording, Recording, Truth
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what it is, how it is recognized and how it is read."""
+    """A file format: what it is, how it is recognized and how it is read; `kinds` of content it may have."""
 
     name: str
     description: str
     recognizes: Callable[[Content], bool]
     read: Callable[[Content], RawRecording]
-    is_mat: bool = False
+    kinds: tuple[str, ...] = (TEXT,)
 
 
 def _by_name(*formats: Format) -> Mapping[str, Format]:
@@ -35,12 +36,12 @@ def _by_name(*formats: Format) -> Mapping[str, Format]:
 FORMATS: Mapping[str, Format] = _by_name(
     Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognizes, canonical.read),
     Format("sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognizes, sensorconnect.read),
-    Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognizes, pyshoe.read, is_mat=True),
-    Format("gdlbio", "MATLAB file of surveyed walks (gdlbio)", gdlbio.recognizes, gdlbio.read, is_mat=True),
+    Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognizes, pyshoe.read, (MATLAB,)),
+    Format("gdlbio", "MATLAB file of surveyed walks (gdlbio)", gdlbio.recognizes, gdlbio.read, (MATLAB,)),
     Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
     Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read),
-    Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, is_mat=True),
+    Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, (MATLAB,)),
 )
 """All formats by name."""
 
@@ -69,28 +70,56 @@ def read_raw(
     """Read what a file says, unchecked; parameters and `FormatError` as of `read`."""
     if format is not None and format not in FORMATS:
         raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
-    content = replace(read_content(Path(path)), rate_hz=rate_hz, sensor=sensor)
-    chosen = recognize_format(content) if format is None else FORMATS[format]
-    if chosen.is_mat != bool(content.variables):
-        kind = "a MATLAB file" if chosen.is_mat else "a text file"
-        raise FormatError(f"{content.path.name} is not {kind}, so it cannot be '{chosen.name}': leave the format out.")
-    return chosen.read(content)
+    content = read_content(Path(path))
+    chosen, found = find_recording(content) if format is None else _as_format(content, FORMATS[format])
+    return chosen.read(replace(found, rate_hz=rate_hz, sensor=sensor))
 
 
-def recognize_format(content: Content) -> Format:
-    """Find the format of a file.
+def find_recording(content: Content) -> tuple[Format, Content]:
+    """Find the recording that a path holds, and its format.
 
-    Raises `FormatError` if it is none of `FORMATS`.
+    Raises `FormatError` if there is none in one of `FORMATS`, or a folder or archive holds several.
     """
-    for known in FORMATS.values():
-        if known.recognizes(content):
-            return known
+    found = _choose(content, list(_find_all(content, FORMATS.values())))
+    if found is not None:
+        return found
     if "GCP_meters" in content.variables:
         raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
     raise FormatError(
         f"{content.path.name} is in none of the formats read here ({', '.join(FORMATS)}): "
         f"name its format, or write it as canonical CSV."
     )
+
+
+def _as_format(content: Content, chosen: Format) -> tuple[Format, Content]:
+    """Take a file as of a format without asking whether it is; look for one in a folder or archive."""
+    if content.kind in chosen.kinds:
+        return chosen, content
+    found = _choose(content, list(_find_all(content, [chosen])))
+    if found is not None:
+        return found
+    kinds = " or ".join(chosen.kinds)
+    raise FormatError(f"{content.path.name} is not {kinds}, so it cannot be '{chosen.name}': leave the format out.")
+
+
+def _find_all(content: Content, formats: Collection[Format]) -> Iterator[tuple[Format, Content]]:
+    """Recordings in a content: itself, or those of its files and folders."""
+    for known in formats:
+        if content.kind in known.kinds and known.recognizes(content):
+            yield known, content
+            return
+    for part in content.parts():
+        yield from _find_all(part, formats)
+
+
+def _choose(content: Content, found: list[tuple[Format, Content]]) -> tuple[Format, Content] | None:
+    if len(found) > 1:
+        names = ", ".join(part.path.relative_to(content.path).as_posix() for _, part in found[:3])
+        more = ", ..." if len(found) > 3 else ""
+        raise FormatError(
+            f"{content.path.name} holds {len(found)} recordings ({names}{more}): give one of them, unpacked."
+        )
+    return found[0] if found else None
 
 
 def read_truth(path: Path | str) -> Truth:
@@ -100,7 +129,7 @@ def read_truth(path: Path | str) -> Truth:
     """
     content = read_content(Path(path))
     if "GCP_meters" in content.variables:
-        return read_footprint_mat(content.path)
+        return read_footprint_mat(content)
     if content.variables:
         return _read_truth_of_recording(content)
     if not set(CSV_COLUMNS).isdisjoint(content.fields()):
@@ -111,7 +140,7 @@ def read_truth(path: Path | str) -> Truth:
 def _read_truth_of_recording(content: Content) -> Truth:
     """Truth of a MATLAB recording that carries its own."""
     for known in FORMATS.values():
-        if known.is_mat and known.recognizes(content):
+        if MATLAB in known.kinds and known.recognizes(content):
             truth = known.read(content).truth
             if truth is not None:
                 return truth

@@ -41,7 +41,7 @@ def read_tum(content: Content) -> TrajectoryTruth:
             f"{path.name} is no truth read here: give TUM lines (t x y z qx qy qz qw), "
             f"a CSV with stride,x_m,y_m, or a MATLAB file of footprints."
         )
-    table, row = read_table(path, TUM_COLUMNS, range(8), first_line=comments + 1, separator=r"\s+")
+    table, row = read_table(content, TUM_COLUMNS, range(8), first_line=comments + 1, separator=r"\s+")
     unit = np.zeros(len(table), dtype=np.bool_)
     small = (np.abs(table[:, 4:]) < 1.1).all(axis=1)  # and finite, so that it may be squared
     unit[small] = np.abs(np.linalg.norm(table[small, 4:], axis=1) - 1.0) < 0.01
@@ -69,12 +69,12 @@ def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats)
 CSV_COLUMNS = ("stride", "x_m", "y_m")
 
 
-def read_footprint_mat(path: Path) -> FootprintTruth:
+def read_footprint_mat(content: Content) -> FootprintTruth:
     """Footprints from `GCP_meters` (M, 2), `GCP_stride_numbers` (M,) and, where there, `numberOfStrides`.
 
     Raises `FormatError` if a variable is missing, damaged, or does not fit the other.
     """
-    variables = load_mat(path)
+    path, variables = content.path, load_mat(content)
     xy = mat_array(variables, "GCP_meters", path, columns=2)
     stride = mat_array(variables, "GCP_stride_numbers", path)
     if len(stride) != len(xy):
@@ -89,7 +89,7 @@ def read_footprint_csv(content: Content) -> FootprintTruth:
     Raises `FormatError` if a column is missing or a field is no number.
     """
     path, header = content.path, content.fields()
-    table, _ = read_table(path, header, [find_column(n, header, path) for n in CSV_COLUMNS], first_line=2)
+    table, _ = read_table(content, header, [find_column(n, header, path) for n in CSV_COLUMNS], first_line=2)
     return pack_footprints(table[:, 0], table[:, 1:], None, path)
 
 
@@ -134,7 +134,7 @@ def read_fixes(path: Path | str) -> tuple[Fix, ...]:
     """
     content = read_content(Path(path))
     path, header = content.path, content.fields()
-    table, line = read_table(path, header, [find_column(name, header, path) for name in FIX_COLUMNS], first_line=2)
+    table, line = read_table(content, header, [find_column(name, header, path) for name in FIX_COLUMNS], first_line=2)
     needed = np.isfinite(np.delete(table, 3, axis=1)).all(axis=1) & ~np.isinf(table[:, 3])
     for good, what in (
         (needed, "lacks a number (only z_m may be empty)"),

@@ -82,7 +82,7 @@ def test_unknown_content(content: bytes, message: str, tmp_path: Path) -> None:
 def test_no_file(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"nowhere\.csv does not exist"):
         read(tmp_path / "nowhere.csv")
-    with pytest.raises(FormatError, match="is a directory"):
+    with pytest.raises(FormatError, match="holds no file that is not empty"):
         read(tmp_path)
     with pytest.raises(FormatError, match="cannot be opened"):
         read("a\0b")

@@ -35,7 +35,7 @@ def read(content: Content) -> RawRecording:
     Raises `FormatError` if a variable is missing, damaged, or does not fit the others.
     """
     path = content.path
-    variables = load_mat(path)
+    variables = load_mat(content)
     rate = mat_array(variables, "sampling_rate", path)
     if rate.size != 1 or not 1.0 <= rate[0] <= 1e5:
         raise FormatError(f"{path.name}: 'sampling_rate' is no usable rate in Hz: export it again.")

@@ -36,7 +36,7 @@ def read(content: Content) -> RawRecording:
     path, header = content.path, content.fields()
     has_mag = not set(MAG).isdisjoint(header)
     names = TIME + ACC + GYR + (MAG if has_mag else ())
-    table, row = read_table(path, header, [find_column(name, header, path) for name in names], first_line=2)
+    table, row = read_table(content, header, [find_column(name, header, path) for name in names], first_line=2)
     return RawRecording(
         t=table[:, 0],
         acc=table[:, 1:4],

@@ -21,7 +21,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, load_mat, mat_array, mat_samples
+from fg_nav.io.content import Content, load_mat, mat_array, mat_samples, read_content
 from fg_nav.io.truth import pack_footprints
 from fg_nav.recording import FootprintTruth, Provenance, RawRecording
 
@@ -39,7 +39,7 @@ def read(content: Content) -> RawRecording:
     Raises `FormatError` if a variable is missing, damaged, or does not fit the others; footprints may be absent.
     """
     path = content.path
-    variables = load_mat(path)
+    variables = load_mat(content)
     t, acc, gyr = mat_samples(variables, "imu_data", "timestamps", path)
     return RawRecording(
         t=t,
@@ -57,7 +57,7 @@ def read_pyshoe_track(path: Path | str) -> Floats:
     Raises `FormatError` if the file is no MATLAB file or does not hold it.
     """
     path = Path(path)
-    track = mat_array(load_mat(path), "pyshoeTrajectory", path, columns=2)
+    track = mat_array(load_mat(read_content(path)), "pyshoeTrajectory", path, columns=2)
     return np.asarray(track * _RIGHT_HANDED)
 
 

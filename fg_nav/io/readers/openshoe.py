@@ -62,7 +62,7 @@ def read(content: Content) -> RawRecording:
         raise FormatError(
             f"{path.name}: the first row has {width} columns, not {len(COLUMNS)}: copy the recording again."
         )
-    table, row = read_table(path, COLUMNS, _WANTED, first_line=1, separator=r"\s+")
+    table, row = read_table(content, COLUMNS, _WANTED, first_line=1, separator=r"\s+")
     acc, gyr, number, pc, rate, mag = np.split(table, [3, 6, 7, 8, 9], axis=1)
     rate_hz = find_nominal_rate_hz(rate[:, 0], path.name)
     number, notes = continue_numbers(number[:, 0], pc[:, 0], rate_hz, row)

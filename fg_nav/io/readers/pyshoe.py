@@ -19,7 +19,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, load_mat, mat_array, mat_samples
+from fg_nav.io.content import Content, load_mat, mat_array, mat_samples, read_content
 from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
 
@@ -37,7 +37,7 @@ def read(content: Content) -> RawRecording:
     Raises `FormatError` if `imu` or `ts` is missing, damaged, or does not fit the other.
     """
     path = content.path
-    variables = load_mat(path)
+    variables = load_mat(content)
     t, acc, gyr = mat_samples(variables, "imu", "ts", path)
     return RawRecording(
         t=t,
@@ -57,7 +57,7 @@ def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
     Raises `FormatError` if the file is no MATLAB file or does not hold these labels.
     """
     path = Path(path)
-    labels = mat_array(load_mat(path), f"zv_{detector}_opt", path)
+    labels = mat_array(load_mat(read_content(path)), f"zv_{detector}_opt", path)
     return labels > 0.5
 
 

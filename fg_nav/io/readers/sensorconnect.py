@@ -27,7 +27,7 @@ from fg_nav.arrays import Floats
 from fg_nav.columns.units import GAUSS_UT
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, drop_held, find_column, read_table, scale_values, split_fields
+from fg_nav.io.content import Content, drop_held, find_column, read_content, read_table, scale_values, split_fields
 from fg_nav.io.truth import read_footprint_mat
 from fg_nav.recording import FootprintTruth, Provenance, RawRecording
 
@@ -55,7 +55,7 @@ def read(content: Content) -> RawRecording:
     names = ["Time", *channels, *magnetic]
     flags = [f"{name}:valid" for name in channels if f"{name}:valid" in header]
     positions = [find_column(name, header, path) for name in names + flags]
-    table, row = read_table(path, full_header, positions, first_line=line + 2)
+    table, row = read_table(content, full_header, positions, first_line=line + 2)
     inertial = ~np.isnan(table[:, 1:7]).all(axis=1)
     table, row = table[inertial], row[inertial]
     _blank_invalid(table, names, flags)
@@ -104,6 +104,6 @@ def _read_footprints_of(path: Path) -> tuple[FootprintTruth | None, tuple[str, .
     if truth == path or not truth.is_file():
         return None, ()
     try:
-        return read_footprint_mat(truth), ()
+        return read_footprint_mat(read_content(truth)), ()
     except FormatError as error:
         return None, (f"the file next to it gave no truth: {error}",)

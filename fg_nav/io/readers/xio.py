@@ -58,7 +58,7 @@ def read(content: Content) -> RawRecording:
     arbitrary = any(np.isnan(column.scale) for column in magnetic)
     if magnetic and not arbitrary:
         wanted += [_find_one(columns, "magnetometer", axis, path) for axis in "xyz"]
-    table, row = read_table(path, header, [column.position for column in wanted], first_line=2)
+    table, row = read_table(content, header, [column.position for column in wanted], first_line=2)
     table = scale_values(table, np.array([column.scale for column in wanted]))
     notes = ("the magnetometer is in arbitrary units and was left out",) if arbitrary else ()
     return RawRecording(

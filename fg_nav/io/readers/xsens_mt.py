@@ -53,7 +53,7 @@ def read(content: Content) -> RawRecording:
     refuse_without_inertial(header, path)
     clocks = [name for name in (_FINE, *_COUNTERS) if name in header]
     magnetic = list(MAG) if set(MAG) <= set(header.names) else []
-    table, row = header.read(path, [*clocks, *ACC, *GYR, *magnetic])
+    table, row = header.read(content, [*clocks, *ACC, *GYR, *magnetic])
     clock, acc, gyr, mag = np.split(table, [len(clocks), len(clocks) + 3, len(clocks) + 6], axis=1)
     t, notes = _make_time(dict(zip(clocks, clock.T, strict=True)), len(table), content)
     return RawRecording(

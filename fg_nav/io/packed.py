@@ -1,0 +1,179 @@
+"""Files that hold files: folders, zip archives and gzip. Nothing is unpacked onto the disk.
+
+A file in a folder or archive is known by its place there, with `/` between. Hidden files, empty ones and what macOS
+adds are left out. Places that lead out of the archive are left out as well; they are names here, never paths.
+
+An archive says how large its files are, and gzip does not: what is larger than `MAX_BYTES` unpacked is refused before
+it fills the memory.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+
+from fg_nav.errors import FormatError
+
+MAX_BYTES = 2**30
+"""A day of six sensors at 100 Hz in text; more does not fit the memory of a small computer."""
+
+MAX_FILES = 1000
+"""No tool writes as many files for one recording; a home folder has more."""
+
+MAX_DEPTH = 4
+"""Folders within folders that are looked into."""
+
+Fetch = Callable[[int | None], bytes]
+"""The first bytes of a file, at most as many as are given; all of them for None."""
+
+_OVERHEAD_BYTES = 4096
+"""What does not shrink becomes a little longer by packing."""
+
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+
+def fetch_file(path: Path) -> Fetch:
+    """Reading of a plain file.
+
+    Raises `FormatError` when called, if the file cannot be read.
+    """
+
+    def fetch(size: int | None) -> bytes:
+        try:
+            with path.open("rb") as file:
+                return file.read(size)
+        except FileNotFoundError:
+            raise FormatError(f"{path} does not exist: check the path.") from None
+        except PermissionError:
+            raise FormatError(f"{path} may not be read: check its permissions.") from None
+        except (OSError, ValueError) as error:
+            raise FormatError(f"{path} cannot be opened ({error}): check the path.") from None
+
+    return fetch
+
+
+def fetch_gzip(name: str, packed: Fetch) -> Fetch:
+    """Reading of what is in a gzip file, which `packed` reads.
+
+    Raises `FormatError` when called, if it is damaged or too large.
+    """
+
+    def fetch(size: int | None) -> bytes:
+        budget, needed = (MAX_BYTES + 1, None) if size is None else (size, size + _OVERHEAD_BYTES)
+        data = b"".join(_inflate(packed(needed), budget, name, whole=size is None))
+        if len(data) > MAX_BYTES:
+            raise FormatError(f"{name} is larger than {_words(MAX_BYTES)} unpacked: unpack it, and cut it.")
+        return data
+
+    return fetch
+
+
+def _inflate(data: bytes, budget: int, name: str, whole: bool) -> Iterator[bytes]:
+    """Unpack gzip members one after the other until `budget` bytes are there."""
+    while data and budget > 0 and data.strip(b"\0"):
+        unpack = zlib.decompressobj(wbits=31)
+        try:
+            part = unpack.decompress(data, budget)
+        except zlib.error:
+            raise FormatError(f"{name} is a damaged gzip file: copy it again.") from None
+        if whole and len(part) < budget and not unpack.eof:
+            raise FormatError(f"{name} is a gzip file that is cut off: copy it again.")
+        yield part
+        budget, data = budget - len(part), unpack.unused_data
+
+
+def list_folder(path: Path) -> Mapping[str, Fetch]:
+    """Files of a folder by their place in it.
+
+    Raises `FormatError` if it cannot be listed, or holds too many.
+    """
+    found = {}
+    for folder, folders, files in os.walk(path, onerror=_refuse_folder):
+        place = Path(folder).relative_to(path)
+        folders[:] = sorted(name for name in folders if not _is_hidden(name)) if len(place.parts) < MAX_DEPTH else []
+        for name in sorted(files):
+            file = Path(folder) / name
+            if not _is_hidden(name) and file.is_file() and file.stat().st_size:
+                found[(place / name).as_posix()] = fetch_file(file)
+        _check_count(len(found), str(path))
+    return found
+
+
+def _refuse_folder(error: OSError) -> None:
+    raise FormatError(f"{error.filename} may not be listed: check its permissions.") from None
+
+
+def list_zip(name: str, packed: Fetch, path: Path | None = None) -> Mapping[str, Fetch]:
+    """Files of a zip archive by their place in it; `path` where the archive is a plain file, else `packed` reads it.
+
+    Raises `FormatError` if the archive is damaged, holds too many files or too large ones; when a file is fetched, if
+    that one is damaged or locked.
+    """
+
+    def open_archive() -> zipfile.ZipFile:
+        return zipfile.ZipFile(path if path is not None else io.BytesIO(packed(None)))
+
+    try:
+        with open_archive() as archive:
+            entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
+    except Exception as error:  # BadZipFile, struct, Value, OS, NotImplemented, Unicode ... errors
+        raise _damaged(name, error) from None
+    _check_count(len(entries), name)
+    if sum(entry.file_size for entry in entries) > MAX_BYTES:
+        raise FormatError(f"{name} holds more than {_words(MAX_BYTES)}: unpack it, and give one recording of it.")
+    return {_place(entry): _fetch_entry(name, open_archive, entry) for entry in entries}
+
+
+def _fetch_entry(name: str, open_archive: Callable[[], zipfile.ZipFile], entry: zipfile.ZipInfo) -> Fetch:
+    def fetch(size: int | None) -> bytes:
+        if entry.flag_bits & 1:
+            raise FormatError(f"{name} is locked by a password: unpack it first.")
+        if entry.compress_type not in _METHODS:
+            raise FormatError(f"{name} is packed in a way that is not read here: unpack it first.")
+        try:
+            with open_archive() as archive, archive.open(entry) as file:
+                return file.read() if size is None else file.read(size)
+        except Exception as error:
+            raise _damaged(f"{_place(entry)} in {name}", error) from None
+
+    return fetch
+
+
+def _damaged(name: str, error: Exception) -> FormatError:
+    if isinstance(error, FormatError):
+        return error
+    return FormatError(f"{name} is damaged or cut off ({type(error).__name__}): copy or export it again.")
+
+
+def _place(entry: zipfile.ZipInfo) -> str:
+    return entry.filename.replace("\\", "/")
+
+
+def _is_wanted(entry: zipfile.ZipInfo) -> bool:
+    parts = _place(entry).split("/")
+    outside = not all(parts) or ":" in parts[0]
+    return not (entry.is_dir() or outside or any(_is_hidden(part) for part in parts)) and entry.file_size > 0
+
+
+def _is_hidden(name: str) -> bool:
+    return name.startswith(".") or name == "__MACOSX"
+
+
+def _check_count(count: int, name: str) -> None:
+    if count > MAX_FILES:
+        raise FormatError(f"{name} holds more than {MAX_FILES} files: give the folder of one recording.")
+
+
+def shared_folder(places: Iterable[str]) -> str:
+    """Folder that all files are in, with a `/` at its end; empty if they share none."""
+    parts = [place.split("/")[:-1] for place in places]
+    levels = [len(set(names)) == 1 for names in zip(*parts, strict=False)]
+    return "".join(f"{name}/" for name in parts[0][: (*levels, False).index(False)])
+
+
+def _words(size: int) -> str:
+    return f"{size // 2**30} GiB"

@@ -1,0 +1,140 @@
+"""Folders, archives and gzip files are looked into, within bounds, and never unpacked onto the disk."""
+
+from __future__ import annotations
+
+import gzip
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import FormatError
+from fg_nav.io import packed, read_fixes, read_raw, write_canonical
+from fg_nav.io.content import read_content
+from tests.io.samples import tilting, write_pyshoe, write_xio
+
+RAW = tilting(np.random.default_rng(3), duration_s=0.5)
+
+
+@pytest.fixture
+def text(tmp_path: Path) -> bytes:
+    write_canonical(RAW, tmp_path / "one.csv")
+    return (tmp_path / "one.csv").read_bytes()
+
+
+def write_zip(path: Path, files: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> Path:
+    with zipfile.ZipFile(path, "w", method) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return path
+
+
+def write_folder(path: Path, files: Mapping[str, bytes]) -> Path:
+    for name, data in files.items():
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_bytes(data)
+    return path
+
+
+JUNK = {"__MACOSX/._walk.csv": b"\0\5", ".DS_Store": b"\0", "Annotation.csv": b"", "readme.txt": b"of today\n"}
+
+
+@pytest.mark.parametrize("folder", ["", "my walk/"], ids=["files", "a folder of files"])
+def test_the_one_recording_in_it_is_found(folder: str, text: bytes, tmp_path: Path) -> None:
+    files = {**{folder + name: data for name, data in JUNK.items()}, f"{folder}walk.csv": text}
+    for path in (write_folder(tmp_path / "walk", files), write_zip(tmp_path / "walk.zip", files)):
+        raw = read_raw(path)
+        np.testing.assert_array_equal(raw.acc, RAW.acc)
+        assert raw.provenance.path is not None
+        assert raw.provenance.path.name == "walk.csv"
+        assert sorted(read_content(path).members) == ["readme.txt", "walk.csv"]
+
+
+def test_a_named_format_is_looked_for(text: bytes, tmp_path: Path) -> None:
+    write_xio(RAW, tmp_path / "xio.csv")
+    path = write_zip(tmp_path / "walk.zip", {"a.csv": text, "b.csv": (tmp_path / "xio.csv").read_bytes()})
+    assert read_raw(path, "xio").provenance.format == "xio"
+    with pytest.raises(FormatError, match=r"holds 2 recordings \(a.csv, b.csv\): give one of them"):
+        read_raw(path)
+    with pytest.raises(FormatError, match=r"walk\.zip is not a MATLAB file"):
+        read_raw(path, "pyshoe")
+
+
+def test_gzip_of_text_and_of_matlab(text: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "walk"
+    path.write_bytes(gzip.compress(text[:300]) + gzip.compress(text[300:]))
+    np.testing.assert_array_equal(read_raw(path).gyr, RAW.gyr)
+    write_pyshoe(RAW, tmp_path / "walk.mat")
+    path.write_bytes(gzip.compress((tmp_path / "walk.mat").read_bytes()))
+    np.testing.assert_array_equal(read_raw(path).gyr, RAW.gyr)
+    inside = write_zip(tmp_path / "walk.zip", {"walk.csv.gz": gzip.compress(text), "walk.mat.gz": b"no MATLAB file"})
+    np.testing.assert_array_equal(read_raw(inside).gyr, RAW.gyr)
+    path.write_bytes(gzip.compress(inside.read_bytes()))
+    np.testing.assert_array_equal(read_raw(path).gyr, RAW.gyr)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be", "latin-1"])
+def test_text_of_any_encoding(encoding: str, tmp_path: Path) -> None:
+    write_xio(RAW, tmp_path / "xio.csv")
+    words = (tmp_path / "xio.csv").read_text().replace("deg/s", "°/s").replace("(uT)", "(µT)")
+    mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
+    (tmp_path / "walk.csv").write_bytes(mark + words.encode(encoding))
+    np.testing.assert_allclose(read_raw(tmp_path / "walk.csv").gyr, RAW.gyr, rtol=1e-14)
+    if encoding != "latin-1":
+        assert read_content(tmp_path / "walk.csv").read_text() == words
+
+
+def test_what_is_too_large_is_refused_before_it_is_unpacked(
+    text: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(packed, "MAX_BYTES", 50_000)
+    write_zip(tmp_path / "walk.zip", {"walk.csv": text, "zero.bin": bytes(50_000)})
+    (tmp_path / "walk.gz").write_bytes(gzip.compress(text + b"\n" * 50_000))
+    with pytest.raises(FormatError, match=r"walk.zip holds more than .* unpack it"):
+        read_raw(tmp_path / "walk.zip")
+    with pytest.raises(FormatError, match=r"walk.gz is larger than .* unpack it"):
+        read_raw(tmp_path / "walk.gz")
+
+
+def test_too_many_files(text: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packed, "MAX_FILES", 3)
+    files = {f"{k}.csv": b"1" for k in range(4)}
+    for path in (write_folder(tmp_path / "walk", files), write_zip(tmp_path / "walk.zip", files)):
+        with pytest.raises(FormatError, match="holds more than 3 files"):
+            read_raw(path)
+
+
+def test_places_that_lead_out_are_left_out(text: bytes, tmp_path: Path) -> None:
+    names = ["../walk.csv", "a/../../walk.csv", "/etc/walk.csv", "c:/walk.csv", "..\\walk.csv"]
+    with pytest.raises(FormatError, match="holds no file"):
+        read_raw(write_zip(tmp_path / "walk.zip", dict.fromkeys(names, text)))
+    assert [path.name for path in tmp_path.iterdir() if path.name != "one.csv"] == ["walk.zip"]
+
+
+def test_damaged_and_locked_archives(text: bytes, tmp_path: Path) -> None:
+    whole = write_zip(tmp_path / "walk.zip", {"walk.csv": text}, zipfile.ZIP_STORED).read_bytes()
+    locked = whole.replace(b"PK\x01\x02\x14\x03\x14\x00\x00", b"PK\x01\x02\x14\x03\x14\x00\x01")
+    cases = {
+        "damaged or cut off": whole[:-30],
+        "walk.csv in walk.zip is damaged": whole.replace(b"acc_y", b"acc_q"),
+        "locked by a password": locked,
+        "packed in a way": write_zip(tmp_path / "b.zip", {"walk.csv": text}, zipfile.ZIP_BZIP2).read_bytes(),
+        "a gzip file that is cut off": gzip.compress(text)[:-100],
+        "a damaged gzip file": gzip.compress(text)[:3] + b"\xff" * 3000,
+    }
+    for message, data in cases.items():
+        (tmp_path / "walk.zip").write_bytes(data)
+        with pytest.raises(FormatError, match=message):
+            read_raw(tmp_path / "walk.zip")
+
+
+def test_what_is_no_recording_in_a_folder_says_so(text: bytes, tmp_path: Path) -> None:
+    write_folder(tmp_path / "walk", {"a/one.csv": text, "b/two.csv": b"no recording\n", "c/three.csv": text})
+    with pytest.raises(FormatError, match=r"walk holds 2 recordings \(a/one.csv, c/three.csv\)"):
+        read_raw(tmp_path / "walk")
+    with pytest.raises(FormatError, match="none of the formats"):
+        read_raw(tmp_path / "walk" / "b")
+    with pytest.raises(FormatError, match="no column 'time_s'"):
+        read_fixes(tmp_path / "walk")
