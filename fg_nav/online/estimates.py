@@ -19,6 +19,8 @@ east_north_cov_m2         covariance of east and north: with their sigmas, the e
 heading_sigma_deg
 gyro_bias_deg_s           [x, y, z], body axes
 gyro_bias_sigma_deg_s     [x, y, z]
+floor                     of now: of the building, 0 where the walk began, +1 the next above; null where not known,
+                          as on stairs, and in a pocket
 field, field_reason       verdict on the magnetic field, in a word and in words
 ========================= ======================================================================================
 
@@ -66,6 +68,7 @@ class StanceEstimate:
     gyro_bias_sigma  (3,)    rad/s
     field                    verdict on the field, as in a stance table
     field_reason             in words
+    floor                    of the building, 0 where the walk began (`floor_number`); None where not known
     ================ ======= =======================================================================
     """
 
@@ -81,6 +84,7 @@ class StanceEstimate:
     gyro_bias_sigma: Floats
     field: str
     field_reason: str
+    floor: int | None = None
 
     def as_row(self) -> EstimateRow:
         """Return it as a row of numbers and its words."""
@@ -100,6 +104,7 @@ def estimate_stance(
     bias_cov: Floats,
     verdict: Verdict,
     moving_foot: bool,
+    floor: int | None = None,
 ) -> StanceEstimate:
     """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph.
 
@@ -123,6 +128,7 @@ def estimate_stance(
         gyro_bias_sigma=np.sqrt(np.diagonal(bias_cov)[3:]),
         field=verdict.word,
         field_reason=verdict.reason,
+        floor=floor,
     )
 
 
@@ -246,7 +252,7 @@ def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: Sens
     return _format_line(
         "now",
         estimate.number,
-        {"continues": continues},
+        {"continues": continues, "floor": estimate.floor},
         (estimate.t, sensor_time(estimate.sample, estimate.t)),
         estimate.position,
         np.degrees(estimate.heading),

@@ -21,6 +21,7 @@ from fg_nav.online.buffer import SensorState, ToldFootfall
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.field import OnlineField, Verdict
+from fg_nav.online.floor_number import FloorTrack
 from fg_nav.online.strides import Place, RestLedger
 from fg_nav.recording import Fix
 from fg_nav.smoother.graph import Known
@@ -94,6 +95,7 @@ class Handover:
     sensor : what the walk shows of it.
     counts : factors so far, by kind.
     fixes : of the walk, with those to come.
+    floors : those of the building so far, and on which the footfall is.
     heading_known : whether the heading at the start was given, or fixes show it.
     notes : for the user.
     """
@@ -113,6 +115,7 @@ class Handover:
     sensor: SensorState
     counts: dict[str, int]
     fixes: tuple[Fix, ...]
+    floors: FloorTrack
     heading_known: bool
     notes: tuple[str, ...]
 

@@ -239,6 +239,12 @@ class OnlineNavigator(SampleIntake):
         return self._stances.stands
 
     @property
+    def floor(self) -> int | None:
+        """Number of the floor of the newest footfall, 0 where the walk began; None where it is not known."""
+        latest = self._smoother.latest
+        return None if latest is None else latest.floor
+
+    @property
     def begun_at(self) -> int:
         """Which solution of the walk so far it goes on from: the sample of its last footfall; -1 before the first."""
         return self._smoother.begun_at

@@ -153,6 +153,10 @@ class PocketNavigator(SampleIntake):
         """Whether the person stands, as far as is seen."""
         return self._thigh is None or self._thigh.steps.stands
 
+    @property
+    def floor(self) -> None:
+        """Not known: a pocket has no heights."""
+
     def pose(self) -> Track | None:
         """Return position and course at the last sample, as a path of one row: those of the newest line, if any."""
         if not self._told:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from fg_nav.arrays import Bools
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.online.anchor import Anchor, condense
@@ -18,6 +20,7 @@ from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow, list_estimates
 from fg_nav.online.field import OnlineField, Verdict
 from fg_nav.online.fixes import add_fixes_so_far
+from fg_nav.online.floor_number import track_floors
 from fg_nav.online.graph_parts import list_variables, result_keys
 from fg_nav.online.handover import Handover, Past
 from fg_nav.online.options import OnlineOptions
@@ -32,7 +35,7 @@ from fg_nav.smoother.graph import Known, WalkProblem
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solved_walk import solve_walk
-from fg_nav.smoother.solver import Solved, linearize, marginal_covariances, time_order
+from fg_nav.smoother.solver import Solved, linearize, list_positions, marginal_covariances, time_order
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
 
@@ -95,6 +98,7 @@ def solve_from_start(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = 
         sensor=walk.sensor,
         counts=dict(count_factors(problem)),
         fixes=options.fixes,
+        floors=track_floors(_list_heights(found), problem.floor, walk.continues),
         heading_known=problem.heading_known,
         notes=(*found.known.notes, *found.verdict.notes, *(() if magnetometer is None else magnetometer.notes)),
     )
@@ -107,6 +111,11 @@ def _condense_at(found: WalkSolution, place: Place) -> Anchor:
     order, keep = time_order(problem.nodes, problem.field is not None, problem.floor), list_variables(place, values)
     others = (order.at(i) for i in range(order.size()))
     return condense(linear, values, keep, [key for key in others if key not in set(keep)])
+
+
+def _list_heights(found: WalkSolution) -> Floats:
+    """Heights (F,) m of all footfalls."""
+    return np.asarray(list_positions(found.nodes.result, found.solved.values)[:, 2])
 
 
 def _list_rows(found: WalkSolution, places: list[Place]) -> tuple[EstimateRow, ...]:

@@ -5,6 +5,7 @@ t                    s, of the last sample
 standing             whether the foot stands
 position_m           [east, north, up], by strapdown from the last footfall on
 heading_deg          of the body's x axis, clockwise from north
+floor                of the newest line: 0 where the walk began, +1 the next above; null where not known
 latency_ms           from the arrival of the samples to the newest line
 rate_hz              samples that come in a second
 source               "ok", "silent 7 s" or "ended"
@@ -95,6 +96,7 @@ class StatusReporter:
             "standing": navigator.stands,
             "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
             "heading_deg": None if pose is None else _to_degrees(float(compute_heading(pose.nav_R_body[-1]))),
+            "floor": navigator.floor,
             "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
             "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
         }

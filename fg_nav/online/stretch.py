@@ -70,7 +70,7 @@ class Stretch:
         self._begun, self._walk, self._p = begun, walk, begun.parameters
         self._field = deepcopy(begun.field)  # it changes with each stride
         self._rests, self._biases = begun.rests, begun.biases
-        self._counts = Counter(begun.counts)
+        self._counts, self._floors = Counter(begun.counts), begun.floors
         self._places, self._verdicts = [begun.place], [begun.verdict]
         self._left: list[EstimateRow] = []
         self._backend = ISAM2Backend()
@@ -112,6 +112,8 @@ class Stretch:
             self._recover()
         else:
             self._rests, self._biases = rests, biases  # the old ledgers are kept if the update failed
+        if not self._walk.continues[-1]:
+            self._floors = self._floors.add(float(self._backend.pose(X(self._places[-1].result)).z()))
         self.latest = self._estimate()
         self._reported.append(self.latest.as_row())
         return self.latest
@@ -143,6 +145,7 @@ class Stretch:
             biases=self._biases,
             sensor=self._walk.sensor,
             counts=dict(self._counts),
+            floors=self._floors,
         )
 
     def propagate(self, until: int, stands: Bools | None = None) -> Track:
@@ -278,4 +281,5 @@ class Stretch:
             backend.covariance(bias_key),
             self._verdicts[-1],
             self._p.moving_foot,
+            self._floors.number,
         )

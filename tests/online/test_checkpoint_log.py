@@ -128,8 +128,8 @@ def test_a_save_that_was_cut_off_is_left_out(tmp_path):
 
 
 def test_what_is_no_checkpoint_is_refused(tmp_path):
-    path = tmp_path / "walk.npz"
-    for content in (b"", b"PK\x03\x04 broken", b"time_s,acc\n1,2\n", b"fg-nav walk\x05\x00", b"fg-nav walk\x05\x00abc"):
+    path, head = tmp_path / "walk.npz", b"fg-nav walk" + bytes([VERSION])
+    for content in (b"", b"PK\x03\x04 broken", b"time_s,acc\n1,2\n", head + b"\x00", head + b"\x00abc"):
         path.write_bytes(content)
         with pytest.raises(FormatError, match="no checkpoint"):
             load(path)
@@ -143,7 +143,7 @@ def test_what_is_no_checkpoint_is_refused(tmp_path):
     path.write_bytes(whole)
     with pytest.raises(EstimationError, match="other options"):
         load(path, OnlineOptions(heading_rad=1.0))
-    path.write_bytes(whole.replace(b"fg-nav walk\x05", b"fg-nav walk\x63"))
+    path.write_bytes(whole.replace(head, b"fg-nav walk\x63"))
     with pytest.raises(FormatError, match="version 99"):
         load(path)
 

@@ -4,7 +4,7 @@ import json
 import math
 
 
-def now(number, east, north, t=None, field="quasi-static", sigma=0.1, continues=False):
+def now(number, east, north, t=None, field="quasi-static", sigma=0.1, continues=False, floor=0):
     return json.dumps(
         {
             "kind": "now",
@@ -16,6 +16,7 @@ def now(number, east, north, t=None, field="quasi-static", sigma=0.1, continues=
             "position_sigma_m": [sigma, 2 * sigma, 0.05],
             "east_north_cov_m2": 0.5 * sigma**2,
             "heading_sigma_deg": 1.5,
+            "floor": floor,
             "gyro_bias_deg_s": [0.0, 0.0, 0.0],
             "gyro_bias_sigma_deg_s": [0.01, 0.01, 0.01],
             "field": field,
@@ -31,5 +32,5 @@ def circle(count, radius=5.0):
 
 
 def status(t, position, **more):
-    known = {"standing": False, "heading_deg": 90.0, "latency_ms": 7.5, "rate_hz": 400.0, "source": "ok"}
+    known = {"standing": False, "heading_deg": 90.0, "floor": 1, "latency_ms": 7.5, "rate_hz": 400.0, "source": "ok"}
     return {"t": t, "position_m": position, **known, **more}

@@ -108,14 +108,16 @@ def test_a_walk_is_shown_as_it_goes_on(visit, server, width, scheme):
     assert page.inner_text("#stance") == "Stands"
     assert page.inner_text("#field") == "Field undisturbed"
     assert page.inner_text("#latency") == "8ms"
+    assert page.inner_text("#floor") == "+1"
     assert page.inner_text("#source") == "source sends"
     server.send(now(20, 0.0, -3.0))
-    server.send_status(status(20.2, [0.5, -3.5, 2.0]))
+    server.send_status(status(20.2, [0.5, -3.5, 2.0], floor=-2))
     wait(page, "canvas.dataset.points === '21' && document.getElementById('stance').innerText === 'Swings'")
     moved = ellipse_of(page)
     assert (moved["east"], moved["north"]) == (0.5, -3.5)
     assert count_pixels(page, "--path") != few
     assert page.inner_text("#north-m") == "−3.50m"
+    assert page.inner_text("#floor") == "−2"
     assert page.evaluate("document.scrollingElement.scrollWidth") <= width
     assert page.locator("#banner").is_hidden()
     sizes = page.evaluate(
@@ -152,12 +154,13 @@ def test_who_comes_late_sees_the_past_and_a_revised_one(visit, server):
 def test_what_is_wrong_is_shown(visit, server):
     page = visit(server)
     server.send(now(0, 0.0, 0.0))
-    server.send(now(1, 1.0, 0.0, field="disturbed"))
-    server.send_status(status(1.0, [1.0, 0.0, 0.0], source="silent 7 s"))
+    server.send(now(1, 1.0, 0.0, field="disturbed", floor=None))
+    server.send_status(status(1.0, [1.0, 0.0, 0.0], source="silent 7 s", floor=None))
     server.send_remark("nothing has come from <b>a test</b> for 7 s: waiting.")
     wait(page, "document.querySelector('#remarks li')")
     assert page.inner_text("#field") == "Field disturbed"
     assert page.inner_text("#field-reason") == "as asked"
+    assert page.inner_text("#floor") == "–"
     assert page.inner_text("#banner") == "The source is silent for 7 s."
     assert page.inner_text("#remarks li") == "nothing has come from <b>a test</b> for 7 s: waiting."
     server.send_status(status(1.1, [1.0, 0.0, 0.0]))

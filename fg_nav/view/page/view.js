@@ -114,6 +114,7 @@ function showFigures() {
   put("east", at?.[0], 2); put("north-m", at?.[1], 2, "m");
   putSigma("east-sigma", sigma[0], 2, ""); putSigma("north-sigma", sigma[1], 2, "");
   put("heading", known("heading_deg"), 0, "°"); putSigma("heading-sigma", known("heading_sigma_deg"), 1, "°");
+  put("floor", known("floor"), 0, "", true); $("floor-words").textContent = known("floor") === null ? "not known" : "from the start";
   put("height", at?.[2], 2, "m"); putSigma("height-sigma", sigma[2], 2, "m");
   put("speed", status.speed_m_s, 1, "m/s"); put("distance", walk.distance, walk.distance < 1000 ? 1 : 0, "m");
   put("range", at && Math.hypot(at[0], at[1]), 1, "m");
