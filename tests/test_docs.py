@@ -12,15 +12,14 @@ from fg_nav import recording
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS, Calibration
-from fg_nav.cli import app
-from fg_nav.cli.options import METHOD_NAMES, PRESET_NAMES
+from fg_nav.cli import app, options
 from fg_nav.ekf.presets import PRESETS
 from fg_nav.estimators import ESTIMATORS, FILTERS, SMOOTHERS
 from fg_nav.evaluation.field_survey import SURVEYED
 from fg_nav.io import FORMATS, write_canonical
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
-from fg_nav.magnetic.quasi_static import DEFAULT
+from fg_nav.magnetic.quasi_static import DEFAULT, GATES
 from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, RESULT_FILES, SIMULATION_FILES
 from fg_nav.samples import stamps
 from fg_nav.smoother import SmootherParameters, graph, strides
@@ -151,9 +150,13 @@ def test_every_key_of_a_calibration_file_is_told() -> None:
 
 
 def test_help_and_tables_have_every_method_and_preset() -> None:
-    assert re.findall(r"[a-z][\w-]*", METHOD_NAMES.partition(";")[0].replace(" or ", ", ")) == [*SMOOTHERS, *FILTERS]
+    assert (*SMOOTHERS, *FILTERS) == options.METHODS
+    assert set(options.complete_foot_methods("")) == set(ESTIMATORS)
+    assert options.complete_foot_methods("iez,qsf-s") == ["iez,qsf-stance", "iez,qsf-stance-rts"]
     assert set(ESTIMATORS) == {*SMOOTHERS, *FILTERS, *(f"{name}-rts" for name in FILTERS)}
-    assert tuple(PRESET_NAMES.replace(" or ", ", ").split(", ")) == PRESETS
+    assert options.PRESETS == PRESETS
+    assert options.GATES == GATES
+    assert {*options.SURVEYED} == {*SURVEYED, "all"}
     assert set(names_of(README, "method")) == {*SMOOTHERS, *FILTERS, "-rts", "iez-rts"}
     assert names_of(FILTERS_PAGE, "method") == list(FILTERS)
     assert names_of(FILTERS_PAGE, "preset") == list(PRESETS)

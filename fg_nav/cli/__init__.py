@@ -21,9 +21,12 @@ from fg_nav.errors import FgNavError
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
 
 app = typer.Typer(
-    name="fg-nav", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+    name="fg-nav",
     help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
-)  # fmt: skip
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
 for group in (walks, sensors, live, laboratory):  # in the order of the help
     app.add_typer(group.verbs)
 

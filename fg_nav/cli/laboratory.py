@@ -23,7 +23,13 @@ def _list_scenarios(wanted: bool) -> None:
 @verbs.command()
 def simulate(
     scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", show_default=False, help="Its name, or a .toml file with one.")
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            show_default=False,
+            help="Its name, or a .toml file with one.",
+            autocompletion=given.complete_scenarios,
+        ),
     ],
     seed: given.Seed = 1,
     list_all: Annotated[

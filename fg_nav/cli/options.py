@@ -2,26 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-METHOD_NAMES = (
-    "smoother, inertial, online, iez, qsf, qsf-stance, iqsf, ma2018, aiez or matched; "
-    "all but the first three also smoothed, as `iez-rts`"
-)
-POCKET_METHOD_NAMES = "pocket, munoz-diaz2017 or online"
-PRESET_NAMES = "tuned, physical or as-printed"
-GATE_NAMES = "ma2018, aiez, qsf, iqsf or none, which passes all; `fg-nav detect` shows them"
-"""In words for the help, which must not load the methods; a test holds both to those that there are."""
+METHODS = ("smoother", "inertial", "online", "iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
+POCKET_METHODS = ("pocket", "munoz-diaz2017", "online")
+PRESETS = ("tuned", "physical", "as-printed")
+PRINTED = ("qsf-printed", "iqsf-printed", "ma2018-printed", "aiez-printed")
+GATES = ("qsf", "iqsf", "ma2018", "aiez", "qsf-stance", *PRINTED, "none")
+SURVEYED = (*GATES[:-1], "munoz-diaz", "all")
+"""Names for help and completion, which must not load the methods; tests hold them to those that there are."""
+
+
+def _list_words(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+METHOD_NAMES = f"{_list_words(METHODS)}; all but the first three also smoothed, as `iez-rts`"
+METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(POCKET_METHODS)}."
+
+
+def _complete(*names: str) -> Callable[[str], list[str]]:
+    """Return what completes a word, or the last of a list with commas, to one of these names."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [before + comma + name for name in names if name.startswith(last)]
+
+    return complete
+
+
+_RTS = tuple(f"{name}-rts" for name in METHODS[3:])
+complete_methods = _complete(*METHODS, *POCKET_METHODS[:-1], *_RTS)
+complete_foot_methods = _complete(*METHODS, *_RTS)
+
+
+def _complete_formats(incomplete: str) -> list[str]:
+    from fg_nav.io.formats import FORMATS
+
+    return _complete(*FORMATS)(incomplete)
+
+
+def complete_scenarios(incomplete: str) -> list[str]:
+    """Complete the name of a scenario."""
+    from fg_nav.lab.simulation.scenarios import SCENARIOS
+
+    return _complete(*SCENARIOS)(incomplete)
+
 
 RecordingPath = Annotated[
     Path, typer.Argument(metavar="RECORDING", show_default=False, help="File with the recording.")
 ]
 FormatName = Annotated[
     str | None,
-    typer.Option("--format", metavar="NAME", help="Its format. \\[default: recognised from the content]"),
+    typer.Option(
+        "--format",
+        metavar="NAME",
+        help="Its format. \\[default: recognised from the content]",
+        autocompletion=_complete_formats,
+    ),
 ]
 NoMag = Annotated[
     bool,
@@ -44,7 +86,9 @@ GateName = Annotated[
     typer.Option(
         "--gate",
         metavar="NAME",
-        help=f"Detector that passes the field at a footfall, or not: {GATE_NAMES}. \\[default: ma2018]",
+        help=f"Detector that passes the field at a footfall, or not: {', '.join(GATES[:5])} or none, which "
+        "passes all; `fg-nav detect` shows them. \\[default: ma2018]",
+        autocompletion=_complete(*GATES),
     ),
 ]
 Polish = Annotated[
@@ -56,7 +100,8 @@ Preset = Annotated[
     typer.Option(
         "--preset",
         metavar="NAME",
-        help=f"Parameters of the filters: {PRESET_NAMES}. The smoother has no presets.",
+        help=f"Parameters of the filters: {_list_words(PRESETS)}. The smoother has no presets.",
+        autocompletion=_complete(*PRESETS),
     ),
 ]
 PlaceWords = Annotated[
@@ -144,7 +189,10 @@ OutDir = Annotated[
 GateNames = Annotated[
     str | None,
     typer.Option(
-        "--gate", metavar="A,B", help="Detectors, with commas between, or `all`. \\[default: all but the printed]"
+        "--gate",
+        metavar="A,B",
+        help="Detectors, with commas between, or `all`. \\[default: all but the printed]",
+        autocompletion=_complete(*SURVEYED),
     ),
 ]
 SourceName = Annotated[

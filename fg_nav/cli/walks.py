@@ -30,8 +30,8 @@ def run(
         str | None,
         typer.Option(
             metavar="NAME",
-            help=f"{given.METHOD_NAMES}. With --mount pocket: {given.POCKET_METHOD_NAMES}. "
-            "\\[default: smoother, or pocket]",
+            help=f"{given.METHOD_WORDS} \\[default: smoother, or pocket]",
+            autocompletion=given.complete_methods,
         ),
     ] = None,
     mount: given.MountPlace = "foot",
@@ -67,7 +67,12 @@ def run(
 def compare(
     recording: given.RecordingPath,
     methods: Annotated[
-        str, typer.Option(metavar="A,B", help=f"Methods, with commas between: {given.METHOD_NAMES}.")
+        str,
+        typer.Option(
+            metavar="A,B",
+            help=f"Methods, with commas between: {given.METHOD_NAMES}.",
+            autocompletion=given.complete_foot_methods,
+        ),
     ] = "smoother,iez",
     no_mag: given.NoMag = False,
     heading: given.Heading = None,

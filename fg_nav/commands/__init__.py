@@ -5,6 +5,7 @@ Each verb checks what it can before the work, works, writes into a folder that a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,6 +26,27 @@ RESULTS = Path("results")
 
 TUNED = "tuned"
 """The preset of the filters that needs no check: the others load them all."""
+
+
+NAMELESS = re.compile(
+    "recording|record|(raw)?data|samples|sensors?|imu|log|export"
+    "|(total|linear)?acc(el|eleration|elerometer)?(uncalibrated)?|gyr(o|oscope)?(uncalibrated)?"
+    "|mag(neticfield|netometer)?(uncalibrated)?",
+    re.IGNORECASE,
+)
+"""Names of files that say what is in them and not which walk it is: that stands in the name of their folder."""
+
+PACKED = (".gz", ".zip", ".bz2", ".xz")
+
+
+def name_walk(recording: Path) -> str:
+    """Return the name of a recording for its results: that of the file, or of the folder of a `recording.csv`."""
+    packed = recording.suffix.lower() in PACKED
+    inner = recording.with_suffix("") if packed else recording
+    name = recording.name if recording.is_dir() else inner.stem
+    if recording.is_dir() or not NAMELESS.fullmatch(re.sub("[ _-]", "", name)):
+        return name
+    return recording.resolve().parent.name or name
 
 
 @dataclass

@@ -16,7 +16,7 @@ import numpy as np
 
 from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart
 from fg_nav.calibration.at_rest import RecordingNoise, SensorNoise, measure_recording_noise
-from fg_nav.commands import Target
+from fg_nav.commands import Target, name_walk
 from fg_nav.io import read
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import ALLAN_FILES
@@ -28,7 +28,7 @@ from fg_nav.text import find_version
 
 def allan(file: Path, format: str | None, out: Path | None, force: bool) -> None:
     """Measure the noise in a recording of a sensor lying still, write it into a folder, and print it."""
-    target = Target(out, force, f"{file.stem}-allan", ALLAN_FILES)
+    target = Target(out, force, f"{name_walk(file)}-allan", ALLAN_FILES)
     noise = measure_recording_noise(read(file, format))
     with target.open() as folder:
         write_allan(folder, noise, file)

@@ -18,7 +18,7 @@ import pandas as pd
 from rich.table import Table
 
 from fg_nav.arrays import Floats
-from fg_nav.commands import Target, find_earth_field, run_methods
+from fg_nav.commands import Target, find_earth_field, name_walk, run_methods
 from fg_nav.errors import MagneticError
 from fg_nav.evaluation.field_survey import (
     SAMPLEWISE,
@@ -60,7 +60,7 @@ def detect(
 ) -> None:
     """Judge the field by the detectors of a list with commas, write what they find into a folder, and print it."""
     names = parse_detectors(detectors)
-    target = Target(out, force, f"{file.stem}-detect", DETECT_FILES)
+    target = Target(out, force, f"{name_walk(file)}-detect", DETECT_FILES)
     if names == [SAMPLEWISE]:
         if place is not None or options.truth_path is not None:
             raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from fg_nav.commands import TUNED, Target, run_methods, simulate_walk
+from fg_nav.commands import TUNED, Target, name_walk, run_methods, simulate_walk
 from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.navigate import navigate, prepare_walk
@@ -40,7 +40,7 @@ def run(
     """
     method = method or DEFAULT_METHOD[mount]
     find_estimator(method, mount)
-    target = Target(out, force, f"{recording.stem}-{method}")
+    target = Target(out, force, f"{name_walk(recording)}-{method}")
     options = replace(options, mount=mount, step_constant_m=lengths_m[0], known_distance_m=lengths_m[1])
     with progress(method) as report:
         summary = navigate(recording, method, options, target.open(), format, report)
@@ -78,7 +78,7 @@ def compare(recording: Path, methods: str, options: Options, format: str | None,
     names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
     for name in names:
         find_estimator(name)
-    target = Target(out, force, f"{recording.stem}-compare")
+    target = Target(out, force, f"{name_walk(recording)}-compare")
     walk = prepare_walk(read_walk(recording, options, format))
     outcomes = run_methods(walk, names)
     with target.open() as folder:

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from fg_nav import navigate
+from fg_nav.commands import name_walk
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording, TrajectoryTruth
@@ -77,6 +78,24 @@ def test_result_without_a_folder_goes_to_a_fresh_one(fg_nav: FgNav, files: Path)
         assert fg_nav("run", files / "walk.csv", "--method", "iez").code == 0
     assert names(Path("results")) == {"walk-iez-1", "walk-iez-2"}
     assert "rmse_2d_m" not in summary(Path("results/walk-iez-2"))
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("walk.csv", "walk"),
+        ("monday/walk.v2.csv", "walk.v2"),
+        ("monday/walk.csv.gz", "walk"),
+        ("monday/recording_3.csv", "recording_3"),
+        ("results/demo-1/recording.csv", "demo-1"),
+        ("monday/Raw Data.csv", "monday"),
+        ("monday/Gyroscope.csv", "monday"),
+        ("monday/data.csv.gz", "monday"),
+        ("/recording.csv", "recording"),
+    ],
+)
+def test_a_result_is_named_after_the_walk(file: str, name: str) -> None:
+    assert name_walk(Path(file)) == name
 
 
 def test_older_result_is_replaced_only_with_force(fg_nav: FgNav, files: Path) -> None:

@@ -205,10 +205,10 @@ def test_a_magnetometer_that_is_empty_is_none(walk):
 
 
 def test_the_names_of_the_methods_are_the_same_everywhere():
-    from fg_nav.cli.options import POCKET_METHOD_NAMES
+    from fg_nav.cli.options import POCKET_METHODS
 
     assert estimators.POCKET_METHODS == METHODS
-    assert tuple(estimators.POCKET_ESTIMATORS) == tuple(POCKET_METHOD_NAMES.replace(" or ", ", ").split(", "))
+    assert tuple(estimators.POCKET_ESTIMATORS) == POCKET_METHODS
     assert estimators.DEFAULT_METHOD["pocket"] == METHODS[0]
     with pytest.raises(EstimationError, match="no method"):
         estimators.find_estimator("best", "pocket")
