@@ -119,17 +119,23 @@ def nudge_tilt(nav_R_body: Floats, force: Floats, gain: float) -> None:
     In free fall there is no vertical, and the attitude stays.
     """
     R = nav_R_body
-    east, north, up = R[0].copy(), R[1].copy(), R[2].copy()
-    strength = np.sqrt((force**2).sum())
+    fx, fy, fz = force[0], force[1], force[2]
+    e0, e1, e2, n0, n1, n2, u0, u1, u2 = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2], R[2, 0], R[2, 1], R[2, 2]
+    strength = np.sqrt(fx * fx + fy * fy + fz * fz)
     share = gain / strength if strength > 0.0 else 0.0
-    up = up + share * ((east * force).sum() * east + (north * force).sum() * north)
-    up /= np.sqrt((up**2).sum())
-    north = north - (north * up).sum() * up
-    north /= np.sqrt((north**2).sum())
-    R[1], R[2] = north, up
-    R[0, 0] = north[1] * up[2] - north[2] * up[1]
-    R[0, 1] = north[2] * up[0] - north[0] * up[2]
-    R[0, 2] = north[0] * up[1] - north[1] * up[0]
+    along_east, along_north = e0 * fx + e1 * fy + e2 * fz, n0 * fx + n1 * fy + n2 * fz
+    u0 += share * (along_east * e0 + along_north * n0)
+    u1 += share * (along_east * e1 + along_north * n1)
+    u2 += share * (along_east * e2 + along_north * n2)
+    length = np.sqrt(u0 * u0 + u1 * u1 + u2 * u2)
+    u0, u1, u2 = u0 / length, u1 / length, u2 / length
+    over = n0 * u0 + n1 * u1 + n2 * u2
+    n0, n1, n2 = n0 - over * u0, n1 - over * u1, n2 - over * u2
+    length = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    n0, n1, n2 = n0 / length, n1 / length, n2 / length
+    R[0, 0], R[0, 1], R[0, 2] = n1 * u2 - n2 * u1, n2 * u0 - n0 * u2, n0 * u1 - n1 * u0
+    R[1, 0], R[1, 1], R[1, 2] = n0, n1, n2
+    R[2, 0], R[2, 1], R[2, 2] = u0, u1, u2
 
 
 @njit(cache=True)
@@ -157,9 +163,10 @@ def right_jacobian(theta: Floats) -> Floats:
 @njit(cache=True)
 def rotation_vector(R: Floats) -> Floats:
     """Return the rotation vector (3,) rad of a rotation well below half a turn."""
-    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = np.sqrt((axis**2).sum())
-    if sine < 1e-12:
-        return axis
+    x, y, z = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
+    sine = np.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
-    return np.asarray(axis * (np.arctan2(sine, cosine) / sine))
+    stretch = np.arctan2(sine, cosine) / sine if sine >= 1e-12 else 1.0
+    axis = np.empty(3)
+    axis[0], axis[1], axis[2] = x * stretch, y * stretch, z * stretch
+    return axis

@@ -204,7 +204,7 @@ def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: 
 def _grow_intervals(level: Floats, samples: Ints) -> Floats:
     """Intervals around footfalls (3, K): start, stop, threshold: step 4. Overlapping ones become one."""
     own = np.clip(level[samples] + MARGIN, FLOOR, np.maximum(CEILING, level[samples] + 0.2))
-    return np.array(_grow(level, samples, own))
+    return _grow(level, samples, own)
 
 
 def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
@@ -295,7 +295,6 @@ def _find_minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
     return first[:count], last[:count]
 
 
-@njit(cache=True)
 def _find_best_chain(
     t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float, swing: float
 ) -> Ints:
@@ -303,19 +302,8 @@ def _find_best_chain(
 
     `t` (2, C) s and `velocity` (2, C, 3) m/s of the candidates' first and last samples: a link spans what is between.
     """
-    n = len(worth)
-    best, previous = np.empty(n), np.full(n, -1)
-    for j in range(n):
-        best[j] = worth[j] - (BROKEN if t[0, j] - t[0, 0] > swing else 0.0)
-        for i in range(j - 1, -1, -1):
-            elapsed = t[0, j] - t[1, i]
-            if elapsed > longest and j - i > 1:
-                break
-            change = ((velocity[0, j] - velocity[1, i]) ** 2).sum()
-            cost = 2.0 * np.log1p(change / (4.0 * (s0 * s0 + (sa * elapsed) ** 2)))
-            total = best[i] + worth[j] - min(cost, BROKEN / 2)
-            if total > best[j]:
-                best[j], previous[j] = total, i
+    best, previous = np.empty(len(worth)), np.full(len(worth), -1)
+    _link(t, worth, velocity, s0, sa, longest, swing, best, previous)
     chain = [int(np.argmax(best - np.where(t[1, -1] - t[1] > swing, BROKEN, 0.0)))]
     while previous[chain[-1]] >= 0:
         chain.append(previous[chain[-1]])
@@ -323,11 +311,47 @@ def _find_best_chain(
 
 
 @njit(cache=True)
-def _grow(level: Floats, samples: Ints, threshold: Floats) -> tuple[Floats, Floats, Floats]:
-    """Intervals in which the level stays below each sample's threshold, overlapping ones merged."""
-    start, stop, own = np.empty(len(samples)), np.empty(len(samples)), np.empty(len(samples))
+def _link(
+    t: Floats,
+    worth: Floats,
+    velocity: Floats,
+    s0: float,
+    sa: float,
+    longest: float,
+    swing: float,
+    best: Floats,
+    previous: Ints,
+) -> None:
+    """Write what the best chain up to each candidate is worth, and the candidate before."""
+    for j in range(len(worth)):
+        best[j] = worth[j] - (BROKEN if t[0, j] - t[0, 0] > swing else 0.0)
+        for i in range(j - 1, -1, -1):
+            elapsed = t[0, j] - t[1, i]
+            if elapsed > longest and j - i > 1:
+                break
+            change = 0.0
+            for axis in range(3):
+                change += (velocity[0, j, axis] - velocity[1, i, axis]) ** 2
+            cost = 2.0 * np.log1p(change / (4.0 * (s0 * s0 + (sa * elapsed) ** 2)))
+            total = best[i] + worth[j] - min(cost, BROKEN / 2)
+            if total > best[j]:
+                best[j], previous[j] = total, i
+
+
+def _grow(level: Floats, samples: Ints, threshold: Floats) -> Floats:
+    """Intervals (3, K) in which the level stays below each sample's threshold, the last row."""
+    found = np.empty((3, len(samples)))
+    count = _merge(level, samples, threshold, found)
+    return found[:, :count]
+
+
+@njit(cache=True)
+def _merge(level: Floats, samples: Ints, threshold: Floats, found: Floats) -> int:
+    """Write the intervals, overlapping ones merged, and return how many they are."""
+    start, stop, own = found[0], found[1], found[2]
     k = 0
-    for i, limit in zip(samples, threshold):  # noqa: B905 - numba knows no strict
+    for n in range(len(samples)):
+        i, limit = samples[n], threshold[n]
         if k > 0 and i < stop[k - 1] and limit <= own[k - 1]:
             continue
         a, b = i, i + 1
@@ -340,4 +364,4 @@ def _grow(level: Floats, samples: Ints, threshold: Floats) -> tuple[Floats, Floa
             continue
         start[k], stop[k], own[k] = a, b, limit
         k += 1
-    return start[:k], stop[:k], own[:k]
+    return k

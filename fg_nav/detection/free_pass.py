@@ -36,17 +36,22 @@ def integrate_velocity(
     n = len(t)
     velocity = np.zeros((n, 3))
     turn, push = np.empty((3, 3)), np.empty(3)
+    no_bias, R, position = np.zeros(3), np.empty((3, 3)), np.zeros(3)
     for way in (1, -1):
-        state = NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
+        for row in range(3):
+            for axis in range(3):
+                R[row, axis] = nav_R_body[row, axis]
         i = first
         while 0 <= i + way < n:
             held = min(i, i + way)  # a sample holds from its stamp to the next
             h = t[i + way] - t[i]
+            for axis in range(3):
+                velocity[i + way, axis] = velocity[i, axis]
+            state = NavState(position, velocity[i + way], R, no_bias, no_bias)
             strapdown(state, acc[held], gyr[held], h, gravity, turn, push)
             if still[held]:
-                nudge_tilt(state.nav_R_body, acc[held], min(abs(h) / TILT_TIME_S, 1.0))
+                nudge_tilt(R, acc[held], min(abs(h) / TILT_TIME_S, 1.0))
             i += way
-            velocity[i] = state.velocity
     return velocity
 
 

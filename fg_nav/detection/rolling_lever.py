@@ -62,18 +62,33 @@ class RollingLever:
 
 def estimate_lever(recording: Recording, stances: Stances) -> RollingLever:
     """Estimate the lever from every stance that rolls; few or unrolling stances leave it at the prior, zero."""
-    normal, right, samples = _normal_equations(
-        recording.t,
-        *recording.integrable,
-        stances.start,
-        stances.stop,
-        LONGEST_S,
-        LARGEST_RATE_RAD_S,
-        max(4, round(SHORTEST_S / recording.period_s)),
-    )
-    used = samples > 0
+    first, last = _find_windows(recording, stances)
+    middle = 0.5 * (recording.t[1:] + recording.t[:-1])
+    products, s, q, squares = _sum_products(recording.t, middle, *recording.integrable, first, last)
+    samples = last - first + 1
+    products -= np.einsum("krj,kri->kji", s, s) / samples[:, None, None]
+    products -= np.einsum("krj,kri->kji", q, q) / squares[:, None, None]
     noise = 2 * int(samples.sum()) * float(np.radians(GYR_NOISE_DEG_S)) ** 2
-    return _solve(normal[used], right[used], noise)
+    return _solve(products[:, :3, :3], products[:, :3, 3], noise)
+
+
+def _find_windows(recording: Recording, stances: Stances) -> tuple[Ints, Ints]:
+    """First and last sample (K,) about the stillest instant of each stance that has enough of them."""
+    t, (_, gyr) = recording.t, recording.integrable
+    rate = np.linalg.norm(gyr, axis=1)
+    windows = []
+    for start, stop in zip(stances.start, np.minimum(stances.stop, len(t) - 1), strict=True):
+        # The very last sample has no period.
+        still = start + int(np.argmin(rate[start:stop])) if stop > start else start
+        outside = (rate[start:stop] >= LARGEST_RATE_RAD_S) | (np.abs(t[start:stop] - t[still]) >= LONGEST_S)
+        outside[still - start : still - start + 1] = False
+        before, after = np.flatnonzero(outside[: still - start]), np.flatnonzero(outside[still - start :])
+        windows.append(
+            (start + before[-1] + 1 if len(before) else start, still + after[0] - 1 if len(after) else stop - 1)
+        )
+    first, last = np.array(windows, dtype=np.int64).reshape(-1, 2).T
+    enough = last - first + 1 >= max(4, round(SHORTEST_S / recording.period_s))
+    return first[enough], last[enough]
 
 
 def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:
@@ -96,70 +111,49 @@ def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:
 
 
 @njit(cache=True)
-def _normal_equations(
-    t: Floats,
-    acc: Floats,
-    gyr: Floats,
-    start: Ints,
-    stop: Ints,
-    longest: float,
-    largest_rate: float,
-    fewest: int,
-) -> tuple[Floats, Floats, Ints]:
-    """A^T A (K, 3, 3) and A^T y (K, 3) of each stance, nuisance projected out, and its samples (K,), 0 if not used."""
-    normal, right = np.zeros((len(start), 3, 3)), np.zeros((len(start), 3))
-    samples = np.zeros(len(start), dtype=np.int64)
-    rate = np.sqrt((gyr**2).sum(axis=1))
-    for k in range(len(start)):
-        first, last = start[k], min(stop[k], len(t) - 1) - 1  # the very last sample has no period
-        if last - first + 1 < fewest:
-            continue
-        still = first + np.argmin(rate[first : last + 1])
-        a, b = still, still
-        while a > first and rate[a - 1] < largest_rate and t[still] - t[a - 1] < longest:
-            a -= 1
-        while b < last and rate[b + 1] < largest_rate and t[b + 1] - t[still] < longest:
-            b += 1
-        if b - a + 1 >= fewest:
-            _add_stance(t, acc, gyr, a, b, normal[k], right[k])
-            samples[k] = b - a + 1
-    return normal, right, samples
-
-
-@njit(cache=True)
-def _add_stance(t: Floats, acc: Floats, gyr: Floats, a: int, b: int, normal: Floats, right: Floats) -> None:
-    """Add the samples a <= i <= b of a stance, without the part of them that is a line in time.
+def _sum_products(
+    t: Floats, middle: Floats, acc: Floats, gyr: Floats, first: Ints, last: Ints
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Sums over the samples `first` to `last` (K,) of each stance, of which a line in time is to be taken off.
 
     A sample is the mean over its period, so all is taken at the periods' middles. Each nav axis r has at each sample
     the row z = (A_r1, A_r2, A_r3, y_r). Its products less those of its line are
-    sum z z' - s s'/n - q q'/sum tau^2, with s = sum z, q = sum z tau, tau the time from the mean time.
+    sum z z' - s s'/n - q q'/sum tau^2, with s = sum z, q = sum z tau, tau the time from the mean time. Returned are the
+    first sum (K, 4, 4), s and q (K, 3, 4) and the last sum (K,).
     """
-    middle = 0.5 * (t[a + 1 : b + 2] + t[a : b + 1])
-    center = middle.mean()
-    R, y, z = np.eye(3), np.zeros(3), np.empty(4)
-    products, s, q = np.zeros((4, 4)), np.zeros((3, 4)), np.zeros((3, 4))
-    for i in range(a, b + 1):
-        w = gyr[i]
-        tau = middle[i - a] - center
-        if i > a:
-            before, after = t[i] - middle[i - 1 - a], middle[i - a] - t[i]
-            _push(y, R, acc[i - 1], before)
-            x = before * gyr[i - 1] + after * w
-            rotate_in_body(R, x[0], x[1], x[2])
-            _push(y, R, acc[i], after)
+    count = len(first)
+    products, s, q, squares = np.zeros((count, 4, 4)), np.zeros((count, 3, 4)), np.zeros((count, 3, 4)), np.zeros(count)
+    R, y, z = np.empty((3, 3)), np.empty(3), np.empty(4)
+    for n in range(count):
+        center = 0.0
+        for i in range(first[n], last[n] + 1):
+            center += middle[i]
+        center /= last[n] + 1 - first[n]
         for r in range(3):
-            z[0] = R[r, 1] * w[2] - R[r, 2] * w[1]
-            z[1] = R[r, 2] * w[0] - R[r, 0] * w[2]
-            z[2] = R[r, 0] * w[1] - R[r, 1] * w[0]
-            z[3] = y[r]
-            for j in range(4):
-                s[r, j] += z[j]
-                q[r, j] += z[j] * tau
-                for k in range(4):
-                    products[j, k] += z[j] * z[k]
-    products -= s.T @ s / len(middle) + q.T @ q / ((middle - center) ** 2).sum()
-    normal += products[:3, :3]
-    right += products[:3, 3]
+            y[r] = 0.0
+            for k in range(3):
+                R[r, k] = 1.0 if k == r else 0.0
+        for i in range(first[n], last[n] + 1):
+            w, tau = gyr[i], middle[i] - center
+            squares[n] += tau * tau
+            if i > first[n]:
+                before, after, u = t[i] - middle[i - 1], middle[i] - t[i], gyr[i - 1]
+                _push(y, R, acc[i - 1], before)
+                rotate_in_body(
+                    R, before * u[0] + after * w[0], before * u[1] + after * w[1], before * u[2] + after * w[2]
+                )
+                _push(y, R, acc[i], after)
+            for r in range(3):
+                z[0] = R[r, 1] * w[2] - R[r, 2] * w[1]
+                z[1] = R[r, 2] * w[0] - R[r, 0] * w[2]
+                z[2] = R[r, 0] * w[1] - R[r, 1] * w[0]
+                z[3] = y[r]
+                for j in range(4):
+                    s[n, r, j] += z[j]
+                    q[n, r, j] += z[j] * tau
+                    for k in range(4):
+                        products[n, j, k] += z[j] * z[k]
+    return products, s, q, squares
 
 
 @njit(cache=True)

@@ -225,51 +225,40 @@ def _find_windows(t: Floats, stances: Stances, sample: Ints) -> tuple[Ints, Ints
     return np.maximum(first, stances.start[interval]), np.minimum(last, stances.stop[interval])
 
 
-@njit(cache=True)
 def _average(
     t: Floats, acc: Floats, mag: Floats, attitude: Floats, sample: Ints, first: Ints, last: Ints
 ) -> tuple[Floats, Floats, Ints, Floats, Floats, Floats]:
     """Mean field and force in the body frame at `sample`, count, scatter, slope of the strength and its sigma."""
-    n = len(sample)
-    field, force = np.full((n, 3), np.nan), np.zeros((n, 3))
-    count, scatter = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
-    slope, sigma = np.full(n, np.nan), np.full(n, np.nan)
-    for k in range(n):
-        body_R_nav = np.ascontiguousarray(attitude[sample[k]].T)
-        total, squares = np.zeros(3), 0.0
-        for i in range(first[k], last[k]):
-            turn = body_R_nav @ attitude[i]
-            force[k] += turn @ acc[i] / (last[k] - first[k])
-            if np.isfinite(mag[i]).all():
-                b = turn @ mag[i]
-                total += b
-                squares += (b**2).sum()
-                count[k] += 1
-        if count[k] >= FEWEST:
-            field[k] = total / count[k]
-            excess = squares - count[k] * (field[k] ** 2).sum()
-            scatter[k] = np.sqrt(max(excess, 0.0) / (3 * (count[k] - 1)))
-            slope[k], sigma[k] = _fit_strength_slope(t, mag, first[k], last[k], count[k])
+    # The samples of all windows, one after the other, turned into the body frame of their footfall.
+    length, n = last - first, len(sample)
+    of = np.repeat(np.arange(n), length)
+    row = np.arange(len(of)) + np.repeat(first - np.cumsum(length) + length, length)
+    turn = np.einsum("nki,nkj->nij", attitude[sample[of]], attitude[row])
+    force = _sum_by(of, np.einsum("nij,nj->ni", turn, acc[row]), n) / length[:, None]
+    measured = np.isfinite(mag[row]).all(axis=1)
+    of, row, turn = of[measured], row[measured], turn[measured]
+    count = np.bincount(of, minlength=n)
+    b = np.einsum("nij,nj->ni", turn, mag[row])
+    few = count < FEWEST
+    weight = np.where(few, np.nan, 1.0 / np.maximum(count, 1))
+    field = _sum_by(of, b, n) * weight[:, None]
+    # Scatter about the mean, and a straight line through the strength.
+    scatter = np.sqrt(_sum_by(of, ((b - field[of]) ** 2).sum(axis=1), n) / np.where(few, np.nan, 3.0 * (count - 1)))
+    tau, strength = t[row], np.linalg.norm(mag[row], axis=1)
+    tau = tau - (_sum_by(of, tau, n) * weight)[of]
+    strength = strength - (_sum_by(of, strength, n) * weight)[of]
+    spread = np.where(few, np.nan, _sum_by(of, tau**2, n))
+    slope = _sum_by(of, tau * strength, n) / spread
+    rest = _sum_by(of, (strength - slope[of] * tau) ** 2, n)
+    sigma = np.sqrt(rest / np.where(count < 3, np.nan, (count - 2) * spread))
     return field, force, count, scatter, slope, sigma
 
 
-@njit(cache=True)
-def _fit_strength_slope(t: Floats, mag: Floats, first: int, last: int, count: int) -> tuple[float, float]:
-    """Slope of a straight line through |B|, uT/s, and its standard error; the latter NaN with two samples."""
-    tau, strength = np.empty(count), np.empty(count)
-    j = 0
-    for i in range(first, last):
-        if np.isfinite(mag[i]).all():
-            tau[j], strength[j] = t[i], np.sqrt((mag[i] ** 2).sum())
-            j += 1
-    tau -= tau.mean()
-    strength -= strength.mean()
-    spread = (tau**2).sum()
-    slope = (tau * strength).sum() / spread
-    if count < 3:
-        return slope, np.nan
-    rest = ((strength - slope * tau) ** 2).sum()
-    return slope, np.sqrt(rest / ((count - 2) * spread))
+def _sum_by(group: Ints, values: Floats, n: int) -> Floats:
+    """Sum of the values (K, ...) of each of `n` groups."""
+    total = np.zeros((n, *values.shape[1:]))
+    np.add.at(total, group, values)
+    return total
 
 
 def integrate_attitude(recording: Recording, stances: Stances, heading: float = 0.0) -> Floats:
@@ -294,20 +283,22 @@ def _integrate(
 ) -> Floats:
     """Attitudes (N, 3, 3) from that at sample `row`; those before it are reached by stepping backward."""
     attitude = np.empty((len(t), 3, 3))
-    R = nav_R_body.copy()
-    attitude[row] = R
+    for axis in range(3):
+        for k in range(3):
+            attitude[row, axis, k] = nav_R_body[axis, k]
     for i in range(row, len(t) - 1):
-        _rotate_by_rate(R, gyr[i], bias, t[i + 1] - t[i])
+        R, h = attitude[i + 1], t[i + 1] - t[i]
+        _rotate_by_rate(attitude[i], gyr[i], bias, h, R)
         if stands[i + 1]:
-            nudge_tilt(R, acc[i + 1], min((t[i + 1] - t[i]) / tilt_time, 1.0))
-        attitude[i + 1] = R
-    R = nav_R_body.copy()
+            nudge_tilt(R, acc[i + 1], min(h / tilt_time, 1.0))
     for i in range(row - 1, -1, -1):
-        _rotate_by_rate(R, gyr[i], bias, t[i] - t[i + 1])
-        attitude[i] = R
+        _rotate_by_rate(attitude[i + 1], gyr[i], bias, t[i] - t[i + 1], attitude[i])
     return attitude
 
 
 @njit(cache=True)
-def _rotate_by_rate(R: Floats, rate: Floats, bias: Floats, h: float) -> None:
+def _rotate_by_rate(before: Floats, rate: Floats, bias: Floats, h: float, R: Floats) -> None:
+    for axis in range(3):
+        for k in range(3):
+            R[axis, k] = before[axis, k]
     rotate_in_body(R, (rate[0] - bias[0]) * h, (rate[1] - bias[1]) * h, (rate[2] - bias[2]) * h)

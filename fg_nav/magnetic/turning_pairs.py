@@ -137,20 +137,22 @@ def compute_weights(size: Floats) -> Floats:
     return np.asarray(1.0 / np.sqrt(1.0 + (size / scale) ** 2))
 
 
-@njit(cache=True)
 def rotate_between(t: Floats, gyr: Floats, between: Floats) -> tuple[Floats, Floats]:
     """Rotations (K, 3, 3) between the instants (K, 2), and the rates (K, 2, 3) there; the ends' rates are held."""
-    rotations, rates = np.zeros((len(between), 3, 3)), np.empty((len(between), 2, 3))
+    first = np.maximum(np.searchsorted(t, between[:, 0], side="right") - 1, 0)
+    rotations, last = np.tile(np.eye(3), (len(between), 1, 1)), first.copy()
+    _rotate(t, gyr, between, first, rotations, last)
+    return rotations, gyr[np.stack([first, last], axis=1)]
+
+
+@njit(cache=True)
+def _rotate(t: Floats, gyr: Floats, between: Floats, first: Ints, rotations: Floats, last: Ints) -> None:
+    """Turn the identities from sample `first` (K,) on, and write the sample that was held `last` (K,)."""
     for k in range(len(between)):
-        at, end = between[k]
-        i = max(np.searchsorted(t, at, side="right") - 1, 0)
-        R = rotations[k]
-        R[0, 0] = R[1, 1] = R[2, 2] = 1.0
-        rates[k, 0] = gyr[i]
+        at, end, i, R = between[k, 0], between[k, 1], first[k], rotations[k]
         while at < end:
             until = min(t[i + 1], end) if i + 1 < len(t) else end
             rotate_in_body(R, gyr[i, 0] * (until - at), gyr[i, 1] * (until - at), gyr[i, 2] * (until - at))
-            rates[k, 1] = gyr[i]
+            last[k] = i
             at = until
             i = min(i + 1, len(t) - 1)
-    return rotations, rates

@@ -146,7 +146,8 @@ def _count_ticks(t: Floats, period: float, window: int) -> tuple[Ints, Ints]:
             after = min(after, t[j] - (j - i) * period)
         steps = min((after - before) / period, 1e9)
         if steps > 1.5:
-            tick[i] = tick[i - 1] + int(np.round(steps))
-            if abs(steps - np.round(steps)) > 0.3:
+            whole = np.rint(steps)
+            tick[i] = tick[i - 1] + int(whole)
+            if abs(steps - whole) > 0.3:
                 stretch[i] += 1
     return tick, stretch

@@ -20,7 +20,6 @@ from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, stra
 from fg_nav.samples.gaps import LONGEST_HELD_S
 
 
-@njit(cache=True)
 def fill_path(
     h: Floats,
     acc: Floats,
@@ -37,32 +36,61 @@ def fill_path(
 
     The states are those at nodes `sample` (M,): as in `Trajectory`, gyro bias (M, 3) rad/s, force bias (M, 3) m/s^2.
     """
-    n, m = len(h), len(sample)
+    n = len(h)
     p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-    for j in range(m):
-        state = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
-        if j == 0:
-            backward = NavState(position[j].copy(), velocity[j].copy(), nav_R_body[j].copy(), gyro_bias[j], acc_bias[j])
-            _integrate(h, acc, gyr, sample[0], 0, backward, gravity, p, v, R)
-        end = sample[j + 1] if j + 1 < m else n - 1
-        before = _find_hole(h, sample[j], end, 1) if j + 1 < m else end
-        _integrate(h, acc, gyr, sample[j], before, state, gravity, p, v, R)
-        if before < end:
-            behind = _find_hole(h, end - 1, sample[j] - 1, -1) + 1
-            state = NavState(
-                position[j + 1].copy(), velocity[j + 1].copy(), nav_R_body[j + 1].copy(), gyro_bias[j], acc_bias[j]
-            )
-            _integrate(h, acc, gyr, end, behind, state, gravity, p, v, R)
-            _join(h, before, behind, p, v, R)
-        elif j + 1 < m:
-            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R)
+    _fill(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity, p, v, R)
     return p, v, R
 
 
 @njit(cache=True)
-def _find_hole(h: Floats, first: int, last: int, way: int) -> int:
-    """Sample before a hole, the first from `first` on forward (1) or backward (-1); `last` where none is before it."""
-    i = first
+def _fill(
+    h: Floats,
+    acc: Floats,
+    gyr: Floats,
+    sample: Ints,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    acc_bias: Floats,
+    gravity: float,
+    p: Floats,
+    v: Floats,
+    R: Floats,
+) -> None:
+    """Fill in the path, from node to node."""
+    m = len(sample)
+    for j in range(m):
+        if j == 0:
+            _put(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
+            _integrate(h, acc, gyr, sample[j], j, gyro_bias[j], acc_bias[j], gravity, p, v, R)  # to the very first
+        end = sample[j + 1] if j + 1 < m else len(h) - 1
+        before = _find_hole(h, sample[j], end) if j + 1 < m else end
+        _put(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
+        _integrate(h, acc, gyr, sample[j], before, gyro_bias[j], acc_bias[j], gravity, p, v, R)
+        if before < end:
+            behind = _find_hole(h, end - 1, sample[j] - 1) + 1
+            _put(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
+            _integrate(h, acc, gyr, end, behind, gyro_bias[j], acc_bias[j], gravity, p, v, R)
+            _join(h, before, behind, p, v, R)
+        elif j + 1 < m:
+            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R)
+            _put(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
+
+
+@njit(cache=True)
+def _put(position: Floats, velocity: Floats, nav_R_body: Floats, p: Floats, v: Floats, R: Floats, i: int) -> None:
+    """Write a state to sample `i`."""
+    for k in range(3):
+        p[i, k], v[i, k] = position[k], velocity[k]
+        for axis in range(3):
+            R[i, k, axis] = nav_R_body[k, axis]
+
+
+@njit(cache=True)
+def _find_hole(h: Floats, first: int, last: int) -> int:
+    """Sample before a hole, the first from `first` on towards `last`, which is returned where none is before it."""
+    i, way = first, 1 if last > first else -1
     while i != last and h[i] <= LONGEST_HELD_S:
         i += way
     return i
@@ -71,11 +99,16 @@ def _find_hole(h: Floats, first: int, last: int, way: int) -> int:
 @njit(cache=True)
 def _join(h: Floats, before: int, behind: int, p: Floats, v: Floats, R: Floats) -> None:
     """Fill in between two holes or more: straight on, in the attitude of before."""
-    duration, elapsed = h[before:behind].sum(), 0.0
-    move = p[behind] - p[before]
+    duration, elapsed = 0.0, 0.0
+    for i in range(before, behind):
+        duration += h[i]
     for i in range(before + 1, behind):
         elapsed += h[i - 1]
-        p[i], v[i], R[i] = p[before] + move * (elapsed / duration), move / duration, R[before]
+        _put(p[before], v[before], R[before], p, v, R, i)
+        for k in range(3):
+            move = p[behind, k] - p[before, k]
+            p[i, k] += move * (elapsed / duration)
+            v[i, k] = move / duration
 
 
 @njit(cache=True)
@@ -85,25 +118,21 @@ def _integrate(
     gyr: Floats,
     first: int,
     last: int,
-    state: NavState,
+    gyro_bias: Floats,
+    acc_bias: Floats,
     gravity: float,
     p: Floats,
     v: Floats,
     R: Floats,
 ) -> None:
-    """Fill in from sample `first` to `last` inclusive, forward or backward."""
+    """Fill in from the state at sample `first` to `last` inclusive, forward or backward."""
     turn, push = np.empty((3, 3)), np.empty(3)
-    i = first
-    p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
-    forward = last >= first
-    while (forward and i < last) or (not forward and i > last):
-        if forward:
-            strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
-            i += 1
-        else:
-            i -= 1
-            strapdown(state, acc[i], gyr[i], -h[i], gravity, turn, push)
-        p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
+    way = 1 if last > first else -1
+    for i in range(first, last, way):
+        held, to = min(i, i + way), i + way  # a sample holds from its stamp to the next
+        _put(p[i], v[i], R[i], p, v, R, to)
+        state = NavState(p[to], v[to], R[to], gyro_bias, acc_bias)
+        strapdown(state, acc[held], gyr[held], way * h[held], gravity, turn, push)
 
 
 @njit(cache=True)
@@ -118,18 +147,23 @@ def _meet(
     v: Floats,
     R: Floats,
 ) -> None:
-    """Bend the path from sample `first` to `last` so that it ends in the given state."""
-    duration = h[first:last].sum()
-    d_p, d_v = position - p[last], velocity - v[last]
-    d_R = rotation_vector(R[last].T @ nav_R_body)
-    elapsed = 0.0
+    """Bend the path between sample `first` and `last` so that it ends in the given state."""
+    duration, elapsed = 0.0, 0.0
+    for i in range(first, last):
+        duration += h[i]
+    left = np.zeros((3, 3))  # R_last^T nav_R_body
+    for row in range(3):
+        for column in range(3):
+            for k in range(3):
+                left[row, column] += R[last, k, row] * nav_R_body[k, column]
+    d_R = rotation_vector(left)
     for i in range(first + 1, last):
         elapsed += h[i - 1]
         s = elapsed / duration
         a, b = s * s * (3 - 2 * s), s * s * (s - 1)
         da, db = 6 * s * (1 - s) / duration, s * (3 * s - 2)
         for k in range(3):
-            p[i, k] += a * d_p[k] + b * duration * d_v[k]
-            v[i, k] += da * d_p[k] + db * d_v[k]
+            d_p, d_v = position[k] - p[last, k], velocity[k] - v[last, k]
+            p[i, k] += a * d_p + b * duration * d_v
+            v[i, k] += da * d_p + db * d_v
         rotate_in_body(R[i], a * d_R[0], a * d_R[1], a * d_R[2])
-    p[last], v[last], R[last] = position, velocity, nav_R_body

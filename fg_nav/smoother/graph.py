@@ -234,26 +234,33 @@ def _stop_and_go(
 ) -> tuple[Floats, Floats]:
     """Position (M, 3) and attitude (M, 3, 3) at the nodes."""
     position, attitude = np.zeros((len(sample), 3)), np.empty((len(sample), 3, 3))
-    state = NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), gyro_bias, np.zeros(3))
-    turn, push = np.empty((3, 3)), np.empty(3)
-    attitude[0] = nav_R_body
+    velocity, acc_bias, turn, push = np.zeros(3), np.zeros(3), np.empty((3, 3)), np.empty(3)
+    for row in range(3):
+        for axis in range(3):
+            attitude[0, row, axis] = nav_R_body[row, axis]
     for j in range(1, len(sample)):
+        p, R = position[j], attitude[j]
+        for row in range(3):
+            p[row] = position[j - 1, row]
+            for axis in range(3):
+                R[row, axis] = attitude[j - 1, row, axis]
         if unseen[j - 1]:
             c, s = np.cos(turned[j - 1]), np.sin(turned[j - 1])
-            east, north = state.nav_R_body[0].copy(), state.nav_R_body[1].copy()
-            state.nav_R_body[0], state.nav_R_body[1] = c * east - s * north, s * east + c * north
+            for axis in range(3):
+                R[0, axis], R[1, axis] = c * R[0, axis] - s * R[1, axis], s * R[0, axis] + c * R[1, axis]
             for _ in range(LEVELLINGS):
-                nudge_tilt(state.nav_R_body, body_up[j - 1], 1.0)
-            position[j], attitude[j] = state.position, state.nav_R_body
+                nudge_tilt(R, body_up[j - 1], 1.0)
             continue
+        state = NavState(p, velocity, R, gyro_bias, acc_bias)
         for i in range(sample[j - 1], sample[j]):
             h = t[i + 1] - t[i]
             strapdown(state, acc[i], gyr[i], h, gravity, turn, push)
             if stands[i]:
-                nudge_tilt(state.nav_R_body, acc[i], min(h / TILT_TIME_S, 1.0))
-        state.position[:] -= state.velocity * (0.5 * (t[sample[j]] - t[sample[j - 1]]))
-        state.velocity[:] = 0.0
-        position[j], attitude[j] = state.position, state.nav_R_body
+                nudge_tilt(R, acc[i], min(h / TILT_TIME_S, 1.0))
+        half = 0.5 * (t[sample[j]] - t[sample[j - 1]])
+        for row in range(3):
+            p[row] -= velocity[row] * half
+            velocity[row] = 0.0
     return position, attitude
 
 

@@ -153,17 +153,26 @@ def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:
     return moved[~cross_holes(recording.t, nodes.sample)]
 
 
-@njit(cache=True)
 def sense_scale(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats) -> Floats:
     """Derivative D (M-1, 9, 3) by the scale of the ends of the intervals between samples (M,).
 
     Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s. The
     rotation acts in the middle of each sample.
     """
-    moved = np.zeros((len(sample) - 1, 9, 3))
+    count = len(sample) - 1
+    start_R_end, moved = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3, 3, 3))
+    _integrate_scale(t, force, rate, sample, bias, start_R_end, moved)
+    return np.asarray(np.einsum("kji,kpjl->kpil", start_R_end, moved).reshape(count, 9, 3))
+
+
+@njit(cache=True)
+def _integrate_scale(
+    t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, start_R_end: Floats, moved: Floats
+) -> None:
+    """Add theta, rho and nu (M-1, 3, 3, 3) of the intervals, in the axes at their start, and turn the identities."""
     turn, a, push = np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(sample) - 1):
-        R, theta, rho, nu = np.eye(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+        R, theta, rho, nu = start_R_end[k], moved[k, 0], moved[k, 1], moved[k, 2]
         for i in range(sample[k], sample[k + 1]):
             h = t[i + 1] - t[i]
             for axis in range(3):
@@ -181,6 +190,3 @@ def sense_scale(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floa
                     nu[row, axis] += push[row] * h
                     theta[row, axis] -= 0.5 * R[row, axis] * turn[axis]
             rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])
-        end_R_start = np.ascontiguousarray(R.T)
-        moved[k, :3], moved[k, 3:6], moved[k, 6:] = end_R_start @ theta, end_R_start @ rho, end_R_start @ nu
-    return moved

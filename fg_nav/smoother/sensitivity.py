@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 
 import gtsam
 import numpy as np
-from numba import njit
+from scipy.linalg.lapack import dtrtrs
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.solver import dimension_of, list_cliques, residuals_at_minimum
@@ -50,7 +50,7 @@ class SharedColumns:
         frontal, separator = _split(keys, len(R))
         nothing = (np.zeros((dimension_of(key), self._shared)) for key in frontal)
         c = np.concatenate([products.pop(key, zero) for key, zero in zip(frontal, nothing, strict=True)])
-        Y = _solve_transposed(R, c)
+        Y = np.asarray(dtrtrs(R, c, trans=1)[0])
         self.explained += Y.T @ Y
         left, row = S.T @ Y, 0
         for key in separator:
@@ -69,7 +69,7 @@ class SharedColumns:
             right = np.zeros((len(R), self._shared)) if Y is None else Y
             if separator:
                 right = right - S @ np.concatenate([found[key] for key in separator])
-            X, row = _solve_upper(R, right), 0
+            X, row = np.asarray(dtrtrs(R, right)[0]), 0
             for key in frontal:
                 found[key] = X[row : row + dimension_of(key)]
                 row += dimension_of(key)
@@ -121,29 +121,3 @@ def _split(keys: Sequence[int], rows: int) -> tuple[Sequence[int], Sequence[int]
         rows -= dimension_of(keys[count])
         count += 1
     return keys[:count], keys[count:]
-
-
-@njit(cache=True)
-def _solve_transposed(R: Floats, c: Floats) -> Floats:
-    """R^-T c, R upper triangular."""
-    y = c.copy()
-    for i in range(len(R)):
-        for column in range(c.shape[1]):
-            total = y[i, column]
-            for k in range(i):
-                total -= R[k, i] * y[k, column]
-            y[i, column] = total / R[i, i]
-    return y
-
-
-@njit(cache=True)
-def _solve_upper(R: Floats, y: Floats) -> Floats:
-    """R^-1 y, R upper triangular."""
-    x = y.copy()
-    for i in range(len(R) - 1, -1, -1):
-        for column in range(y.shape[1]):
-            total = x[i, column]
-            for k in range(i + 1, len(R)):
-                total -= R[i, k] * x[k, column]
-            x[i, column] = total / R[i, i]
-    return x

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Protocol
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, M, S, V, X, Z
-from numba import njit
+from scipy.linalg.lapack import dtrtri
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
@@ -294,37 +294,17 @@ def _rows_of(keys: list[int], rows: Rows) -> Ints:
     return np.array([i for key in keys for i in range(*rows[key])], dtype=np.int64)
 
 
-@njit(cache=True)
 def _joint(R: Floats, S: Floats, parent: Floats, known: Ints) -> Floats:
     """Covariance of the frontal variables and of those at rows `known` of the parent's, the separator first of them."""
-    f, n = R.shape[0], len(known)
-    joint = np.empty((f + n, f + n))
-    for i in range(n):
-        for j in range(n):
-            joint[f + i, f + j] = parent[known[i], known[j]]
-    R_inverse = _invert_upper(R)
-    W = -np.dot(R_inverse, np.ascontiguousarray(S))
-    s = W.shape[1]
-    cross = np.dot(W, np.ascontiguousarray(joint[f : f + s, f:]))
-    joint[:f, f:] = cross
-    joint[f:, :f] = cross.T
-    joint[:f, :f] = np.dot(R_inverse, R_inverse.T) + np.dot(np.ascontiguousarray(cross[:, :s]), W.T)
+    f, s = S.shape
+    joint = np.empty((f + len(known), f + len(known)))
+    joint[f:, f:] = parent[known[:, None], known]
+    R_inverse = dtrtri(R)[0]
+    W = -R_inverse @ S
+    cross = W @ joint[f : f + s, f:]
+    joint[:f, f:], joint[f:, :f] = cross, cross.T
+    joint[:f, :f] = R_inverse @ R_inverse.T + cross[:, :s] @ W.T
     return joint
-
-
-@njit(cache=True)
-def _invert_upper(R: Floats) -> Floats:
-    """Inverse of an upper triangular matrix, by back substitution."""
-    n = R.shape[0]
-    inverse = np.zeros((n, n))
-    for j in range(n):
-        inverse[j, j] = 1.0 / R[j, j]
-        for i in range(j - 1, -1, -1):
-            total = 0.0
-            for k in range(i + 1, j + 1):
-                total += R[i, k] * inverse[k, j]
-            inverse[i, j] = -total / R[i, i]
-    return inverse
 
 
 def list_attitudes(nodes: Iterable[int], values: gtsam.Values) -> Floats:

@@ -86,9 +86,10 @@ class Seen:
         """Velocity (K, 3) m/s and vertical axis (K, 3) in the body at the end of each stride, by strapdown alone."""
         table, (acc, gyr) = self.solution.stances, self.recording.integrable
         h = np.append(np.diff(self.recording.t), self.recording.period_s)
-        return _integrate_strides(
-            acc, gyr, h, table.sample, table.nav_R_body.copy(), table.gyro_bias.copy(), GRAVITY_M_S2
-        )
+        attitude = np.array(table.nav_R_body, order="C")
+        bias = np.ascontiguousarray(table.gyro_bias)
+        velocity = _integrate_strides(acc, gyr, h, table.sample, attitude, bias, GRAVITY_M_S2)
+        return velocity, attitude[: len(velocity), 2]
 
     @property
     def holds_heading(self) -> bool:
@@ -112,14 +113,13 @@ class Seen:
 @njit(cache=True)
 def _integrate_strides(
     acc: Floats, gyr: Floats, h: Floats, sample: Ints, nav_R_body: Floats, bias: Floats, gravity: float
-) -> tuple[Floats, Floats]:
-    """Velocity and vertical axis in the body, (K, 3) each, after each stride that begins at rest."""
+) -> Floats:
+    """Velocity (K, 3) after each stride that begins at rest; the attitudes (K, 3, 3) are taken along."""
     count = len(sample) - 1
-    velocity, up = np.zeros((count, 3)), np.zeros((count, 3))
+    velocity, position, acc_bias = np.zeros((count, 3)), np.zeros(3), np.zeros(3)
     turn, push = np.zeros((3, 3)), np.zeros(3)
     for k in range(count):
-        state = NavState(np.zeros(3), np.zeros(3), nav_R_body[k].copy(), bias[k].copy(), np.zeros(3))
+        state = NavState(position, velocity[k], nav_R_body[k], bias[k], acc_bias)
         for i in range(sample[k], sample[k + 1]):
             strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
-        velocity[k], up[k] = state.velocity, state.nav_R_body[2]
-    return velocity, up
+    return velocity
