@@ -95,7 +95,7 @@ class PacedSolver(WorkerSolver):
     def __init__(self, navigator: OnlineNavigator) -> None:
         super().__init__(navigator.options, navigator.detection.stance, navigator.buffer)
         self.idle_s, self._begun = 0.0, (0.0, 0.0)
-        navigator._solver = navigator._smoother._solver = self
+        navigator._solver = navigator._smoother.takeover.solver = self
 
     def begin(self, task: Task) -> None:
         """As it does, and note when."""

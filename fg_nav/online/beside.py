@@ -48,6 +48,7 @@ class WorkerSolver:
         self._remark, self._sent = remark, 0
         self.is_here = False
         self._answer: tuple[Handover | None] | None = None
+        self._outstanding = 0
         self._worker = start_module(WORKER)
         assert self._worker.stdin is not None
         assert self._worker.stdout is not None
@@ -79,22 +80,29 @@ class WorkerSolver:
     def begin(self, task: Task) -> None:
         """See `Solver`."""
         self._here.begin(task)
+        self._outstanding = 0
         self._say("begin", task)
 
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
         """See `Solver`."""
         self._here.ask(footfalls)
+        self._outstanding += 1
         self._say("ask", tuple(footfalls))
 
     def is_ready(self) -> bool:
         """See `Solver`."""
-        return self._answer is not None or not self._answers.empty()
+        is_dead = self._worker.poll() is not None
+        return self._answer is not None or is_dead or self._answers.qsize() >= self._outstanding > 0
 
     def wait(self) -> None:
         """See `Solver`."""
         if self._answer is not None:
             return
-        answer = EOFError() if self.is_here else self._answers.get()
+        answer: object = EOFError() if self.is_here else None
+        # What was asked for again has another answer: the last counts.
+        while self._outstanding and not isinstance(answer, EOFError):
+            answer = self._answers.get()
+            self._outstanding -= 1
         if isinstance(answer, EOFError):
             answer = self._solve_here()
         assert answer is None or isinstance(answer, Handover)

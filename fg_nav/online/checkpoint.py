@@ -4,9 +4,11 @@ A checkpoint is a file that grows (`record_log`) with each save:
 
     samples since the last save, and what the judge of the samples knows       each time
     state of the walk, what changed of it (`saved_state`)                      after it was solved again
+    lines before which solutions were taken over since that state              each time
 
 To resume, the walk goes on from the last state with the samples behind it: some tens of footfalls, however long the
-walk. The same samples give the same answer to the last bit. With a lag, samples that no state needs any more are left
+walk. The same samples give the same answer to the last bit; where that hung on the machine, before which line a
+solution was taken over (`takeover`), it is in the records. With a lag, samples that no state needs any more are left
 out when the file is written again; that happens once it is more than twice as large as it must be.
 
 `collect` takes what does not change any more by reference, and copies what does, some seconds of samples. So a save
@@ -67,7 +69,7 @@ class Record:
     first, rows : number of the first of these samples (n, 10), which are new.
     kept_from : first sample that is still needed.
     changes : of the state of the walk; None where that of the record before will do.
-    judge, source, has_ended, n_told : of the navigator, behind these samples.
+    judge, source, has_ended, n_told, takeovers : of the navigator, behind these samples.
     """
 
     frame: Frame | None
@@ -79,6 +81,7 @@ class Record:
     source: dict[str, Any]
     has_ended: bool
     n_told: int
+    takeovers: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,7 @@ class Checkpoint:
             source=dict(navigator.source),
             has_ended=navigator.has_ended,
             n_told=len(navigator.told_continues),
+            takeovers=navigator.takeovers,
         )
         return Snapshot(record, state)
 
@@ -318,7 +322,7 @@ def _resume(
         known = max(known - len(block), 0)
     if state is not None:
         assert isinstance(navigator, OnlineNavigator)
-        navigator.resume(state)
+        navigator.resume(state, newest.takeovers, newest.n_told)
     # Those behind it come as they came then.
     later = np.concatenate(behind) if behind else np.empty((0, COLUMNS))
     for start in range(0, len(later), BLOCK):

@@ -173,7 +173,7 @@ class _Walk:
         self._checkpoint = checkpoint
         self._navigator, self._options, self._emit, self._status = navigator, options, emit, status
         self._due = time.monotonic() + options.checkpoint_s
-        self._remark, self._unsaved = remark, False
+        self._remark, self._unsaved, self._races = remark, False, navigator.races
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
         self._saving: threading.Thread | None = None
 
@@ -186,9 +186,12 @@ class _Walk:
         self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
-        self._emit_lines(self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None))
-        if self._checkpoint is not None and time.monotonic() >= self._due:
+        found = self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None)
+        # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
+        raced = self._navigator.races != self._races and self._due < np.inf
+        if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
             self._save(self._checkpoint)
+        self._emit_lines(found)
 
     def end(self) -> None:
         if self._checkpoint is not None:
@@ -220,7 +223,7 @@ class _Walk:
     def _save(self, checkpoint: Checkpoint) -> None:
         """Save in a thread: only what is collected holds the walk up."""
         self._wait()
-        snapshot = checkpoint.collect(self._navigator)
+        snapshot, self._races = checkpoint.collect(self._navigator), self._navigator.races
         self._saving = threading.Thread(target=self._write, args=(snapshot, checkpoint))
         self._due = np.inf
         self._saving.start()

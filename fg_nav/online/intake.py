@@ -54,6 +54,8 @@ class SampleIntake(ABC):
         began = perf_counter()
         rows = self.judge.admit(t, acc, gyr, mag)
         self._busy_s += perf_counter() - began
+        if len(rows):
+            self._prepare()
         return self.add_rows(rows)
 
     def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
@@ -67,6 +69,20 @@ class SampleIntake(ABC):
     def has_ended(self) -> bool:
         """Whether the walk was closed."""
         return self._closed
+
+    @property
+    def races(self) -> int:
+        """How often what was told hung on how fast this machine is."""
+        return 0
+
+    @property
+    def takeovers(self) -> tuple[int, ...]:
+        """Lines before which a solution made beside was taken over, since the walk goes on from the newest of them."""
+        return ()
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Get ready for samples that just came from a source."""
 
     @abstractmethod
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:

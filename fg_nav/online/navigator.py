@@ -260,8 +260,23 @@ class OnlineNavigator(SampleIntake):
         stances = self._stances.copy()
         return NavigatorState(self.buffer.stop, self._smoother.state(), stances, self._handed, *words, self._busy_s)
 
-    def resume(self, state: NavigatorState) -> None:
-        """Go on where another navigator was, whose samples are in the buffer, as far as they were not discarded."""
+    @property
+    def races(self) -> int:
+        """How often what was told hung on how fast this machine is."""
+        return self._smoother.takeover.races
+
+    @property
+    def takeovers(self) -> tuple[int, ...]:
+        """Lines before which a solution made beside was taken over, since the walk goes on from the newest of them."""
+        return tuple(self._smoother.takeover.taken)
+
+    def resume(self, state: NavigatorState, takeovers: Sequence[int] = (), n_told: int = 0) -> None:
+        """Go on where another navigator was, whose samples are in the buffer, as far as they were not discarded.
+
+        It had told `n_told` lines in the end, and solutions were taken over before the lines `takeovers` since; so they
+        are here, when the samples behind the state are added again.
+        """
+        self._smoother.takeover.note(takeovers, n_told)
         self._smoother.resume(state.smoother)
         self._stances, self._handed, self._busy_s = state.stances.copy(), state.handed, state.busy_s
         self._waits, self._warned, self._closed = state.waits, state.warned, state.has_ended
@@ -276,9 +291,10 @@ class OnlineNavigator(SampleIntake):
         """Return one row an estimate, as it is now."""
         return self._smoother.smoothed()
 
+    def _prepare(self) -> None:
+        self._smoother.prepare()
+
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
-        if len(rows):
-            self._smoother.prepare()
         self.buffer.append(rows)
         return self._estimates(self._stances.search(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
 

@@ -134,7 +134,8 @@ class PastTable:
 class StateChanges:
     """What changed from one state of a walk to another.
 
-    `starts` are the samples of its handovers; `due` is when a solution is, of how many footfalls, and where it begins.
+    `starts` are the samples of its handovers; `due` is when a solution is asked for, of how many footfalls, and where
+    it begins.
     """
 
     told: RowTable
@@ -143,7 +144,7 @@ class StateChanges:
     past: PastTable
     handovers: tuple[Handover, ...]
     starts: tuple[int, ...]
-    due: tuple[int, int, int] | None
+    due: tuple[tuple[int, ...], int, int] | None
     sensor: SensorState | None
     others: dict[str, Any]
     stances: CausalStances
@@ -168,7 +169,7 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
         past=PastTable.from_past(new.past, past),
         handovers=tuple(one for one in new.starts if one.place.sample not in at),
         starts=tuple(one.place.sample for one in new.starts),
-        due=None if pending is None else (pending.due_at, pending.footfalls, _name_start(pending.task)),
+        due=None if pending is None else (pending.asked, pending.footfalls, _name_start(pending.task)),
         sensor=None if pending is None else pending.task.sensor,
         others=others,
         stances=state.stances,
@@ -230,10 +231,10 @@ def _restore_pending(
 ) -> Pending | None:
     if changes.due is None or changes.sensor is None:
         return None
-    due_at, count, at = changes.due
+    asked, count, at = changes.due
     start = None if at == OF_WALK else handovers[at]
     begins = 0 if start is None else start.place.number
-    return Pending(due_at, count, Task(start, footfalls[begins:count], changes.sensor), 0.0, 0.0)
+    return Pending(asked, count, Task(start, footfalls[begins:count], changes.sensor))
 
 
 def _name_start(task: Task) -> int:

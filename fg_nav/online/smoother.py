@@ -8,13 +8,11 @@
 The newest stretch is short, so that a footfall costs the same however long the walk; all of the past is in its anchor.
 Where it ends is fixed by the count of footfalls alone. So the same calls give the same answers to the bit, and how long
 a solution takes makes no difference, unless it takes longer than the footfalls until then. Then a walk whose samples
-come as they are walked goes on without it, and takes it over when it is there; only where they come faster, as from a
-file, it is waited for, between two footfalls.
+come as they are walked goes on without it, and takes it over when it is there (`takeover`).
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -34,17 +32,17 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
 from fg_nav.online.revision import Revision, compare_pasts
 from fg_nav.online.schedule import AT_ONCE, DOUBT_DELAY, NEWEST, WINDOW, choose_delay, choose_next, is_windowed
-from fg_nav.online.smoother_state import Pending, SmootherState
+from fg_nav.online.smoother_state import SmootherState
 from fg_nav.online.solving import CONTEXT_S, Solver, Task, WalkSolver
 from fg_nav.online.stretch import Stretch
 from fg_nav.online.strides import Place
+from fg_nav.online.takeover import Takeover
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
 
-FAST, MOST_LATE = 2.0, 6
-"""Times as fast as it was walked: then the samples are of a recording, and nobody watches. Footfalls since a solution
-was due that are added when it is taken over: each takes 10 ms."""
+MOST_LATE = 6
+"""Footfalls since a solution was due that are added when it is taken over: each takes 10 ms."""
 
 
 class OnlineSmoother:
@@ -66,14 +64,13 @@ class OnlineSmoother:
     ) -> None:
         self._options, self._buffer, self._stance = options, buffer, stance
         self._walk = WalkSoFar(buffer, options.use_field, options.axes_given)
-        self._solver = WalkSolver(options, stance, buffer) if solver is None else solver
+        self._takeover = Takeover(WalkSolver(options, stance, buffer) if solver is None else solver, buffer)
         self._stretch: Stretch | None = None
         self._past = Past()
         self._told: list[EstimateRow] = []
         self._told_continues: list[bool] = []
         self._footfalls: list[ToldFootfall] = []
         self._starts: list[Handover] = []
-        self._pending: Pending | None = None
         self._next = AT_ONCE[-1]
         self._doubted: set[int] = set()
         self._has_mag = False
@@ -98,7 +95,7 @@ class OnlineSmoother:
             never raises, however the person moved.
         """
         # A solution that is due is taken over before the footfall that comes behind it.
-        revised = self._take_over() if self._is_due and (self._waits or self._solver.is_ready()) else []
+        revised = self._take_over() if self._takeover.is_taken(self.n_told) else []
         told = ToldFootfall(footfall, self.n_told, until)
         self._walk.add(told)
         self._footfalls.append(told)
@@ -116,18 +113,16 @@ class OnlineSmoother:
         return [*revised, estimate]
 
     def prepare(self) -> None:
-        """Wait for a solution that is due, where the walk waits for one: now, and not when a footfall is complete."""
-        if self._pending and np.isnan(self._pending.clock_s):  # resumed: what it has already came, it does not see
-            self._pending = replace(self._pending, clock_s=time.monotonic())
-        if self._is_due and self._waits:
-            self._solver.wait()
+        """Get ready for samples that just came: wait for a solution that is due, where the walk waits for one."""
+        self._takeover.start_clock()
+        self._takeover.prepare(self.n_told)
 
     def finish(self) -> list[StanceEstimate | Revision]:
         """End the walk, and solve it once more, as far as its samples are there; what this takes back."""
-        self._solver.close()
+        self._takeover.solver.close()
         if self._stretch is None:
             return []
-        self._solver = WalkSolver(self._options, self._stance, self._buffer)
+        self._takeover.solver = WalkSolver(self._options, self._stance, self._buffer)
         self._begin(replace(self._build_task(self._window_start), has_ended=True), delay=0)
         return self._take_over()
 
@@ -207,6 +202,11 @@ class OnlineSmoother:
         """Sample of the footfall with which the newest stretch began; -1 before the first."""
         return self._starts[-1].place.sample if self._starts else -1
 
+    @property
+    def takeover(self) -> Takeover:
+        """When solutions that were made beside were taken over."""
+        return self._takeover
+
     def state(self) -> SmootherState:
         """Return what `resume` needs, of a walk that has begun: at no cost but that of the lists."""
         return SmootherState(
@@ -215,7 +215,7 @@ class OnlineSmoother:
             footfalls=tuple(self._footfalls),
             past=self._past,
             starts=tuple(self._starts),
-            pending=self._pending,
+            pending=self._takeover.pending,
             next=self._next,
             doubted=tuple(self._doubted),
             has_mag=self._has_mag,
@@ -226,7 +226,7 @@ class OnlineSmoother:
         """Go on where another smoother was, whose samples are in the buffer, as far as they were not discarded."""
         self._told, self._told_continues = list(state.told), list(state.told_continues)
         self._footfalls, self._past, self._starts = list(state.footfalls), state.past, list(state.starts)
-        self._pending, self._next, self._has_mag = state.pending, state.next, state.has_mag
+        self._next, self._has_mag = state.next, state.has_mag
         self._doubted = set(state.doubted)
         # The newest stretch is made again of the strides since it began.
         begun = self._starts[-1]
@@ -240,15 +240,12 @@ class OnlineSmoother:
             self._walk.add(footfall)
             self._stretch.add_newest()
         # What was being solved is begun again, on the samples that it and what comes need.
-        pending, n = self._pending, self.n_told
+        pending, n, solver = state.pending, self.n_told, self._takeover.solver
         is_whole = not is_windowed(n + 1, options.lag_s is not None) or (pending and pending.task.start is None)
-        self._solver.discard(self._buffer.first if is_whole else self._find_window())
-        self._solver.follow(self._walk.stop)
+        solver.discard(self._buffer.first if is_whole else self._find_window())
+        solver.follow(self._walk.stop)
         if pending is not None:
-            self._begin(pending.task, 0)
-            self._pending = replace(pending, clock_s=np.nan, t=self._buffer.stamp(self._walk.stop - 1))
-            if n >= pending.due_at:
-                self._solver.ask(self._footfalls[pending.footfalls : len(self._footfalls) - n + pending.due_at])
+            self._takeover.resume(pending, self._footfalls, n)
 
     def _count_north(self, estimate: StanceEstimate) -> StanceEstimate:
         """Count in what is not known of a north that the field alone shows, or has yet to show."""
@@ -276,28 +273,16 @@ class OnlineSmoother:
             self._stretch.add_newest()
             return []
 
-    @property
-    def _is_due(self) -> bool:
-        """Whether a solution was asked for."""
-        return self._pending is not None and self._pending.due_at <= self.n_told
-
-    @property
-    def _waits(self) -> bool:
-        """Whether a solution is waited for: it is solved here, or the samples come faster than they were walked."""
-        assert self._pending is not None
-        passed_s = time.monotonic() - self._pending.clock_s
-        return self._solver.is_here or self._buffer.stamp(self._walk.stop - 1) - self._pending.t > FAST * passed_s
-
     def _take_over(self) -> list[StanceEstimate | Revision]:
         """Take over what was solved beside, unless there is no solution: then the newest stretch goes on."""
-        assert self._pending is not None
-        handover, late = self._solver.take(), self.n_told - self._pending.due_at
-        if late > MOST_LATE:
+        takeover, n = self._takeover, self.n_told
+        assert takeover.pending is not None
+        handover, late = takeover.take(n), n - takeover.pending.due_at
+        if handover is not None and late > MOST_LATE:
             # Too many footfalls have come since: they are added beside as well.
-            self._solver.ask(self._footfalls[-late:])
-            self._pending = replace(self._pending, due_at=self.n_told)
+            takeover.ask(self._footfalls[-late:], n)
             return []
-        self._pending = None
+        takeover.pending = None
         try:
             return [] if handover is None else [self._take(handover, self._footfalls[len(self._footfalls) - late :])]
         except UNSOLVED:
@@ -322,6 +307,7 @@ class OnlineSmoother:
         self._footfalls[first:] = [*handover.footfalls, *since]
         self._past = self._past.join(handover.past)
         self._starts = self._keep_starts(handover)
+        self._takeover.taken.clear()
         rows = (*self._past.rows, *stretch.reported)
         return compare_pasts(old[first:], rows, first, list_untold(before, self._footfalls[first:]))
 
@@ -340,11 +326,11 @@ class OnlineSmoother:
 
     def _schedule(self, doubtful: int | None) -> None:
         """Begin the next solution, or ask for the one that is due behind the newest footfall."""
-        n, has_lag, pending = self.n_told, self._options.lag_s is not None, self._pending
-        self._solver.follow(self._walk.stop)
+        n, has_lag, pending = self.n_told, self._options.lag_s is not None, self._takeover.pending
+        self._takeover.solver.follow(self._walk.stop)
         if pending is not None:
             if n == pending.due_at:
-                self._solver.ask(self._footfalls[pending.footfalls :])
+                self._takeover.ask(self._footfalls[pending.footfalls :], n)
             return
         if n < AT_ONCE[-1] or (doubtful is None and n < self._next):
             return
@@ -362,9 +348,7 @@ class OnlineSmoother:
 
     def _begin(self, task: Task, delay: int) -> None:
         """Begin with a task, whose solution is due so many lines later."""
-        self._solver.begin(task)
-        stamp = self._buffer.stamp(self._walk.stop - 1)
-        self._pending = Pending(self.n_told + delay, len(self._footfalls), task, time.monotonic(), stamp)
+        self._takeover.begin(task, self.n_told + delay, len(self._footfalls))
 
     def _build_task(self, start: Handover | None) -> Task:
         footfalls = self._footfalls[0 if start is None else start.place.number :]
@@ -390,7 +374,7 @@ class OnlineSmoother:
     def _discard(self) -> None:
         """Discard what lies before the first handover that a window may begin at, samples with a lag alone."""
         since = self._find_window()
-        self._solver.discard(since)
+        self._takeover.solver.discard(since)
         if self._options.lag_s is not None:
             self._walk.discard(self._starts[0].place.number, since)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fg_nav.online.buffer import ToldFootfall
 from fg_nav.online.estimates import EstimateRow
@@ -12,16 +12,24 @@ from fg_nav.online.solving import Task
 
 @dataclass(frozen=True)
 class Pending:
-    """A solution of the first `footfalls` that is taken over when `due_at` lines were told; the task for it.
+    """A solution of the first `footfalls`, and the task for it.
 
-    It was begun at `clock_s` of this machine, when `t` was the stamp of the walk, s.
+    `asked` are the lines before which it is asked for, each time with the footfalls up to there; it is taken over
+    before the last of them, or later.
     """
 
-    due_at: int
+    asked: tuple[int, ...]
     footfalls: int
     task: Task
-    clock_s: float
-    t: float
+
+    @property
+    def due_at(self) -> int:
+        """The last of these lines."""
+        return self.asked[-1]
+
+    def ask_at(self, line: int) -> Pending:
+        """Return it, asked for before a line too."""
+        return self if line == self.due_at else replace(self, asked=(*self.asked, line))
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ class Solver(Protocol):
         """Begin with a task, all samples of whose footfalls are there."""
 
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
-        """Ask for the handover at the last of these footfalls, which came since the task."""
+        """Ask for the handover at the last of these footfalls, which came since the task, or since it was asked for."""
 
     def is_ready(self) -> bool:
         """Whether it is there."""
@@ -85,7 +85,7 @@ class WalkSolver:
     def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
         self._options, self._stance, self._buffer = options, stance, buffer
         self._task: Task | None = None
-        self._since: Sequence[ToldFootfall] = ()
+        self._asked: list[Sequence[ToldFootfall]] = []
         self._solved: tuple[Handover, WalkSoFar] | None = None
         self._is_done = False
 
@@ -97,11 +97,11 @@ class WalkSolver:
 
     def begin(self, task: Task) -> None:
         """See `Solver`."""
-        self._task, self._since, self._solved, self._is_done = task, (), None, False
+        self._task, self._asked, self._solved, self._is_done = task, [], None, False
 
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
         """See `Solver`."""
-        self._since = footfalls if self._is_done else (*self._since, *footfalls)
+        self._asked.append(footfalls)
         self._is_done = False
 
     def is_ready(self) -> bool:
@@ -115,10 +115,12 @@ class WalkSolver:
         assert self._task is not None
         try:
             solved, walk = self.solve(self._task) if self._solved is None else self._solved
-            self._solved = self.go_on(solved, walk, self._since), walk
+            for footfalls in self._asked:
+                solved = self.go_on(solved, walk, footfalls)
+            self._solved = solved, walk
         except UNSOLVED:
             self._solved = None
-        self._is_done = True
+        self._asked, self._is_done = [], True
 
     def take(self) -> Handover | None:
         """See `Solver`."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import smoother, solving, strides
+from fg_nav.online import smoother, solving, strides, takeover
 from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.buffer import LEAD_S, UNSEEN, SampleBuffer, WalkSoFar, rows_of
 from fg_nav.online.isam2 import ISAM2Backend
@@ -137,12 +137,13 @@ class Late(InPieces):
 def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
     """What came in the meantime is added to it when it is there: here, or where it is solved if that is much."""
     usual = fed(demo())
-    monkeypatch.setattr(smoother, "FAST", np.inf)
+    monkeypatch.setattr(takeover, "FAST", np.inf)
     buffer = SampleBuffer()
     online = OnlineSmoother(OnlineOptions(), buffer, solver=Late(OnlineOptions(), buffer, late))
     buffer.append(rows_of(demo().recording))
     begun = []
     for k in range(FOOTFALLS):
+        online.prepare()
         add(online, demo(), k)
         begun.append(online._stretch.begun.place.number)
     assert begun[11 + late] < 11 <= begun[13 + late]
@@ -169,7 +170,7 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
         handover = solver.take()
         assert [one.told for one in handover.footfalls] == list(range(20))
         found.append(Stretch(handover, WalkSoFar(buffer, footfalls=told)).latest)
-    np.testing.assert_allclose(found[0].position, found[1].position, atol=1e-3)
+    np.testing.assert_array_equal(found[0].position, found[1].position)
 
 
 def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at() -> None:
@@ -194,7 +195,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
     Modules in the folder that the user is in are none of its own.
     """
-    monkeypatch.setattr(smoother, "FAST", 0.0)  # solutions are waited for, however slow the machine
+    monkeypatch.setattr(takeover, "FAST", 0.0)  # solutions are waited for, however slow the machine
     (tmp_path / "numpy.py").write_text("raise ImportError\n")
     monkeypatch.chdir(tmp_path)
     walk, buffer, remarks = in_field(), SampleBuffer(), []
