@@ -60,6 +60,12 @@ def wrap_angle(angle: Floats) -> Floats:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
+def average_angles(angles: Floats) -> float:
+    """Mean direction of angles (N,) rad, in (-pi, pi]; NaN is left out, and of none it is 0."""
+    known = angles[np.isfinite(angles)]
+    return float(np.angle(np.exp(1j * known).mean())) if len(known) else 0.0
+
+
 def yaw_rotation(angle: float) -> Floats:
     """Rotation (3, 3) about up by `angle` rad, counter-clockwise seen from above."""
     c, s = np.cos(angle), np.sin(angle)

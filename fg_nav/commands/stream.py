@@ -18,7 +18,6 @@ import typer
 
 from fg_nav.commands import Target
 from fg_nav.estimators import Progress
-from fg_nav.evaluation import evaluate
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.navigate import prepare_walk
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
@@ -28,7 +27,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.recording import Provenance
-from fg_nav.report.files import write_json, write_paths, write_run
+from fg_nav.report.files import write_lagged, write_run
 from fg_nav.report.terminal import progress
 from fg_nav.solution import Solution
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
@@ -94,20 +93,7 @@ def write_end(folder: Path, walk: StreamedWalk) -> None:
             prepared, outcome = finish_stream(walk, report)
         write_run(folder, prepared, outcome)
         return
-    solution = walk.navigator.finish()
-    write_paths(folder, solution)
-    metrics = evaluate(solution)
-    figures = {
-        "method": solution.method,
-        "duration_s": float(solution.t[-1] - solution.t[0]),
-        "distance_m": metrics.distance_m,
-        "strides": metrics.strides_detected,
-        "closure_m": metrics.closure_m,
-        "closure_percent": metrics.closure_percent,
-        "runtime_s": solution.runtime_s,
-        "notes": list(solution.notes),
-    }
-    write_json(folder / "summary.json", figures)
+    write_lagged(folder, walk.navigator.finish())
 
 
 def _has_lag(walk: StreamedWalk) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
-from fg_nav.frames import wrap_angle
+from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, Disturbance, find_threshold, judge_samples
 from fg_nav.magnetic.footfall_field import compute_true_heading
@@ -81,8 +81,7 @@ class FieldSurvey:
     @property
     def offset(self) -> float:
         """Circular mean of the difference, rad: the heading at the start, where it was not given."""
-        known = self.difference[np.isfinite(self.difference)]
-        return float(np.angle(np.exp(1j * known).mean())) if len(known) else 0.0
+        return average_angles(self.difference)
 
     @cached_property
     def position(self) -> Floats:

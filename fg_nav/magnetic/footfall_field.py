@@ -45,7 +45,7 @@ from numba import njit
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rest import find_start
 from fg_nav.errors import MagneticError
-from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.frames import average_angles, compute_heading, wrap_angle
 from fg_nav.mechanisation import nudge_tilt, rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -178,6 +178,11 @@ class FootfallField:
     def heading_difference(self) -> Floats:
         """(F,) rad, magnetic minus gyro heading, wrapped."""
         return wrap_angle(self.magnetic_heading - self.gyro_heading)
+
+    @property
+    def mean_heading_difference(self) -> float:
+        """Circular mean of the difference, rad; 0 where there is none."""
+        return average_angles(self.heading_difference)
 
 
 def average_footfall_field(

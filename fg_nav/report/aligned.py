@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.comparison import Comparison
 from fg_nav.recording import Truth
@@ -17,10 +15,6 @@ from fg_nav.solution import Solution
 
 if TYPE_CHECKING:
     from fg_nav.walk import Outcome, Walk
-
-ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))
-"""Semi-axes of the 95 % ellipse of a two-dimensional normal distribution, in standard deviations."""
-
 
 _ALIGNMENTS = {
     "yaw": "aligned by yaw and shift",
@@ -46,13 +40,17 @@ class AlignedSolution:
         """Attitudes (N, 3, 3) in the frame of the picture."""
         return nav_R_body if self.comparison is None else self.comparison.alignment.rotate(nav_R_body)
 
-    def horizontal_cov(self) -> Floats:
-        """(K, 2, 2) m^2, covariance of the stances' horizontal position."""
+    def position_cov(self) -> Floats:
+        """(K, 3, 3) m^2, covariance of the stances' position."""
         cov = self.solution.stances.position_cov
-        if self.comparison is not None:
-            turn = self.comparison.alignment.truth_R_nav
-            cov = turn @ cov @ turn.T
-        return cov[:, :2, :2]
+        if self.comparison is None:
+            return cov
+        turn = self.comparison.alignment.truth_R_nav
+        return turn @ cov @ turn.T
+
+    def stance_position(self) -> Floats:
+        """(K, 3) m of the stances."""
+        return self.align_position(self.solution.stances.position)
 
     @property
     def alignment_words(self) -> str:

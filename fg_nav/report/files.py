@@ -1,4 +1,4 @@
-"""The files of a result: trajectory, strides, summary and configuration; the pictures stand beside them.
+"""The files of a result: trajectory, strides, summary and configuration; page and pictures stand beside them.
 
 ==================== =======================================================================================
 trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
@@ -8,6 +8,7 @@ online.csv           the same as estimated at the moment of each footfall, from 
 summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
 config.json          what was run on what, with every parameter as it was in effect
 comparison.csv/json  the summaries of several methods, one row each
+report.html          all that is to be seen of them (`fg_nav.report.page`)
 ==================== =======================================================================================
 """
 
@@ -17,24 +18,31 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
 
-from fg_nav.evaluation.metrics import measure_gap
+from fg_nav.evaluation.metrics import evaluate, measure_gap
 from fg_nav.frames import compute_heading
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 from fg_nav.verdict import judge_path
+from fg_nav.walk import Outcome
 
 if TYPE_CHECKING:
-    from fg_nav.walk import Outcome, Walk
+    from fg_nav.walk import Walk
 
 Summary: TypeAlias = dict[str, object]
 """Figures of merit by `SUMMARY_KEYS`, ready for JSON."""
+
+Plots: TypeAlias = Literal["none", "png", "html", "all"]
+"""What is drawn of a result: the page, the pictures, both or neither."""
+
+WITH_PAGE: tuple[Plots, ...] = ("html", "all")
+WITH_PICTURES: tuple[Plots, ...] = ("png", "all")
 
 STRIDE_COLUMNS = (
     "index", "time_s", "x_m", "y_m", "z_m", "heading_deg",
@@ -54,24 +62,61 @@ POLISHED_KEYS = ("distance_m", "closure_m", "closure_percent", "rmse_2d_m", "rms
 GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 
 
-def write_run(folder: Path, walk: Walk, outcome: Outcome) -> Summary:
-    """Write what one method made of a walk into an existing folder, with its pictures; return the summary."""
-    from fg_nav.report.plots import draw_result, draw_stances
-
+def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "all") -> Summary:
+    """Write what one method made of a walk into an existing folder, with page and pictures; return the summary."""
     summary = write_result(folder, walk, outcome)
-    draw_result(folder, walk, outcome)
-    draw_stances(folder, walk)
+    if plots in WITH_PAGE:
+        _write_page(folder, walk, {outcome.solution.method: outcome}, [summary])
+    if plots in WITH_PICTURES:
+        from fg_nav.report.plots import draw_result, draw_stances
+
+        draw_result(folder, walk, outcome)
+        draw_stances(folder, walk)
     return summary
 
 
-def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> list[Summary]:
-    """Write each method's files into its own folder, the summaries as `comparison.csv` and `.json`, and pictures."""
-    from fg_nav.report.plots import draw_comparison, draw_stances
-
+def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], plots: Plots = "all") -> list[Summary]:
+    """Write each method's files into its own folder, `comparison.csv` and `.json`, page and pictures."""
     summaries = write_results(folder, walk, outcomes)
-    draw_comparison(folder, walk, outcomes)
-    draw_stances(folder, walk)
+    if plots in WITH_PAGE:
+        _write_page(folder, walk, outcomes, summaries)
+    if plots in WITH_PICTURES:
+        from fg_nav.report.plots import draw_comparison, draw_stances
+
+        draw_comparison(folder, walk, outcomes)
+        draw_stances(folder, walk)
     return summaries
+
+
+def _write_page(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], summaries: list[Summary]) -> None:
+    from fg_nav.report.page import Findings, write_page
+
+    configs = [describe_run(walk, outcome.solution) for outcome in outcomes.values()]
+    write_page(folder, Findings(outcomes, summaries, configs, walk))
+
+
+def write_lagged(folder: Path, solution: Solution, plots: Plots = "all") -> Summary:
+    """Write what is known of a walk in progress whose samples were not kept; return the summary."""
+    write_paths(folder, solution)
+    metrics = evaluate(solution)
+    summary: Summary = {
+        "method": solution.method,
+        "duration_s": float(solution.t[-1] - solution.t[0]),
+        "distance_m": metrics.distance_m,
+        "strides": metrics.strides_detected,
+        "closure_m": metrics.closure_m,
+        "closure_percent": metrics.closure_percent,
+        "runtime_s": solution.runtime_s,
+        "notes": list(solution.notes),
+    }
+    write_json(folder / "summary.json", summary)
+    if plots in WITH_PAGE:
+        from fg_nav.report.page import Findings, write_page
+
+        config = {"method": solution.method, "parameters": solution.parameters}
+        outcomes = {solution.method: Outcome(solution, metrics, None)}
+        write_page(folder, Findings(outcomes, [summary], [config], None))
+    return summary
 
 
 def write_result(folder: Path, walk: Walk, outcome: Outcome) -> Summary:

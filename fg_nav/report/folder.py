@@ -21,7 +21,7 @@ _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 
 RESULT_FILES = frozenset(
     {
-        "trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json",
+        "trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json", "report.html",
         "trajectory_polished.tum", "strides_polished.csv",
         "trajectory.png", "heading.png", "gyro_bias.png", "stance_statistic.png",
         "comparison.csv", "comparison.json", "trajectories.png", "errors.png",

@@ -18,10 +18,10 @@ from fg_nav.walk import Walk
 from tests.command_line import FgNav, in_a_process, names
 
 RUN_FILES = {
-    "trajectory.tum", "strides.csv", "summary.json", "config.json",
+    "trajectory.tum", "strides.csv", "summary.json", "config.json", "report.html",
     "trajectory.png", "heading.png", "gyro_bias.png", "stance_statistic.png",
 }  # fmt: skip
-METHOD_FILES = RUN_FILES - {"stance_statistic.png"}
+METHOD_FILES = RUN_FILES - {"stance_statistic.png", "report.html"}
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,8 @@ def test_compare_lays_methods_side_by_side_on_the_same_stances(fg_nav: FgNav, fi
         "out",
     )
     assert ran.code == 0, ran.err
-    shared = {"comparison.csv", "comparison.json", "trajectories.png", "errors.png", "stance_statistic.png"}
+    pictures = {"trajectories.png", "errors.png", "stance_statistic.png"}
+    shared = {"comparison.csv", "comparison.json", "report.html", *pictures}
     assert names(Path("out")) == shared | {"smoother", "iez"}
     assert names(Path("out/smoother")) == names(Path("out/iez")) == METHOD_FILES
     table = pd.read_csv("out/comparison.csv")

@@ -23,7 +23,7 @@ from functools import partial
 from importlib import import_module, metadata
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from rich.text import Text
 
 from fg_nav.errors import OutputError
@@ -205,13 +205,13 @@ def _make_table(experiment: Experiment, walks: int) -> object:
 
 
 _CLASSES = {
-    results.REPRODUCED: "reproduced",
+    results.REPRODUCED: "good",
     results.BETTER: "better",
-    results.MISSED_EXPLAINED: "explained",
-    results.MISSED: "missed",
+    results.MISSED_EXPLAINED: "caution",
+    results.MISSED: "bad",
     results.PUT_IN: "aside",
-    results.AS_ASKED: "reproduced",
-    results.SHORT: "missed",
+    results.AS_ASKED: "good",
+    results.SHORT: "bad",
 }
 _SIGNS = {
     results.REPRODUCED: "=",
@@ -236,7 +236,7 @@ def write_page(found: Reproduction, folder: Path) -> str:
         If a picture is not there, or is no PNG.
     """
     environment = Environment(
-        loader=PackageLoader("fg_nav.lab.reproduce", "."),
+        loader=ChoiceLoader([PackageLoader(place, ".") for place in ("fg_nav.lab.reproduce", "fg_nav.report.page")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -18,8 +18,9 @@ from matplotlib.ticker import MultipleLocator
 
 from fg_nav.arrays import Floats
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.report.aligned import ELLIPSE_RADIUS, AlignedSolution
+from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.decimation import spread_rows
+from fg_nav.report.ellipses import REACH, find_ellipses, find_extent
 from fg_nav.report.plots import style
 from fg_nav.report.plots.style import MAX_POINTS
 
@@ -38,12 +39,12 @@ WIDEST_SCALE = (2.0, 98.0)
 
 def plot_trajectory(view: AlignedSolution) -> Figure:
     """Draw the walk from above: path, stances with 95 % ellipses, truth."""
-    stance = view.align_position(view.solution.stances.position)
+    stance = view.stance_position()
     with style.styled():
         figure, axes = _map([view])
         _draw_truth(axes, view.truth)
         _draw_path(axes, view, style.BLUE, view.solution.method)
-        _draw_ellipses(axes, stance, view.horizontal_cov(), float(np.max(np.ptp(stance[:, :2], axis=0))))
+        _draw_ellipses(axes, view)
         if len(stance) <= MAX_DOTS:
             axes.plot(*stance[:, :2].T, ".", color=style.BLUE, markersize=3.2, zorder=4)
         draw_ends(axes, stance)
@@ -59,7 +60,7 @@ def plot_trajectories(views: Mapping[str, AlignedSolution]) -> Figure:
         _draw_truth(axes, first.truth)
         for colour, (name, view) in zip(style.colours(len(views)), views.items(), strict=True):
             _draw_path(axes, view, colour, name)
-        draw_ends(axes, first.align_position(first.solution.stances.position))
+        draw_ends(axes, first.stance_position())
         style.head(axes, f"Trajectories{first.alignment_words}")
     return figure
 
@@ -120,34 +121,21 @@ def _path(view: AlignedSolution) -> Floats:
     return view.align_position(view.solution.position[spread_rows(len(view.solution.position), MAX_POINTS)])[:, :2]
 
 
-def _draw_ellipses(axes: Axes, centre: Floats, cov: Floats, extent_m: float) -> None:
-    claimed = np.flatnonzero(np.isfinite(cov).all(axis=(1, 2)))
-    if not len(claimed):
+def _draw_ellipses(axes: Axes, view: AlignedSolution) -> None:
+    found = find_ellipses(view, MAX_ELLIPSES)
+    if found is None:
         return
-    largest_m = ELLIPSE_RADIUS * float(np.sqrt(np.max(np.linalg.eigvalsh(cov[claimed]))))
-    at_most = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, MAX_ELLIPSES))  # huge ones would hide the path
-    row = claimed[spread_rows(len(claimed), at_most)]
-    variance, direction = np.linalg.eigh(cov[row])
-    semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
-    zoom = _zoom(largest_m, extent_m)
-    angle_deg = np.rad2deg(np.arctan2(direction[:, 1, 1], direction[:, 0, 1]))
+    size = 2 * found.zoom * found.semi
     ellipses = EllipseCollection(
-        2 * zoom * semi[:, 1], 2 * zoom * semi[:, 0], angle_deg, units="xy", offsets=centre[row, :2],
+        size[:, 1], size[:, 0], np.rad2deg(found.angle), units="xy", offsets=found.centre,
         offset_transform=axes.transData, facecolor=style.BLUE, edgecolor=style.BLUE, alpha=0.16,
         linewidth=0.6, zorder=2,
     )  # fmt: skip
     axes.add_collection(ellipses)
-    reach = np.minimum(zoom * semi[:, 1:], 0.3 * extent_m)
-    axes.update_datalim(np.vstack([centre[row, :2] - reach, centre[row, :2] + reach]))
-    words = "95 % ellipses" + (f", drawn {zoom} times as large" if zoom > 1 else "")
+    reach = np.minimum(size[:, 1:] / 2, REACH * find_extent(view.stance_position()))
+    axes.update_datalim(np.vstack([found.centre - reach, found.centre + reach]))
+    words = "95 % ellipses" + (f", drawn {found.zoom} times as large" if found.zoom > 1 else "")
     axes.plot([], [], "o", color=style.BLUE, alpha=0.25, markersize=8, label=words)
-
-
-def _zoom(semi_m: float, extent_m: float) -> int:
-    """Factor that makes the largest ellipse visible; 1 where it is anyway."""
-    wanted = 0.02 * extent_m / max(semi_m, 1e-9)
-    steps = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])
-    return int(steps[np.searchsorted(steps, min(wanted, 1000.0))]) if wanted > 2.0 else 1
 
 
 def draw_ends(axes: Axes, stance: Floats) -> None:

@@ -1,0 +1,58 @@
+"""`report.html`: one page with all that a result shows, which asks nothing of a network.
+
+plotly.js (its basic bundle, MIT licence, in `LICENSE-plotly.txt`) stands in the page; it is packed in the package, and
+the figures are plain dictionaries, so no other package is needed. A policy in the page forbids every request, and all
+texts are escaped, so neither a recording nor its name can make the page do anything.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+from fg_nav.report.page.content import Findings, compose_page
+from fg_nav.report.page.figures import Chart
+from fg_nav.text import find_version, to_json
+
+__all__ = ["REPORT", "Findings", "render_page", "write_page"]
+
+REPORT = "report.html"
+"""Name of the page in the folder of a result."""
+
+PLOTLY = "plotly-basic-4.1.1.min.js"
+_HERE = Path(__file__).parent
+
+
+def write_page(folder: Path, found: Findings) -> None:
+    """Write the page of a result into its folder."""
+    (folder / REPORT).write_text(render_page(found), encoding="utf-8")
+
+
+def render_page(found: Findings) -> str:
+    """Return the page of a result."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=FileSystemLoader(_HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["json"] = lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False)
+    page = compose_page(found, find_version())
+    return environment.get_template("report.html.j2").render(
+        page=page,
+        charts=Markup(_encode(page.charts)),
+        plotly=Markup(gzip.decompress((_HERE / f"{PLOTLY}.gz").read_bytes()).decode("utf-8")),
+        licence=(_HERE / "LICENSE-plotly.txt").read_text(encoding="utf-8"),
+        script=Markup((_HERE / "report.js").read_text(encoding="utf-8")),
+    )
+
+
+def _encode(charts: list[Chart]) -> str:
+    """Charts as JSON that ends no element of the page."""
+    content = {
+        chart.name: {"data": chart.data, "layout": chart.layout, "scaled": chart.scaled, "north": chart.north}
+        for chart in charts
+    }
+    words = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    return words.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -1,0 +1,171 @@
+"""Figures as plotly.js takes them, written as plain dictionaries: lines, bands and dots in panels over one another.
+
+Numbers are rounded to what can be seen, and what is not finite becomes null, which breaks a line. Colors are legible on
+white and on dark gray; text and grid are colored by the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.report.decimation import envelope, spread_rows
+
+Trace: TypeAlias = dict[str, Any]
+"""One line, band or set of dots."""
+
+BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL = "#2a7fc9", "#d9601a", "#12946c", "#b8609c", "#b07d12", "#3a93b0"
+CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)
+"""Colors of methods or axes, in order: those of Okabe and Ito, of a lightness that shows on white and on dark."""
+
+GRAY = "#8a9096"
+"""Of a truth, and of what was not judged."""
+
+MAX_POINTS = 6000
+"""Of a line: a desk shows some 1200 pixels, and a line is looked at closer by a factor of a few."""
+
+MAX_DOTS = 3000
+"""Dots that answer the pointer: more of them make a page slow."""
+
+SHADE = "rgba(42, 127, 201, 0.16)"
+"""Background of a stance."""
+
+_METERS, _SECONDS = 4, 3
+"""Decimals: tenths of millimeters, milliseconds."""
+
+_DIGITS = 6
+"""Significant digits of all else."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes of a figure: the label of its y axis, what is drawn, and what its y axis is given."""
+
+    label: str
+    traces: Sequence[Trace]
+    axis: Mapping[str, Any] = field(default_factory=dict)
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure on the page: its name there, data and layout for plotly, what it shows, and its shape.
+
+    `height` is in CSS; `scaled` where a scale bar and a north arrow go with it, `north` the letters at that arrow.
+    """
+
+    name: str
+    data: list[Trace]
+    layout: dict[str, Any]
+    caption: str
+    height: str
+    scaled: bool = False
+    north: str = ""
+
+
+def to_numbers(values: Floats, decimals: int | None = None) -> list[float | None]:
+    """Round to so many decimals, or to some significant digits; null where not finite."""
+    values = np.asarray(values, dtype=np.float64)
+    if decimals is None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            largest = np.log10(np.abs(values))
+        finite = largest[np.isfinite(largest)]
+        decimals = _DIGITS - 1 - int(np.ceil(np.median(finite))) if len(finite) else 0
+    return [value if np.isfinite(value) else None for value in np.round(values, decimals).tolist()]
+
+
+def to_meters(values: Floats) -> list[float | None]:
+    """Round to tenths of millimeters."""
+    return to_numbers(values, _METERS)
+
+
+def to_seconds(values: Floats) -> list[float | None]:
+    """Round to milliseconds."""
+    return to_numbers(values, _SECONDS)
+
+
+def line(x: list[float | None], y: list[float | None], color: str, name: str, **more: Any) -> Trace:
+    """Return a line."""
+    style = {"color": color, "width": more.pop("width", 1.5)} | more.pop("style", {})
+    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "line": style, "name": name, **more}
+
+
+def signal(t: Floats, value: Floats, color: str, name: str, **more: Any) -> Trace:
+    """Return the line of a signal over time; of a long one its envelope."""
+    if len(t) > MAX_POINTS:
+        t, value = envelope(t, value, MAX_POINTS // 2)
+    return line(to_seconds(t), to_numbers(value), color, name, **more)
+
+
+def dots(x: list[float | None], y: list[float | None], color: str, name: str, **more: Any) -> Trace:
+    """Return dots."""
+    mark = {"color": color, "size": more.pop("size", 4.5)} | more.pop("style", {})
+    return {"type": "scatter", "mode": "markers", "x": x, "y": y, "marker": mark, "name": name, **more}
+
+
+def band(t: Floats, middle: Floats, half: Floats, color: str, name: str, **more: Any) -> Trace:
+    """Return the area within `half` (N,) of `middle` (N,), thinned to what is seen."""
+    known = np.flatnonzero(np.isfinite(middle) & np.isfinite(half))
+    row = known[spread_rows(len(known), MAX_POINTS // 2)] if len(known) else known
+    t, low, high = t[row], (middle - half)[row], (middle + half)[row]
+    around = to_numbers(np.concatenate([low, high[::-1]]))
+    shape = {"fill": "toself", "fillcolor": fade(color, 0.2), "hoverinfo": "skip"}
+    return line(to_seconds(np.concatenate([t, t[::-1]])), around, color, name, width=0, **shape, **more)
+
+
+def level(t: Floats, value: float, color: str, name: str, **more: Any) -> Trace:
+    """Return a horizontal line over the whole time."""
+    ends = to_numbers(np.array([value, value]))
+    return line(to_seconds(t[[0, -1]]), ends, color, name, width=1.2, hoverinfo="skip", **more)
+
+
+def fade(color: str, opacity: float) -> str:
+    """Return a color "#rrggbb" that lets through what is behind it."""
+    red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red}, {green}, {blue}, {opacity:g})"
+
+
+def thin(t: Floats, at_most: int = MAX_POINTS) -> Ints:
+    """Rows of a series to draw."""
+    return spread_rows(len(t), at_most) if len(t) else np.zeros(0, dtype=np.int64)
+
+
+def stack(name: str, panels: Sequence[Panel], caption: str, x_label: str = "time (s)") -> Chart:
+    """Put panels over one another, on one axis of x; each trace is named in the legend once."""
+    layout: dict[str, Any] = {"xaxis": axis(x_label, anchor=_axis_name("y", len(panels) - 1))}
+    gap = 0.09 if len(panels) > 1 else 0.0
+    whole, top = sum(panel.share for panel in panels), 1.0
+    room = (1.0 - gap * (len(panels) - 1)) / whole
+    data: list[Trace] = []
+    for k, panel in enumerate(panels):
+        bottom = max(top - room * panel.share, 0.0)
+        layout[_axis_name("yaxis", k)] = axis(panel.label, domain=[bottom, top], **panel.axis)
+        data += [trace | {"xaxis": "x", "yaxis": _axis_name("y", k)} for trace in panel.traces]
+        top = bottom - gap
+    return Chart(name, _name_once(data), layout, caption, f"{90 + 170 * round(max(whole, 1.4), 1):.0f}px")
+
+
+def axis(label: str, **more: Any) -> dict[str, Any]:
+    """Return an axis with a label."""
+    return {"title": {"text": label, "standoff": 6}, "zeroline": False, "automargin": True, **more}
+
+
+def _axis_name(kind: str, k: int) -> str:
+    return kind if k == 0 else f"{kind}{k + 1}"
+
+
+def _name_once(data: list[Trace]) -> list[Trace]:
+    """Show one entry of the legend for all traces of a name; it hides and shows all of them."""
+    named: set[str] = set()
+    marked = []
+    for trace in data:
+        group = trace.get("legendgroup", trace["name"])
+        first = trace["name"] not in named
+        named.add(trace["name"])
+        shown = {"showlegend": False} if not first else {}
+        marked.append({"legendgroup": group, **trace, **shown})
+    return marked
