@@ -1,0 +1,268 @@
+"""Several sensors with stamps and rates of their own, brought onto one clock: that of the gyroscope.
+
+A phone delivers each sensor when it has it: other rates, other starts, gaps of its own. Of streams (t_k, x_k)
+
+* acc at a gyroscope's stamp t is the straight line between the samples of acc before and after it; the error is at most
+  h^2/8 max|x''| over the step h between them. Across a gap of acc there is no line: such rows are NaN;
+* mag is put at the gyroscope's row that is nearest in time, each sample once: estimators count samples as measurements,
+  and all other rows are NaN. It moves by half a period of the gyroscope at most;
+* rows are those of the gyroscope from where both began to where one of them ended.
+
+Stamps are s, or whole ns (int64), of which the earliest is subtracted before they become s: a double resolves the
+nanoseconds since 1970 to 256 ns only. What was done stands in the notes of the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import FormatError
+from fg_nav.io.content import drop_held
+from fg_nav.recording import GAP_PERIODS, Provenance, RawRecording
+from fg_nav.text import format_count
+
+Sensor = Literal["acc", "gyr", "mag"]
+
+NAMES: dict[Sensor, str] = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer"}
+
+SLOWEST_HZ, SLOW_HZ = 9.0, 20.0
+"""A leg swings once or twice a second: below the first rate little of a swing is seen, below the second not enough."""
+
+_END_OF_TIME_S = 1e11
+"""Seconds since 1970 are 2e9."""
+
+_RESTART_S = 1.0
+"""A step backward by more is a clock that began again, not a sample that came late."""
+
+_FROZEN_S = 2.0
+"""A sensor that wakes up repeats its first sample for less; a longer constant is a sensor at rest without noise."""
+
+_FROZEN_ROWS = 3
+"""Two equal samples are quantization."""
+
+_HELD_PERIODS = 3.0
+"""A value that lasts longer than so many samples was measured again."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one sensor.
+
+    Attributes
+    ----------
+    what : the sensor.
+    t : (N,) s, or whole ns as int64; the streams of a recording have the same zero and the same unit.
+    xyz : (N, 3) m/s^2, rad/s or uT, NaN where there is none.
+    row : (N,) lines in its file.
+    source : what people call it, such as its file.
+    """
+
+    what: Sensor
+    t: Floats | Ints
+    xyz: Floats
+    row: Ints
+    source: str
+
+    @property
+    def name(self) -> str:
+        """The sensor in words."""
+        return NAMES[self.what]
+
+    @property
+    def period_s(self) -> float:
+        """Median step between stamps that rise."""
+        return float(np.median(np.diff(self.t)))
+
+    def take(self, chosen: Bools | Ints | slice) -> Stream:
+        """Return some of the samples."""
+        return replace(self, t=self.t[chosen], xyz=self.xyz[chosen], row=self.row[chosen])
+
+
+def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = ()) -> RawRecording:
+    """Bring accelerometer, gyroscope and, where there is one, magnetometer onto the gyroscope's stamps.
+
+    `path` and `format` become the provenance, after `notes` it says what was done.
+
+    Raises `FormatError` if accelerometer or gyroscope is absent or too slow, or if they share no time.
+    """
+    remarks = list(notes)
+    found = {stream.what: stream for stream in _subtract_start(streams, remarks)}
+    cleaned = {what: _clean(stream, path, remarks) for what, stream in found.items()}
+    for needed in ("acc", "gyr"):
+        if needed not in cleaned:
+            other = [stream.name for stream in streams]
+            raise FormatError(
+                f"{path.name} has no {NAMES[needed]}{', only ' + ' and '.join(other) if other else ''}: "
+                f"record accelerometer and gyroscope together."
+            )
+    acc, gyr, mag = cleaned["acc"], cleaned["gyr"], cleaned.get("mag")
+    _check_rates((acc, gyr), path, remarks)
+    acc, gyr = _cut_to_shared(acc, gyr, path, remarks)
+    force = _interpolate(acc, gyr, remarks)
+    field = None if mag is None else _place(mag, gyr)
+    remarks += _describe([acc, gyr, *([] if mag is None else [mag])])
+    provenance = Provenance(path=path, format=format, notes=tuple(remarks))
+    return RawRecording(
+        t=np.asarray(gyr.t, dtype=np.float64), acc=force, gyr=gyr.xyz, mag=field, row=gyr.row, provenance=provenance
+    )
+
+
+def keep_changes(stream: Stream) -> Stream:
+    """Leave out the rows in which the sensor had no new sample, of a table with a row for each event of any sensor.
+
+    A value that lasts long is a sensor at rest: a row of it stays for every `_HELD_PERIODS` of its samples.
+    """
+    changed = np.concatenate(([True], (np.diff(stream.xyz, axis=0) != 0).any(axis=1)))
+    at = np.flatnonzero(changed)
+    if len(at) < 3:
+        return stream
+    last = at[np.cumsum(changed) - 1]
+    age = (stream.t - stream.t[last]) / (_HELD_PERIODS * max(float(np.median(np.diff(stream.t[at]))), 1e-9))
+    again = np.concatenate(([False], np.diff(np.floor(age)) > 0))
+    return stream.take(changed | again)
+
+
+def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Stream]:
+    """Stamps in s; of whole ns the earliest is subtracted first."""
+    streams = [stream for stream in streams if len(stream.t)]
+    if not streams or any(stream.t.dtype.kind == "f" for stream in streams):
+        return list(streams)
+    start = min(int(stream.t.min()) for stream in streams)
+    if start > 10**18:
+        day = datetime.fromtimestamp(start // 10**9, UTC)
+        remarks.append(f"time 0 is {day:%Y-%m-%d %H:%M:%S}.{start // 10**6 % 1000:03d} UTC")
+    return [replace(stream, t=np.asarray(stream.t - start, dtype=np.float64) * 1e-9) for stream in streams]
+
+
+def _clean(stream: Stream, path: Path, remarks: list[str]) -> Stream:
+    """Samples that are numbers, in order of time, each once, from the first that is none of a sensor that wakes up."""
+    whole = (np.abs(stream.t) < _END_OF_TIME_S) & np.isfinite(stream.xyz).all(axis=1)
+    stream = _follow_clock(stream.take(whole), remarks)
+    late = int(np.count_nonzero(np.diff(stream.t) < 0))
+    if late:
+        remarks.append(f"{format_count(late, 'sample')} of the {stream.name} came late: sorted")
+    stream = stream.take(np.argsort(stream.t, kind="stable"))
+    repeated = np.concatenate(([False], np.diff(stream.t) <= 0))[: len(stream.t)]
+    if repeated.any():
+        count = format_count(int(repeated.sum()), "sample")
+        remarks.append(f"{count} of the {stream.name} with the stamp of the one before left out")
+    stream = _drop_first_rows(stream.take(~repeated), remarks)
+    if len(stream.t) < 2:
+        raise FormatError(f"{path.name}: {stream.source} has no samples of the {stream.name}: record it again.")
+    return stream
+
+
+def _follow_clock(stream: Stream, remarks: list[str]) -> Stream:
+    """The longest part between stamps that begin again."""
+    restarts = np.flatnonzero(np.diff(stream.t) < -_RESTART_S) + 1
+    if not len(restarts):
+        return stream
+    edges = [0, *restarts.tolist(), len(stream.t)]
+    longest = int(np.argmax(np.diff(edges)))
+    remarks.append(
+        f"the stamps of the {stream.name} begin again in row {stream.row[restarts[0]]}: of "
+        f"{len(edges) - 1} parts the longest is taken"
+    )
+    return stream.take(slice(edges[longest], edges[longest + 1]))
+
+
+def _drop_first_rows(stream: Stream, remarks: list[str]) -> Stream:
+    """Without the zeros, or repeats of one sample, that a sensor gives before it is awake."""
+    if len(stream.t) < 2:
+        return stream
+    other = (stream.xyz != stream.xyz[0]).any(axis=1)
+    count = int(np.argmax(other)) if other.any() else 0
+    zero = not stream.xyz[0].any()
+    frozen = count >= _FROZEN_ROWS and stream.t[count - 1] - stream.t[0] < _FROZEN_S
+    if not count or not (zero or frozen):
+        return stream
+    what = "zero" if zero else "one sample repeated"
+    remarks.append(f"the first {format_count(count, 'row')} of the {stream.name}, {what}, left out")
+    return stream.take(slice(count, None))
+
+
+def _check_rates(streams: Sequence[Stream], path: Path, remarks: list[str]) -> None:
+    slowest = max(streams, key=lambda stream: stream.period_s)
+    rate = 1.0 / slowest.period_s
+    words = f"the {slowest.name} has {rate:.1f} samples a second"
+    if rate < SLOWEST_HZ:
+        raise FormatError(
+            f"{path.name}: {words}, too few to follow a walk: record at 50 Hz or more, 100 Hz for a foot."
+        )
+    if rate < SLOW_HZ:
+        remarks.append(f"{words}, too few to follow a step well: record at 50 Hz or more")
+
+
+def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> tuple[Stream, Stream]:
+    """The gyroscope's rows while both ran."""
+    first, last = max(acc.t[0], gyr.t[0]), min(acc.t[-1], gyr.t[-1])
+    if last - first < 0.5 * min(acc.t[-1] - acc.t[0], gyr.t[-1] - gyr.t[0]):
+        raise FormatError(
+            f"{path.name}: accelerometer ({_span(acc)}) and gyroscope ({_span(gyr)}) ran at different times: "
+            f"give the files of one recording."
+        )
+    before, after = first - min(acc.t[0], gyr.t[0]), max(acc.t[-1], gyr.t[-1]) - last
+    if max(before, after) > GAP_PERIODS * gyr.period_s:
+        remarks.append(
+            f"cut to the time in which accelerometer and gyroscope ran: {before:.3f} s left out at the start, "
+            f"{after:.3f} s at the end"
+        )
+    return acc, gyr.take((gyr.t >= first) & (gyr.t <= last))
+
+
+def _span(stream: Stream) -> str:
+    return f"{stream.t[0]:.1f} to {stream.t[-1]:.1f} s"
+
+
+def find_gap_s(t: Floats | Ints) -> float:
+    """Return the least step between rising stamps (N,) s that is a gap; bursts on the way are none."""
+    steps = np.diff(t)
+    near = steps[steps <= 0.5]
+    return GAP_PERIODS * max(float(np.median(steps)), float(near.mean()) if near.size else 0.0)
+
+
+def _interpolate(acc: Stream, gyr: Stream, remarks: list[str]) -> Floats:
+    """Force (N, 3) at the gyroscope's stamps, NaN where these lie in a gap of acc."""
+    force = np.column_stack([np.interp(gyr.t, acc.t, acc.xyz[:, axis]) for axis in range(3)])
+    after = np.clip(np.searchsorted(acc.t, gyr.t), 1, len(acc.t) - 1)
+    steps = acc.t[after] - acc.t[after - 1]
+    lost = (steps > find_gap_s(acc.t)) & (gyr.t != acc.t[after]) & (gyr.t != acc.t[after - 1])
+    if lost.any():
+        force[lost] = np.nan
+        remarks.append(
+            f"{format_count(int(lost.sum()), 'row')} in gaps of the accelerometer, up to {steps[lost].max():.3f} s, "
+            f"left out"
+        )
+    return force
+
+
+def _place(mag: Stream, gyr: Stream) -> Floats:
+    """Field (N, 3): each sample at the nearest of the gyroscope's rows; of several for a row the nearest of them."""
+    xyz = drop_held(mag.xyz, np.column_stack([np.interp(mag.t, gyr.t, gyr.xyz[:, axis]) for axis in range(3)]))
+    after = np.clip(np.searchsorted(gyr.t, mag.t), 1, len(gyr.t) - 1)
+    row = np.where(mag.t - gyr.t[after - 1] < gyr.t[after] - mag.t, after - 1, after)
+    distance = np.abs(gyr.t[row] - mag.t)
+    within = (mag.t >= gyr.t[0] - 0.5 * gyr.period_s) & (mag.t <= gyr.t[-1] + 0.5 * gyr.period_s)
+    usable = np.flatnonzero(within & (distance <= 0.5 * find_gap_s(gyr.t)) & np.isfinite(xyz).all(axis=1))
+    far_first = usable[np.argsort(-distance[usable], kind="stable")]
+    field = np.full((len(gyr.t), 3), np.nan)
+    field[row[far_first]] = xyz[far_first]
+    return field
+
+
+def _describe(streams: Sequence[Stream]) -> list[str]:
+    """Rates, and what was joined, if the stamps are not the same."""
+    rates = ", ".join(f"{stream.name} {1.0 / stream.period_s:.1f} Hz" for stream in streams)
+    acc, gyr = streams[0], streams[1]
+    if np.isin(gyr.t, acc.t).all():
+        return [f"{rates}, on one clock"]
+    starts = [stream.t[0] for stream in streams]
+    apart = 1e3 * (max(starts) - min(starts))
+    return [f"{rates}, begun {apart:.0f} ms apart: put on the gyroscope's clock, the accelerometer by straight lines"]
