@@ -11,7 +11,10 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import pandas as pd
+
 from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, find_column, read_table
 
 _MOST_LINES = 60
@@ -40,6 +43,23 @@ class Header:
         """
         positions = [find_column(name, self.names, content.path) for name in names]
         return read_table(content, self.names, positions, self.line + 2 + skip, self.separator)
+
+    def read_words(self, content: Content, name: str, row: Ints, skip: int = 0) -> pd.Series:
+        """Read a column as text in the lines `row` that `read` gave.
+
+        Raises `FormatError` if the column is missing or doubled, or the file is no table.
+        """
+        position = find_column(name, self.names, content.path)
+        first_line = self.line + 2 + skip
+        try:
+            frame = pd.read_csv(
+                content.source(), sep=self.separator, header=None, names=range(len(self.names) + 1), index_col=False,
+                dtype=str, skiprows=first_line - 1, skip_blank_lines=False, encoding="utf-8", encoding_errors="replace",
+                compression=None,
+            )  # fmt: skip
+            return frame[position].iloc[row - first_line]
+        except (ValueError, IndexError, pd.errors.ParserError):
+            raise FormatError(f"{content.path.name}: column '{name}' cannot be read: export it again.") from None
 
 
 def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Header | None:

@@ -13,7 +13,22 @@ from types import MappingProxyType
 
 from fg_nav.errors import FormatError
 from fg_nav.io.content import MATLAB, TEXT, Content, read_content
-from fg_nav.io.readers import broad, canonical, gdlbio, openshoe, pyshoe, sensorconnect, xio, xsens_mt
+from fg_nav.io.readers import (
+    apdm,
+    broad,
+    canonical,
+    gdlbio,
+    movesense,
+    openshoe,
+    pyshoe,
+    sensorconnect,
+    shimmer,
+    vectornav,
+    xio,
+    xsens_dot,
+    xsens_mt,
+    yei,
+)
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
 
@@ -41,6 +56,12 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
     Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read),
+    Format("xsens-dot", "Xsens or Movella DOT CSV", xsens_dot.recognizes, xsens_dot.read),
+    Format("movesense", "Movesense JSON", movesense.recognizes, movesense.read),
+    Format("shimmer", "Shimmer Consensys CSV", shimmer.recognizes, shimmer.read),
+    Format("apdm", "APDM Opal CSV", apdm.recognizes, apdm.read),
+    Format("vectornav", "VectorNav CSV of INSTINCT", vectornav.recognizes, vectornav.read),
+    Format("yei", "YEI 3-Space CSV", yei.recognizes, yei.read),
     Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, (MATLAB,)),
 )
 """All formats by name."""

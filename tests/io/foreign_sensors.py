@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
 
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording
+
+EPOCH_MS = 1_595_933_810_034
+"""Start of the files that have the time of day, ms since 1970."""
 
 _MT_LINES = (
     "// General information: ",
@@ -37,3 +47,154 @@ def _axes(name: str, pattern: str = "{}_{}") -> list[str]:
 
 def _rate(raw: RawRecording) -> float:
     return float(1.0 / np.median(np.diff(raw.t)))
+
+
+def write_xsens_dot(raw: RawRecording, path: Path, increments: bool = False) -> None:
+    """A recording of the app: us that begin again after 2^32, the first row of zeros, no magnetometer."""
+    keys = ["sep=,", "DeviceTag:,LF", "FirmwareVersion:,2.1.0", "AppVersion:,2023.6.1", "OutputRate:,60Hz", " 2024", ""]
+    quantities = ["dq_W", *_axes("dq"), "dv[1]", "dv[2]", "dv[3]"] if increments else [*_axes("Acc"), *_axes("Gyr")]
+    lines = [*keys, ",".join(["PacketCounter", "SampleTimeFine", *quantities])]
+    if increments:
+        turns = Rotation.from_rotvec(raw.gyr / _rate(raw)).as_quat(scalar_first=True)
+        samples = np.hstack([turns, raw.acc / _rate(raw)])
+    else:
+        samples = np.hstack([raw.acc, np.rad2deg(raw.gyr)])
+        samples[0] = 0.0
+    for k, values in enumerate(samples):
+        stamp = round(2**32 - 50_000 + raw.t[k] * 1e6) % 2**32
+        lines.append(", ".join([f"{k + 1}", f"{stamp}", *(f"{value:.12f}" for value in values)]))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_dot_sdk(raw: RawRecording, path: Path, rad: bool = False, attitude: bool = False) -> None:
+    """A log of the PC SDK: all keys in one line, 0.1 ms, four digits, and a last row that was cut."""
+    names = ["SampleTimeFine", *_axes("Acc"), *_axes("Gyr"), *_axes("Mag")]
+    columns = [np.round(1000.0 + raw.t * 1e4), raw.acc, raw.gyr if rad else np.rad2deg(raw.gyr), raw.mag / 48.0]
+    if attitude:
+        names += ["Quat_W", *_axes("Quat")]
+        columns.append(_integrate(raw).as_quat(scalar_first=True))
+    lines = ["DeviceTag: Movella DOT,FirmwareVersion: 3.0.0,AppVersion: 2023.6.0,OutputRate: 60", ",".join(names)]
+    lines += [f"{row[0]:.0f}," + ",".join(f"{value:.4f}" for value in row[1:]) for row in np.column_stack(columns)]
+    path.write_text("\n".join([*lines, f"{1000 + raw.t[-1] * 1e4 + 50:.0f}"]) + "\n")
+
+
+def write_movesense(raw: RawRecording, path: Path, separate: bool = False) -> None:
+    """Blocks of eight samples with a stamp in whole ms each."""
+    blocks: dict[str, list[dict[str, object]]] = {}
+    for start in range(0, len(raw.t) // 8 * 8, 8):
+        block = {
+            key: [dict(zip("xyz", row, strict=True)) for row in values[start : start + 8].tolist()]
+            for key, values in (("ArrayAcc", raw.acc), ("ArrayGyro", np.rad2deg(raw.gyr)), ("ArrayMagn", raw.mag))
+        }
+        stamp = {"Timestamp": round(17541 + raw.t[start] * 1e3)}
+        if separate:
+            for key, values in block.items():
+                blocks.setdefault(key.removeprefix("Array"), []).append({key: values, **stamp})
+        else:
+            blocks.setdefault("IMU9", []).append({**block, **stamp})
+    path.write_text(json.dumps({"Meas": blocks}))
+
+
+def write_shimmer(raw: RawRecording, path: Path, formatted: bool = False, wide: bool = False) -> None:
+    """With the separator told, a row of units, CRLF, a separator at the end, and both accelerometers."""
+    device = "Shimmer_40AC_"
+    clock, unit = ("FormattedUnix", "yyyy/mm/dd hh:mm:ss.000") if formatted else ("Unix", "ms")
+    names = [f"Timestamp_{clock}_CAL", *_axes("Accel_WR", "{}_{}_CAL")]
+    units, columns = [unit, *["m/(s^2)"] * 3], [raw.acc if wide else raw.acc[:, ::-1]]
+    if not wide:
+        names += _axes("Accel_LN", "{}_{}_CAL")
+        units += ["m/(s^2)"] * 3
+        columns.append(raw.acc)
+    names += [*_axes("Gyro", "{}_{}_CAL"), *_axes("Mag", "{}_{}_CAL")]
+    units += [*["deg/s"] * 3, *["local_flux"] * 3]
+    table = np.hstack([*columns, np.rad2deg(raw.gyr), raw.mag / 48.0])
+    lines = ['"sep=;"', ";".join(device + name for name in names) + ";", ";".join(units) + ";"]
+    for k, row in enumerate(table):
+        ms = EPOCH_MS + round(raw.t[k] * 1e3)
+        text = (
+            pd.Timestamp(ms, unit="ms").strftime("%Y/%m/%d %H:%M:%S.%f")[:-3] if formatted else f"{ms / 1e12:.12f}E12"
+        )
+        lines.append(";".join([text, *(repr(value) for value in row.tolist())]) + ";")
+    path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
+
+
+def write_apdm(raw: RawRecording, path: Path, paths: bool = False) -> None:
+    """Two sensors, of which the second is the recording and the first stands on its head."""
+    sensors = {"Lumbar": -1.0, "Left Foot": 1.0}
+    values = [np.hstack([sign * raw.acc, sign * raw.gyr, sign * raw.mag]) for sign in sensors.values()]
+    words = ("Acceleration", "Angular Velocity", "Magnetic Field")
+    if paths:
+        header = ["Time", *(f"{name}/{word}/{axis}" for name in sensors for word in words for axis in "XYZ")]
+        units = ["s", *["m/s^2"] * 3, *["rad/s"] * 3, *["uT"] * 3, *["m/s^2"] * 3, *["rad/s"] * 3, *["uT"] * 3]
+        lines = ["Test Name:,Walk", "Sample Rate:,100,Hz", ",".join(header), ",".join(units)]
+        time = [f"{t:.6f}" for t in raw.t]
+    else:
+        block = ["Accelerometer", "", "", "Gyroscope", "", "", "Magnetometer", "", "", "Barometer"]
+        numbers = "".join(f",{5718 + k},,,{name},,,,,," for k, name in enumerate(sensors))
+        lines = [f"Format=7{numbers}", ",".join(["Time", *block, *block]), "," + ",".join([*"XYZXYZXYZ", ""] * 2)]
+        values = [np.column_stack([part, np.full(len(raw.t), 4636858284341460992.0)]) for part in values]
+        time = [f"{EPOCH_MS * 1000 + round(t * 1e6)}" for t in raw.t]
+    for k, stamp in enumerate(time):
+        lines.append(",".join([stamp, *(f"{value:.6f}" for part in values for value in part[k])]))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_vectornav(raw: RawRecording, path: Path, compensated: bool = True) -> None:
+    """With the names of INSTINCT, empty columns before satellites are seen, and one unit missing."""
+    kinds = {"Uncomp": -1.0, "": 1.0} if compensated else {"Uncomp": 1.0}
+    header, columns = ["Time [s]", "GpsWeek", "Time::TimeStartup [ns]"], [np.round(18656256000 + raw.t * 1e9)]
+    for kind, sign in kinds.items():
+        rate = "AngularRate" if kind == "" else "UncompGyro"
+        header += _axes(f"IMU::{kind}Mag", "{}::{} [Gauss]") + _axes(f"IMU::{kind}Accel", "{}::{} [m/s^2]")
+        header += [f"IMU::{rate}::X", *(f"IMU::{rate}::{axis} [rad/s]" for axis in "YZ")]
+        columns.append(sign * np.hstack([raw.mag / 100.0, raw.acc, raw.gyr]))
+    table = np.column_stack(columns)
+    rows = [f",,{row[0]:.0f}," + ",".join(f"{value:.8f}" for value in row[1:]) for row in table]
+    path.write_text("\n".join([",".join(header), *rows]) + "\n")
+
+
+def write_yei(raw: RawRecording, path: Path) -> None:
+    names = ["%int(ChipTimeUS)"]
+    names += [f"%float(Raw{sensor}{axis})" for sensor in ("Gyro", "Compass", "Accel") for axis in "XYZ"]
+    lines = [f' # Data format: "{",".join(names)}"']
+    for stamp, *values in np.column_stack([np.round(raw.t * 1e6), raw.gyr, raw.mag / 100.0, raw.acc / GRAVITY_M_S2]):
+        lines.append(f"{stamp:.0f}," + ",".join(repr(float(value)) for value in values))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _integrate(raw: RawRecording) -> Rotation:
+    """Attitude that turns as the gyroscope says."""
+    turns = Rotation.from_rotvec(raw.gyr * np.diff(raw.t, prepend=raw.t[0])[:, None])
+    attitude = [turns[0]]
+    for k in range(1, len(raw.t)):
+        attitude.append(attitude[-1] * turns[k])
+    return Rotation.concatenate(attitude)
+
+
+class Written(NamedTuple):
+    """How a file is written, what it is to be recognized as, its digits, and what is to be said to read it."""
+
+    write: Callable[[RawRecording, Path], None]
+    format: str
+    digits: float
+    has_mag: bool = False
+    sensor: str | None = None
+
+
+FOREIGN: dict[str, Written] = {
+    "xsens": Written(write_xsens_mt, "xsens", 1e-6),
+    "dot": Written(write_xsens_dot, "xsens-dot", 1e-9),
+    "dot-increments": Written(partial(write_xsens_dot, increments=True), "xsens-dot", 1e-9),
+    "dot-sdk": Written(partial(write_dot_sdk, attitude=True), "xsens-dot", 1e-4),
+    "dot-sdk-rad": Written(partial(write_dot_sdk, rad=True), "xsens-dot", 1e-4),
+    "movesense": Written(write_movesense, "movesense", 1e-9, True),
+    "shimmer": Written(write_shimmer, "shimmer", 1e-9),
+    "shimmer-text": Written(partial(write_shimmer, formatted=True), "shimmer", 1e-9),
+    "shimmer-wide": Written(partial(write_shimmer, wide=True), "shimmer", 1e-9),
+    "apdm": Written(write_apdm, "apdm", 1e-6, True, "left foot"),
+    "apdm-paths": Written(partial(write_apdm, paths=True), "apdm", 1e-6, True, "Foot"),
+    "vectornav": Written(write_vectornav, "vectornav", 1e-7, True),
+    "vectornav-uncompensated": Written(partial(write_vectornav, compensated=False), "vectornav", 1e-7, True),
+    "yei": Written(write_yei, "yei", 1e-9, True),
+}
+"""Every kind of file by name."""

@@ -1,5 +1,6 @@
 """Files of sensor makers' tools: read equal within their digits, or refused with what to do."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,38 @@ import pytest
 
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw
-from tests.io.foreign_sensors import write_xsens_mt
+from fg_nav.recording import Recording
+from tests.io.foreign_sensors import (
+    FOREIGN,
+    write_apdm,
+    write_dot_sdk,
+    write_movesense,
+    write_shimmer,
+    write_xsens_dot,
+    write_xsens_mt,
+)
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 
 RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1.0)
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_each_kind_of_file_is_recognized_and_read_within_its_digits(kind: str, tmp_path: Path) -> None:
+    how, path = FOREIGN[kind], tmp_path / "walk.dat"
+    how.write(RAW, path)
+    raw = read_raw(path, sensor=how.sensor)
+    assert raw.provenance.format == how.format
+    recording = Recording.from_raw(raw)
+    start = round((recording.t[0] - raw.t[0]) * 100)
+    k = start + np.rint((recording.t - recording.t[0]) * 100).astype(int)
+    assert len(recording) >= 0.99 * len(RAW.t)
+    np.testing.assert_allclose(recording.t - recording.t[0], RAW.t[k] - RAW.t[k[0]], atol=2e-3)
+    np.testing.assert_allclose(recording.acc, RAW.acc[k], atol=how.digits)
+    np.testing.assert_allclose(recording.gyr, RAW.gyr[k], atol=how.digits)
+    assert (recording.mag is not None) == how.has_mag
+    if recording.mag is not None:
+        np.testing.assert_allclose(recording.mag, RAW.mag[k], atol=100 * how.digits)
 
 
 @pytest.mark.parametrize("separator", ["\t", ",", ";", " "])
@@ -62,3 +90,93 @@ def test_real_xsens_files() -> None:
     old = read(folder / "old_data_xsens.txt")
     assert old.period_s == pytest.approx(1 / 50)
     assert read_raw(folder / "MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt", rate_hz=100.0).acc[0, 2] > 9.8
+
+
+def test_dot_says_what_it_took_for_what(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_xsens_dot(RAW, path)
+    assert read(path).provenance.notes == (
+        "SampleTimeFine began again at its end 1 times: set on",
+        "left out 1 missing sample, the first in row 9",
+    )
+    write_dot_sdk(RAW, path, rad=True)
+    assert read_raw(path).provenance.notes == (
+        "SampleTimeFine is in 0.1 ms, as its steps of 100 show",
+        "the gyroscope is in rad/s: gravity turns in the body as it says",
+        "the magnetometer is in units of the local field (median 0.99), not in uT, and was left out",
+    )
+    write_dot_sdk(RAW, path, attitude=True)
+    assert "the gyroscope is in deg/s: it fits the turn from sample to sample" in read_raw(path).provenance.notes
+
+
+def test_dot_at_rest_shows_no_unit_unless_its_bias_does(tmp_path: Path) -> None:
+    path, still = tmp_path / "walk.csv", tilting(np.random.default_rng(4), 4.0, 100.0, still_s=9.0)
+    write_dot_sdk(still, path)
+    with pytest.raises(FormatError, match=r"deg/s or rad/s.*--columns .*Gyr_X:Gyr_Y:Gyr_Z\[deg/s\] --rate 100`"):
+        read(path)
+    write_dot_sdk(replace(still, gyr=still.gyr + 0.04), path)
+    assert "the gyroscope is in deg/s: gravity stands still in the body" in read_raw(path).provenance.notes
+
+
+def test_dot_without_acceleration_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_text("sep=,\nDeviceTag:,LF\n\nPacketCounter,SampleTimeFine,Quat_W,FreeAcc_X\n" + "1,2,3,4\n" * 30)
+    with pytest.raises(
+        FormatError, match="FreeAcc, from which gravity is removed, and no rate of turn: record in a mode"
+    ):
+        read(path)
+
+
+def test_one_of_several_sensors_must_be_named(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_apdm(RAW, path)
+    with pytest.raises(FormatError, match=r"2 sensors \(Lumbar, Left Foot\): name one, such as `--sensor 'Left Foot'`"):
+        read(path)
+    with pytest.raises(FormatError, match="no one 'right' among its sensors: choose one of Lumbar, Left Foot"):
+        read(path, sensor="right")
+    assert read(path, sensor="LUMBAR").provenance.notes[0] == "the sensor is 'Lumbar'"
+
+
+def test_shimmer_says_which_accelerometer_it_took(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_shimmer(RAW, path)
+    both, field = read_raw(path).provenance.notes
+    assert both == "of two accelerometers the one of low noise (LN) is taken: it is in the gyroscope's frame"
+    assert "local_flux" in field
+    write_shimmer(RAW, path, wide=True)
+    assert "wide range (WR)" in read_raw(path).provenance.notes[0]
+
+
+def test_shimmer_names_a_time_that_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_shimmer(RAW, path, formatted=True)
+    path.write_bytes(path.read_bytes().replace(b"2020/07/28 10:56:50.044", b"yesterday"))
+    with pytest.raises(FormatError, match=r"line 5, column .*: 'yesterday' is no time; correct or delete that line"):
+        read(path)
+
+
+def test_movesense_that_is_cut_or_without_rate_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "walk.json"
+    write_movesense(RAW, path)
+    path.write_text(path.read_text()[:-5000])
+    with pytest.raises(FormatError, match="no whole JSON"):
+        read(path)
+
+
+@needs_data
+def test_real_files_of_sensor_makers() -> None:
+    folder = DATA / "formats"
+    dot = read(folder / "xsens-dot/recording_bei_D4CA6EF17860_20210830_170505.csv")
+    assert dot.period_s == pytest.approx(1 / 120, rel=1e-3)
+    assert "rad/s" in " ".join(read(folder / "xsens-dot-pcsdk/logfile_CustomMode4.csv").provenance.notes)
+    assert "in deg/s" in " ".join(read(folder / "xsens-dot-pcsdk/logfile_RateQuantitieswMag.csv").provenance.notes)
+    assert read(folder / "movesense/MovesenseLog_3_786.json").period_s == pytest.approx(1 / 102.6, rel=1e-3)
+    assert read(folder / "shimmer-consensys/devicely_read_test_data.csv").period_s == pytest.approx(1 / 51.2, rel=1e-2)
+    assert np.linalg.norm(read(folder / "shimmer-consensys/Accelerometre_Carre.csv").acc[0]) == pytest.approx(
+        9.8, abs=0.2
+    )
+    assert len(read_raw(folder / "apdm-csv/apdm_format7.csv", sensor="Left Foot").t) == 3
+    vectornav = read(folder / "vectornav-vn310/Static-vn310-imu.csv")
+    assert vectornav.mag is not None
+    assert np.linalg.norm(vectornav.mag[0]) == pytest.approx(22.0, abs=1.0)
+    assert read(folder / "yei-3space/data_yei.txt").period_s == pytest.approx(9.1e-3, abs=1e-4)

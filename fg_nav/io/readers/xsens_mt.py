@@ -10,13 +10,12 @@
 =================================== ==========================================================================
 
 Fields are separated by tab, comma, semicolon or a blank, as the user chose, and may be empty. A packet that was lost on
-the air is missing from the counter, and so becomes a gap. `FreeAcc` is without gravity and in another frame.
+the air is missing from the counter, and so becomes a gap.
 """
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 
@@ -25,9 +24,9 @@ from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
 from fg_nav.io.counters import PACKETS_16_BIT, TICKS_32_BIT, continue_counter
 from fg_nav.io.delimited import Header, find_header
+from fg_nav.io.readers.xsens_columns import ACC, GYR, MAG, find_inertial, note_local_field
 from fg_nav.recording import Provenance, RawRecording
 
-ACC, GYR, MAG = (tuple(f"{sensor}_{axis}" for axis in "XYZ") for sensor in ("Acc", "Gyr", "Mag"))
 _COUNTERS = ("PacketCounter", "Counter")
 _FINE = "SampleTimeFine"
 _TICKS_A_DAY = 864_000_000.0
@@ -50,47 +49,26 @@ def read(content: Content) -> RawRecording:
     path, header = content.path, _find_header(content)
     if header is None:
         raise FormatError(f"{path.name} has no header with PacketCounter: export it again from MT Manager.")
-    refuse_without_inertial(header, path)
+    inertial = find_inertial(header, path)
     clocks = [name for name in (_FINE, *_COUNTERS) if name in header]
-    magnetic = list(MAG) if set(MAG) <= set(header.names) else []
-    table, row = header.read(content, [*clocks, *ACC, *GYR, *magnetic])
-    clock, acc, gyr, mag = np.split(table, [len(clocks), len(clocks) + 3, len(clocks) + 6], axis=1)
+    magnetic = MAG if set(MAG) <= set(header.names) else ()
+    table, row = header.read(content, [*clocks, *inertial.acc, *inertial.gyr, *magnetic])
+    ends = np.cumsum([len(clocks), 3, len(inertial.gyr)])
+    clock, acc, gyr, mag = np.split(table, ends, axis=1)
     t, notes = _make_time(dict(zip(clocks, clock.T, strict=True)), len(table), content)
+    acc, gyr, remarks = inertial.to_samples(acc, gyr, t)
     return RawRecording(
         t=t,
         acc=acc,
         gyr=gyr,
         row=row,
-        provenance=Provenance(path=path, format="xsens", notes=(*notes, *note_local_field(mag))),
+        provenance=Provenance(path=path, format="xsens", notes=(*notes, *remarks, *note_local_field(mag))),
     )
 
 
 def _find_header(content: Content) -> Header | None:
     sensors = {*ACC, *GYR, *MAG, "FreeAcc_X", "Mat[1][1]", "Quat_q0", "Quat_w", "Roll"}
     return find_header(content, lambda names: not (sensors.isdisjoint(names) or set(_COUNTERS).isdisjoint(names)))
-
-
-def refuse_without_inertial(header: Header, path: Path) -> None:
-    """Raise `FormatError` if the table has not both an accelerometer and a gyroscope."""
-    absent = [
-        what for what, names in (("accelerometer", ACC), ("gyroscope", GYR)) if set(names).isdisjoint(header.names)
-    ]
-    if not absent:
-        return
-    removed = " (FreeAcc is without gravity)" if "FreeAcc_X" in header and "accelerometer" in absent else ""
-    names = " and ".join(f"{sensor[0][:3]}_X, _Y, _Z" for sensor in (ACC, GYR) if set(sensor).isdisjoint(header.names))
-    raise FormatError(
-        f"{path.name} has no {' and no '.join(absent)}{removed}: export it again with the inertial data ({names})."
-    )
-
-
-def note_local_field(mag: Floats) -> tuple[str, ...]:
-    """Say that a magnetometer (N, 3) in units of the local field was left out, if there is one."""
-    strength = np.linalg.norm(mag[np.abs(mag).max(axis=1, initial=0.0) < 1e6], axis=1) if mag.size else np.empty(0)
-    if not strength.size:
-        return ()
-    median = np.median(strength)
-    return (f"the magnetometer is in units of the local field (median {median:.2f}), not in uT, and was left out",)
 
 
 def _make_time(clocks: dict[str, Floats], count: int, content: Content) -> tuple[Floats, tuple[str, ...]]:
