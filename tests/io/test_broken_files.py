@@ -51,9 +51,9 @@ def damage(draw: st.DrawFn, whole: bytes) -> bytes:
 
 
 @st.composite
-def scrambled(draw: st.DrawFn, whole: str) -> bytes:
+def scrambled(draw: st.DrawFn, whole: str, separator: str = "") -> bytes:
     """Break a table: drop columns and lines, swap lines, replace fields."""
-    separator = "," if "," in whole else "   "
+    separator = separator or ("," if "," in whole else "   ")
     table = [line.split(separator) for line in whole.splitlines()]
     for _ in range(draw(st.integers(1, 6))):
         way = draw(st.sampled_from(["field", "column", "fill", "swap", "drop", "double"]))
@@ -99,17 +99,17 @@ def _swallow(data: bytes, path: Path) -> None:
         try:
             raw = read_raw(path, name)
         except FgNavError as error:
-            _is_a_line(error)
+            is_a_line(error)
             continue
         assert all("\n" not in sentence for sentence in inspect(raw).verdict)
     for reader in (read, read_truth, read_pyshoe_labels):
         try:
             reader(path)
         except FgNavError as error:
-            _is_a_line(error)
+            is_a_line(error)
 
 
-def _is_a_line(error: FgNavError) -> None:
+def is_a_line(error: FgNavError) -> None:
     assert str(error)
     assert "\n" not in str(error)
 
