@@ -4,7 +4,9 @@ Before calibration, and before anything is left out or set on. A thread writes o
 at any instant the file lacks that second at most. What cannot be written, because the disk is full, waits and is tried
 again; the walk goes on.
 
-A walk that is resumed goes on in its file. A source that begins again sends what is in it already; that is left out.
+An older file that is to be replaced stays as it is until the first sample is there: a source that does not open, or never
+sends, costs nothing. A walk that is resumed goes on in its file. A source that begins again sends what is in it already;
+that is left out.
 """
 
 from __future__ import annotations
@@ -75,8 +77,6 @@ class Recorder:
             if self._good:
                 known = _read_recorded(path)
                 self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
-            elif path.is_file():
-                os.truncate(self._file, 0)
         except OSError as error:
             reason = (error.strerror or type(error).__name__).lower()
             raise OutputError(f"{path} cannot be written ({reason}): name another file to record into.") from None
@@ -119,8 +119,8 @@ class Recorder:
 
     def _write_waiting(self) -> None:
         """Write what waits, part by part; put back the part with which that fails."""
-        while (blocks := self._take()) or self._text:
-            rows = np.concatenate([np.empty((0, COLUMNS)), *blocks])
+        while blocks := self._take():
+            rows = np.concatenate(blocks)
             text = self._text + "".join(format_rows(rows, "%r", ",")).replace("nan", "")
             try:
                 self._write(text.encode("ascii"))
@@ -150,6 +150,8 @@ class Recorder:
         """Append all of it, or nothing: what was written of it is cut off again."""
         place = self._good
         try:
+            if place == 0 and self._path.is_file():
+                os.truncate(self._file, 0)  # what an older file held
             while data:
                 written = os.pwrite(self._file, data, place)
                 place, data = place + written, data[written:]

@@ -69,6 +69,17 @@ def test_an_older_file_is_kept_unless_it_may_be_replaced(rows, tmp_path):
         write(tmp_path / "no folder" / "walk.csv", rows)
 
 
+def test_an_older_file_stays_until_the_first_sample_of_another_source_is_there(rows, tmp_path):
+    path, old = tmp_path / "walk.csv", "time_s,a walk of yesterday\n" * 100
+    path.write_text(old)
+    with pytest.raises(StreamError):
+        record.open_recorded(path, False, True, "tcp://host:no-port", None, 9600, None, print)
+    assert write(path, rows[:0], force=True) == []
+    assert path.read_text() == old
+    assert write(path, rows[:20], force=True) == []
+    np.testing.assert_array_equal(recorded(path), rows[:20])
+
+
 @pytest.mark.parametrize("kept", [0, 5, 700])
 @pytest.mark.parametrize("back", [0, 30, 10_000], ids=["goes on", "some rows again", "from the beginning"])
 def test_a_resumed_walk_goes_on_in_its_file(rows, tmp_path, kept, back):
@@ -76,7 +87,7 @@ def test_a_resumed_walk_goes_on_in_its_file(rows, tmp_path, kept, back):
     path = tmp_path / "walk.csv"
     write(path, rows[:kept])
     with path.open("a") as file:
-        file.write("12.5,0.1,9")
+        file.write("12.5,0.1,9" if kept else record.HEADER[:20])
     write(path, rows[max(kept - back, 0) :], goes_on=True)
     np.testing.assert_array_equal(recorded(path), rows)
 
