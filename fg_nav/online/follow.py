@@ -175,6 +175,8 @@ class _Walk:
         self._due = time.monotonic() + options.checkpoint_s
         self._remark, self._unsaved, self._races = remark, False, navigator.races
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
+        if "check" in navigator.source:
+            self._check.resume(navigator.source["check"])
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
@@ -223,6 +225,7 @@ class _Walk:
     def _save(self, checkpoint: Checkpoint) -> None:
         """Save in a thread: only what is collected holds the walk up."""
         self._wait()
+        self._navigator.source["check"] = self._check.state()
         snapshot, self._races = checkpoint.collect(self._navigator), self._navigator.races
         self._saving = threading.Thread(target=self._write, args=(snapshot, checkpoint))
         self._due = np.inf

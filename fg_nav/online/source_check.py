@@ -1,5 +1,7 @@
 """Is what comes that of one sensor, worn where it is said to be? A stream is refused in its first minute if not.
 
+That minute is of the walk: one that is resumed from a checkpoint goes on with what was seen before.
+
 Two sensors at once, such as one on a foot and one in a pocket that send to the same port, are seen in windows of
 `WINDOW` rows by either sign:
 
@@ -19,7 +21,8 @@ recordings of feet, walked and run (gdin, gdlbio, openshoe, xio, vicon, two feet
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +57,9 @@ LONGEST_STEP_S = 1.0
 """From row to row of one sequence."""
 
 _RATE_RAD_S = 5.0
+
+_STATE = "window", "suspect", "looked", "is_worn_there", "passed_s", "remarked"
+"""Of a check, beside the rows that it has seen of where the sensor is worn."""
 
 
 class SourceCheck:
@@ -93,6 +99,16 @@ class SourceCheck:
             step = np.diff(window[:, 0])
             self._passed_s += float(step[(step > 0.0) & (step < LONGEST_STEP_S)].sum())
 
+    def state(self) -> dict[str, Any]:
+        """Return what `resume` needs; what is in it does not change any more."""
+        return {name: getattr(self, f"_{name}") for name in _STATE} | {"seen": list(self._seen)}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on where another check of the same stream was."""
+        for name in _STATE:
+            setattr(self, f"_{name}", state[name])
+        self._seen = list(state["seen"])
+
     def _check_one_sensor(self, window: Floats) -> None:
         self._suspect = self._suspect + 1 if has_two_clocks(window[:, 0]) or _has_two_levels(window) else 0
         if self._suspect < IN_A_ROW or self._remarked:
@@ -116,6 +132,7 @@ class SourceCheck:
         except RecordingError:
             return  # its clock restarted
         self._is_worn_there = signs.wearing == self._mount
+        self._seen = [] if self._is_worn_there else self._seen
         if signs.wearing is None or self._is_worn_there:
             return
         if self._mount == "foot":
