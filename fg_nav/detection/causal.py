@@ -19,6 +19,7 @@ rows are counted from the first that was ever appended, and at least the last `k
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field
@@ -154,7 +155,7 @@ class CausalStances:
         if p.detector != "shoe" or p.threshold is not None or p.false_alarm_rate is not None:
             raise DetectionError("a stream is searched with shoe and automatic thresholds: leave both as they are.")
         self._p = parameters
-        self._waiting: list[tuple[Floats, Floats, Floats]] = []
+        self._waiting: deque[tuple[Floats, Floats, Floats]] = deque()
         self._n_waiting = 0
         self._search: _Search | None = None
 
@@ -189,7 +190,7 @@ class CausalStances:
     def copy(self) -> CausalStances:
         """Return a copy that goes on in the same way; the same samples give it the same footfalls."""
         found = copy(self)
-        found._waiting = list(self._waiting)
+        found._waiting = self._waiting.copy()
         found._search = None if self._search is None else self._search.copy()
         return found
 
@@ -206,10 +207,18 @@ class CausalStances:
 
     def _take(self, size: int) -> tuple[Floats, Floats, Floats]:
         """Return the first `size` samples that wait, and leave the others."""
-        t, acc, gyr = (np.concatenate(part) for part in zip(*self._waiting, strict=True))
-        self._waiting = [(t[size:], acc[size:], gyr[size:])]
+        taken, lacking = [(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))], size
+        while lacking:
+            block = self._waiting.popleft()
+            if len(block[0]) > lacking:
+                t, acc, gyr = block
+                self._waiting.appendleft((t[lacking:], acc[lacking:], gyr[lacking:]))
+                block = t[:lacking], acc[:lacking], gyr[:lacking]
+            taken.append(block)
+            lacking -= len(block[0])
         self._n_waiting -= size
-        return t[:size], acc[:size], gyr[:size]
+        t, acc, gyr = (np.concatenate(part) for part in zip(*taken, strict=True))
+        return t, acc, gyr
 
 
 class _Search:

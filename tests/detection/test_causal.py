@@ -71,6 +71,17 @@ def test_blocks_do_not_matter():
         assert same(whole, pushed(recording, cuts)[0])
 
 
+def test_what_waits_of_a_large_block_is_not_copied():
+    """The work on a walk that comes in one block is linear in it."""
+    recording = straight_walk(PERSON, strides=15).recording
+    stream = CausalStances()
+    next(stream.search(recording.t, recording.acc, recording.gyr))
+    (waiting,) = stream._waiting
+    assert all(
+        np.shares_memory(*both) for both in zip(waiting, (recording.t, recording.acc, recording.gyr), strict=True)
+    )
+
+
 def test_what_was_told_lies_in_order_and_apart():
     found, _ = pushed(corridor(PERSON).recording)
     ends = np.concatenate([np.stack([f.start, f.stop], axis=1).ravel() for f in found])
