@@ -5,7 +5,8 @@
 
 Arrays and dataclasses go over pipes of our own two processes, pickled. Sending never waits: a thread writes what the
 worker, busy with a task, does not read yet. What a worker answers is what `WalkSolver` does, to the bit; where it dies
-(memory, a signal), that takes its place, on the samples the owner has.
+(memory, a signal) or has not answered for `LONGEST_S` (it was stopped), that takes its place, on the samples the owner
+has.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import pickle
 import queue
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, Any
@@ -26,6 +28,9 @@ from fg_nav.processes import start_module
 
 WORKER = "fg_nav.online.worker"
 """The module that the other process runs."""
+
+LONGEST_S = 120.0
+"""For an answer: twenty times what a solution takes on two cores."""
 
 
 class WorkerSolver:
@@ -47,6 +52,7 @@ class WorkerSolver:
         self._here, self._buffer = WalkSolver(options, stance, buffer), buffer
         self._remark, self._sent = remark, 0
         self.is_here = False
+        self._asked_s = time.monotonic()
         self._answer: tuple[Handover | None] | None = None
         self._outstanding = 0
         self._worker = start_module(WORKER)
@@ -85,14 +91,15 @@ class WorkerSolver:
 
     def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
         """See `Solver`."""
+        self._asked_s = time.monotonic()
         self._here.ask(footfalls)
         self._outstanding += 1
         self._say("ask", tuple(footfalls))
 
     def is_ready(self) -> bool:
         """See `Solver`."""
-        is_dead = self._worker.poll() is not None
-        return self._answer is not None or is_dead or self._answers.qsize() >= self._outstanding > 0
+        is_given_up = self._worker.poll() is not None or self._left_s <= 0.0
+        return self._answer is not None or is_given_up or self._answers.qsize() >= self._outstanding > 0
 
     def wait(self) -> None:
         """See `Solver`."""
@@ -100,11 +107,13 @@ class WorkerSolver:
             return
         answer: object = EOFError() if self.is_here else None
         # What was asked for again has another answer: the last counts.
-        while self._outstanding and not isinstance(answer, EOFError):
-            answer = self._answers.get()
+        while self._outstanding and not isinstance(answer, EOFError | TimeoutError):
+            answer = self._wait_for_answer()
             self._outstanding -= 1
         if isinstance(answer, EOFError):
-            answer = self._solve_here()
+            answer = self._solve_here("has died")
+        elif isinstance(answer, TimeoutError):
+            answer = self._solve_here(f"has not answered for {LONGEST_S:.0f} s")
         assert answer is None or isinstance(answer, Handover)
         self._answer = (answer,)
 
@@ -115,9 +124,21 @@ class WorkerSolver:
         answer, self._answer = self._answer[0], None
         return answer
 
-    def _solve_here(self) -> Handover | None:
+    @property
+    def _left_s(self) -> float:
+        """Of the time in which an answer is waited for."""
+        return self._asked_s + LONGEST_S - time.monotonic()
+
+    def _wait_for_answer(self) -> object:
+        try:
+            return self._answers.get(timeout=max(self._left_s, 0.0))
+        except queue.Empty:
+            return TimeoutError()
+
+    def _solve_here(self, why: str) -> Handover | None:
         if not self.is_here:
-            self._remark("the process that solves the walk again has died: its work is done in between from here on.")
+            self._remark(f"the process that solves the walk again {why}: its work is done in between from here on.")
+            self._worker.kill()
         self.is_here = True
         return self._here.take()
 

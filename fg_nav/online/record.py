@@ -4,9 +4,9 @@ Before calibration, and before anything is left out or set on. A thread writes o
 at any instant the file lacks that second at most. What cannot be written, because the disk is full, waits and is tried
 again; the walk goes on.
 
-An older file that is to be replaced stays as it is until the first sample is there: a source that does not open, or never
-sends, costs nothing. A walk that is resumed goes on in its file. A source that begins again sends what is in it already;
-that is left out.
+An older file that is to be replaced stays as it is until the first sample is there: a source that does not open, or
+never sends, costs nothing. A walk that is resumed goes on in its file. A source that begins again sends what is in it
+already; that is left out.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import smoother, solving, strides, takeover
+from fg_nav.online import beside, smoother, solving, strides, takeover
 from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.buffer import LEAD_S, UNSEEN, SampleBuffer, WalkSoFar, rows_of
 from fg_nav.online.isam2 import ISAM2Backend
@@ -220,6 +220,24 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     np.testing.assert_array_equal(here.causal().position, there.causal().position)
     np.testing.assert_array_equal(here.causal().pose_cov, there.causal().pose_cov)
     np.testing.assert_array_equal(here.smoothed().position, there.smoothed().position)
+
+
+def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "LONGEST_S", 0.1)
+    remarks: list[str] = []
+    solver = WorkerSolver(OnlineOptions(), StanceParameters(), SampleBuffer(), remarks.append)
+    try:
+        os.kill(solver.pid, signal.SIGSTOP)
+        monkeypatch.setattr(solver._here, "take", lambda: None)
+        solver.ask(())
+        assert not solver.is_ready()
+        assert [solver.take(), solver.take()] == [None, None]
+        assert solver.is_here
+    finally:
+        solver.close()
+    assert remarks == [
+        "the process that solves the walk again has not answered for 0 s: its work is done in between from here on."
+    ]
 
 
 @pytest.mark.usefixtures("windows")
