@@ -7,7 +7,6 @@ over the ground, radians clockwise from north (degrees only for people); specifi
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 
@@ -73,5 +72,21 @@ def yaw_rotation(angle: float) -> Floats:
 
 
 def quaternion_xyzw(nav_R_body: Floats) -> Floats:
-    """Quaternions (N, 4) as x, y, z, w of attitudes (N, 3, 3)."""
-    return np.asarray(Rotation.from_matrix(nav_R_body).as_quat(), dtype=np.float64)
+    """Quaternions (N, 4) as x, y, z, w of attitudes (N, 3, 3); `scipy.spatial` has it too, and is slow to load.
+
+    Of 4 q q^T, which is linear in the attitude, the row with the largest component of q is the most exact (Shepperd
+    1978).
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(nav_R_body, 0, -1)
+    outer = np.stack(
+        [
+            np.stack([1 + xx - yy - zz, xy + yx, xz + zx, zy - yz], axis=-1),
+            np.stack([xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx], axis=-1),
+            np.stack([xz + zx, yz + zy, 1 - xx - yy + zz, yx - xy], axis=-1),
+            np.stack([zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz], axis=-1),
+        ],
+        axis=1,
+    )
+    largest = np.argmax(np.diagonal(outer, axis1=1, axis2=2), axis=1)
+    chosen = outer[np.arange(len(outer)), largest]
+    return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.footfalls import SWING_RATE_RAD_S, find_footfalls
@@ -90,7 +90,7 @@ _DEGREES_OF_FREEDOM: dict[str, Callable[[int], int]] = {
 
 def threshold_at_rest(detector: str, window: int, false_alarm_rate: float) -> float:
     """Threshold which a sensor at perfect rest exceeds with this probability a sample."""
-    return float(chi2.isf(false_alarm_rate, _DEGREES_OF_FREEDOM[detector](window)) / window)
+    return float(chdtri(_DEGREES_OF_FREEDOM[detector](window), false_alarm_rate) / window)
 
 
 def _mean(samples: Floats, window: int) -> Floats:

@@ -35,7 +35,6 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
@@ -260,6 +259,8 @@ def _yaw_error(solution: Solution, truth: TrajectoryTruth, alignment: Alignment)
     row = np.flatnonzero(_is_covered(solution.t, truth.t[seen]))
     if len(row) == 0 or np.count_nonzero(seen) < 2:
         return None
+    from scipy.spatial.transform import Rotation, Slerp  # slow to load, and few walks have a truth
+
     true_attitude = Slerp(truth.t[seen], Rotation.from_matrix(truth.nav_R_body[seen]))(solution.t[row])
     estimate = alignment.rotate(solution.nav_R_body[row])
     return yaw_between(np.asarray(true_attitude.as_matrix()), estimate)

@@ -24,7 +24,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
-import scipy.io
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
@@ -197,7 +196,9 @@ def list_variables(content: Content) -> frozenset[str]:
 
     Raises `FormatError` if the file is damaged or of version 7.3.
     """
-    return frozenset(name for name, _, _ in _run_reader(content, scipy.io.whosmat))
+    from scipy.io import whosmat  # slow to load
+
+    return frozenset(name for name, _, _ in _run_reader(content, whosmat))
 
 
 def load_mat(content: Content) -> Mapping[str, Any]:
@@ -205,7 +206,9 @@ def load_mat(content: Content) -> Mapping[str, Any]:
 
     Raises `FormatError` if the file is damaged or of version 7.3.
     """
-    return _run_reader(content, scipy.io.loadmat)
+    from scipy.io import loadmat
+
+    return _run_reader(content, loadmat)
 
 
 def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int | None = None) -> Floats:

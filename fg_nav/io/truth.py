@@ -16,7 +16,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
@@ -52,6 +51,8 @@ def read_tum(content: Content) -> TrajectoryTruth:
             f"{path.name}, line {row[np.argmax(wrong)]}: stamps must rise and quaternions have length 1; "
             f"correct or delete that line."
         )
+    from scipy.spatial.transform import Rotation  # slow to load, and few walks have a truth
+
     return TrajectoryTruth(table[:, 0], table[:, 1:4], Rotation.from_quat(table[:, 4:]).as_matrix())
 
 

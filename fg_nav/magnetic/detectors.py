@@ -87,7 +87,7 @@ from types import MappingProxyType
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.stats import chi2, ncx2
+from scipy.special import chdtr, chdtri
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
@@ -253,6 +253,8 @@ class Detector:
 
     def find_threshold(self, false_alarm_rate: float) -> float:
         """Threshold at which this share of the fields that change by what matters passes; raises as `threshold`."""
+        from scipy.stats import ncx2  # half a second to load, and few walks need it
+
         if not 0.0 < false_alarm_rate < 1.0:
             raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {false_alarm_rate}.")
         self._require_chi_squared()
@@ -264,7 +266,7 @@ class Detector:
     def detection_rate(self) -> float:
         """P_D, the share of static fields that pass; raises `MagneticError` for a form that is not chi squared."""
         self._require_chi_squared()
-        return float(chi2.cdf(self.threshold, self.degrees_of_freedom))
+        return float(chdtr(self.degrees_of_freedom, self.threshold))
 
     def _require_chi_squared(self) -> None:
         if self.form != "chi squared":
@@ -308,7 +310,7 @@ def _make_printed(
     name: str, form: Form, window: int, channels: tuple[Channel, ...], counts_drift: bool = True
 ) -> Detector:
     """As printed, with a threshold at the 99 % quantile of N C independent squares."""
-    quantile = float(chi2.ppf(0.99, window * len(channels))) / window
+    quantile = float(chdtri(window * len(channels), 0.01)) / window
     return Detector(name, channels, form, window, fixed_threshold=quantile, counts_drift=counts_drift)
 
 

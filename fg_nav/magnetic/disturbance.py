@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.stats import chi2, ncx2
+from scipy.special import chdtr
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import MagneticError
@@ -63,13 +63,15 @@ SETTINGS: Mapping[str, float] = MappingProxyType(
 
 def find_threshold(count: int) -> float:
     """Threshold of the statistic with so many samples in the window."""
+    from scipy.stats import ncx2  # half a second to load, and few walks need it
+
     noncentrality = (MATTERS_UT / SIGMA_UT) ** 2 * count * (count + 1) / (12 * (count - 1))
     return float(ncx2.ppf(FALSE_ALARM_RATE, count - 1, noncentrality))
 
 
 def compute_detection_rate(count: int) -> float:
     """P_D, the share of still fields that pass, with so many samples in the window."""
-    return float(chi2.cdf(find_threshold(count), count - 1))
+    return float(chdtr(count - 1, find_threshold(count)))
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
@@ -344,5 +344,5 @@ def detect_steady_field(t: Floats, mag: Floats, mag_sigma_uT: float) -> Bools:
 
 def _limit_spread(count: int, mag_sigma_uT: float) -> float:
     """Variance, uT^2, that the strength may have over `count` samples."""
-    noise = mag_sigma_uT**2 * float(chi2.isf(FIELD_FALSE_ALARM, count - 1)) / (count - 1)
+    noise = mag_sigma_uT**2 * float(chdtri(count - 1, FIELD_FALSE_ALARM)) / (count - 1)
     return noise + (FIELD_DRIFT_UT_S * FIELD_WINDOW_S) ** 2 / 12.0

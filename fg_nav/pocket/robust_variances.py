@@ -35,7 +35,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fg_nav.arrays import Floats
 from fg_nav.pocket.kalman_smoother import Smoothed
@@ -124,7 +124,7 @@ def estimate_field_walk(links: Links, mag_sigma_uT: float) -> Floats:
     spread = (second - first**2 / np.maximum(n, 1.0)) / free
     noise /= np.maximum(n, 1.0)
     # a spread that noise alone does not explain
-    limit = noise * chi2.isf(FIELD_FALSE_ALARM, free) / free
+    limit = noise * chdtri(free, FIELD_FALSE_ALARM) / free
     excess = np.where((spread > limit) & (n > 1), spread - noise, 0.0)
     return np.asarray(np.sqrt(FIELD_WALK_UT**2 + 6.0 * excess / (2 * reach * NODE_S)))
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
@@ -66,6 +65,8 @@ def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTru
         return None
     wxyz = _fitting(variables, "opt_quat", len(t), path, columns=4)
     position = _fitting(variables, "opt_pos", len(t), path)
+    from scipy.spatial.transform import Rotation  # slow to load
+
     norm = np.linalg.norm(wxyz, axis=1)
     seen = np.abs(norm - 1.0) < 0.01
     nav_R_body = np.full((len(t), 3, 3), np.nan)
