@@ -45,7 +45,7 @@ def find_extent(points: Floats) -> float:
 
 def find_ellipses(view: AlignedSolution, at_most: int) -> Ellipses | None:
     """Ellipses of footfalls evenly spread along the path, fewer where they are huge; None where none is claimed."""
-    centre, cov = view.stance_position()[:, :2], view.position_cov()[:, :2, :2]
+    centre, cov = view.stance_position()[:, :2], view.remaining_cov()[:, :2, :2]
     claimed = np.flatnonzero(np.isfinite(cov).all(axis=(1, 2)))
     if not len(claimed):
         return None

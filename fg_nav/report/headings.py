@@ -12,13 +12,10 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.recording import TrajectoryTruth
-from fg_nav.report.aligned import AlignedSolution
+from fg_nav.report.aligned import AlignedSolution, has_sure_start
 
 TURNS_UNWRAPPED = 5.0
 """A heading that turns more often than this is shown wrapped."""
-
-GAUGE_RAD = 0.02
-"""A heading surer than this at the start was given, or zero by definition; a compass does not know it as well."""
 
 _STEEP = float(np.sin(np.deg2rad(60.0)))
 """An axis steeper than this has hardly a heading."""
@@ -33,7 +30,7 @@ class Headings:
     between    (N,) rad, within half a turn of the line through `at_stances`; NaN where the axis is steep
     truth      (N,) rad, likewise; NaN where it is not known
     error      (K,) rad at the stances, wrapped, since the first known one where `gauge`; NaN where unknown
-    sigma      (K,) rad, the estimator's own
+    sigma      (K,) rad, the estimator's own, without what an alignment takes out
     gauge           whether the heading at the start is sure: given, or zero by definition
     wrapped         whether it turns too often to be shown with its turns
     ========== ==== =====================================================================================
@@ -55,22 +52,16 @@ def trace_headings(view: AlignedSolution) -> Headings:
     at_stances = np.unwrap(heading[stances.sample])
     middle = np.interp(t, stances.t, at_stances) if len(stances) else heading
     steep = np.abs(view.solution.nav_R_body[:, 2, 0]) > _STEEP
-    gauge = has_gauge_heading(view)
+    gauge = has_sure_start(stances)
     return Headings(
         at_stances,
         np.where(steep, np.nan, middle + wrap_angle(heading - middle)),
         middle + wrap_angle(true_heading - middle),
         _count_error((heading - true_heading)[stances.sample], gauge),
-        stances.heading_sigma,
+        view.remaining_heading_sigma(),
         gauge,
         bool(len(stances) and np.ptp(at_stances) > TURNS_UNWRAPPED * 2 * np.pi),
     )
-
-
-def has_gauge_heading(view: AlignedSolution) -> bool:
-    """Whether the heading at the start counts as sure."""
-    sigma = view.solution.stances.heading_sigma
-    return len(sigma) == 0 or bool(sigma[0] < GAUGE_RAD)
 
 
 def _count_error(error: Floats, gauge: bool) -> Floats:

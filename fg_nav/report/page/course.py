@@ -12,10 +12,9 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.report.aligned import AlignedSolution
+from fg_nav.report.aligned import AlignedSolution, has_sure_start
 from fg_nav.report.decimation import spread_rows
 from fg_nav.report.ellipses import REACH, Ellipses, find_ellipses, find_extent
-from fg_nav.report.headings import has_gauge_heading
 from fg_nav.report.page.figures import (
     BLUE,
     CYCLE,
@@ -80,16 +79,16 @@ def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options) ->
 
 def describe_ellipses(view: AlignedSolution) -> str:
     """Say what the ellipses hold, and what they are relative to."""
-    heading = "and the heading there" if has_gauge_heading(view) else "and include that of north"
-    own = f"Ellipses hold 95 % by the method's own covariance, relative to the first footfall {heading}."
-    if view.comparison is None or view.comparison.alignment.mode == "none":
-        return own
-    if view.comparison.alignment.mode == "origin":
-        return f"{own} The path was shifted onto the truth at the start, where they are zero too."
-    return (
-        f"{own} The path was then laid on the truth as a whole, so it may lie closer to it than the ellipses are "
-        "large, and apart from it at the start, where they have none."
-    )
+    table = view.solution.stances
+    own = "Ellipses hold 95 % by the method's own covariance, relative to the first footfall"
+    if view.is_turned:
+        return (
+            f"{own} and to a path that is turned onto the truth: the uncertainty of north is not in them. The path is "
+            "laid on the truth as a whole, so it may lie apart from it at the start."
+        )
+    if has_sure_start(table):
+        return f"{own} and to the heading there, which counts as known."
+    return f"{own}; the uncertainty of north is in them."
 
 
 def describe_alignment(view: AlignedSolution) -> str:
@@ -105,7 +104,8 @@ def describe_alignment(view: AlignedSolution) -> str:
         "origin": "shifted so that the first compared points coincide",
     }[found.mode]
     turn_deg = -np.rad2deg(np.arctan2(found.truth_R_nav[1, 0], found.truth_R_nav[0, 0]))
-    turned = "" if found.mode == "origin" else f", by {turn_deg:+.2f}° clockwise"
+    side = "clockwise" if turn_deg > 0 else "counterclockwise"
+    turned = "" if found.mode == "origin" else f", by {abs(turn_deg):.2f}° {side}"
     return f"The path was {words}{turned}. {len(view.comparison.t)} points are compared."
 
 

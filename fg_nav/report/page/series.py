@@ -15,6 +15,7 @@ from fg_nav.report.page.figures import (
     CYCLE,
     GRAY,
     MAX_POINTS,
+    PURPLE,
     Chart,
     Panel,
     Trace,
@@ -44,6 +45,11 @@ def _colored(views: Views) -> Iterator[tuple[str, str, AlignedSolution]]:
         yield name, CYCLE[k % len(CYCLE)], view
 
 
+def _label(name: str, what: str, views: Views) -> str:
+    """Name of a line: of several methods, with the method's."""
+    return what if len(views) == 1 else f"{name}, {what}"
+
+
 def _at_stances(t: Floats, value: Floats, color: str, name: str, **more: object) -> Trace:
     """A line with one point a stance."""
     row = thin(t)
@@ -62,15 +68,12 @@ def draw_height(views: Views) -> Chart:
     for name, color, view in _colored(views):
         t, height = view.solution.stances.t, view.stance_position()[:, 2]
         sigma = np.sqrt(view.position_cov()[:, 2, 2])
-        traces.append(band(t, height, BAND * sigma, color, f"{name}, 95 %"))
-        traces.append(signal(view.solution.t, _dense_height(view), fade(color, 0.55), f"{name}, in between", width=0.8))
-        traces.append(_at_stances(t, height, color, f"{name}, footfalls"))
+        traces.append(band(t, height, BAND * sigma, color, _label(name, "95 %", views)))
+        dense, pale = view.align_position(view.solution.position)[:, 2], fade(color, 0.55)
+        traces.append(signal(view.solution.t, dense, pale, _label(name, "in between", views), width=0.8))
+        traces.append(_at_stances(t, height, color, _label(name, "footfalls", views)))
     caption = "In a swing the sensor rises above its footfall; the band is of the footfalls."
     return stack("height", [Panel("height (m)", traces)], caption)
-
-
-def _dense_height(view: AlignedSolution) -> Floats:
-    return view.align_position(view.solution.position)[:, 2]
 
 
 def draw_sigmas(views: Views, axes: tuple[str, str]) -> Chart:
@@ -78,8 +81,8 @@ def draw_sigmas(views: Views, axes: tuple[str, str]) -> Chart:
     position = _compare_sigmas(views) if len(views) > 1 else [_split_sigmas(next(iter(views.values())), axes)]
     heading = [
         _at_stances(
-            view.solution.stances.t, np.rad2deg(view.solution.stances.heading_sigma), color,
-            "heading" if len(views) == 1 else name,
+            view.solution.stances.t, np.rad2deg(view.solution.stances.heading_sigma),
+            PURPLE if len(views) == 1 else color, "heading" if len(views) == 1 else name,
         )
         for name, color, view in _colored(views)
     ]  # fmt: skip
@@ -117,8 +120,8 @@ def draw_gyro_bias(views: Views) -> Chart:
         for name, color, view in _colored(views):
             table = view.solution.stances
             bias, sigma = np.rad2deg(table.gyro_bias[:, k]), np.rad2deg(table.gyro_bias_sigma[:, k])
-            traces.append(band(table.t, bias, BAND * sigma, color, f"{name}, 95 %"))
-            traces.append(_at_stances(table.t, bias, color, name))
+            traces.append(band(table.t, bias, BAND * sigma, color, _label(name, "95 %", views)))
+            traces.append(_at_stances(table.t, bias, color, _label(name, "estimate", views)))
         panels.append(Panel(f"{axis} (deg/s)", traces))
     return stack("bias", panels, "Body axes, at the footfalls.")
 
@@ -143,14 +146,13 @@ def _draw_error(name: str, color: str, view: AlignedSolution, vertical: bool) ->
 def draw_headings(views: Views) -> Chart:
     """Draw the heading of the body's x axis, and below it the claimed band and the error where it is known."""
     traced = {name: trace_headings(view) for name, view in views.items()}
-    alone = len(views) == 1
     above: list[Trace] = []
     below: list[Trace] = []
     for name, color, view in _colored(views):
         if not above:
             above += _draw_angle(view.solution.t, traced[name].truth, traced[name], GRAY, "truth", width=5, opacity=0.6)
-        above += _draw_heading(view, traced[name], color, name, alone)
-        below += _draw_heading_error(view, traced[name], color, name)
+        above += _draw_heading(view, traced[name], color, name, views)
+        below += _draw_heading_error(view, traced[name], color, name, views)
     panels = [Panel("heading (deg)", above, share=1.5), Panel(_error_label(list(traced.values())), below)]
     caption = "Of the sensor's x axis, clockwise from north. The band below is the 95 % that the method claims."
     return stack("heading", panels, caption)
@@ -162,12 +164,17 @@ def _error_label(traced: Sequence[Headings]) -> str:
     return ("error" if known else "uncertainty") + (" since start (deg)" if gauge else " (deg)")
 
 
-def _draw_heading(view: AlignedSolution, found: Headings, color: str, name: str, alone: bool) -> list[Trace]:
+def _draw_heading(view: AlignedSolution, found: Headings, color: str, name: str, views: Views) -> list[Trace]:
+    alone = len(views) == 1
     t, at = view.solution.t, view.solution.stances.t
-    between = _draw_angle(t, found.between, found, fade(color, 0.5), f"{name}, in between", width=0.7) if alone else []
+    between = (
+        _draw_angle(t, found.between, found, fade(color, 0.5), _label(name, "in between", views), width=0.7)
+        if alone
+        else []
+    )
     mode = "lines+markers" if len(at) <= _FEW else "lines"
     more = {"mode": mode, "marker": {"size": 4}}
-    return between + _draw_angle(at, found.at_stances, found, color, f"{name}, footfalls", **more)
+    return between + _draw_angle(at, found.at_stances, found, color, _label(name, "footfalls", views), **more)
 
 
 def _draw_angle(t: Floats, angle: Floats, found: Headings, color: str, name: str, **more: object) -> list[Trace]:
@@ -178,11 +185,11 @@ def _draw_angle(t: Floats, angle: Floats, found: Headings, color: str, name: str
     return [line(to_seconds(t), to_numbers(angle, 2), color, name, **more)]
 
 
-def _draw_heading_error(view: AlignedSolution, found: Headings, color: str, name: str) -> list[Trace]:
+def _draw_heading_error(view: AlignedSolution, found: Headings, color: str, name: str, views: Views) -> list[Trace]:
     t = view.solution.stances.t
-    claimed = band(t, np.zeros(len(t)), BAND * np.rad2deg(found.sigma), color, f"{name}, 95 %")
+    claimed = band(t, np.zeros(len(t)), BAND * np.rad2deg(found.sigma), color, _label(name, "95 %", views))
     if not np.isfinite(found.error).any():
         return [claimed]
     row = thin(t)
     error = to_numbers(np.rad2deg(found.error[row]), 3)
-    return [claimed, dots(to_seconds(t[row]), error, color, f"{name}, error")]
+    return [claimed, dots(to_seconds(t[row]), error, color, _label(name, "error", views))]
