@@ -12,15 +12,17 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fg_nav.errors import FormatError
-from fg_nav.io.content import MATLAB, TEXT, Content, read_content
+from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
 from fg_nav.io.readers import (
     apdm,
     broad,
     canonical,
     gdlbio,
+    metawear,
     movesense,
     openshoe,
     pyshoe,
+    ros,
     sensorconnect,
     shimmer,
     vectornav,
@@ -57,11 +59,13 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
     Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read),
     Format("xsens-dot", "Xsens or Movella DOT CSV", xsens_dot.recognizes, xsens_dot.read),
+    Format("metawear", "MetaWear CSV files of a session", metawear.recognizes, metawear.read, (TEXT, MEMBERS)),
     Format("movesense", "Movesense JSON", movesense.recognizes, movesense.read),
     Format("shimmer", "Shimmer Consensys CSV", shimmer.recognizes, shimmer.read),
     Format("apdm", "APDM Opal CSV", apdm.recognizes, apdm.read),
     Format("vectornav", "VectorNav CSV of INSTINCT", vectornav.recognizes, vectornav.read),
     Format("yei", "YEI 3-Space CSV", yei.recognizes, yei.read),
+    Format("ros", "ROS 1 or ROS 2 bag", ros.recognizes, ros.read, (BINARY, MEMBERS)),
     Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, (MATLAB,)),
 )
 """All formats by name."""

@@ -162,6 +162,55 @@ def write_yei(raw: RawRecording, path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
+def write_metawear(raw: RawRecording, folder: Path, session: str = "Left_MetaWear_2019-01-11T16.10.08.270_C4") -> None:
+    """A file a sensor, and one of a filter in the accelerometer's unit; the magnetometer has every fourth sample."""
+    folder.mkdir(exist_ok=True)
+    sensors = {
+        "Accelerometer_100.000Hz": (raw.acc / GRAVITY_M_S2, "g", 1),
+        "LinearAcceleration": (0.0 * raw.acc, "g", 1),
+        "Gyroscope_100.000Hz": (np.rad2deg(raw.gyr), "deg/s", 1),
+        "Magnetometer_25.000Hz": (raw.mag * 1e-6, "T", 4),
+    }
+    for name, (values, unit, step) in sensors.items():
+        lines = ["epoch (ms),time (01:00),elapsed (s)," + ",".join(f"{axis}-axis ({unit})" for axis in "xyz")]
+        for k in range(0, len(raw.t), step):
+            stamp = f"{EPOCH_MS + round(raw.t[k] * 1e3)},2019-01-11T16:10:08.431,{raw.t[k]:.3f}"
+            lines.append(",".join([stamp, *(f"{value:.12g}" for value in values[k])]))
+        (folder / f"{session}_{name}_1.4.4.csv").write_text("\n".join(lines) + "\n")
+
+
+def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu",), normalized: bool = False) -> None:
+    """A ROS 1 bag at `walk.bag`; else a ROS 2 bag, a folder with storage of mcap or sqlite3 as its suffix says."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.LATEST)
+    serialize = store.serialize_ros1 if path.suffix == ".bag" else store.serialize_cdr
+    plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
+    kind, field_kind = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
+    types = store.types
+    stamp_of, vector = types["builtin_interfaces/msg/Time"], types["geometry_msgs/msg/Vector3"]
+    with Writer1(path) if path.suffix == ".bag" else Writer(path, version=9, storage_plugin=plugin) as writer:
+        topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic in imus}
+        field_topic = writer.add_connection("/left/mag", field_kind, typestore=store)
+        for k, t in enumerate(raw.t):
+            ns = EPOCH_MS * 10**6 + round(t * 1e9)
+            extra = {"seq": k} if path.suffix == ".bag" else {}
+            header = types["std_msgs/msg/Header"](
+                stamp=stamp_of(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="imu", **extra
+            )
+            force, rate = vector(*raw.acc[k]), vector(*raw.gyr[k])
+            attitude = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)
+            message = types[kind](header, attitude, np.zeros(9), rate, np.zeros(9), force, np.zeros(9))
+            for topic in topics.values():
+                writer.write(topic, ns + 30_000_000, serialize(message, kind))
+            if k % 4 == 0:
+                field = 1e-4 * raw.mag[k] / np.linalg.norm(raw.mag[k]) if normalized else 1e-6 * raw.mag[k]
+                message = types[field_kind](header, vector(*field), np.zeros(9))
+                writer.write(field_topic, ns + 30_000_000, serialize(message, field_kind))
+
+
 def _integrate(raw: RawRecording) -> Rotation:
     """Attitude that turns as the gyroscope says."""
     turns = Rotation.from_rotvec(raw.gyr * np.diff(raw.t, prepend=raw.t[0])[:, None])

@@ -13,6 +13,7 @@ from tests.io.foreign_sensors import (
     FOREIGN,
     write_apdm,
     write_dot_sdk,
+    write_metawear,
     write_movesense,
     write_shimmer,
     write_xsens_dot,
@@ -163,6 +164,31 @@ def test_movesense_that_is_cut_or_without_rate_is_refused(tmp_path: Path) -> Non
         read(path)
 
 
+def test_metawear_joins_the_files_of_a_session(tmp_path: Path) -> None:
+    write_metawear(RAW, tmp_path / "walk")
+    raw = read_raw(tmp_path / "walk")
+    assert raw.provenance.format == "metawear"
+    np.testing.assert_allclose(raw.t, RAW.t, atol=1e-9)
+    np.testing.assert_allclose(raw.acc, RAW.acc, atol=1e-9)
+    np.testing.assert_allclose(raw.gyr, RAW.gyr, atol=1e-9)
+    assert raw.mag is not None
+    np.testing.assert_allclose(raw.mag[::4], RAW.mag[::4], atol=1e-6)
+    assert np.isnan(raw.mag[1::4]).all()
+
+
+def test_metawear_asks_for_the_other_file_and_for_the_session(tmp_path: Path) -> None:
+    write_metawear(RAW, tmp_path)
+    one = next(tmp_path.glob("*_Accelerometer*"))
+    with pytest.raises(
+        FormatError, match=r"the accelerometer alone: put 'Left_MetaWear.*_Gyroscope_100.000Hz.*' of the"
+    ):
+        read(one)
+    write_metawear(RAW, tmp_path, "Right_MetaWear_2019-01-11T16.10.08.270_C5")
+    with pytest.raises(FormatError, match=r"2 sessions \(Left_MetaWear.*, Right_MetaWear.*\): name one"):
+        read(tmp_path)
+    assert "the session is 'Right" in read_raw(tmp_path, sensor="right").provenance.notes[0]
+
+
 @needs_data
 def test_real_files_of_sensor_makers() -> None:
     folder = DATA / "formats"
@@ -179,4 +205,5 @@ def test_real_files_of_sensor_makers() -> None:
     vectornav = read(folder / "vectornav-vn310/Static-vn310-imu.csv")
     assert vectornav.mag is not None
     assert np.linalg.norm(vectornav.mag[0]) == pytest.approx(22.0, abs=1.0)
+    assert read(folder / "metawear").period_s == pytest.approx(1 / 25)
     assert read(folder / "yei-3space/data_yei.txt").period_s == pytest.approx(9.1e-3, abs=1e-4)
