@@ -3,12 +3,14 @@
 `options` has the types of the options. Each verb loads what it needs when it is called, so that the help is quick.
 
 `main` is the one error boundary. Exit codes: 0 done; 1 the input or the output is to blame, said in one
-line on standard error; 2 the command was not understood; 70 a bug, with its traceback; 130 interrupted.
+line on standard error, with `--json` as `{"error": "..."}`; 2 the command was not understood; 70 a bug, with its
+traceback; 130 interrupted.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import sys
 import traceback
 from typing import Annotated, NoReturn
@@ -65,5 +67,6 @@ def _one_line(error: Exception) -> str:
 
 
 def _leave(words: str, code: int) -> NoReturn:
-    print(f"fg-nav: {words}", file=sys.stderr)  # noqa: T201
+    as_json = "--json" in sys.argv[1:]  # the command line may have failed before it was understood
+    print(json.dumps({"error": words}) if as_json else f"fg-nav: {words}", file=sys.stderr)  # noqa: T201
     sys.exit(code)

@@ -8,33 +8,24 @@ from typing import Annotated, Literal
 import typer
 
 from fg_nav.cli import options as given
+from fg_nav.cli.output import answering
 
 verbs = typer.Typer()
-
-
-def _list_scenarios(wanted: bool) -> None:
-    if wanted:
-        from fg_nav.commands.simulate import print_scenarios
-
-        print_scenarios()
-        raise typer.Exit
 
 
 @verbs.command()
 def simulate(
     scenario: Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="SCENARIO",
             show_default=False,
             help="Its name, or a .toml file with one.",
             autocompletion=given.complete_scenarios,
         ),
-    ],
+    ] = None,
     seed: given.Seed = 1,
-    list_all: Annotated[
-        bool, typer.Option("--list", help="Say what there is to choose from.", is_eager=True, callback=_list_scenarios)
-    ] = False,
+    list_all: Annotated[bool, typer.Option("--list", help="Say what there is to choose from.")] = False,
     sensor: Annotated[str | None, typer.Option(metavar="NAME", help="Another sensor.")] = None,
     field: Annotated[str | None, typer.Option(metavar="NAME", help="Another field.")] = None,
     site: Annotated[
@@ -55,13 +46,21 @@ def simulate(
     feet: given.FeetWord = None,
     out: given.OutDir = None,
     force: given.Force = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
-    from fg_nav.commands.simulate import simulate
+    from fg_nav.commands.simulate import list_scenarios, simulate
     from fg_nav.lab.simulation import Choices
 
     choices = Choices(sensor, site, field, worn, rate, turn, calibrated, rests=rests, feet=feet)
-    simulate(scenario, seed, choices, out, force)
+    with answering(json, quiet) as answer:
+        if list_all:
+            answer(list_scenarios())
+        elif scenario is None:
+            raise typer.BadParameter("name one, or a file; --list says what there is.", param_hint="SCENARIO")
+        else:
+            answer(simulate(scenario, seed, choices, out, force))
 
 
 @verbs.command()
@@ -79,13 +78,16 @@ def campaign(
     ] = None,
     renew: Annotated[bool, typer.Option("--renew", help="Make again what other code made.")] = False,
     retry: Annotated[bool, typer.Option("--retry", help="Make again what failed.")] = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Try methods on many walks, simulated and recorded; the same command goes on with what was stopped."""
     from fg_nav.commands import RESULTS
     from fg_nav.commands.campaign import campaign
     from fg_nav.lab.campaign.command import Request
 
-    campaign(Request(plan, out or RESULTS / plan.stem, scheduler, workers, renew, retry))
+    with answering(json, quiet) as answer:
+        answer(campaign(Request(plan, out or RESULTS / plan.stem, scheduler, workers, renew, retry)))
 
 
 @verbs.command()
@@ -104,12 +106,18 @@ def reproduce(
         typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: results/reproduce-PAPER]"),
     ] = None,
     force: given.Force = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Lay the experiments of a paper beside ours, from simulated walks: report.html, results.json, pictures.
 
     A run that was ended goes on from there with the same command.
     """
-    from fg_nav.commands import RESULTS
-    from fg_nav.lab.reproduce.command import reproduce
+    from fg_nav.commands import RESULTS, Answer
+    from fg_nav.lab.reproduce.command import print_rows, reproduce
+    from fg_nav.lab.reproduce.results import describe_reproduction
 
-    reproduce(paper, out or RESULTS / f"reproduce-{paper}", seeds, first, workers, quick, force)
+    place = out or RESULTS / f"reproduce-{paper}"
+    with answering(json, quiet) as answer:
+        found = reproduce(paper, place, seeds, first, workers, quick, force)
+        answer(Answer({"folder": str(place), **describe_reproduction(found)}, lambda: print_rows(found, place)))

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from fg_nav.cli import options as given
+from fg_nav.cli.output import answering
 
 verbs = typer.Typer()
 
@@ -39,6 +40,8 @@ def stream(
     out: given.EndDir = None,
     polish: given.Polish = False,
     force: given.Force = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Follow a sensor while it is walked with: one JSON line a footfall or stride, and at the end the whole walk.
 
@@ -52,4 +55,5 @@ def stream(
         (host, port) if view else None, columns, units, rate, mount, fixes, step_constant,
         speed, record, force,
     )  # fmt: skip
-    stream(request, out, force)
+    with answering(json, quiet) as answer:
+        answer(stream(request, out, force, lines=not (json or quiet)))

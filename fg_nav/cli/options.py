@@ -230,3 +230,7 @@ EndDir = Annotated[
 FeetWord = Annotated[
     Literal["still", "moving"] | None, typer.Option(help="Whether the loaded foot moves on, as real ones do.")
 ]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document, for scripts, and nothing else on standard output.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]

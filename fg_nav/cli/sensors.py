@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from fg_nav.cli import options as given
+from fg_nav.cli.output import answering
 
 verbs = typer.Typer()
 
@@ -27,11 +28,14 @@ def calibrate(
     mag_axes: given.MagAxesWords = None,
     format: given.FormatName = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older calibration.")] = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration."""
     from fg_nav.commands.calibrate import calibrate
 
-    calibrate(file, out, method, strength, place, mag_axes, format, force)
+    with answering(json, quiet) as answer:
+        answer(calibrate(file, out, method, strength, place, mag_axes, format, force))
 
 
 @verbs.command()
@@ -47,6 +51,8 @@ def detect(
     alignment: given.AlignmentMode = "yaw",
     out: given.OutDir = None,
     force: given.Force = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
 
@@ -56,7 +62,8 @@ def detect(
     from fg_nav.commands.detect import detect
 
     options = choose_options(True, heading, alignment, truth, None, calibration, mag_axes=mag_axes)
-    detect(file, gates, options, place, format, out, force)
+    with answering(json, quiet) as answer:
+        answer(detect(file, gates, options, place, format, out, force))
 
 
 @verbs.command()
@@ -65,8 +72,11 @@ def allan(
     format: given.FormatName = None,
     out: given.OutDir = None,
     force: given.Force = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Say how noisy the sensor is, from a recording of it lying still: allan.json, allan.png."""
     from fg_nav.commands.allan import allan
 
-    allan(file, format, out, force)
+    with answering(json, quiet) as answer:
+        answer(allan(file, format, out, force))

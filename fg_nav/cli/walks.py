@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from fg_nav.cli import options as given
+from fg_nav.cli.output import answering
 
 verbs = typer.Typer()
 
@@ -16,11 +17,14 @@ verbs = typer.Typer()
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", show_default=False, help="File with a recording.")],
     format: given.FormatName = None,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Say what a file holds, and whether it can be navigated with."""
     from fg_nav.commands.inspect import inspect
 
-    inspect(file, format)
+    with answering(json, quiet) as answer:
+        answer(inspect(file, format))
 
 
 @verbs.command()
@@ -51,6 +55,8 @@ def run(
     out: given.OutDir = None,
     force: given.Force = False,
     strict: given.Strict = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
     from fg_nav.commands import choose_options
@@ -60,7 +66,8 @@ def run(
     check_mount(mount, lengths_m, gate, preset)
     check_methods([method], gate, polish)
     options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish)
-    run(recording, method, mount, options, lengths_m, format, out, force, strict)
+    with answering(json, quiet) as answer:
+        answer(run(recording, method, mount, options, lengths_m, format, out, force, strict))
 
 
 @verbs.command()
@@ -85,6 +92,8 @@ def compare(
     alignment: given.AlignmentMode = "yaw",
     out: given.OutDir = None,
     force: given.Force = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Run several methods on the same recording and the same stances, and lay them side by side."""
     from fg_nav.commands import choose_options
@@ -92,7 +101,8 @@ def compare(
 
     check_methods(methods.split(","), gate)
     options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, mag_axes=mag_axes)
-    compare(recording, methods, options, format, out, force)
+    with answering(json, quiet) as answer:
+        answer(compare(recording, methods, options, format, out, force))
 
 
 @verbs.command()
@@ -104,12 +114,15 @@ def demo(
     port: given.ViewPort = 8642,
     out: given.OutDir = None,
     force: given.Force = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
 ) -> None:
     """Simulate one minute of walking and compare the methods on it; with --view show it as it is walked."""
     from fg_nav.commands.run import demo
     from fg_nav.commands.view import view_demo
 
-    if view:
-        view_demo(seed, speed, host, port)
-    else:
-        demo(seed, out, force)
+    with answering(json, quiet) as answer:
+        if view:
+            view_demo(seed, speed, host, port)
+        else:
+            answer(demo(seed, out, force))

@@ -1,12 +1,13 @@
 """The verbs of the command line, a page each, and what they share: their options, and the folder of a result.
 
-Each verb checks what it can before the work, works, writes into a folder that appears whole or not at all, and prints.
+Each verb checks what it can before the work, works, writes into a folder that appears whole or not at all, and returns
+an `Answer`, which the command line prints.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from fg_nav.report.terminal import progress
 
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
+    from fg_nav.errors import FgNavError
     from fg_nav.lab.simulation import Choices, SimulatedWalk
     from fg_nav.walk import Options, Outcome, Walk
 
@@ -47,6 +49,22 @@ def name_walk(recording: Path) -> str:
     if recording.is_dir() or not NAMELESS.fullmatch(re.sub("[ _-]", "", name)):
         return name
     return recording.resolve().parent.name or name
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a verb has to say.
+
+    Attributes
+    ----------
+    content : for scripts, as JSON (`fg_nav.text.to_json`).
+    show : prints it for people.
+    failure : raised after that; None where nothing is amiss.
+    """
+
+    content: object
+    show: Callable[[], None]
+    failure: FgNavError | None = None
 
 
 @dataclass

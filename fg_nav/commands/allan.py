@@ -9,6 +9,7 @@ allan.png       deviation over averaging time, one panel an axis, with band, fit
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart
 from fg_nav.calibration.at_rest import RecordingNoise, SensorNoise, measure_recording_noise
-from fg_nav.commands import Target, name_walk
+from fg_nav.commands import Answer, Target, name_walk
 from fg_nav.io import read
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import ALLAN_FILES
@@ -26,13 +27,14 @@ from fg_nav.report.terminal import console, print_place, ruled_table
 from fg_nav.text import find_version
 
 
-def allan(file: Path, format: str | None, out: Path | None, force: bool) -> None:
-    """Measure the noise in a recording of a sensor lying still, write it into a folder, and print it."""
+def allan(file: Path, format: str | None, out: Path | None, force: bool) -> Answer:
+    """Measure the noise in a recording of a sensor lying still, and write it into a folder."""
     target = Target(out, force, f"{name_walk(file)}-allan", ALLAN_FILES)
     noise = measure_recording_noise(read(file, format))
     with target.open() as folder:
         write_allan(folder, noise, file)
-    print_allan(noise, target.place)
+    content = {"folder": str(target.place), **describe_noise(noise, file)}
+    return Answer(content, partial(print_allan, noise, target.place))
 
 
 def write_allan(folder: Path, noise: RecordingNoise, source: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from fg_nav.calibration.of_recording import (
     write_calibration,
 )
 from fg_nav.calibration.of_recording import calibrate as calibrate_recording
-from fg_nav.commands import find_earth_field
+from fg_nav.commands import Answer, find_earth_field
 from fg_nav.errors import CalibrationError
 from fg_nav.io import read
 from fg_nav.magnetic.axes import MagAxes
@@ -37,8 +39,8 @@ def calibrate(
     mag_axes: str | None,
     format: str | None,
     force: bool,
-) -> None:
-    """Calibrate by a recording, write the calibration into a file, and print it."""
+) -> Answer:
+    """Calibrate by a recording, and write the calibration into a file."""
     if method is not None:
         check_method(method)
     check_file_free(out, is_calibration, force)
@@ -46,7 +48,15 @@ def calibrate(
     found = calibrate_recording(read(file, format), method, _choose_strength(strength_uT, place), axes)
     with result_file(out, is_calibration, force) as fresh:
         write_calibration(fresh, found.calibration)
-    print_calibration(found, out)
+    content = {
+        "file": str(out),
+        "method": found.choice,
+        "mag_axes": None if found.axes is None else str(found.axes),
+        "effect": found.effect,
+        "remarks": found.remarks,
+        "calibration": json.loads(out.read_text(encoding="utf-8")),
+    }
+    return Answer(content, partial(print_calibration, found, out))
 
 
 def _choose_strength(strength_uT: float | None, place: str | None) -> float | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -12,24 +12,27 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 
+from fg_nav.commands import Answer
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.lab.campaign.command import Request, Summary, run_campaign
 from fg_nav.lab.campaign.dispatch import KILLED, Progress
 from fg_nav.lab.campaign.folder import TABLES
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
-from fg_nav.report.terminal import console, ruled_table
-from fg_nav.text import format_count
+from fg_nav.report.terminal import can_show_progress, console, remark, ruled_table
+from fg_nav.text import format_count, to_json
 
 MOST_REASONS = 10
 """Of failures, that are printed."""
 
 
-def campaign(request: Request) -> None:
-    """Make the results of a plan that are not there yet, and print them all."""
+def campaign(request: Request) -> Answer:
+    """Make the results of a plan that are not there yet, and return them all."""
     with show_progress() as show:
         done = run_campaign(request, show, print_note)
-    print_campaign(done, request.out)
+    results = [{**to_json(one.key), "failed": one.failed, "errors": one.errors} for one in done.results]
+    content = {"folder": str(request.out), "stored_before": done.stored, "results": results}
+    return Answer(content, partial(print_campaign, done, request.out))
 
 
 @contextmanager
@@ -37,8 +40,7 @@ def show_progress() -> Iterator[Callable[[Progress], None]]:
     """Show a bar on standard error while the block runs, on a terminal only; yields what updates it."""
     errors = Console(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn())
-    visible = sys.stderr.isatty() and not errors.is_dumb_terminal
-    with Bars(*columns, console=errors, transient=True, disable=not visible) as bars:
+    with Bars(*columns, console=errors, transient=True, disable=not can_show_progress(errors)) as bars:
         task = bars.add_task("looking at what is there", total=None)
         yield lambda now: bars.update(task, description=describe_progress(now), total=now.total, completed=now.done)
 
@@ -59,7 +61,7 @@ def describe_duration(seconds: float) -> str:
 
 def print_note(words: str) -> None:
     """Print a note on standard error."""
-    print(f"note: {words}", file=sys.stderr)  # noqa: T201
+    remark(f"note: {words}")
 
 
 def print_campaign(done: Summary, place: Path) -> None:

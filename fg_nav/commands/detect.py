@@ -11,6 +11,7 @@ detect.json          what was looked at, the coverage and the parameters of each
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ import pandas as pd
 from rich.table import Table
 
 from fg_nav.arrays import Floats
-from fg_nav.commands import Target, find_earth_field, name_walk, run_methods
+from fg_nav.commands import Answer, Target, find_earth_field, name_walk, run_methods
 from fg_nav.errors import MagneticError
 from fg_nav.evaluation.field_survey import (
     SAMPLEWISE,
@@ -57,15 +58,14 @@ def detect(
     format: str | None,
     out: Path | None,
     force: bool,
-) -> None:
-    """Judge the field by the detectors of a list with commas, write what they find into a folder, and print it."""
+) -> Answer:
+    """Judge the field by the detectors of a list with commas, and write what they find into a folder."""
     names = parse_detectors(detectors)
     target = Target(out, force, f"{name_walk(file)}-detect", DETECT_FILES)
     if names == [SAMPLEWISE]:
         if place is not None or options.truth_path is not None:
             raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
-        _detect_in_samples(file, options, format, target)
-        return
+        return _detect_in_samples(file, options, format, target)
     earth = find_earth_field(place)
     walk = prepare_walk(read_walk(file, options, format))
     field = walk.require_field()
@@ -74,17 +74,19 @@ def detect(
     with target.open() as folder:
         write_survey(folder, walk, survey)
         draw_survey(folder, walk, survey, outcome)
-    print_survey(walk, survey, target.place)
+    content = {"folder": str(target.place), **describe_survey(walk, survey)}
+    return Answer(content, partial(print_survey, walk, survey, target.place))
 
 
-def _detect_in_samples(file: Path, options: Options, format: str | None, target: Target) -> None:
+def _detect_in_samples(file: Path, options: Options, format: str | None, target: Target) -> Answer:
     walk = correct_walk(read_walk(file, options, format))
     if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
         raise MagneticError(f"{walk.magnetometer.notes[0]}.")
     survey = survey_samples(walk.recording)
     with target.open() as folder:
         write_samples(folder, walk, survey)
-    print_samples(walk, survey, target.place)
+    content = {"folder": str(target.place), **describe_samples(walk, survey)}
+    return Answer(content, partial(print_samples, walk, survey, target.place))
 
 
 def write_survey(folder: Path, walk: Walk, survey: FieldSurvey) -> None:

@@ -3,21 +3,43 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.commands import Answer
+from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import Inspection, MagneticField, Range, Rest, Stamps, StanceShare
 from fg_nav.inspection import inspect as inspect_recording
 from fg_nav.io import read_raw
 from fg_nav.report.terminal import console, listing
+from fg_nav.text import to_json
 
 
-def inspect(file: Path, format: str | None) -> None:
-    """Inspect a file, and print what was found."""
-    print_inspection(inspect_recording(read_raw(file, format)))
+def inspect(file: Path, format: str | None) -> Answer:
+    """Inspect a file; a recording that cannot be navigated with is a failure."""
+    found = inspect_recording(read_raw(file, format))
+    failure = None if found.refusal is None else RecordingError(found.refusal)
+    return Answer(describe_inspection(found, file), partial(print_inspection, found), failure)
+
+
+def describe_inspection(found: Inspection, file: Path) -> dict[str, Any]:
+    """What was found, for JSON: SI units, deg/s and uT as the names say."""
+    field = found.field
+    about_field = field and {
+        "strength_uT": field.strength_uT,
+        "spread_uT": field.spread_uT,
+        "rate_hz": field.rate_hz,
+        "points_up": field.points_up,
+        "notes": [] if field.aligned is None else field.aligned.notes,
+    }
+    known = {"recording": str(file), "usable": found.is_usable, "verdict": found.verdict}
+    return {**known, **to_json(replace(found, field=None)), "field": about_field}
 
 
 def print_inspection(found: Inspection) -> None:

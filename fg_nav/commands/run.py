@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from fg_nav.commands import TUNED, Target, name_walk, run_methods, simulate_walk
+from fg_nav.commands import TUNED, Answer, Target, name_walk, run_methods, simulate_walk
 from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.navigate import navigate, prepare_walk
-from fg_nav.report.files import write_comparison
+from fg_nav.report.files import Summary, write_comparison
 from fg_nav.report.folder import DEMO_FILES
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
@@ -31,12 +32,12 @@ def run(
     out: Path | None,
     force: bool,
     strict: bool = False,
-) -> None:
-    """Navigate, and print the summary.
+) -> Answer:
+    """Navigate, and return the summary.
 
     `lengths_m` are the step constant and the known distance of one who walks with the sensor in a pocket.
 
-    Raises `VerdictError` after that if the path is not to be used, with `strict`.
+    With `strict` a path that is not to be used is a failure.
     """
     method = method or DEFAULT_METHOD[mount]
     find_estimator(method, mount)
@@ -44,9 +45,11 @@ def run(
     options = replace(options, mount=mount, step_constant_m=lengths_m[0], known_distance_m=lengths_m[1])
     with progress(method) as report:
         summary = navigate(recording, method, options, target.open(), format, report)
-    print_results([summary], target.place)
+    failure = None
     if strict and summary["verdict"] == UNUSABLE:
-        raise VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
+        failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
+    content = {"recording": str(recording), "folder": str(target.place), **summary}
+    return Answer(content, partial(print_results, [summary], target.place), failure)
 
 
 def check_methods(methods: Sequence[str | None], gate: str | None, polish: bool = False) -> None:
@@ -73,8 +76,10 @@ def check_mount(mount: Mount, lengths_m: tuple[float | None, float | None], gate
 DEMO_METHODS = ("smoother", "iez")
 
 
-def compare(recording: Path, methods: str, options: Options, format: str | None, out: Path | None, force: bool) -> None:
-    """Run the methods of a list with commas on a recording, and print their summaries."""
+def compare(
+    recording: Path, methods: str, options: Options, format: str | None, out: Path | None, force: bool
+) -> Answer:
+    """Run the methods of a list with commas on a recording, and return their summaries."""
     names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
     for name in names:
         find_estimator(name)
@@ -83,10 +88,16 @@ def compare(recording: Path, methods: str, options: Options, format: str | None,
     outcomes = run_methods(walk, names)
     with target.open() as folder:
         summaries = write_comparison(folder, walk, outcomes)
-    print_results(summaries, target.place)
+    return answer_comparison(recording, summaries, target.place)
 
 
-def demo(seed: int, out: Path | None, force: bool) -> None:
+def answer_comparison(recording: Path, summaries: list[Summary], place: Path) -> Answer:
+    """Return the summaries of several methods, which are in a folder."""
+    content = {"recording": str(recording), "folder": str(place), "methods": summaries}
+    return Answer(content, partial(print_results, summaries, place))
+
+
+def demo(seed: int, out: Path | None, force: bool) -> Answer:
     """Simulate one minute of walking, and compare the methods on it."""
     from fg_nav.commands.simulate import write_simulation  # loads the simulator, which no other of these needs
 
@@ -99,4 +110,4 @@ def demo(seed: int, out: Path | None, force: bool) -> None:
         outcomes = run_methods(walk, DEMO_METHODS)
         write_simulation(folder, simulated)
         summaries = write_comparison(folder, walk, outcomes)
-    print_results(summaries, target.place)
+    return answer_comparison(target.place / "recording.csv", summaries, target.place)

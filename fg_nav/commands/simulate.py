@@ -11,13 +11,14 @@ map.png              the walk from above over the strength of the field
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from fg_nav.commands import Target, simulate_walk
+from fg_nav.commands import Answer, Target, simulate_walk
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk
 from fg_nav.lab.simulation.fields import SITES
@@ -32,14 +33,40 @@ from fg_nav.text import find_version, format_count, to_json
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
 
-def simulate(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> None:
-    """Simulate a scenario into a folder, and print what it is."""
+def simulate(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> Answer:
+    """Simulate a scenario into a folder."""
     target = Target(out, force, Path(scenario).stem, SIMULATION_FILES)
     walk = simulate_walk(scenario, seed, choices)
     target.name = walk.scenario.name
     with target.open() as folder:
         write_simulation(folder, walk)
-    print_simulation(walk, target.place)
+    content = describe_simulation(walk) | {"folder": str(target.place)}
+    return Answer(content, partial(print_simulation, walk, target.place))
+
+
+def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
+    """Which walk it is: `truth.json` has all that was drawn."""
+    return {
+        "scenario": walk.scenario.name,
+        "seed": walk.seed,
+        "sensor": walk.scenario.prior.name,
+        "worn": walk.scenario.worn,
+        "site": walk.scenario.site,
+        "field": walk.scenario.field,
+        "rests": walk.scenario.rests,
+        "feet": walk.scenario.feet,
+        "choices": walk.choices,
+        "samples": len(walk.recording),
+        "duration_s": walk.recording.duration_s,
+        "strides": len(walk.strides),
+        "distance_m": measure_walked(walk),
+        "landmarks": len(walk.landmarks),
+    }
+
+
+def measure_walked(walk: SimulatedWalk) -> float:
+    """Sum of the moves of the foot, m."""
+    return float(np.linalg.norm(np.diff(walk.strides.footprint, axis=0), axis=1).sum())
 
 
 def write_simulation(folder: Path, walk: SimulatedWalk) -> None:
@@ -92,24 +119,29 @@ def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
     }
 
 
-def print_scenarios() -> None:
-    """Print what can be simulated: scenarios, sensors, fields, sites."""
+def list_scenarios() -> Answer:
+    """Return what can be simulated: scenarios, sensors, fields, sites."""
+    scenarios = {name: one.summary for name, one in SCENARIOS.items()}
+    parts = {"sensors": list(PRESETS), "fields": list(FIELDS), "sites": list(SITES)}
+    return Answer({"scenarios": scenarios, **parts}, partial(print_scenarios, scenarios, parts))
+
+
+def print_scenarios(scenarios: dict[str, str], parts: dict[str, list[str]]) -> None:
+    """Print scenarios with what they are, and the names of the parts that they can be given."""
     out = console()
-    out.print(listing([(name, one.summary) for name, one in SCENARIOS.items()]), soft_wrap=True)
-    words = {"sensors": ", ".join(PRESETS), "fields": ", ".join(FIELDS), "sites": ", ".join(SITES)}
-    out.print(listing(list(words.items())), soft_wrap=True)
+    out.print(listing(list(scenarios.items())), soft_wrap=True)
+    out.print(listing([(part, ", ".join(names)) for part, names in parts.items()]), soft_wrap=True)
 
 
 def print_simulation(walk: SimulatedWalk, place: Path) -> None:
     """Print what was simulated, and where the files are."""
-    step = np.diff(walk.strides.footprint, axis=0)
     rows = {
         "scenario": f"{walk.scenario.name}: {walk.scenario.summary}",
         "seed": str(walk.seed),
         "worn": f"{walk.scenario.worn}, {walk.scenario.prior.name}",
         "field": f"{walk.scenario.field}, {walk.scenario.site}",
         "samples": f"{len(walk.recording)} in {walk.recording.duration_s:.1f} s",
-        "strides": f"{len(walk.strides)} over {np.linalg.norm(step, axis=1).sum():.1f} m of the foot",
+        "strides": f"{len(walk.strides)} over {measure_walked(walk):.1f} m of the foot",
         "landmarks": format_count(len(walk.landmarks), "crossing") if walk.landmarks else "none",
         "files": str(place),
     }

@@ -11,12 +11,13 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import typer
 
-from fg_nav.commands import Target
+from fg_nav.commands import Answer, Target
 from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.navigate import prepare_walk
@@ -27,29 +28,42 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.recording import Provenance
-from fg_nav.report.files import write_lagged, write_run
-from fg_nav.report.terminal import progress
+from fg_nav.report import terminal
+from fg_nav.report.files import Summary, summarize, summarize_lagged, write_lagged, write_run
 from fg_nav.solution import Solution
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 
-def stream(request: StreamRequest, out: Path | None, force: bool) -> None:
-    """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder."""
+def stream(request: StreamRequest, out: Path | None, force: bool, lines: bool = True) -> Answer:
+    """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder.
+
+    Without `lines` none are printed on standard output.
+    """
     target = Target(out, force and (out is not None or request.record is None), "stream")
-    with open_outlets(request.serve, request.view, line_printer(), remark) as outlets:
+    with open_outlets(request.serve, request.view, line_printer() if lines else drop_line, remark) as outlets:
         walk = run_stream(request, outlets)
         if out is None:
-            if outlets.emit_end is not None:
-                emit_end(walk, outlets.emit_end)
-            return
+            if outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
+                return Answer({}, say_nothing)
+            summary = emit_end(walk, outlets.emit_end or drop_line)
+            return Answer({"source": request.source, **summary}, say_nothing)
         with target.open() as folder:
-            write_end(folder, walk)
-    remark(f"files: {target.place}")
+            summary = write_end(folder, walk)
+    content = {"source": request.source, "folder": str(target.place), **summary}
+    return Answer(content, partial(remark, f"files: {target.place}"))
 
 
 def remark(words: str) -> None:
     """Print a sentence for people, apart from the lines."""
-    typer.echo(f"fg-nav: {words}", err=True)
+    terminal.remark(f"fg-nav: {words}")
+
+
+def drop_line(line: str) -> None:
+    """Print no line."""
+
+
+def say_nothing() -> None:
+    """Add nothing to the lines, which said it all."""
 
 
 def line_printer() -> Callable[[str], None]:
@@ -70,11 +84,17 @@ def line_printer() -> Callable[[str], None]:
     return print_line
 
 
-def emit_end(walk: StreamedWalk, emit: Say) -> None:
-    """Emit the past as it is known at the end, one line a footfall."""
-    solution = walk.navigator.finish() if _has_lag(walk) else finish_stream(walk)[1].solution
+def emit_end(walk: StreamedWalk, emit: Say) -> Summary:
+    """Emit the past as it is known at the end, one line a footfall; return the summary of it."""
+    if _has_lag(walk):
+        solution = walk.navigator.finish()
+        summary = summarize_lagged(solution)
+    else:
+        prepared, outcome = finish_stream(walk)
+        solution, summary = outcome.solution, summarize(prepared, outcome)
     in_pocket = isinstance(walk.navigator.options, PocketOptions)
     emit_solution(solution, walk.navigator.judge.sensor_time, emit, in_pocket)
+    return summary
 
 
 def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say, in_pocket: bool = False) -> None:
@@ -86,14 +106,13 @@ def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say, in_poc
                 emit(line)
 
 
-def write_end(folder: Path, walk: StreamedWalk) -> None:
-    """Write what `fg-nav run` writes; with a lag, what needs no samples."""
+def write_end(folder: Path, walk: StreamedWalk) -> Summary:
+    """Write what `fg-nav run` writes; with a lag, what needs no samples. Return the summary."""
     if not _has_lag(walk):
-        with progress("online") as report:
+        with terminal.progress("online") as report:
             prepared, outcome = finish_stream(walk, report)
-        write_run(folder, prepared, outcome)
-        return
-    write_lagged(folder, walk.navigator.finish())
+        return write_run(folder, prepared, outcome)
+    return write_lagged(folder, walk.navigator.finish())
 
 
 def _has_lag(walk: StreamedWalk) -> bool:

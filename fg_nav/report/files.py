@@ -98,8 +98,21 @@ def _write_page(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], summa
 def write_lagged(folder: Path, solution: Solution, plots: Plots = "all") -> Summary:
     """Write what is known of a walk in progress whose samples were not kept; return the summary."""
     write_paths(folder, solution)
+    summary = summarize_lagged(solution)
+    write_json(folder / "summary.json", summary)
+    if plots in WITH_PAGE:
+        from fg_nav.report.page import Findings, write_page
+
+        config = {"method": solution.method, "parameters": solution.parameters}
+        outcomes = {solution.method: Outcome(solution, evaluate(solution), None)}
+        write_page(folder, Findings(outcomes, [summary], [config], None))
+    return summary
+
+
+def summarize_lagged(solution: Solution) -> Summary:
+    """Figures of merit that need no samples."""
     metrics = evaluate(solution)
-    summary: Summary = {
+    return {
         "method": solution.method,
         "duration_s": float(solution.t[-1] - solution.t[0]),
         "distance_m": metrics.distance_m,
@@ -109,14 +122,6 @@ def write_lagged(folder: Path, solution: Solution, plots: Plots = "all") -> Summ
         "runtime_s": solution.runtime_s,
         "notes": list(solution.notes),
     }
-    write_json(folder / "summary.json", summary)
-    if plots in WITH_PAGE:
-        from fg_nav.report.page import Findings, write_page
-
-        config = {"method": solution.method, "parameters": solution.parameters}
-        outcomes = {solution.method: Outcome(solution, metrics, None)}
-        write_page(folder, Findings(outcomes, [summary], [config], None))
-    return summary
 
 
 def write_result(folder: Path, walk: Walk, outcome: Outcome) -> Summary:

@@ -18,6 +18,26 @@ from fg_nav.report.rows import FIGURES, collect_notes
 
 _PIPE_WIDTH = 1000
 
+_hushed = False
+"""Whether nothing but errors is to be printed (`hush`); of the process, whose threads print too."""
+
+
+@contextmanager
+def hush(quiet: bool) -> Iterator[None]:
+    """While the block runs, print no remarks and no progress, if `quiet`."""
+    global _hushed
+    _hushed, before = quiet, _hushed
+    try:
+        yield
+    finally:
+        _hushed = before
+
+
+def remark(words: str) -> None:
+    """Print a sentence for people on standard error, apart from what is asked for."""
+    if not _hushed:
+        print(words, file=sys.stderr, flush=True)  # noqa: T201
+
 
 def console() -> Console:
     """Return a console on standard output: as wide as the terminal, or as wide as needed in a pipe."""
@@ -91,7 +111,12 @@ def progress(words: str) -> Iterator[Callable[[float], None]]:
     """Show a bar on standard error while the block runs; yields what takes the fraction done."""
     errors = Console(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    shown = sys.stderr.isatty() and not errors.is_dumb_terminal
+    shown = can_show_progress(errors)
     with Progress(*columns, console=errors, transient=True, disable=not shown) as bars:
         task = bars.add_task(words, total=None)
         yield lambda fraction: bars.update(task, total=1.0, completed=fraction)
+
+
+def can_show_progress(errors: Console) -> bool:
+    """Whether a bar can be drawn there, and is wanted."""
+    return sys.stderr.isatty() and not errors.is_dumb_terminal and not _hushed

@@ -39,6 +39,9 @@ def test_table_picture_and_figures(fg_nav, table, tmp_path):
     write_canonical(table.recording, tmp_path / "table.csv")
     code, said, _ = fg_nav("allan", "table.csv", "--out", "noise")
     assert code == 0
+    code, again, _ = fg_nav("allan", "table.csv", "--out", "noise", "--force", "--json")
+    assert code == 0
+    assert json.loads(again) == {"folder": "noise", **json.loads((tmp_path / "noise" / "allan.json").read_text())}
     assert {path.name for path in (tmp_path / "noise").iterdir()} == {"allan.json", "allan.png"}
     found = json.loads((tmp_path / "noise" / "allan.json").read_text())
     assert found["seconds"] == pytest.approx(65.0, abs=1.5)

@@ -79,7 +79,9 @@ def test_detect_writes_figures_pictures_and_a_table(fg_nav: FgNav, files: Path) 
 
 
 def test_all_detectors_are_those_and_the_printed(fg_nav: FgNav, files: Path) -> None:
-    assert fg_nav("detect", files / "walk.csv", "--gate", "all", "--out", "out").code == 0
+    ran = fg_nav("detect", files / "walk.csv", "--gate", "all", "--out", "out", "--json")
+    assert ran.code == 0
+    assert json.loads(ran.out) == {"folder": "out", **json.loads(Path("out/detect.json").read_text())}
     said = facts("out")
     assert list(said["detectors"]) == list(SURVEYED) == [*DETECTORS, SAMPLEWISE]
     assert set(SURVEYED) - set(USUAL) == {name for name in DETECTORS if "printed" in name}

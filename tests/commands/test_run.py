@@ -74,8 +74,9 @@ def test_run_writes_the_contract(fg_nav: FgNav, files: Path, demo: Recording, me
 
 
 def test_result_without_a_folder_goes_to_a_fresh_one(fg_nav: FgNav, files: Path) -> None:
-    for _ in range(2):
-        assert fg_nav("run", files / "walk.csv", "--method", "iez").code == 0
+    assert fg_nav("run", files / "walk.csv", "--method", "iez").code == 0
+    quiet = fg_nav("run", files / "walk.csv", "--method", "iez", "--quiet")
+    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
     assert names(Path("results")) == {"walk-iez-1", "walk-iez-2"}
     assert "rmse_2d_m" not in summary(Path("results/walk-iez-2"))
 
@@ -110,8 +111,13 @@ def test_older_result_is_replaced_only_with_force(fg_nav: FgNav, files: Path) ->
 
 
 def test_options_reach_the_method_and_the_record(fg_nav: FgNav, files: Path) -> None:
-    ran = fg_nav("run", files / "walk.csv", "--method", "iez", "--heading", "90", "--no-mag", "--out", "out")
+    arguments = ("run", files / "walk.csv", "--method", "iez", "--heading", "90", "--no-mag", "--out", "out", "--json")
+    ran = fg_nav(*arguments)
     assert ran.code == 0
+    assert json.loads(ran.out) == {"recording": str(files / "walk.csv"), "folder": "out", **summary(Path("out"))}
+    again = fg_nav(*arguments)
+    assert (again.code, again.out) == (1, "")
+    assert json.loads(again.err)["error"].startswith("out already holds a result")
     first, last = (pd.read_csv("out/strides.csv").iloc[k] for k in (0, 8))
     assert first["heading_deg"] == pytest.approx(90.0, abs=0.5)
     assert last["x_m"] - first["x_m"] > 5  # the walk starts straight ahead: now east
@@ -143,6 +149,8 @@ def test_compare_lays_methods_side_by_side_on_the_same_stances(fg_nav: FgNav, fi
     assert detectors[0] == detectors[1]
     assert all(word in ran.out for word in ("smoother", "iez", "max error (m)"))
     assert fg_nav("compare", files / "walk.csv", "--out", "out").refused("--force")
+    asked = ("compare", files / "walk.csv", "--methods", "iez", "--out", "small", "--json")
+    assert json.loads(fg_nav(*asked).out)["methods"] == json.loads(Path("small/comparison.json").read_text())
 
 
 def test_demo_can_be_run_again_from_its_files(fg_nav: FgNav) -> None:
@@ -250,6 +258,10 @@ def test_simulate_lists_what_there_is(fg_nav: FgNav) -> None:
     ran = fg_nav("simulate", "--list")
     assert ran.code == 0
     assert all(word in ran.out for word in ("office", "pocket-street", "mpu-9250x8", "indoor", "equator"))
+    listed = json.loads(fg_nav("simulate", "--json", "--list").out)
+    assert "office" in listed["scenarios"]
+    assert "indoor" in listed["fields"]
+    assert fg_nav("simulate").code == 2
 
 
 @pytest.mark.parametrize("command", [["inspect"], ["run"], ["compare"]], ids=" ".join)
@@ -369,6 +381,22 @@ def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav, files: Path) -> None
     assert ran.code == 0, ran.err
     assert "200" in ran.out
     assert "verdict" in ran.out.lower()
+    found = json.loads(fg_nav("inspect", files / "walk.csv", "--json").out)
+    assert (found["usable"], found["refusal"]) == (True, None)
+    assert found["verdict"][0] == "It can be navigated with."
+    assert found["stamps"]["rate_hz"] == pytest.approx(200.0, abs=0.1)
+    assert found["field"]["strength_uT"] > 0
+
+
+def test_inspect_of_what_cannot_be_navigated_with_is_an_error(fg_nav: FgNav, demo: Recording) -> None:
+    write_canonical(demo.slice(0, 5), Path("short.csv"))
+    ran = fg_nav("inspect", "short.csv")
+    assert ran.code == 1
+    assert "It cannot be navigated with" in ran.out
+    assert ran.err.startswith("fg-nav: ")
+    told = fg_nav("inspect", "short.csv", "--json")
+    assert (told.code, json.loads(told.out)["usable"]) == (1, False)
+    assert json.loads(told.err)["error"] == json.loads(told.out)["refusal"] == ran.err.removeprefix("fg-nav: ").strip()
 
 
 def test_pipes_get_plain_text_and_silence(files: Path, tmp_path: Path) -> None:

@@ -390,8 +390,10 @@ def test_killed_it_resumes_from_its_last_checkpoint(csv, whole, tmp_path):
 
 
 def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
-    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--silence", 0.3, "--out", tmp_path / "out")
+    ran = fg_nav("stream", csv, "--heading", 0, "--lag", 10, "--silence", 0.3, "--out", tmp_path / "out", "--json")
     assert ran.code == 0
+    told = {"source": str(csv), "folder": str(tmp_path / "out")}
+    assert json.loads(ran.out) == {**told, **json.loads((tmp_path / "out" / "summary.json").read_text())}
     assert names(tmp_path / "out") == {"trajectory.tum", "strides.csv", "online.csv", "summary.json"}
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 13
     strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))

@@ -74,7 +74,7 @@ def reproduce(
     quick: bool = False,
     force: bool = False,
 ) -> Reproduction:
-    """Make a paper's experiments into a folder, and print them.
+    """Make a paper's experiments into a folder.
 
     Parameters
     ----------
@@ -100,7 +100,6 @@ def reproduce(
     command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
     found = replace(made, command=command, versions=list_versions(), parameters=to_json(made.parameters))
     write_folder(found, out)
-    print_rows(found, out)
     return found
 
 

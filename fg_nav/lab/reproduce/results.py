@@ -295,11 +295,16 @@ FORM = 2
 
 
 def write_reproduction(found: Reproduction) -> str:
-    """Return the text of the file, with each row's verdict for readers without this library."""
+    """Return the text of the file."""
+    return json.dumps(describe_reproduction(found), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def describe_reproduction(found: Reproduction) -> dict[str, Any]:
+    """Return the content of the file, with each row's verdict for readers without this library."""
     content = {"form": FORM, **to_json(found)}
     for experiment, written in zip(found.experiments, content["experiments"], strict=True):
         written["rows"] = [_row(row) for row in experiment.rows]
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return content
 
 
 def _row(row: Row) -> dict[str, Any]:
