@@ -87,7 +87,7 @@ from types import MappingProxyType
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.special import chdtr, chdtri
+from scipy.special import chdtr, chdtri, chndtrix
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
@@ -253,14 +253,12 @@ class Detector:
 
     def find_threshold(self, false_alarm_rate: float) -> float:
         """Threshold at which this share of the fields that change by what matters passes; raises as `threshold`."""
-        from scipy.stats import ncx2  # half a second to load, and few walks need it
-
         if not 0.0 < false_alarm_rate < 1.0:
             raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {false_alarm_rate}.")
         self._require_chi_squared()
         if not np.isfinite(self.noncentrality):
             raise MagneticError(f"detector '{self.name}' does not say which changes matter: fix its threshold.")
-        return float(ncx2.ppf(false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
+        return float(chndtrix(false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
 
     @property
     def detection_rate(self) -> float:

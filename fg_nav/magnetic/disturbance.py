@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.special import chdtr
+from scipy.special import chdtr, chndtrix
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import MagneticError
@@ -63,10 +63,8 @@ SETTINGS: Mapping[str, float] = MappingProxyType(
 
 def find_threshold(count: int) -> float:
     """Threshold of the statistic with so many samples in the window."""
-    from scipy.stats import ncx2  # half a second to load, and few walks need it
-
     noncentrality = (MATTERS_UT / SIGMA_UT) ** 2 * count * (count + 1) / (12 * (count - 1))
-    return float(ncx2.ppf(FALSE_ALARM_RATE, count - 1, noncentrality))
+    return float(chndtrix(FALSE_ALARM_RATE, count - 1, noncentrality))
 
 
 def compute_detection_rate(count: int) -> float:

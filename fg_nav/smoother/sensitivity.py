@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 
 import gtsam
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.blas import dtrsm  # LAPACK's dtrtrs wakes threads, which takes a hundred times as long
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.solver import dimension_of, list_cliques, residuals_at_minimum
@@ -50,7 +50,7 @@ class SharedColumns:
         frontal, separator = _split(keys, len(R))
         nothing = (np.zeros((dimension_of(key), self._shared)) for key in frontal)
         c = np.concatenate([products.pop(key, zero) for key, zero in zip(frontal, nothing, strict=True)])
-        Y = np.asarray(dtrtrs(R, c, trans=1)[0])
+        Y = np.asarray(dtrsm(1.0, R, c, trans_a=1))
         self.explained += Y.T @ Y
         left, row = S.T @ Y, 0
         for key in separator:
@@ -69,7 +69,7 @@ class SharedColumns:
             right = np.zeros((len(R), self._shared)) if Y is None else Y
             if separator:
                 right = right - S @ np.concatenate([found[key] for key in separator])
-            X, row = np.asarray(dtrtrs(R, right)[0]), 0
+            X, row = np.asarray(dtrsm(1.0, R, right)), 0
             for key in frontal:
                 found[key] = X[row : row + dimension_of(key)]
                 row += dimension_of(key)
