@@ -37,7 +37,7 @@ Solution
 Outcome
     A solution and its errors (`fg_nav.walk`).
 
-The data's way is one page, `fg_nav.navigate`: `fg_nav.io` -> `Recording` -> `fg_nav.calibration` ->
+The data's way is one page, `fg_nav.pipeline`: `fg_nav.io` -> `Recording` -> `fg_nav.calibration` ->
 `fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FootfallField` -> `fg_nav.smoother` (of `fg_nav.factors`),
 `fg_nav.ekf` or `fg_nav.online` -> `Solution` -> `fg_nav.evaluation` -> `Outcome` -> `fg_nav.report`.
 """
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from fg_nav.evaluation import evaluate
     from fg_nav.io import read
     from fg_nav.magnetic.footfall_field import average_footfall_field
-    from fg_nav.navigate import prepare_walk, run_method
+    from fg_nav.pipeline import prepare_walk, run_method
     from fg_nav.recording import Recording
     from fg_nav.smoother import smooth
     from fg_nav.solution import Solution
@@ -70,11 +70,11 @@ _HOME = {
     "detect_stances": "fg_nav.detection",
     "evaluate": "fg_nav.evaluation",
     "average_footfall_field": "fg_nav.magnetic.footfall_field",
-    "prepare_walk": "fg_nav.navigate",
+    "prepare_walk": "fg_nav.pipeline",
     "read": "fg_nav.io",
     "read_walk": "fg_nav.walk",
     "run_iez": "fg_nav.ekf",
-    "run_method": "fg_nav.navigate",
+    "run_method": "fg_nav.pipeline",
     "smooth": "fg_nav.smoother",
 }
 

@@ -1,6 +1,6 @@
 """One recording, and what is found in it once for all methods: stances, field, and verdicts on it for the report.
 
-The functions here are the steps of `fg_nav.navigate`; each takes a `Walk` and returns one with more fields filled.
+The functions here are the steps of `fg_nav.pipeline`; each takes a `Walk` and returns one with more fields filled.
 Every method is given the same walk and the same heading at the start, so outcomes differ by the estimator alone.
 
 A calibration corrects the magnetometer and the accelerometer. Its gyroscope bias is not applied, because a gyroscope's

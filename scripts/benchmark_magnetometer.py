@@ -25,7 +25,7 @@ from magnetic_walks import Case, make_sensor, make_walk
 
 from fg_nav.arrays import Floats
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.navigate import prepare_walk, run_method
+from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.walk import Options, Walk
 

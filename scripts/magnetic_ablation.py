@@ -50,7 +50,7 @@ from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.walked import measure_walk
 from fg_nav.lab.simulation import SimulatedWalk
 from fg_nav.lab.store.code import code_sum
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution
 from fg_nav.text import to_json

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from fg_nav.arrays import Bools, Floats
 from fg_nav.io import read
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.navigate import prepare_walk, run_method
+from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
 from fg_nav.report.plots import style
 from fg_nav.walk import Walk

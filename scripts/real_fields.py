@@ -66,7 +66,7 @@ from fg_nav.io import read
 from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
-from fg_nav.navigate import run_method
+from fg_nav.pipeline import run_method
 from fg_nav.walk import Walk as PreparedWalk
 
 MAGNETIC_M, NO_WORSE, MAGNETIC_CLOSURE_PERCENT = 0.45, 1.10, 0.5

@@ -47,7 +47,7 @@ from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stand
 from fg_nav.lab.simulation.plan import Walk as Walking
 from fg_nav.lab.simulation.scenarios import FEET, Feet
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.smoother.batch import smooth_jointly
 from fg_nav.solution import Solution

@@ -21,7 +21,7 @@ from verdict_recordings import GOOD, Case, list_cases
 
 from fg_nav.errors import FgNavError
 from fg_nav.estimators import estimate
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.verdict import judge_path
 from fg_nav.walk import Options, Walk

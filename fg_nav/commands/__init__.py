@@ -144,7 +144,7 @@ def find_earth_field(place: str | None) -> EarthField | None:
 
 def run_methods(walk: Walk, methods: Sequence[str]) -> dict[str, Outcome]:
     """Run each method on a walk, with a bar on the terminal."""
-    from fg_nav.navigate import run_method
+    from fg_nav.pipeline import run_method
 
     outcomes = {}
     for method in methods:

@@ -14,7 +14,7 @@ from pathlib import Path
 from fg_nav.commands import TUNED, Answer, Target, name_walk, run_methods, simulate_walk
 from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
-from fg_nav.navigate import navigate, prepare_walk
+from fg_nav.pipeline import navigate, prepare_walk
 from fg_nav.report.files import Summary, write_comparison
 from fg_nav.report.folder import DEMO_FILES
 from fg_nav.report.terminal import print_results, progress

@@ -20,13 +20,13 @@ import typer
 from fg_nav.commands import Answer, Target
 from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.navigate import prepare_walk
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
 from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Provenance
 from fg_nav.report import terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_lagged, write_run

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.errors import MagneticError
 from fg_nav.io import read
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer, field_points_up, find_wrong_axes
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.walk import Options, Walk
 from tests.magnetic.turning_walks import minute
 from tests.real_data import DATA, needs_data

@@ -11,7 +11,7 @@ from fg_nav.factors.rotation import rotation_exp
 from fg_nav.io import read
 from fg_nav.magnetic.delay import MagnetometerDelay, estimate_delay, remove_delay
 from fg_nav.magnetic.turning_pairs import holds_readings
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.report.files import describe_delay
 from fg_nav.walk import Options, Walk

@@ -11,7 +11,7 @@ import pytest
 from fg_nav.estimators import ESTIMATORS
 from fg_nav.frames import compute_heading
 from fg_nav.io import read_truth
-from fg_nav.navigate import run_method
+from fg_nav.pipeline import run_method
 from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.files import write_json, write_result, write_results
 from fg_nav.walk import Walk

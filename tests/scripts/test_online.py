@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import SimulationError
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as PreparedWalk
 from tests.online.walks import short_walk

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.estimators import estimate
 from fg_nav.lab.simulation import simulate
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Fix, RawRecording, Recording
 from fg_nav.solution import Solution
 from fg_nav.verdict import Verdict, combine, judge_path

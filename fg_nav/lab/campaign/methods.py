@@ -17,7 +17,7 @@ from fg_nav.changes import Changes, Scalar, change_parameters
 from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import EstimationError
 from fg_nav.estimators import SMOOTHERS, find_estimator, find_parameters
-from fg_nav.navigate import run_method
+from fg_nav.pipeline import run_method
 from fg_nav.walk import Outcome, Walk
 
 _WORD = re.compile(r"[\w.-]+")
@@ -84,7 +84,7 @@ def _change(word: str) -> tuple[str, Scalar]:
 
 
 def solve_by(word: str, walk: Walk) -> Outcome:
-    """Run a method by its word; raises as `fg_nav.navigate.run_method`."""
+    """Run a method by its word; raises as `fg_nav.pipeline.run_method`."""
     method = method_of(word)
     options = replace(walk.options, preset=method.preset, changes=method.changes)
     return run_method(replace(walk, options=options), method.name)

@@ -56,7 +56,7 @@ from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, si
 from fg_nav.lab.simulation.scenario_file import parse_scenario
 from fg_nav.lab.store.files import MARKERS
 from fg_nav.magnetic import average_footfall_field
-from fg_nav.navigate import prepare_walk
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording, TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
