@@ -29,12 +29,12 @@ GAUSS_UT = 100.0
 _FACTORS: Mapping[Quantity, Mapping[str, float]] = MappingProxyType({
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\ufffds": 1e-6, "ns": 1e-9, "min": 60.0},
     "acc": {
-        "m/s2": 1.0, "m/s/s": 1.0, "ms-2": 1.0, "m/s\ufffd": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3,
+        "m/s2": 1.0, "m/s/s": 1.0, "ms2": 1.0, "ms-2": 1.0, "m/s\ufffd": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3,
         "g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2, "ug": 1e-6 * GRAVITY_M_S2,
     },
     "gyr": {
-        "rad/s": 1.0, "rads-1": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "degs-1": _DEGREE, "\ufffd/s": _DEGREE,
-        "dps": _DEGREE, "mdeg/s": 1e-3 * _DEGREE, "mdps": 1e-3 * _DEGREE, "rpm": np.pi / 30.0,
+        "rad/s": 1.0, "rads-1": 1.0, "rads": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "degs-1": _DEGREE,
+        "\ufffd/s": _DEGREE, "dps": _DEGREE, "mdeg/s": 1e-3 * _DEGREE, "mdps": 1e-3 * _DEGREE, "rpm": np.pi / 30.0,
     },
     "mag": {
         "ut": 1.0, "\ufffdt": 1.0, "nt": 1e-3, "mt": 1e3, "t": 1e6, "g": GAUSS_UT, "gauss": GAUSS_UT, "gs": GAUSS_UT,
@@ -46,6 +46,8 @@ KNOWN_UNITS: Mapping[Quantity, str] = MappingProxyType({
     "time": "s, ms, us, ns", "acc": "m/s^2, g, mg", "gyr": "deg/s, rad/s, mdeg/s", "mag": "uT, nT, mT, T, G, mG",
 })  # fmt: skip
 """The usual words of each quantity, for messages."""
+
+_COUNTED = re.compile(r"^\s*(\d+(?:\.\d*)?(?:e-?\d+)?)(?:/(\d+(?:\.\d*)?))?\s*\*?\s*([^\d\s].*)$", re.IGNORECASE)
 
 _MANGLED = (("ï¿½", "\ufffd"), ("Î¼", "μ"), ("Â", ""), ("º", "°"), ("˚", "°"))
 """UTF-8 that was read as Latin-1 on its way; other circles that stand for a degree."""
@@ -60,10 +62,17 @@ _LONG_WORDS = (
 def find_factor(quantity: Quantity, word: str) -> float | None:
     """Return how much of s, m/s^2, rad/s or uT a unit is; NaN where it is arbitrary, None where it is not known.
 
-    >>> find_factor("acc", "(m/s²)"), find_factor("mag", "mG"), find_factor("gyr", "furlong")
-    (1.0, 0.1, None)
+    A number before it is that of a converter's count, as data sheets have it: `0.061 mg`, `1/16.4 deg/s`.
+
+    >>> find_factor("acc", "(m/s²)"), find_factor("mag", "mG"), find_factor("acc", "1/4 m/s2"), find_factor("gyr", "mi")
+    (1.0, 0.1, 0.25, None)
     """
-    return _FACTORS[quantity].get(_simplify(word))
+    counted = _COUNTED.match(word)
+    unit = _FACTORS[quantity].get(_simplify(counted[3] if counted else word))
+    if unit is None or not counted:
+        return unit
+    scale = float(counted[1]) / float(counted[2] or 1.0) if float(counted[2] or 1.0) else 0.0
+    return unit * scale if 0.0 < scale < np.inf else None
 
 
 def find_quantity(word: str) -> Quantity | None:

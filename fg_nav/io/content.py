@@ -26,6 +26,7 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.columns.mapping import Columns
 from fg_nav.errors import FormatError
 from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, list_folder, list_zip, shared_folder
 
@@ -55,7 +56,8 @@ class Content:
     head : first bytes of a file, unpacked.
     encoding : of the text.
     fetch : reads the bytes where the file is packed; None for a plain file.
-    rate_hz, sensor : what the user says where the file does not: its rate, and which of several sensors.
+    rate_hz, sensor, columns : what the user says where the file does not: its rate, which of several sensors, and which
+        columns of a table are what.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class Content:
     fetch: Fetch | None = None
     rate_hz: float | None = None
     sensor: str | None = None
+    columns: Columns | None = None
 
     @property
     def kind(self) -> str:
@@ -276,7 +279,13 @@ def scale_values(values: Floats, unit: Floats | float) -> Floats:
 
 
 def read_table(
-    content: Content, header: Sequence[str], positions: Sequence[int], first_line: int, separator: str = ","
+    content: Content,
+    header: Sequence[str],
+    positions: Sequence[int],
+    first_line: int,
+    separator: str = ",",
+    decimal: str = ".",
+    comment: str | None = None,
 ) -> tuple[Floats, Ints]:
     r"""Read some columns of a text table, and the line of each row.
 
@@ -287,6 +296,8 @@ def read_table(
     positions : (K,) indices into `header` of the wanted columns, in the wanted order.
     first_line : counted from 1, that holds data.
     separator : one character, or the regular expression `\s+`.
+    decimal : point or comma of the numbers.
+    comment : a character that begins a comment, up to the end of its line.
 
     Returns
     -------
@@ -300,6 +311,7 @@ def read_table(
         "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
         "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
         "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"], "compression": None,
+        "decimal": decimal, "comment": comment,
     }  # fmt: skip
     path = content.path
     values = _parse(content, wanted, options, [*header, "after the last"], first_line)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from fg_nav.columns.mapping import Columns, parse_columns
 from fg_nav.errors import FormatError
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
 from fg_nav.io.readers import (
@@ -25,6 +26,7 @@ from fg_nav.io.readers import (
     ros,
     sensorconnect,
     shimmer,
+    table,
     vectornav,
     xio,
     xsens_dot,
@@ -67,37 +69,53 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("yei", "YEI 3-Space CSV", yei.recognizes, yei.read),
     Format("ros", "ROS 1 or ROS 2 bag", ros.recognizes, ros.read, (BINARY, MEMBERS)),
     Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, (MATLAB,)),
+    Format("table", "any table, by its columns' names", table.recognizes, table.read, (TEXT, BINARY, MEMBERS)),
 )
 """All formats by name."""
 
 
 def read(
-    path: Path | str, format: str | None = None, *, rate_hz: float | None = None, sensor: str | None = None
+    path: Path | str,
+    format: str | None = None,
+    *,
+    columns: str | Columns | None = None,
+    rate_hz: float | None = None,
+    sensor: str | None = None,
 ) -> Recording:
     """Read a recording that estimators can use.
 
     Parameters
     ----------
-    path : the file.
+    path : the file, folder or archive.
     format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
+    columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
     rate_hz : the rate of a file that has neither a clock nor a rate.
     sensor : which of several sensors in the file.
 
     Raises `FormatError` if the file cannot be read, or its format is not known; raises `RecordingError` if what it
     holds cannot be navigated with (`Recording.from_raw`).
     """
-    return Recording.from_raw(read_raw(path, format, rate_hz=rate_hz, sensor=sensor))
+    return Recording.from_raw(read_raw(path, format, columns=columns, rate_hz=rate_hz, sensor=sensor))
 
 
 def read_raw(
-    path: Path | str, format: str | None = None, *, rate_hz: float | None = None, sensor: str | None = None
+    path: Path | str,
+    format: str | None = None,
+    *,
+    columns: str | Columns | None = None,
+    rate_hz: float | None = None,
+    sensor: str | None = None,
 ) -> RawRecording:
     """Read what a file says, unchecked; parameters and `FormatError` as of `read`."""
     if format is not None and format not in FORMATS:
         raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
+    if columns is not None and format not in (None, "table"):
+        raise FormatError(f"--columns maps a table, and the format given is '{format}': leave one of them out.")
+    mapped = parse_columns(columns) if isinstance(columns, str) else columns
     content = read_content(Path(path))
+    format = "table" if mapped is not None else format
     chosen, found = find_recording(content) if format is None else _as_format(content, FORMATS[format])
-    return chosen.read(replace(found, rate_hz=rate_hz, sensor=sensor))
+    return chosen.read(replace(found, columns=mapped, rate_hz=rate_hz, sensor=sensor))
 
 
 def find_recording(content: Content) -> tuple[Format, Content]:

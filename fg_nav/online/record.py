@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import FgNavError, FormatError, OutputError
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
-from fg_nav.io.readers.canonical import ACC, GYR, MAG, TIME, format_rows
+from fg_nav.io.readers.canonical import format_rows
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns
@@ -38,7 +39,7 @@ MOST_WAITING = 500_000
 PART = 5000
 """Samples that are written at once, in some hundredths of a second."""
 
-HEADER = ",".join(TIME + ACC + GYR + MAG) + "\n"
+HEADER = ",".join(CANONICAL) + "\n"
 
 
 class Recorder:

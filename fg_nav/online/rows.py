@@ -17,10 +17,11 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.arrays import Floats
-from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor, find_quantity
+from fg_nav.columns import mapping
+from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, TIME
+from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.content import find_column, scale_values
-from fg_nav.io.readers.canonical import ACC, GYR, MAG, TIME
 from fg_nav.online.buffer import COLUMNS
 
 LONGEST_LINE = 1 << 16
@@ -38,39 +39,30 @@ LINES_TO_REMARK, MOST_BEFORE_HEADER = 20, 5000
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
 """What to do without a header."""
 
-CANONICAL = TIME + ACC + GYR + MAG
-"""Names of the columns of a sample."""
-
-SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz"), CANONICAL, strict=True))
-"""Names for the command line."""
-
-PASSED_OVER = "-"
-"""In place of the name of a column that is not used."""
-
-_PLACES: dict[Quantity, slice] = {
-    "time": slice(0, 1), "acc": slice(1, 4), "gyr": slice(4, 7), "mag": slice(7, 10),
-}  # fmt: skip
-"""The columns of each quantity in a sample."""
+DEFAULTS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT"}
+"""Units of columns whose names and mapping say none."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of rows without a header.
+    """The columns of rows without a canonical header.
 
     Attributes
     ----------
     names : of all fields of a row, in order; those that are not in `CANONICAL` are passed over.
     units : (10,) by which the fields are multiplied.
     rate_hz : of rows without a stamp, whose stamps are counted by it; None where they have one.
+    mapping : the user's words, where they name columns of a header that is still to come, or some numbers of fields.
     """
 
     names: tuple[str, ...]
     units: tuple[float, ...] = (1.0,) * COLUMNS
     rate_hz: float | None = None
+    mapping: str | None = None
 
 
 def parse_columns(words: str | None, units: str | None = None, rate_hz: float | None = None) -> Columns | None:
-    """Return the columns that the user names, such as "t,ax,ay,az,gx,gy,gz" with units "ms,g,deg/s"; None without.
+    """Return the columns that the user names, as `fg_nav.columns.mapping` has it; None without.
 
     Raises
     ------
@@ -78,47 +70,36 @@ def parse_columns(words: str | None, units: str | None = None, rate_hz: float | 
         Where a column is missing, doubled or unknown, or a unit is.
     """
     if words is None:
-        _refuse_alone(units, rate_hz)
+        for value, option in ((units, "--units"), (rate_hz, "--rate")):
+            if value is not None:
+                raise StreamError(f"{option} is for rows without a header: name their --columns too, or leave it out.")
         return None
-    names = tuple(SHORT.get(word.strip(), word.strip()) for word in words.split(","))
-    known = ",".join(SHORT)
-    for word, name in zip(words.split(","), names, strict=True):
-        if name not in (*CANONICAL, PASSED_OVER):
-            raise StreamError(f"--columns has no '{word.strip()}': name those of a row, of {known}, and - for another.")
-        if name != PASSED_OVER and names.count(name) > 1:
-            raise StreamError(f"--columns names '{word.strip()}' twice: one field is one quantity.")
-    has_mag = not set(MAG).isdisjoint(names)
-    missing = [short for short, name in SHORT.items() if name not in names and (name not in MAG or has_mag)]
+    try:
+        wanted = mapping.parse_columns(words, units)
+    except FormatError as error:
+        raise StreamError(str(error)) from None
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise StreamError(f"--rate {rate_hz:g} is no rate: give samples a second.")
-    if missing[:1] == ["t"]:
-        if rate_hz is None:
-            raise StreamError("--columns has no t: name it, or give the --rate by which stamps are counted.")
-        missing = missing[1:]
-    elif rate_hz is not None:
-        raise StreamError("--rate is for rows without a stamp, and --columns names t: leave one of them out.")
-    if missing:
-        raise StreamError(f"--columns lacks {','.join(missing)}: of {known} only mx,my,mz may be left out together.")
-    return Columns(names, _parse_units(units), rate_hz)
+    if "time" not in wanted.words and rate_hz is None:
+        raise StreamError("--columns has no time: name it, or give the --rate by which stamps are counted.")
+    if "time" in wanted.words and rate_hz is not None:
+        raise StreamError("--rate is for rows without a stamp, and --columns names one: leave one of them out.")
+    if wanted.width is None:
+        return Columns((), rate_hz=rate_hz, mapping=words)
+    return _place_columns(wanted, [str(k + 1) for k in range(wanted.width)], rate_hz, "--columns")
 
 
-def _refuse_alone(units: str | None, rate_hz: float | None) -> None:
-    for value, option in ((units, "--units"), (rate_hz, "--rate")):
-        if value is not None:
-            raise StreamError(f"{option} is for rows without a header: name their --columns too, or leave it out.")
-
-
-def _parse_units(words: str | None) -> tuple[float, ...]:
-    factors, units = np.ones(COLUMNS), dict[Quantity, str]()
-    for word in (word.strip() for word in (words or "").split(",") if word.strip()):
-        quantity = find_quantity(word)
-        if quantity is None:
-            raise StreamError(f"there is no unit '{word}' for --units: choose of {', '.join(KNOWN_UNITS.values())}.")
-        if quantity in units:
-            raise StreamError(f"--units has two units of one quantity, '{units[quantity]}' and '{word}': give one.")
-        units[quantity] = word
-        factors[_PLACES[quantity]] = find_factor(quantity, word)
-    return tuple(factors.tolist())
+def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: float | None, source: str) -> Columns:
+    """Return the columns of rows whose fields have these names."""
+    found = wanted.find(fields, source)
+    names, factors = [PASSED_OVER] * len(fields), np.ones(COLUMNS)
+    for quantity, own in mapping.QUANTITIES.items():
+        channel = getattr(found, quantity)
+        if channel is not None:
+            for position, name in zip(channel.positions, own, strict=True):
+                names[position] = name
+            factors[[CANONICAL.index(name) for name in own]] = find_factor(quantity, channel.unit or DEFAULTS[quantity])
+    return Columns(tuple(names), tuple(factors.tolist()), rate_hz)
 
 
 class RowReader:
@@ -158,7 +139,8 @@ class RowReader:
         self._columns: Columns | None = None
         self._positions: list[int] = []
         self._is_confirmed = True
-        if columns is not None:
+        self._wanted = columns
+        if columns is not None and columns.mapping is None:
             self._use(columns)
 
     def resume(self, header: Sequence[str]) -> None:
@@ -166,7 +148,7 @@ class RowReader:
 
         A source that begins again sends it again, and it must name the same columns, in any order.
         """
-        if self._columns is None:
+        if self._columns is None and self._wanted is None:
             self._use(Columns(tuple(header)))
             self._is_confirmed = False
 
@@ -247,9 +229,25 @@ class RowReader:
             return None
         if self._columns is not None:
             return self._read_row(fields, self._columns)
+        if self._wanted is not None and self._wanted.mapping is not None:
+            return self._find_columns(fields, self._wanted)
         if set(CANONICAL[:7]).isdisjoint(fields) or not self._take_first_header(fields):
             self._wait_for_header()
         return None
+
+    def _find_columns(self, fields: list[str], given: Columns) -> list[float] | None:
+        """Find what the user maps in a line: the names of a header, or numbers of fields in a first row."""
+        wanted = mapping.parse_columns(given.mapping or "")
+        is_row = any(map(_is_number, fields))
+        try:
+            names = [str(k + 1) for k in range(len(fields))] if is_row else fields
+            columns = _place_columns(wanted, names, given.rate_hz, self._name)
+        except FormatError as error:
+            self._cut_header = self._cut_header if is_row and self._cut_header else error
+            self._wait_for_header()
+            return None
+        self._use(columns)
+        return self._read_row(fields, columns) if is_row else None
 
     def _read_row(self, fields: list[str], columns: Columns) -> list[float] | None:
         width = len(columns.names)
@@ -339,3 +337,11 @@ def _parse_plain(text: bytes, width: int) -> Floats | None:
     except (ValueError, OverflowError):
         return None
     return np.asarray(frame.to_numpy(dtype=np.float64))
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True

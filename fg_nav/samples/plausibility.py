@@ -43,6 +43,8 @@ _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple
 _TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest shows nothing, for however long
 _TOO_FAST_RAD_S = 40.0
 _TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
+_FASTEST_DEG_S = 4100.0  # the largest range of such gyroscopes is 4000 deg/s; more are counts, or mdeg/s
+_SAME_GAIN = (0.3, 3.0)  # rad/s and deg/s are 57 apart
 
 _FIELD_RANGE_UT = (5.0, 200.0)
 _FIELD_UNITS = {
@@ -108,22 +110,71 @@ def find_stamp_problem(period_s: float) -> str | None:
     return f"the stamps step by {period_s:.3g} s, no inertial sensor's rate: write them in s"
 
 
+def find_acc_unit(acc: Floats, period_s: float) -> str | None:
+    """Find the unit in which acc (N, 3) is gravity at rest: m/s^2, g, ft/s^2 or mg; None if it is none of them."""
+    rest = measure_rest_acc(acc, period_s)
+    (usable,) = _usable(acc, limit=1e6)
+    if np.isnan(rest) or not float(np.median(np.linalg.norm(usable, axis=1))) < _SPREAD * rest:
+        return None
+    return next(
+        (
+            unit
+            for unit, scale in {"m/s^2": 1.0, **_ACC_UNITS}.items()
+            if _ACC_UNIT_RANGE[0] < rest * scale / GRAVITY_M_S2 < _ACC_UNIT_RANGE[1]
+        ),
+        None,
+    )
+
+
 def find_acc_problem(acc: Floats, period_s: float) -> str | None:
     """Say what is wrong with the unit or gravity of acc (N, 3), if anything."""
     rest = measure_rest_acc(acc, period_s)
     if np.isnan(rest) or _GRAVITY_RANGE[0] < rest / GRAVITY_M_S2 < _GRAVITY_RANGE[1]:
         return None
-    (usable,) = _usable(acc, limit=1e6)
-    has_gravity = float(np.median(np.linalg.norm(usable, axis=1))) < _SPREAD * rest
-    for unit, scale in _ACC_UNITS.items():
-        if has_gravity and _ACC_UNIT_RANGE[0] < rest * scale / GRAVITY_M_S2 < _ACC_UNIT_RANGE[1]:
-            return f"acc seems to be in {unit} ({rest:.3g} at rest), not m/s^2: multiply it by {scale:.6g}"
+    unit = find_acc_unit(acc, period_s)
+    if unit is not None:
+        return f"acc seems to be in {unit} ({rest:.3g} at rest), not m/s^2: multiply it by {_ACC_UNITS[unit]:.6g}"
     if rest < _NO_GRAVITY_M_S2:
         return (
             f"acc seems to have had gravity removed ({rest:.2f} m/s^2 at rest, not {GRAVITY_M_S2:.2f}): "
             f"export the acceleration with gravity in it"
         )
     return f"acc measures {rest:.4g} m/s^2 at rest where gravity is {GRAVITY_M_S2:.2f}: check its unit"
+
+
+def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
+    """Find the unit of gyr (N, 3) where physics decides: rad/s or deg/s; None where it does not.
+
+    No limb turns at more than 40 rad/s; and where the sensor turns quietly, gravity turns as the gyroscope says in one
+    of the two units only. `acc` is in m/s^2.
+    """
+    acc, gyr = _usable(acc, gyr)
+    if not len(gyr):
+        return None
+    peak = float(np.quantile(np.abs(gyr).max(axis=1), 0.999))
+    transport = measure_gravity_transport(acc, gyr, period_s)
+    gain = transport.gain if transport.is_telling and transport.correlation > 0.0 else np.nan
+    if peak <= _TOO_FAST_RAD_S and _SAME_GAIN[0] < gain < _SAME_GAIN[1]:
+        return "rad/s"
+    is_degrees = peak > _TOO_FAST_RAD_S or _SAME_GAIN[0] < gain * 180.0 / np.pi < _SAME_GAIN[1]
+    return "deg/s" if is_degrees and peak <= _FASTEST_DEG_S else None
+
+
+def find_mag_unit(mag: Floats) -> str | None:
+    """Find the unit in which mag (N, 3) is a field on Earth; None if there is no such unit, or more than one."""
+    strength = measure_field_strength(mag)
+    strength = strength[np.isfinite(strength)]
+    median = float(np.median(strength)) if strength.size else np.nan
+    if _FIELD_RANGE_UT[0] < median < _FIELD_RANGE_UT[1]:
+        return "uT"
+    # From 200 on, what reads as mG can as well be uT with the iron of a telephone in it.
+    return next((u for u, (_, (low, high)) in _FIELD_UNITS.items() if u != "mG" and low < median < high), None)
+
+
+def find_time_unit(period_s: float) -> str | None:
+    """Find the unit, s to ns, in which stamps of this median step are those of an inertial sensor; None if in none."""
+    low, high = _USUAL_PERIOD_S
+    return next((u for u, per_s in {"s": 1.0, **_TIME_UNITS}.items() if low <= period_s / per_s <= high), None)
 
 
 def find_gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:

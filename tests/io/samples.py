@@ -109,6 +109,16 @@ def write_broad(raw: RawRecording, path: Path) -> None:
     scipy.io.savemat(path, variables, do_compression=True)
 
 
+def write_table(raw: RawRecording, path: Path) -> None:
+    """Of no known format, with lines above and a row of units."""
+    assert raw.mag is not None
+    names = ["stamp", *(f"{name}{axis}" for name in ("Accel ", "Gyro ", "Mag ") for axis in AXES)]
+    table = np.column_stack([raw.t * 1e3, raw.acc / GRAVITY_M_S2, np.rad2deg(raw.gyr), raw.mag / 100.0])
+    rows = [";".join(repr(value) for value in row) for row in table.tolist()]
+    units = ["ms", *["g"] * 3, *["dps"] * 3, *["G"] * 3]
+    path.write_text("\n".join(["logged by somebody", ";".join(names), ";".join(units), *rows]) + "\n")
+
+
 WRITERS: dict[str, tuple[str, Callable[[RawRecording, Path], None]]] = {
     "canonical": ("canonical", write_canonical),
     "sensorconnect": ("sensorconnect", write_sensorconnect),
@@ -118,6 +128,7 @@ WRITERS: dict[str, tuple[str, Callable[[RawRecording, Path], None]]] = {
     "pyshoe": ("pyshoe", write_pyshoe),
     "gdlbio": ("gdlbio", write_gdlbio),
     "broad": ("broad", write_broad),
+    "table": ("table", write_table),
 }
 """A writer for each kind of file, and the format it is to be recognised as."""
 

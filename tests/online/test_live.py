@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import StreamError
 from fg_nav.online import connections, live
-from fg_nav.online.rows import CANONICAL
 from fg_nav.online.sources import TextSource, open_source
 
 HEADER = ",".join(CANONICAL[:7]).encode() + b"\n"

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online import rows as text
-from fg_nav.online.rows import CANONICAL, Columns, RowReader, parse_columns
+from fg_nav.online.rows import Columns, RowReader, parse_columns
 
 HEADER = ",".join(CANONICAL).encode() + b"\n"
 ROW = b"1.5,0.1,0.2,9.8,1,2,3,20,-3,40\n"
@@ -119,6 +120,29 @@ def test_stamps_and_field_in_other_units():
     assert found[[0, 3, 7, 9]] == pytest.approx([2.5, 9.8, 20.0, 40.0])
 
 
+@pytest.mark.parametrize("block", [1, 1000])
+def test_a_mapping_finds_the_names_of_a_header_that_is_not_ours(block):
+    words = "time=ts[ms],acc=A_x:A_y:A_z[g],gyr=w1:w2:w3[deg/s]"
+    reader = RowReader("a test", columns=parse_columns(words))
+    found = reader.read(b"# hello\nts,w3,w2,w1,note,A_x,A_y,A_z\n" + b"2500,3,2,1,0,0,0,1\n" * block)
+    assert len(found) == block
+    assert np.allclose(found[0, :7], [2.5, 0, 0, GRAVITY_M_S2, *np.radians([1, 2, 3])], rtol=1e-15, atol=0)
+
+
+def test_a_mapping_by_numbers_needs_no_header_and_passes_one_over():
+    reader = RowReader("a test", columns=parse_columns("acc=2:3:4[mg],gyr=7:6:5,mag=8:9:10[G]", None, 50.0))
+    found = reader.read(b"id,a,a,a,g,g,g,m,m,m\n" + b"7,0,0,1000,3,2,1,0.2,0,0.4\n" * 2)
+    assert found[-1] == pytest.approx([1 / 50.0, 0, 0, GRAVITY_M_S2, 1, 2, 3, 20.0, 0, 40.0])
+    reader.resume(["-"] * 10)
+    assert reader.header is not None
+
+
+def test_a_mapping_that_finds_nothing_is_refused_with_its_name():
+    reader = RowReader("a test", columns=parse_columns("time=ts,acc=a:b:c,gyr=d:e:f"))
+    with pytest.raises(FormatError, match="no column 'a' of --columns: it has 'ts', 'acc_x"):
+        reader.read(HEADER.replace(b"time_s", b"ts") * 30)
+
+
 def test_a_header_is_believed_before_columns():
     """What comes with the rows is of them."""
     reader = RowReader("a test", columns=parse_columns(SHORT_ROW, "ms,g"))
@@ -135,6 +159,11 @@ def test_a_header_is_believed_before_columns():
         ((f"{SHORT_ROW},ax", None, None), "twice"),
         ((f"{SHORT_ROW},temp", None, None), "'temp'"),
         (("", None, None), "--columns"),
+        (("acc=1:2:3,gyr=4:5:6", None, None), "no time"),
+        (("acc=1:2:3,gyr=4:5:6", "g", 100.0), "in brackets"),
+        (("acc=1:2:3[furlong],gyr=4:5:6", None, 100.0), "no unit 'furlong' of acc"),
+        (("acc=1:2,gyr=4:5:6", None, 100.0), "three columns"),
+        (("time=1,acc=1:2:3", None, None), "lacks gyr"),
         ((SHORT_ROW[2:], None, None), "--rate"),
         ((SHORT_ROW, None, 400.0), "--rate"),
         ((SHORT_ROW[2:], None, 0.0), "--rate 0"),

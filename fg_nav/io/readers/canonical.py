@@ -13,14 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.columns.mapping import ACC, GYR, MAG, TIME
 from fg_nav.errors import OutputError
 from fg_nav.io.content import Content, find_column, read_table
 from fg_nav.recording import Provenance, RawRecording, Recording
-
-TIME = ("time_s",)
-ACC = ("acc_x_m_s2", "acc_y_m_s2", "acc_z_m_s2")
-GYR = ("gyr_x_rad_s", "gyr_y_rad_s", "gyr_z_rad_s")
-MAG = ("mag_x_uT", "mag_y_uT", "mag_z_uT")
 
 
 def recognizes(content: Content) -> bool:

@@ -1,0 +1,219 @@
+"""Which columns of a table are stamps, force, rate and field, as the user says it (`--columns`).
+
+    time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s],mag=mx:my:mz[G]     columns by name, or by number from 1
+    t,ax,ay,az,gx,gy,gz                                                 all fields in order, - for one not used
+
+A unit in brackets is of all columns of its quantity; with the list, units stand in a list of their own. Without a unit
+counts that of the column's name, if it has one. Names are found without regard to case, and without their units.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from fg_nav.columns.headers import read_header
+from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor, find_quantity
+from fg_nav.errors import FormatError
+
+TIME = ("time_s",)
+ACC = ("acc_x_m_s2", "acc_y_m_s2", "acc_z_m_s2")
+GYR = ("gyr_x_rad_s", "gyr_y_rad_s", "gyr_z_rad_s")
+MAG = ("mag_x_uT", "mag_y_uT", "mag_z_uT")
+CANONICAL = TIME + ACC + GYR + MAG
+"""Names of the columns of a sample."""
+
+QUANTITIES: Mapping[Quantity, tuple[str, ...]] = {"time": TIME, "acc": ACC, "gyr": GYR, "mag": MAG}
+
+SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz"), CANONICAL, strict=True))
+"""Names of the list for the command line."""
+
+PASSED_OVER = "-"
+"""In place of the name of a column that is not used."""
+
+EXAMPLE = "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
+
+_PART = re.compile(r"(?:^|,)\s*(time|acc|gyr|mag)\s*=", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """The columns of one quantity: where they stand, counted from 0, their names, and their unit if known."""
+
+    positions: tuple[int, ...]
+    names: tuple[str, ...]
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Where the quantities of a sample stand in a table; without `time` a counter, or the rows, count by a rate."""
+
+    acc: Channel
+    gyr: Channel
+    mag: Channel | None = None
+    time: Channel | None = None
+    counter: Channel | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the user says of columns.
+
+    Attributes
+    ----------
+    words : for each quantity the names of its columns, or their numbers from 1.
+    units : the word of the unit, for those that have one.
+    width : number of fields of a row, where all are listed; else None.
+    """
+
+    words: Mapping[Quantity, tuple[str, ...]]
+    units: Mapping[Quantity, str]
+    width: int | None = None
+
+    def find(self, names: Sequence[str], source: str) -> ColumnMap:
+        """Find the columns among those of a table from `source`.
+
+        Raises `FormatError` if one is not there, or two of the names are the same column.
+        """
+        if self.width is not None and self.width != len(names):
+            raise FormatError(
+                f"--columns lists {self.width} fields and {source} has {len(names)} columns: list each, with - for one "
+                f"that is not used."
+            )
+        found = {
+            quantity: Channel(tuple(_find_name(word, names, source) for word in words), (), self.units.get(quantity))
+            for quantity, words in self.words.items()
+        }
+        used = [position for channel in found.values() for position in channel.positions]
+        double = next((position for position in used if used.count(position) > 1), None)
+        if double is not None:
+            raise FormatError(f"--columns names column '{names[double]}' twice: one column is one quantity.")
+        named = {quantity: _name_channel(quantity, channel, names) for quantity, channel in found.items()}
+        return ColumnMap(named["acc"], named["gyr"], named.get("mag"), named.get("time"))
+
+
+def parse_columns(words: str, units: str | None = None) -> Columns:
+    """Read what the user says of columns: a mapping, or a list with its `units`.
+
+    >>> parse_columns("acc=2:3:4[g],gyr=5:6:7[deg/s]").units
+    {'acc': 'g', 'gyr': 'deg/s'}
+
+    Raises `FormatError` if a quantity is missing, doubled or of another number of columns, or a unit is not known.
+    """
+    if "=" not in words:
+        return _parse_list(words, units)
+    if units is not None:
+        raise FormatError(
+            "--units is for --columns that list all fields: write the units in brackets, acc=ax:ay:az[g]."
+        )
+    return _parse_mapping(words)
+
+
+def _parse_mapping(words: str) -> Columns:
+    starts = list(_PART.finditer(words))
+    if not starts or words[: starts[0].start()].strip():
+        raise FormatError(f"--columns '{words}' is no mapping: write it as {EXAMPLE}.")
+    columns, units = dict[Quantity, tuple[str, ...]](), dict[Quantity, str]()
+    for start, after in zip(starts, [*starts[1:], None], strict=True):
+        quantity = _quantity(start[1])
+        if quantity in columns:
+            raise FormatError(f"--columns names {quantity} twice: name the columns of one sensor.")
+        names, unit = _split_unit(words[start.end() : after.start() if after else None])
+        columns[quantity] = tuple(name.strip() for name in names.split(":"))
+        if len(columns[quantity]) != len(QUANTITIES[quantity]) or not all(columns[quantity]):
+            count = "one column" if quantity == "time" else "three columns with : between"
+            raise FormatError(
+                f"--columns: {quantity} needs {count}, and '{names.strip()}' is not: write it as {EXAMPLE}."
+            )
+        if unit is not None:
+            units[quantity] = _check_unit(quantity, unit)
+    for quantity in ("acc", "gyr"):
+        if quantity not in columns:
+            raise FormatError(f"--columns lacks {quantity}: write it as {EXAMPLE}.")
+    return Columns(columns, units)
+
+
+def _quantity(word: str) -> Quantity:
+    return next(quantity for quantity in QUANTITIES if quantity == word.lower())
+
+
+def _split_unit(words: str) -> tuple[str, str | None]:
+    match = re.match(r"^(.*?)\s*\[([^\[\]]*)\]\s*$", words, re.DOTALL)
+    return (match[1], match[2]) if match else (words, None)
+
+
+def _check_unit(quantity: Quantity, unit: str) -> str:
+    if find_factor(quantity, unit) is None:
+        raise FormatError(f"--columns: there is no unit '{unit}' of {quantity}: choose one of {KNOWN_UNITS[quantity]}.")
+    return unit
+
+
+def _parse_list(words: str, units: str | None) -> Columns:
+    given = [word.strip() for word in words.split(",")]
+    names = [SHORT.get(word, word) for word in given]
+    known = ",".join(SHORT)
+    for word, name in zip(given, names, strict=True):
+        if name not in (*CANONICAL, PASSED_OVER):
+            raise FormatError(
+                f"--columns has no '{word}': name those of a row, of {known}, and - for another, or write it as "
+                f"{EXAMPLE}."
+            )
+        if name != PASSED_OVER and names.count(name) > 1:
+            raise FormatError(f"--columns names '{word}' twice: one field is one quantity.")
+    has_mag = not set(MAG).isdisjoint(names)
+    missing = [short for short, name in SHORT.items() if name not in (*names, *TIME) and (name not in MAG or has_mag)]
+    if missing:
+        raise FormatError(f"--columns lacks {','.join(missing)}: of {known} only mx,my,mz may be left out together.")
+    places = {
+        quantity: tuple(str(names.index(name) + 1) for name in wanted)
+        for quantity, wanted in QUANTITIES.items()
+        if wanted[0] in names
+    }
+    return Columns(places, _parse_units(units), width=len(names))
+
+
+def _parse_units(words: str | None) -> dict[Quantity, str]:
+    units = dict[Quantity, str]()
+    for word in (word.strip() for word in (words or "").split(",") if word.strip()):
+        quantity = find_quantity(word)
+        if quantity is None:
+            raise FormatError(f"there is no unit '{word}' for --units: choose of {', '.join(KNOWN_UNITS.values())}.")
+        if quantity in units:
+            raise FormatError(f"--units has two units of one quantity, '{units[quantity]}' and '{word}': give one.")
+        units[quantity] = word
+    return units
+
+
+def _find_name(word: str, names: Sequence[str], source: str) -> int:
+    """Position of the column that a word names."""
+    for simplify in (str, _fold):
+        found = [position for position, name in enumerate(names) if simplify(name) == simplify(word)]
+        if len(found) > 1:
+            raise FormatError(f"{source} has {len(found)} columns '{word}': give its number, from 1, in --columns.")
+        if found:
+            return found[0]
+    if word.isascii() and word.isdigit() and 1 <= int(word) <= len(names):
+        return int(word) - 1
+    raise FormatError(f"{source} has no column '{word}' of --columns: it has {shorten_names(names)}.")
+
+
+def _fold(name: str) -> str:
+    """Return a name without case, blanks at its ends and a unit in brackets."""
+    return re.sub(r"\s*[(\[][^()\[\]]*[)\]]\s*$", "", name).strip().casefold()
+
+
+def shorten_names(names: Sequence[str], most: int = 24) -> str:
+    """Names for a message; of many, the first."""
+    listed = ", ".join(f"'{name[:40]}'" for name in names[:most])
+    return f"{listed} and {len(names) - most} more" if len(names) > most else listed
+
+
+def _name_channel(quantity: Quantity, channel: Channel, names: Sequence[str]) -> Channel:
+    """Add the names of a channel, and where the user gives no unit, that in its names."""
+    own = tuple(names[position] for position in channel.positions)
+    meanings = [read_header(name) for name in own]
+    units = {meaning.unit for meaning in meanings if meaning and meaning.unit and find_factor(quantity, meaning.unit)}
+    return Channel(channel.positions, own, channel.unit or (units.pop() if len(units) == 1 else None))

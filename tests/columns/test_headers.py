@@ -1,0 +1,152 @@
+"""What the names of columns say, one by one and of a whole table."""
+
+import pytest
+
+from fg_nav.columns.choice import Asker, choose_columns, write_mapping
+from fg_nav.columns.headers import read_header
+from fg_nav.columns.mapping import parse_columns
+from fg_nav.errors import FormatError
+
+ASKER = Asker("walk.csv", "fg-nav inspect walk.csv --columns")
+PLAIN = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "axis", "unit", "names"),
+    [
+        ("acc", "x", "g", "Acc X [g]; AccX_g; acc_x_g; Acceleration_X(g); accel x g; a_x_g; gFx; ACC_X (g)"),
+        ("acc", "x", None, "ax; accX; ACCX; accelerometer_x; imu0_ax; MPL_Accelerometer.x; acc[x]; a_x"),
+        ("acc", "y", "m/s^2", "Acceleration y (m/s^2); acc_y [m/s^2]"),
+        ("acc", "y", "m/s2", "acc_y_m_s2"),
+        ("acc", "1", None, "acc1; acc_1; accel[1]"),
+        ("gyr", "z", "deg/s", "gyro_z (deg/s); Gyr Z [deg/s]; GYR_Z[deg/s]"),
+        ("gyr", "z", "dps", "gz_dps; AngularVelocityZ(dps)"),
+        ("gyr", "z", None, "gz; wz; w_z; GyroZ; angular_velocity.z; angular_rate_z; ω_z; rotationRateZ"),
+        ("gyr", "z", "rad/s", "gyr_z_rad_s; Omega_z (rad/s); motionRotationRateZ(rad/s); gyroRotationZ(rad/s)"),
+        ("mag", "z", "uT", "mag_z_uT; magnetometer Z (uT); MAGNETIC FIELD Z (uT)"),
+        ("mag", "z", None, "mz; Bz; MPL_Magnetic_Field.z; compass_z"),
+        ("time", "", "ms", "Timestamp (ms); time_ms; t[ms]; millis; Time since start in ms; ms"),
+        ("time", "", "s", "seconds_elapsed; time_s; elapsed (s)"),
+        ("time", "", None, "t; time; timestamp; field.header.stamp; %time; SampleTimeFine"),
+        ("counter", "", None, "sample; index; PacketCounter; packet number; n; frame; time_index"),
+        ("no gravity", "x", None, "linear_acceleration.x; userAccelerationX; FreeAcc_X; lin_acc_x"),
+    ],
+)  # fmt: skip
+def test_names(kind, axis, unit, names):
+    for name in names.split("; "):
+        meaning = read_header(name)
+        assert meaning is not None, name
+        assert (meaning.kind, meaning.axis, meaning.unit) == (kind, axis, unit), name
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "temperature", "qx", "vx", "pos_x", "orientation.x", "gravity_x", "angular_velocity_covariance0", "roll",
+     "max", "MPL_Rotation_Vector.x", "acc_norm", "ClipCountAcc", "position x", "lat", "héllo", "12", "()"],
+)  # fmt: skip
+def test_names_that_say_nothing(name):
+    assert read_header(name) is None
+
+
+def names_of(columns):
+    return [channel and channel.names for channel in (columns.time, columns.acc, columns.gyr, columns.mag)]
+
+
+def test_a_table_of_plain_letters():
+    columns = choose_columns([*PLAIN, "temp"], ASKER)
+    assert names_of(columns) == [("t",), ("ax", "ay", "az"), ("gx", "gy", "gz"), None]
+    assert write_mapping(columns, acc="g", gyr="deg/s", time="ms") == "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
+
+
+def test_any_order_numbered_axes_and_one_unit_of_all():
+    names = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "a3", "a2", "a1", "mag x [uT]", "sample"]
+    names[3:6] = ["acc 3", "acc 2", "acc 1"]
+    columns = choose_columns(names, ASKER)
+    assert columns.gyr.positions == (1, 2, 0)
+    assert columns.gyr.unit == "deg/s"
+    assert columns.acc.positions == (5, 4, 3)
+    assert columns.mag is None
+    assert columns.counter is not None
+
+
+def test_calibrated_before_raw_and_gravity_before_none():
+    names = [
+        *PLAIN,
+        "lin_acc_x",
+        "lin_acc_y",
+        "lin_acc_z",
+        *(f"mag_{a}" for a in "xyz"),
+        *(f"mag_raw_{a}" for a in "xyz"),
+    ]
+    columns = choose_columns(names, ASKER)
+    assert columns.acc.names == ("ax", "ay", "az")
+    assert columns.mag.names == ("mag_x", "mag_y", "mag_z")
+
+
+def test_linear_acceleration_next_to_angular_velocity_is_that_of_ros():
+    names = ["field.header.stamp", "%time"]
+    names += [f"field.{what}.{axis}" for what in ("linear_acceleration", "angular_velocity") for axis in "xyz"]
+    columns = choose_columns(names, ASKER)
+    assert columns.acc.names[0] == "field.linear_acceleration.x"
+    assert columns.time.names == ("field.header.stamp",)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ([*PLAIN, "acc_x", "acc_y", "acc_z"], r"more than one acceleration \('ax', 'ay', 'az'|'acc_x'"),
+        ([*PLAIN, *(f"right_{name}" for name in PLAIN[1:])], r"more than one acceleration.*'right_ax'"),
+        (["t", *(f"lin_acc_{a}" for a in "xyz"), *PLAIN[4:]], "acceleration without gravity .*'lin_acc_x'"),
+        (PLAIN[:6], r"not all three axes of angular rate, only 'gx', 'gy'.*acc=ax:ay:az\[m/s\^2\]"),
+        (PLAIN[:4], r"no column for angular rate among 't', 'ax', 'ay', 'az'.*--columns \"time=t\[s\],acc=ax:ay:az"),
+        (["time", *PLAIN], r"more than one time \('time', 't'\)"),
+    ],
+)  # fmt: skip
+def test_what_names_leave_open_is_asked(names, words):
+    with pytest.raises(FormatError, match=words) as caught:
+        choose_columns(names, ASKER)
+    assert 'fg-nav inspect walk.csv --columns "' in str(caught.value) or "gravity" in str(caught.value)
+
+
+def test_one_of_several_sensors():
+    names = ["t", *(f"{foot}_{name}" for foot in ("left", "right") for name in PLAIN[1:])]
+    assert choose_columns(names, ASKER, sensor="Right").acc.positions == (7, 8, 9)
+
+
+def test_a_mapping_finds_names_in_any_case_and_without_their_unit():
+    names = ["TS (ms)", "Acc X [g]", "Acc Y [g]", "Acc Z [g]", "a", "b", "c"]
+    columns = parse_columns("time=ts,acc=Acc X:acc y:ACC Z [g],gyr=5:6:c[deg/s]").find(names, "walk.csv")
+    assert columns.acc.positions == (1, 2, 3)
+    assert (columns.time.unit, columns.acc.unit, columns.gyr.unit) == ("ms", "g", "deg/s")
+    assert parse_columns("acc=Acc X [g]:Acc Y [g]:Acc Z [g],gyr=a:b:c").find(names, "walk.csv").acc.positions == (
+        1,
+        2,
+        3,
+    )
+
+
+def test_what_is_written_can_be_read():
+    columns = choose_columns(
+        ["Time [ms]", *(f"{what} {a}, {u}" for what, u in (("Acc", "g"), ("Gyr", "dps")) for a in "XYZ")], ASKER
+    )
+    words = write_mapping(columns)
+    assert words == "time=1[ms],acc=2:3:4[g],gyr=5:6:7[dps]"
+    assert parse_columns(words).units == {"time": "ms", "acc": "g", "gyr": "dps"}
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        ("acc=a:b:x,gyr=4:5:6", "no column 'x'.*it has 'a', 'b', 'c', 'd', 'd', 'f'"),
+        ("acc=a:b:c,gyr=a:5:6", "'a' twice"),
+        ("acc=a:b:c,gyr=d:5:6", "2 columns 'd'.*number"),
+        ("acc=a:b:c,acc=a:b:c,gyr=4:5:6", "acc twice"),
+        ("hello=3", "no mapping"),
+        ("time=1:2,acc=a:b:c,gyr=4:5:6", "time needs one column"),
+        ("acc=1:2:9,gyr=4:5:6", "no column '9'"),
+        ("t,ax,ay,az,gx,gy,gz", "lists 7 fields and walk.csv has 6"),
+    ],
+)  # fmt: skip
+def test_mappings_that_fit_no_table(words, problem):
+    with pytest.raises(FormatError, match=problem):
+        parse_columns(words).find(["a", "b", "c", "d", "d", "f"], "walk.csv")

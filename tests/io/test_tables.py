@@ -1,0 +1,246 @@
+"""Any table: its layout, the words of its header, units that the samples show, and what is asked where they do not."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import FgNavError, FormatError, RecordingError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.io import read, read_raw
+from fg_nav.recording import RawRecording
+from tests.io.samples import tilting
+
+RAW = tilting(np.random.default_rng(12), duration_s=6.0, rate_hz=100.0, still_s=1.0)
+assert RAW.mag is not None
+SHORT = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
+
+
+def table_of(raw: RawRecording = RAW, time: float = 1.0, acc: float = 1.0, gyr: float = 1.0) -> np.ndarray:
+    return np.column_stack([raw.t * time, raw.acc * acc, raw.gyr * gyr])
+
+
+def write(path: Path, names: Sequence[str], table: np.ndarray, separator: str = ",", end: str = "") -> Path:
+    rows = [separator.join(f"{value:.10g}" for value in row) + end for row in table.tolist()]
+    path.write_text("\n".join([separator.join(names) + end, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def is_the_same(raw: RawRecording, mag: bool = False) -> bool:
+    np.testing.assert_allclose(raw.t - raw.t[0], RAW.t, atol=1e-6)
+    np.testing.assert_allclose(raw.acc, RAW.acc, atol=1e-6)
+    np.testing.assert_allclose(raw.gyr, RAW.gyr, atol=1e-6)
+    if mag:
+        assert raw.mag is not None
+        np.testing.assert_allclose(raw.mag, RAW.mag, atol=1e-6)
+    return raw.provenance.format == "table"
+
+
+UNITS = ["Time [ms]", *(f"Acc {a} [g]" for a in "XYZ"), *(f"gyro_{a} (deg/s)" for a in "xyz")]
+IN_UNITS = table_of(RAW, 1e3, 1 / GRAVITY_M_S2, 180 / np.pi)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|", ", ", "  "])
+@pytest.mark.parametrize("end", ["", "last"])
+def test_separators_and_one_at_the_end(separator: str, end: str, tmp_path: Path) -> None:
+    if end and separator == "  ":
+        pytest.skip("a blank at the end separates nothing")
+    names = SHORT if separator == "  " else UNITS
+    table = table_of(gyr=180 / np.pi) if separator == "  " else IN_UNITS
+    path = write(tmp_path / "walk.csv", names, table, separator, separator if end else "")
+    assert is_the_same(read_raw(path))
+
+
+@pytest.mark.parametrize("separator", [";", "\t", " "])
+def test_decimal_commas(separator: str, tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", SHORT, table_of(), separator)
+    path.write_text(path.read_text().replace(".", ","))
+    assert is_the_same(read_raw(path))
+
+
+def test_lines_above_a_row_of_units_and_comments(tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", [*SHORT, "note"], np.column_stack([IN_UNITS, RAW.t]))
+    header, *rows = path.read_text().splitlines()
+    top = ["Logger 3, of somebody", "started,yesterday", "", header, "ms,g,g,g,dps,dps,dps,"]
+    path.write_text("\n".join([*top, *rows[:10], "# a comment", *rows[10:]]))
+    raw = read_raw(path)
+    assert is_the_same(raw)
+    assert raw.row[[0, 9, 10]].tolist() == [6, 15, 17]
+
+
+def test_header_in_a_comment(tmp_path: Path) -> None:
+    path = tmp_path / "walk.txt"
+    np.savetxt(path, table_of(), header=" ".join(SHORT))
+    assert is_the_same(read_raw(path))
+
+
+def test_header_of_two_rows(tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", ["t", "acc", "acc", "acc", "gyr", "gyr", "gyr"], table_of())
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header, ",x,y,z,x,y,z", *rows]))
+    assert is_the_same(read_raw(path))
+    path.write_text("\n".join(["t,acc,,,gyr,,", ",x,y,z,x,y,z", "s,g,g,g,rad/s,rad/s,rad/s", *rows]))
+    with pytest.raises(RecordingError, match="acc measures"):
+        read(path)
+
+
+@pytest.mark.parametrize("time", [1.0, 1e3, 1e6, 1e9])
+@pytest.mark.parametrize(("acc", "unit"), [(1.0, "m/s^2"), (1 / GRAVITY_M_S2, "g"), (1e3 / GRAVITY_M_S2, "mg")])
+def test_units_that_the_samples_show(time: float, acc: float, unit: str, tmp_path: Path) -> None:
+    raw = read_raw(write(tmp_path / "walk.csv", SHORT, table_of(RAW, time, acc, 180 / np.pi)))
+    assert is_the_same(raw)
+    notes = " ".join(raw.provenance.notes)
+    assert f"acc is taken for {unit}" in notes
+    assert "gyr is taken for deg/s" in notes
+    assert ("the stamps 't' are taken for" in notes) == (time != 1.0)
+
+
+def test_a_gyroscope_at_rest_is_asked_for_with_the_command_to_type(tmp_path: Path) -> None:
+    still = tilting(np.random.default_rng(2), duration_s=4.0, rate_hz=100.0, still_s=9.0)
+    path = write(tmp_path / "my walk.csv", SHORT, table_of(still))
+    with pytest.raises(FormatError, match=r"gyr .*names no unit") as caught:
+        read(path)
+    words = str(caught.value)
+    assert f"fg-nav inspect '{path}' --columns \"" in words
+    mapping = words.split('"')[1]
+    assert mapping == "time=t,acc=ax:ay:az,gyr=gx:gy:gz[deg/s]"
+    np.testing.assert_allclose(read(path, columns=mapping).gyr, np.radians(still.gyr), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"acc": 16384 / GRAVITY_M_S2}, r"counts steps of a converter.*acc=ax:ay:az\[1/16384 g\]"),
+        ({"acc": 0.5}, "acc is 4.9.* at rest and names no unit"),
+        ({"time": 20e3}, "in none of s, ms, us and ns"),
+        ({"gyr": 180e3 / np.pi}, "gyr .*names no unit"),
+    ],
+)
+def test_what_the_samples_do_not_show_is_asked(changes: dict[str, float], words: str, tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=words) as caught:
+        read_raw(write(tmp_path / "walk.csv", SHORT, table_of(**changes)))
+    assert "--columns" in str(caught.value)
+
+
+def test_counts_with_the_scale_of_a_data_sheet(tmp_path: Path) -> None:
+    table = table_of(RAW, 1.0, 16384 / GRAVITY_M_S2, 16.4 * 180 / np.pi)
+    path = write(tmp_path / "walk.csv", [f"c{k}" for k in range(7)], table)
+    columns = "time=c0[s],acc=c1:c2:c3[1/16384 g],gyr=5:6:7[1/16.4 deg/s]"
+    assert is_the_same(read_raw(path, columns=columns))
+
+
+def test_a_table_without_a_header(tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", SHORT, table_of()[:, [4, 5, 6, 1, 2, 3, 0]])
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[1:]))
+    with pytest.raises(FormatError, match=r"7 columns and no header.*time=1\[s\],acc=2:3:4\[g\]"):
+        read_raw(path, "table")
+    raw = read_raw(path, columns="time=7[s],acc=4:5:6[m/s^2],gyr=1:2:3[rad/s]")
+    assert is_the_same(raw)
+    assert raw.row[0] == 1
+
+
+def test_counters_and_no_clock_at_all(tmp_path: Path) -> None:
+    counted = np.column_stack([np.arange(len(RAW.t)) + 40, RAW.acc, RAW.gyr])
+    counted = np.delete(counted, [7, 8], axis=0)
+    path = write(tmp_path / "walk.csv", ["sample", *SHORT[1:]], counted)
+    with pytest.raises(FormatError, match=r"no stamps but 'sample', which counts samples: .*--rate"):
+        read_raw(path)
+    raw = read_raw(path, rate_hz=100.0)
+    np.testing.assert_allclose(raw.t, np.delete(RAW.t, [7, 8]), atol=1e-9)
+    assert raw.provenance.notes[0] == "time is 'sample' at 100 Hz"
+    path = write(tmp_path / "none.csv", SHORT[1:], table_of()[:, 1:])
+    assert is_the_same(read_raw(path, rate_hz=100.0))
+    with pytest.raises(FormatError, match="has stamps, 't'"):
+        read_raw(write(path, SHORT, table_of()), rate_hz=100.0)
+    with pytest.raises(FormatError, match="rises by ones"):
+        read_raw(write(path, SHORT, np.column_stack([np.arange(len(RAW.t)), RAW.acc, RAW.gyr])))
+    raw = read_raw(path, columns="acc=ax:ay:az,gyr=gx:gy:gz", rate_hz=100.0)
+    assert is_the_same(raw)
+
+
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ"])
+def test_stamps_that_are_dates(form: str, tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    stamps = pd.to_datetime(1.6e9 + RAW.t, unit="s").round("ms").strftime(form)
+    path = write(tmp_path / "walk.csv", SHORT, table_of())
+    header, *rows = path.read_text().splitlines()
+    dated = [f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(stamps, rows, strict=True)]
+    path.write_text("\n".join([header, *dated]))
+    raw = read_raw(path)
+    assert is_the_same(raw)
+    assert raw.t[0] == pytest.approx(1.6e9, abs=1e-3)
+
+
+def test_magnetometers(tmp_path: Path) -> None:
+    names = [*SHORT, "mx", "my", "mz"]
+    path = tmp_path / "walk.csv"
+    assert is_the_same(read_raw(write(path, names, np.column_stack([table_of(), RAW.mag]))), mag=True)
+    raw = read_raw(write(path, names, np.column_stack([table_of(), RAW.mag / 47.4])))
+    assert raw.mag is None
+    assert "the magnetometer names no unit" in raw.provenance.notes[-1]
+    raw = read_raw(path, columns="time=t[s],acc=ax:ay:az,gyr=gx:gy:gz[rad/s],mag=mx:my:mz[a.u.]")
+    assert raw.mag is None
+    raw = read_raw(path, columns="time=t[s],acc=ax:ay:az,gyr=gx:gy:gz[rad/s],mag=mx:my:mz[47.4 uT]")
+    assert is_the_same(raw, mag=True)
+
+
+def test_npz(tmp_path: Path) -> None:
+    path = tmp_path / "walk.npz"
+    np.savez(path, timestamps=RAW.t, acc_g=RAW.acc / GRAVITY_M_S2, gyro_rad_s=RAW.gyr, mag_uT=RAW.mag, note="x")
+    assert is_the_same(read_raw(path), mag=True)
+    np.savez_compressed(path, t=RAW.t * 1e3, imu=np.column_stack([RAW.acc, RAW.gyr]))
+    assert is_the_same(read_raw(path))
+    np.savez(path, ts=RAW.t, one=RAW.acc, two=RAW.gyr)
+    with pytest.raises(FormatError, match="none of the formats"):
+        read_raw(path)
+    assert is_the_same(read_raw(path, columns="time=ts,acc=one 1:one 2:one 3[m/s^2],gyr=two 1:two 2:two 3[rad/s]"))
+
+
+def test_parquet(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="Parquet needs pyarrow")
+    pd = pytest.importorskip("pandas")
+    path = tmp_path / "walk.parquet"
+    frame = pd.DataFrame(table_of(), columns=SHORT)
+    frame.to_parquet(path)
+    assert is_the_same(read_raw(path))
+    frame.assign(t=pd.to_datetime(frame["t"], unit="s")).set_index("t").to_parquet(path)
+    assert is_the_same(read_raw(path))
+
+
+def test_gzip_of_a_table(tmp_path: Path) -> None:
+    import gzip
+
+    path = write(tmp_path / "walk.csv", UNITS, IN_UNITS)
+    packed = tmp_path / "walk.csv.gz"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    assert is_the_same(read_raw(packed))
+
+
+def test_columns_leave_no_room_for_a_format(tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", UNITS, IN_UNITS)
+    with pytest.raises(FormatError, match="--columns maps a table"):
+        read_raw(path, "xio", columns="acc=1:2:3,gyr=4:5:6")
+
+
+def test_broken_binary_tables_are_named(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="Parquet needs pyarrow")
+    pd = pytest.importorskip("pandas")
+    rng = np.random.default_rng(4)
+    for name in ("walk.npz", "walk.parquet"):
+        path = tmp_path / name
+        if name.endswith("npz"):
+            np.savez_compressed(path, t=RAW.t, acc=RAW.acc, gyr=RAW.gyr)
+        else:
+            pd.DataFrame(table_of(), columns=SHORT).to_parquet(path)
+        whole = path.read_bytes()
+        for _ in range(40):
+            data = bytearray(whole)
+            at = int(rng.integers(len(data)))
+            data[at : at + int(rng.integers(1, 40))] = rng.bytes(int(rng.integers(0, 40)))
+            path.write_bytes(data if rng.random() < 0.7 else whole[:at])
+            with contextlib.suppress(FgNavError):
+                read(path)
