@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav import navigate
+from fg_nav import pipeline
 from fg_nav.commands import name_walk
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
@@ -313,7 +313,7 @@ def test_truth_of_another_time_in_the_recording_is_left_out(demo: Recording) -> 
     truth = demo.truth
     assert isinstance(truth, TrajectoryTruth)
     late = replace(demo, truth=replace(truth, t=truth.t + 1000))
-    outcome = navigate.run_method(navigate.prepare_walk(Walk.of(late)), "iez")
+    outcome = pipeline.run_method(pipeline.prepare_walk(Walk.of(late)), "iez")
     assert outcome.comparison is None
     assert outcome.metrics.rmse_2d_m is None
     assert any("share no time" in note for note in outcome.metrics.notes)
@@ -335,7 +335,7 @@ def failing(error: BaseException) -> Callable[..., None]:
 
 
 def test_bug_exits_with_70_and_its_traceback(fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(navigate, "run_method", failing(ZeroDivisionError("a slip")))
+    monkeypatch.setattr(pipeline, "run_method", failing(ZeroDivisionError("a slip")))
     ran = fg_nav("run", files / "walk.csv")
     assert ran.code == 70
     assert "Traceback" in ran.err
@@ -372,7 +372,7 @@ def test_full_disk_is_one_line_and_leaves_no_result(
 def test_system_error_outside_the_result_is_one_line(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(navigate, "read_walk", failing(PermissionError(13, "Permission denied", "walk.csv")))
+    monkeypatch.setattr(pipeline, "read_walk", failing(PermissionError(13, "Permission denied", "walk.csv")))
     assert fg_nav("run", files / "walk.csv").refused("permission denied", "walk.csv")
 
 
