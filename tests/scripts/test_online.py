@@ -22,6 +22,7 @@ losses = load_script("online_losses")
 benchmark = load_script("benchmark_online")
 limits = load_script("online_limits")
 listeners = load_script("online_listeners")
+kills = load_script("online_kills")
 
 
 def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
@@ -152,3 +153,17 @@ def test_listeners_that_misbehave_are_measured(capsys):
     said = capsys.readouterr().out
     assert "lines arrive, 99 % (ms)" in said
     assert "of 3 figures are as asked" in said
+
+
+def test_lines_of_a_walk_that_was_killed_are_compared_wherever_they_were_told():
+    text = "\n".join(json.dumps({"kind": "now", "stance": k, "t": k, "position_m": [k, 0.5]}) for k in range(3))
+    whole = list(kills.read_lines(text))
+    told = list(kills.read_lines(text + '\n{"kind": "now", "sta'))
+    assert kills.compare_lines(whole, [*told, *told[1:]]) == (0, [0.0] * 5)
+    other = [{**told[0], "position_m": [0, 0.75]}, {**told[1], "position_m": [None, 0.5]}, {**told[2], "stance": 9}]
+    assert kills.compare_lines(whole, other) == (1, [0.25, np.inf, np.inf])
+
+
+def test_a_command_that_does_not_end_is_killed():
+    assert kills.run_for(["sh", "-c", "echo told; sleep 60"], 0.2) == ("told\n", False)
+    assert kills.run_for(["echo", "told"], 60.0) == ("told\n", True)
