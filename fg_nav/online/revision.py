@@ -2,7 +2,7 @@
 
 ============ =========================================================================================================
 "turned"     the map was turned about its origin by `angle_deg`, clockwise: lines before are in the old one
-"retracted"  the footfall of line `stance` was none, and is taken back
+"retracted"  the footfall of line `stance`, whose `t` was `stance_t`, was none, and is taken back
 "revised"    the past as it is known now: `path`, [t, east, north, up] at `MOST_POINTS` footfalls at most, all of it
 ============ =========================================================================================================
 
@@ -19,7 +19,6 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import compute_heading
-from fg_nav.online.buffer import ToldFootfall
 from fg_nav.online.estimates import EstimateRow, split_rows
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
@@ -42,25 +41,25 @@ class Revision:
     ----------
     t : of the newest footfall that was solved again, s.
     turn : of the map about its origin, rad clockwise; 0 where it did not turn.
-    retracted : numbers of the lines whose footfalls were none.
+    retracted : numbers and stamps of the lines whose footfalls were none.
     path : (K, 4) t (s), east, north, up (m) at footfalls of the walk so far, `MOST_POINTS` at most.
     """
 
     t: float
     turn: float
-    retracted: tuple[int, ...]
+    retracted: tuple[tuple[int, float], ...]
     path: Floats
 
 
 def compare_pasts(
-    before: Sequence[EstimateRow], after: Sequence[EstimateRow], first: int, untold: Sequence[ToldFootfall]
+    before: Sequence[EstimateRow], after: Sequence[EstimateRow], first: int, untold: Sequence[tuple[int, float]]
 ) -> Revision:
     """Return what changed of a walk from one solution to the next.
 
     Parameters
     ----------
     before, after : estimates of the footfalls, before from number `first` on.
-    untold : footfalls that had a line and are none.
+    untold : numbers and stamps of the lines whose footfalls are none.
     """
     old, new = split_rows(before), split_rows(after[first:])
     _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)
@@ -70,7 +69,7 @@ def compare_pasts(
     return Revision(
         t=float(path.t[-1]),
         turn=turn if abs(turn) > TURNED_RAD else 0.0,
-        retracted=tuple(one.told for one in untold),
+        retracted=tuple(untold),
         path=np.column_stack([path.t, path.position]),
     )
 
@@ -91,8 +90,8 @@ def format_revision(revision: Revision) -> Iterator[str]:
     t = round(revision.t, 9)
     if revision.turn:
         yield _format("turned", {"t": t, "angle_deg": round(float(np.degrees(revision.turn)), DIGITS)})
-    for number in revision.retracted:
-        yield _format("retracted", {"stance": number, "t": t})
+    for number, stamp in revision.retracted:
+        yield _format("retracted", {"stance": number, "t": t, "stance_t": round(stamp, 9)})
     yield _format("revised", {"t": t, "path": np.round(revision.path, DIGITS)})
 
 

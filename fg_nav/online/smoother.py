@@ -309,7 +309,8 @@ class OnlineSmoother:
         self._starts = self._keep_starts(handover)
         self._takeover.taken.clear()
         rows = (*self._past.rows, *stretch.reported)
-        return compare_pasts(old[first:], rows, first, list_untold(before, self._footfalls[first:]))
+        untold = [one.told for one in list_untold(before, self._footfalls[first:])]
+        return compare_pasts(old[first:], rows, first, [(told, float(self._told[told].numbers[1])) for told in untold])
 
     def _find_doubtful(self, seen: Seen) -> int | None:
         """Return the newest footfall that is no stance any more, and was not in doubt before."""

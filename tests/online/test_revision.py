@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall
+from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.online.buffer import ToldFootfall
 from fg_nav.online.estimates import StanceEstimate
@@ -131,13 +131,11 @@ def test_a_map_that_turns_by_more_than_a_degree_is_announced(angle_deg: float) -
 
 
 def test_lines_whose_footfalls_were_none_are_retracted_before_the_path() -> None:
-    footfall = Footfall(np.array([3]), np.array([9]), np.ones(1), 5, False)
-    untold = [ToldFootfall(footfall, told, 10) for told in (7, 9)]
-    found = lines(compare_pasts(straight(12), straight(12), 0, untold))
-    assert [(line["kind"], line.get("stance")) for line in found] == [
-        ("retracted", 7),
-        ("retracted", 9),
-        ("revised", None),
+    found = lines(compare_pasts(straight(12), straight(12), 0, [(7, 7.5), (9, 9.5)]))
+    assert [(line["kind"], line.get("stance"), line.get("stance_t")) for line in found] == [
+        ("retracted", 7, 7.5),
+        ("retracted", 9, 9.5),
+        ("revised", None, None),
     ]
     assert {line["t"] for line in found} == {11.0}
 
@@ -179,7 +177,8 @@ def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew() -> N
     found += [one for k in range(at, at + 10) for one in add_told(online, walk, k)]
     for k in range(at + 10):
         add(undisturbed, walk, k)
-    assert [number for one in revisions_of(found) for number in one.retracted] == [false]
+    (retracted,) = [line for one in revisions_of(found) for line in one.retracted]
+    assert retracted == (false, next(one.t for one in estimates_of(found) if one.number == false))
     assert [one.number for one in estimates_of(found)] == list(range(at + 11))
     assert [one.told for one in online.footfalls] == [k for k in range(online.n_told) if k != false]
     assert len(online.smoothed()) == len(online.causal()) - 1 == at + 10
