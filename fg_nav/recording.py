@@ -217,6 +217,7 @@ class Recording:
         acc, gyr = self.integrable
         cut.__dict__.update(
             gaps=self.gaps.within(start, stop),
+            period_s=self.period_s,
             integrable=(acc[part], gyr[part]),
             peaks=tuple(Peaks(*(column[part] for column in peaks)) for peaks in self.peaks),
             clipping=self.clipping,

@@ -23,6 +23,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
 from fg_nav.recording import Recording
+from fg_nav.samples.saturation import find_saturation_level
 from fg_nav.stances import Stances
 
 COLUMNS = 10
@@ -249,13 +250,14 @@ class WalkSoFar:
 
     def cut_whole(self) -> Recording:
         """Cut out all samples."""
-        recording = self._cut_aligned(self._buffer.first)
+        first = self._buffer.first
+        recording = self._cut_aligned(first, first)
         self.sensor = replace(self.sensor, period_s=recording.period_s, clipping=recording.clipping)
         return recording
 
-    def cut_recording(self, first: int) -> Recording:
-        """Cut out the samples from one on."""
-        return self._of_sensor(self._cut_aligned(first))
+    def cut_recording(self, first: int, mag_from: int | None = None) -> Recording:
+        """Cut out the samples from one on, with the field from sample `mag_from` on where only that is looked at."""
+        return self._of_sensor(self._cut_aligned(first, first if mag_from is None else mag_from))
 
     def cut_stances(self, first_footfall: int, first: int) -> Stances:
         """Cut out the footfalls from one on, for the recording from sample `first` on; earlier intervals are cut.
@@ -275,16 +277,19 @@ class WalkSoFar:
         first = max(sample - _BEFORE, self._buffer.first)
         return self._of_sensor(self._cut(first, until)), sample - first
 
-    def _cut_aligned(self, first: int) -> Recording:
-        """Samples from one on, with the field at their stamps."""
+    def _cut_aligned(self, first: int, mag_from: int) -> Recording:
+        """Samples from one on, from another on with the field at their stamps."""
         recording, found = self._cut(first, self.stop), self.sensor.magnetometer
         if found is None:
             return recording
         if not found.used:
             return replace(recording, mag=None)
-        lead = self._buffer.find_since(float(recording.t[0]) - LEAD_S, first)
+        lead = self._buffer.find_since(self._buffer.stamp(mag_from) - LEAD_S, mag_from)
         mag = remove_delay(self._cut(lead, self.stop), found.delay).mag
-        return recording if mag is None else replace(recording, mag=mag[first - lead :])
+        if mag is None:
+            return recording
+        unseen = np.full((mag_from - first, 3), np.nan)
+        return replace(recording, mag=np.concatenate([unseen, mag[mag_from - lead :]]))
 
     def _cut(self, first: int, stop: int) -> Recording:
         rows = self._buffer.between(first, stop)
@@ -300,9 +305,8 @@ class WalkSoFar:
         sensor = self.sensor
         if sensor.period_s is None or sensor.clipping is None:
             return part
-        of_part = zip(part.clipping, sensor.extreme, strict=True)
-        at_end = (np.where(level >= AT_END * extreme, level, np.inf) for level, extreme in of_part)
-        acc, gyr = (np.where(np.isfinite(k), k, new) for k, new in zip(sensor.clipping, at_end, strict=True))
+        columns = zip((part.acc, part.gyr), sensor.clipping, sensor.extreme, strict=True)
+        acc, gyr = (_complete_levels(*column) for column in columns)
         return part.assume(sensor.period_s, (acc, gyr)).raise_peaks(sensor.peak_height)
 
     def _check(self, rows: Floats, footfall: Footfall, until: int) -> None:
@@ -317,6 +321,17 @@ class WalkSoFar:
             raise EstimationError(
                 f"samples of footfall {self.n_footfalls} are not finite, or their stamps do not rise: leave them out."
             )
+
+
+def _complete_levels(samples: Floats, known: Floats, extreme: Floats) -> Floats:
+    """Levels (2, 3) at which a sensor clips, with those that its samples (n, 3) show at the end of all readings."""
+    levels, ends = known.copy(), np.array([samples.max(axis=0), -samples.min(axis=0)])
+    # Only where a part reaches the end can its level be that of the range.
+    for end, axis in np.argwhere((ends >= AT_END * extreme) & ~np.isfinite(known)):
+        level = find_saturation_level((1.0 - 2.0 * end) * samples[:, axis])
+        if level >= AT_END * extreme[end, axis]:
+            levels[end, axis] = level
+    return levels
 
 
 def is_in_order(footfall: Footfall, begins: int) -> bool:

@@ -21,7 +21,6 @@ from fg_nav.detection import Rest
 from fg_nav.factors.differential_field import BiasInformation, FieldNoise
 from fg_nav.factors.residual import linear_factor_of
 from fg_nav.online.strides import StrideWindow
-from fg_nav.recording import Recording
 from fg_nav.smoother.differential_factors import (
     DifferentialFactors,
     LevelBias,
@@ -70,8 +69,6 @@ class BiasLedger:
     def add(
         self,
         window: StrideWindow,
-        recording: Recording,
-        begins: int,
         track: Trajectory,
         gyro_bias: Floats,
         counted: Rest | None,
@@ -80,15 +77,13 @@ class BiasLedger:
 
         Parameters
         ----------
-        window, recording : of its stride, and the samples of that from `begins` on.
-        track : at its samples.
+        window, track : of its stride, and the path at its samples.
         gyro_bias : (3,) rad/s, to linearize at.
         counted : the last rest of the walk, in samples of the walk.
         """
+        recording, nodes, first = window.recording, window.nodes, window.first_sample
         if recording.mag is None:
             return self
-        nodes = replace(window.nodes, sample=window.nodes.sample - begins)
-        first = window.first_sample + begins
         rests = () if counted is None else (replace(counted, start=counted.start - first, stop=counted.stop - first),)
         stretches = find_stretches(recording, nodes, rests)
         stretches = stretches.keep(stretches.stop > nodes.sample[nodes.first[1]])

@@ -58,17 +58,15 @@ def build_path(
     return path, freeze_ends(recording.t, stances, path.position, path.velocity)
 
 
-def trace_stride(
-    backend: ISAM2Backend, recording: Recording, window: StrideWindow, begins: int, gravity: float
-) -> Trajectory:
-    """Return the path of the newest stride on its samples, which begin there in the window."""
+def trace_stride(backend: ISAM2Backend, window: StrideWindow, gravity: float) -> Trajectory:
+    """Return the path of the newest stride on the samples of its window."""
     nodes = range(window.before.first, window.place.stop)
     poses = [backend.pose(X(j)) for j in nodes]
     bias = [backend.bias(B(place.bias)).vector() for place in (window.before, window.place)]
     both = np.array(bias)[window.nodes.footfall - window.nodes.footfall[0]]
     return dense_trajectory(
-        recording,
-        window.nodes.sample - begins,
+        window.recording,
+        window.nodes.sample,
         np.array([pose.translation() for pose in poses]),
         np.array([backend.vector(V(j)) for j in nodes]),
         np.array([pose.rotation().matrix() for pose in poses]),

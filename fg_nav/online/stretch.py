@@ -41,7 +41,6 @@ from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.path import nodes_of_places, nodes_of_rows, trace_stride
 from fg_nav.online.recovery import REASON, check_solution, recover
 from fg_nav.online.strides import Place, RestLedger, StrideWindow, cut_window, initialize_stride, measure_stride
-from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.count import count_graph
 from fg_nav.smoother.differential_factors import LevelBias
 from fg_nav.smoother.graph import Trajectory
@@ -193,11 +192,11 @@ class Stretch:
         # Fixes of the stride.
         self._add_fixes(window)
         # The field is compared along the path of the stride in that solution.
-        stride_path = self._cut_stride(window)
-        self._verdicts.append(self._add_field(window, *stride_path))
+        track = trace_stride(self._backend, window, self._p.gravity)
+        self._verdicts.append(self._add_field(window, track))
         if biases is not None:
             gyro_bias = self._backend.bias(B(window.place.bias)).gyroscope()
-            biases = biases.add(window, *stride_path, gyro_bias, ledger.counted)
+            biases = biases.add(window, track, gyro_bias, ledger.counted)
         return ledger, biases
 
     def _add_fixes(self, window: StrideWindow) -> None:
@@ -241,19 +240,12 @@ class Stretch:
         self._places, self._verdicts = [window.place], [Verdict(str(UNKNOWN), REASON)]
         self._biases = None if self._biases is None else self._biases.begin()
 
-    def _cut_stride(self, window: StrideWindow) -> tuple[Recording, int, Trajectory]:
-        """Samples of the stride, the first of them in the window, and the path through the estimates of its nodes."""
-        begins = max(0, min(int(window.stances.start[0]), len(window.recording) - MIN_SAMPLES))
-        recording = window.recording.slice(begins, len(window.recording))
-        return recording, begins, trace_stride(self._backend, recording, window, begins, self._p.gravity)
-
-    def _add_field(self, window: StrideWindow, recording: Recording, begins: int, track: Trajectory) -> Verdict:
+    def _add_field(self, window: StrideWindow, track: Trajectory) -> Verdict:
         """Add the field at the newest footfall and along its stride; the verdict on it."""
         field = self._field
         if field is None:
             return self._verdicts[-1]
-        stances = self._walk.cut_stances(window.before.number, window.first_sample + begins)
-        seen = measure_field(recording, stances, track, field.up_uT)
+        seen = measure_field(window.recording, window.stances, track, field.up_uT)
         continues = bool(self._walk.continues[-1])
         if continues:
             seen = replace(seen, footfall=seen.footfall.leave_out(np.ones(1, dtype=np.bool_)))

@@ -19,7 +19,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest, RestParameters, find_rests
 from fg_nav.online.buffer import WalkSoFar
-from fg_nav.recording import Recording
+from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, place_nodes, preintegrate, strides_of
@@ -62,7 +62,7 @@ class StrideWindow:
     """The samples from the footfall before to the new one, with nodes numbered within them; and what comes next.
 
     `first_sample` is the number of sample 0 in the walk; node 0 is the first of the footfall `before`, `place` the new
-    one. Their biases are numbered from 0 too.
+    one. Their biases are numbered from 0 too. `with_context` are the same samples and those of some seconds before.
     """
 
     recording: Recording
@@ -71,6 +71,7 @@ class StrideWindow:
     first_sample: int
     before: Place
     place: Place
+    with_context: Recording
 
     @property
     def known(self) -> int:
@@ -102,8 +103,10 @@ def cut_window(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParame
     """Cut out the window of the newest stride of a walk: `before` the footfall before, the first was at `t_first`."""
     begins = int(walk.footfall(before.number).start[0])
     context = walk.buffer.find_since(walk.buffer.stamp(begins) - CONTEXT_S, walk.stop)
-    recording = walk.cut_recording(context)
-    stances = walk.cut_stances(before.number, context)
+    begins = max(context, min(begins, walk.stop - MIN_SAMPLES))
+    with_context = walk.cut_recording(context, begins)
+    recording = with_context.slice(begins - context, len(with_context))
+    stances = walk.cut_stances(before.number, begins)
     nodes = place_nodes(recording, stances, p)
     result = int(nodes.result[1])
     t = float(recording.t[nodes.sample[result]])
@@ -116,12 +119,12 @@ def cut_window(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParame
         result=before.first + result,
         bias=before.bias + int(another),
         bias_begun_s=t if another else before.bias_begun_s,
-        sample=context + int(nodes.sample[result]),
+        sample=begins + int(nodes.sample[result]),
         t=t,
-        samples=tuple((context + nodes.sample[nodes.first[1] :]).tolist()),
+        samples=tuple((begins + nodes.sample[nodes.first[1] :]).tolist()),
     )
     nodes = replace(nodes, bias=np.array([0, int(another)]))
-    return StrideWindow(recording, stances, nodes, context, before, place)
+    return StrideWindow(recording, stances, nodes, begins, before, place, with_context)
 
 
 def measure_stride(
@@ -241,9 +244,10 @@ class RestLedger:
 
     def collect(self, window: StrideWindow, p: RestParameters) -> tuple[tuple[Rest, ...], RestLedger]:
         """Return what the rests of a window show that was not counted yet, and the ledger once that is in the graph."""
-        ledger, begins = self, window.nodes.sample[window.known + 1]
+        earlier = len(window.with_context) - len(window.recording)
+        ledger, begins = self, window.nodes.sample[window.known + 1] + earlier
         new: list[Rest] = []
-        for rest in find_rests(window.recording, p):
+        for rest in find_rests(window.with_context, p):
             # A rest that only the end of the window made one may be the beginning of a swing.
             if rest.stop <= begins or not rest.lasts(window.recording.period_s, p.shortest_s):
                 continue
@@ -251,7 +255,7 @@ class RestLedger:
                 ledger = replace(ledger, longest=rest)
             assert ledger.longest is not None
             if rest.agrees_with(ledger.longest):
-                further, ledger = ledger._count(rest, window.first_sample)
+                further, ledger = ledger._count(rest, window.first_sample - earlier)
                 new += [] if further is None else [further]
         return tuple(new), ledger
 
