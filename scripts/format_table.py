@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,8 +31,12 @@ from fg_nav.io import FORMATS, read_raw
 from fg_nav.io.content import read_content
 from fg_nav.recording import RawRecording, Recording
 
-_ASKED = re.compile(r"`--(rate|sensor) ([^`]+)`")
-_OPTIONS = {"rate": ("rate_hz", float), "sensor": ("sensor", str)}
+_COMMAND = re.compile(r"--(?:rate|sensor|columns) .+")
+_OPTIONS: Mapping[str, tuple[str, Callable[[str], Any]]] = {
+    "--rate": ("rate_hz", float),
+    "--sensor": ("sensor", str),
+    "--columns": ("columns", str),
+}
 
 
 class Row(NamedTuple):
@@ -79,14 +84,14 @@ def _is_recording(folder: Path) -> bool:
 
 def _ask_again(place: Path, name: str, refusal: str) -> Row:
     """Row of a file that was refused; if the refusal says what to add, of the file with that."""
-    asked = _ASKED.search(refusal)
-    if asked is None:
+    command = _COMMAND.search(refusal)
+    words = shlex.split(command[0].rstrip("`.")) if command else []
+    asked = [(flag, value) for flag, value in pairwise(words) if flag in _OPTIONS]
+    if not asked:
         return Row(name, "", "refused", words=refusal)
-    option, convert = _OPTIONS[asked[1]]
+    told = {_OPTIONS[flag][0]: _OPTIONS[flag][1](value) for flag, value in asked}
     try:
-        return _judge_one(
-            place, name, {option: convert(shlex.split(asked[2])[0])}, f"read with --{asked[1]} {asked[2]}"
-        )
+        return _judge_one(place, name, told, f" with {shlex.join(word for pair in asked for word in pair)}")
     except FormatError as error:
         return Row(name, "", "refused", words=f"{refusal} Then: {error}")
 
