@@ -8,16 +8,18 @@ is what strapdown integration needs. `FreeAcc` is without gravity and in another
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError
 from fg_nav.io.content import scale_values
 from fg_nav.io.delimited import Header
 from fg_nav.samples.plausibility import median_period_s
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 ACC, GYR, MAG = (tuple(f"{sensor}_{axis}" for axis in "XYZ") for sensor in ("Acc", "Gyr", "Mag"))
 _VELOCITIES = (("dv[1]", "dv[2]", "dv[3]"), tuple(f"VelInc_{axis}" for axis in "XYZ"))
@@ -80,6 +82,8 @@ def find_rotations(wxyz: Floats) -> tuple[Rotation, Bools]:
     known = np.zeros(len(wxyz), dtype=np.bool_)
     small = (np.abs(wxyz) < 2.0).all(axis=1)
     known[small] = np.abs(np.linalg.norm(wxyz[small], axis=1) - 1.0) < 0.01
+    from scipy.spatial.transform import Rotation  # slow to load
+
     return Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True), known
 
 
