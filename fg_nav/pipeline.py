@@ -14,6 +14,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from fg_nav.estimators import Progress, estimate
+from fg_nav.io.formats import Reading
 from fg_nav.walk import Options, Outcome, Walk, correct_walk, evaluate_solution, find_stances, measure_field, read_walk
 
 
@@ -22,12 +23,12 @@ def navigate(
     method: str,
     options: Options,
     folder: AbstractContextManager[Path],
-    format: str | None = None,
+    reading: Reading = Reading(),
     progress: Progress | None = None,
 ) -> dict[str, object]:
     """Run one method on a recording, write its result into a folder, and return the summary of it."""
     # read
-    walk = read_walk(path, options, format)
+    walk = read_walk(path, options, reading)
     # correct, find the stances, judge the field
     walk = prepare_walk(walk)
     # estimate, evaluate

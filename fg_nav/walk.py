@@ -22,7 +22,7 @@ from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, compare
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.walked import WalkErrors, measure_walk
-from fg_nav.io import read, read_fixes, read_truth
+from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
@@ -166,7 +166,7 @@ class Outcome:
     polished: Outcome | None = None
 
 
-def read_walk(path: Path, options: Options = Options(), format: str | None = None) -> Walk:
+def read_walk(path: Path, options: Options = Options(), reading: Reading = Reading()) -> Walk:
     """Read a recording, and the files that the options name for it.
 
     Raises
@@ -181,7 +181,7 @@ def read_walk(path: Path, options: Options = Options(), format: str | None = Non
         from fg_nav.calibration.of_recording import read_calibration
 
         calibration = read_calibration(options.calibration_path)
-    recording = read(path, format)
+    recording = reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
     return replace(Walk.of(recording, options, calibration), fixes=fixes)
 

@@ -137,12 +137,28 @@ AlignmentMode = Annotated[
 MountPlace = Annotated[
     Literal["foot", "pocket"], typer.Option("--mount", help="Where the sensor was worn; a pocket is one of trousers.")
 ]
+ColumnMapping = Annotated[
+    str | None,
+    typer.Option(
+        "--columns",
+        metavar="MAPPING",
+        help="Which columns of a table are what, by name or number: "
+        "time=ts\\[ms],acc=ax:ay:az\\[g],gyr=gx:gy:gz\\[deg/s],mag=mx:my:mz\\[G]. \\[default: by the header]",
+    ),
+]
+FileRate = Annotated[
+    float | None, typer.Option("--rate", metavar="HZ", help="Of a file without a clock: its samples are counted.")
+]
+SensorName = Annotated[
+    str | None, typer.Option("--sensor", metavar="NAME", help="Which of several sensors in the file.")
+]
 ColumnNames = Annotated[
     str | None,
     typer.Option(
         "--columns",
-        metavar="A,B",
-        help="Fields of rows without a header, in order, of t,ax,ay,az,gx,gy,gz,mx,my,mz; - is passed over.",
+        metavar="MAPPING",
+        help="Which fields of a row are what: time=1\\[ms],acc=2:3:4\\[g],gyr=5:6:7\\[deg/s], or all in order, of "
+        "t,ax,ay,az,gx,gy,gz,mx,my,mz; - is passed over.",
     ),
 ]
 UnitNames = Annotated[

@@ -27,15 +27,20 @@ def calibrate(
     place: given.PlaceWords = None,
     mag_axes: given.MagAxesWords = None,
     format: given.FormatName = None,
+    columns: given.ColumnMapping = None,
+    rate: given.FileRate = None,
+    sensor: given.SensorName = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older calibration.")] = False,
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
     """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration."""
+    from fg_nav.commands import choose_reading
     from fg_nav.commands.calibrate import calibrate
 
+    reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(calibrate(file, out, method, strength, place, mag_axes, format, force))
+        answer(calibrate(file, out, method, strength, place, mag_axes, reading, force))
 
 
 @verbs.command()
@@ -48,6 +53,9 @@ def detect(
     place: given.PlaceWords = None,
     truth: given.TruthPath = None,
     format: given.FormatName = None,
+    columns: given.ColumnMapping = None,
+    rate: given.FileRate = None,
+    sensor: given.SensorName = None,
     alignment: given.AlignmentMode = "yaw",
     out: given.OutDir = None,
     force: given.Force = False,
@@ -58,25 +66,31 @@ def detect(
 
     `--gate munoz-diaz` alone needs no footfalls: it judges the samples, of a sensor in a pocket too.
     """
-    from fg_nav.commands import choose_options
+    from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.detect import detect
 
     options = choose_options(True, heading, alignment, truth, None, calibration, mag_axes=mag_axes)
+    reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(detect(file, gates, options, place, format, out, force))
+        answer(detect(file, gates, options, place, reading, out, force))
 
 
 @verbs.command()
 def allan(
     file: given.RecordingPath,
     format: given.FormatName = None,
+    columns: given.ColumnMapping = None,
+    rate: given.FileRate = None,
+    sensor: given.SensorName = None,
     out: given.OutDir = None,
     force: given.Force = False,
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
     """Say how noisy the sensor is, from a recording of it lying still: allan.json, allan.png."""
+    from fg_nav.commands import choose_reading
     from fg_nav.commands.allan import allan
 
+    reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(allan(file, format, out, force))
+        answer(allan(file, reading, out, force))

@@ -1,4 +1,4 @@
-"""Verbs for a recorded walk: inspect, run, compare, demo."""
+"""Verbs for a recorded walk: inspect, convert, run, compare, demo."""
 
 from __future__ import annotations
 
@@ -17,14 +17,42 @@ verbs = typer.Typer()
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", show_default=False, help="File with a recording.")],
     format: given.FormatName = None,
+    columns: given.ColumnMapping = None,
+    rate: given.FileRate = None,
+    sensor: given.SensorName = None,
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
     """Say what a file holds, and whether it can be navigated with."""
+    from fg_nav.commands import choose_reading
     from fg_nav.commands.inspect import inspect
 
+    reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(inspect(file, format))
+        answer(inspect(file, reading))
+
+
+@verbs.command()
+def convert(
+    file: given.RecordingPath,
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", show_default=False, help="File to write: .csv, .csv.gz or .parquet.")
+    ],
+    format: given.FormatName = None,
+    columns: given.ColumnMapping = None,
+    rate: given.FileRate = None,
+    sensor: given.SensorName = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an older file.")] = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
+) -> None:
+    """Write a recording's samples, in SI and as they are, as canonical CSV or Parquet."""
+    from fg_nav.commands import choose_reading
+    from fg_nav.commands.convert import convert
+
+    reading = choose_reading(format, columns, rate, sensor)
+    with answering(json, quiet) as answer:
+        answer(convert(file, out, reading, force))
 
 
 @verbs.command()
@@ -51,6 +79,9 @@ def run(
     fixes: given.FixesPath = None,
     polish: given.Polish = False,
     format: given.FormatName = None,
+    columns: given.ColumnMapping = None,
+    rate: given.FileRate = None,
+    sensor: given.SensorName = None,
     alignment: given.AlignmentMode = "yaw",
     out: given.OutDir = None,
     force: given.Force = False,
@@ -59,15 +90,16 @@ def run(
     quiet: given.Quiet = False,
 ) -> None:
     """Run one method on a recording and write trajectory, strides, summary and pictures."""
-    from fg_nav.commands import choose_options
+    from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.run import check_methods, check_mount, run
 
     lengths_m = (step_constant, known_distance)
     check_mount(mount, lengths_m, gate, preset)
     check_methods([method], gate, polish)
     options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish)
+    reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(run(recording, method, mount, options, lengths_m, format, out, force, strict))
+        answer(run(recording, method, mount, options, lengths_m, reading, out, force, strict))
 
 
 @verbs.command()
@@ -89,6 +121,9 @@ def compare(
     gate: given.GateName = None,
     preset: given.Preset = "tuned",
     format: given.FormatName = None,
+    columns: given.ColumnMapping = None,
+    rate: given.FileRate = None,
+    sensor: given.SensorName = None,
     alignment: given.AlignmentMode = "yaw",
     out: given.OutDir = None,
     force: given.Force = False,
@@ -96,13 +131,14 @@ def compare(
     quiet: given.Quiet = False,
 ) -> None:
     """Run several methods on the same recording and the same stances, and lay them side by side."""
-    from fg_nav.commands import choose_options
+    from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.run import check_methods, compare
 
     check_methods(methods.split(","), gate)
     options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, mag_axes=mag_axes)
+    reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(compare(recording, methods, options, format, out, force))
+        answer(compare(recording, methods, options, reading, out, force))
 
 
 @verbs.command()

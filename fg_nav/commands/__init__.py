@@ -20,6 +20,7 @@ from fg_nav.report.terminal import progress
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
     from fg_nav.errors import FgNavError
+    from fg_nav.io import Reading
     from fg_nav.lab.simulation import Choices, SimulatedWalk
     from fg_nav.walk import Options, Outcome, Walk
 
@@ -131,6 +132,14 @@ def choose_options(
         raise MagneticError("--no-mag leaves --mag-axes nothing to turn: give one of them.")
     given = (use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes)
     return Options(*given, mag_axes=None if mag_axes is None else MagAxes.parse(mag_axes), polish=polish)
+
+
+def choose_reading(format: str | None, columns: str | None, rate_hz: float | None, sensor: str | None) -> Reading:
+    """Return how a file is to be read where its content does not say."""
+    from fg_nav.columns.mapping import parse_columns
+    from fg_nav.io import Reading
+
+    return Reading(format, None if columns is None else parse_columns(columns), rate_hz, sensor)
 
 
 def find_earth_field(place: str | None) -> EarthField | None:

@@ -18,7 +18,7 @@ import numpy as np
 from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart
 from fg_nav.calibration.at_rest import RecordingNoise, SensorNoise, measure_recording_noise
 from fg_nav.commands import Answer, Target, name_walk
-from fg_nav.io import read
+from fg_nav.io import Reading
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import ALLAN_FILES
 from fg_nav.report.plots.allan import AXES, UNITS, SheetUnit, plot_allan
@@ -27,10 +27,10 @@ from fg_nav.report.terminal import console, print_place, ruled_table
 from fg_nav.text import find_version
 
 
-def allan(file: Path, format: str | None, out: Path | None, force: bool) -> Answer:
+def allan(file: Path, reading: Reading, out: Path | None, force: bool) -> Answer:
     """Measure the noise in a recording of a sensor lying still, and write it into a folder."""
     target = Target(out, force, f"{name_walk(file)}-allan", ALLAN_FILES)
-    noise = measure_recording_noise(read(file, format))
+    noise = measure_recording_noise(reading.read(file))
     with target.open() as folder:
         write_allan(folder, noise, file)
     content = {"folder": str(target.place), **describe_noise(noise, file)}

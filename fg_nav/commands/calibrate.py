@@ -21,7 +21,7 @@ from fg_nav.calibration.of_recording import (
 from fg_nav.calibration.of_recording import calibrate as calibrate_recording
 from fg_nav.commands import Answer, find_earth_field
 from fg_nav.errors import CalibrationError
-from fg_nav.io import read
+from fg_nav.io import Reading
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.report.folder import check_file_free, result_file
 from fg_nav.report.terminal import console, listing, ruled_table
@@ -37,7 +37,7 @@ def calibrate(
     strength_uT: float | None,
     place: str | None,
     mag_axes: str | None,
-    format: str | None,
+    reading: Reading,
     force: bool,
 ) -> Answer:
     """Calibrate by a recording, and write the calibration into a file."""
@@ -45,7 +45,7 @@ def calibrate(
         check_method(method)
     check_file_free(out, is_calibration, force)
     axes = None if mag_axes is None else MagAxes.parse(mag_axes)
-    found = calibrate_recording(read(file, format), method, _choose_strength(strength_uT, place), axes)
+    found = calibrate_recording(reading.read(file), method, _choose_strength(strength_uT, place), axes)
     with result_file(out, is_calibration, force) as fresh:
         write_calibration(fresh, found.calibration)
     content = {

@@ -30,6 +30,7 @@ from fg_nav.evaluation.field_survey import (
     survey_field,
     survey_samples,
 )
+from fg_nav.io import Reading
 from fg_nav.magnetic import FieldVerdicts
 from fg_nav.magnetic.disturbance import SETTINGS
 from fg_nav.magnetic.quasi_static import find_detector
@@ -55,7 +56,7 @@ def detect(
     detectors: str | None,
     options: Options,
     place: str | None,
-    format: str | None,
+    reading: Reading,
     out: Path | None,
     force: bool,
 ) -> Answer:
@@ -65,9 +66,9 @@ def detect(
     if names == [SAMPLEWISE]:
         if place is not None or options.truth_path is not None:
             raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
-        return _detect_in_samples(file, options, format, target)
+        return _detect_in_samples(file, options, reading, target)
     earth = find_earth_field(place)
-    walk = prepare_walk(read_walk(file, options, format))
+    walk = prepare_walk(read_walk(file, options, reading))
     field = walk.require_field()
     outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
     survey = survey_field(walk.recording, field, names, outcome.solution, earth)
@@ -78,8 +79,8 @@ def detect(
     return Answer(content, partial(print_survey, walk, survey, target.place))
 
 
-def _detect_in_samples(file: Path, options: Options, format: str | None, target: Target) -> Answer:
-    walk = correct_walk(read_walk(file, options, format))
+def _detect_in_samples(file: Path, options: Options, reading: Reading, target: Target) -> Answer:
+    walk = correct_walk(read_walk(file, options, reading))
     if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
         raise MagneticError(f"{walk.magnetometer.notes[0]}.")
     survey = survey_samples(walk.recording)

@@ -16,14 +16,14 @@ from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import Inspection, MagneticField, Range, Rest, Stamps, StanceShare
 from fg_nav.inspection import inspect as inspect_recording
-from fg_nav.io import read_raw
+from fg_nav.io import Reading
 from fg_nav.report.terminal import console, listing
 from fg_nav.text import to_json
 
 
-def inspect(file: Path, format: str | None) -> Answer:
+def inspect(file: Path, reading: Reading) -> Answer:
     """Inspect a file; a recording that cannot be navigated with is a failure."""
-    found = inspect_recording(read_raw(file, format))
+    found = inspect_recording(reading.read_raw(file))
     failure = None if found.refusal is None else RecordingError(found.refusal)
     return Answer(describe_inspection(found, file), partial(print_inspection, found), failure)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from fg_nav.commands import TUNED, Answer, Target, name_walk, run_methods, simulate_walk
 from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
+from fg_nav.io import Reading
 from fg_nav.pipeline import navigate, prepare_walk
 from fg_nav.report.files import Summary, write_comparison
 from fg_nav.report.folder import DEMO_FILES
@@ -28,7 +29,7 @@ def run(
     mount: Mount,
     options: Options,
     lengths_m: tuple[float | None, float | None],
-    format: str | None,
+    reading: Reading,
     out: Path | None,
     force: bool,
     strict: bool = False,
@@ -44,7 +45,7 @@ def run(
     target = Target(out, force, f"{name_walk(recording)}-{method}")
     options = replace(options, mount=mount, step_constant_m=lengths_m[0], known_distance_m=lengths_m[1])
     with progress(method) as report:
-        summary = navigate(recording, method, options, target.open(), format, report)
+        summary = navigate(recording, method, options, target.open(), reading, report)
     failure = None
     if strict and summary["verdict"] == UNUSABLE:
         failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
@@ -76,15 +77,13 @@ def check_mount(mount: Mount, lengths_m: tuple[float | None, float | None], gate
 DEMO_METHODS = ("smoother", "iez")
 
 
-def compare(
-    recording: Path, methods: str, options: Options, format: str | None, out: Path | None, force: bool
-) -> Answer:
+def compare(recording: Path, methods: str, options: Options, reading: Reading, out: Path | None, force: bool) -> Answer:
     """Run the methods of a list with commas on a recording, and return their summaries."""
     names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
     for name in names:
         find_estimator(name)
     target = Target(out, force, f"{name_walk(recording)}-compare")
-    walk = prepare_walk(read_walk(recording, options, format))
+    walk = prepare_walk(read_walk(recording, options, reading))
     outcomes = run_methods(walk, names)
     with target.open() as folder:
         summaries = write_comparison(folder, walk, outcomes)

@@ -4,7 +4,7 @@
 inspection of broken files.
 """
 
-from fg_nav.io.formats import FORMATS, Format, read, read_raw, read_truth
+from fg_nav.io.formats import FORMATS, Format, Reading, read, read_raw, read_truth
 from fg_nav.io.readers.canonical import write_canonical
 from fg_nav.io.readers.gdlbio import read_pyshoe_track
 from fg_nav.io.readers.pyshoe import read_pyshoe_labels
@@ -13,6 +13,7 @@ from fg_nav.io.truth import read_fixes, write_tum
 __all__ = [
     "FORMATS",
     "Format",
+    "Reading",
     "read",
     "read_fixes",
     "read_pyshoe_labels",

@@ -74,6 +74,41 @@ FORMATS: Mapping[str, Format] = _by_name(
 """All formats by name."""
 
 
+@dataclass(frozen=True)
+class Reading:
+    """How a file is to be read, where its content does not say.
+
+    Attributes
+    ----------
+    format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
+    columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
+    rate_hz : the rate of a file that has neither a clock nor a rate.
+    sensor : which of several sensors in the file.
+    """
+
+    format: str | None = None
+    columns: str | Columns | None = None
+    rate_hz: float | None = None
+    sensor: str | None = None
+
+    def read(self, path: Path | str) -> Recording:
+        """Read a recording, as `fg_nav.io.read`."""
+        return Recording.from_raw(self.read_raw(path))
+
+    def read_raw(self, path: Path | str) -> RawRecording:
+        """Read what a file says, unchecked; raises `FormatError` as `fg_nav.io.read`."""
+        format = self.format
+        if format is not None and format not in FORMATS:
+            raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
+        if self.columns is not None and format not in (None, "table"):
+            raise FormatError(f"--columns maps a table, and the format given is '{format}': leave one of them out.")
+        columns = parse_columns(self.columns) if isinstance(self.columns, str) else self.columns
+        content = read_content(Path(path))
+        format = "table" if columns is not None else format
+        chosen, found = find_recording(content) if format is None else _as_format(content, FORMATS[format])
+        return chosen.read(replace(found, columns=columns, rate_hz=self.rate_hz, sensor=self.sensor))
+
+
 def read(
     path: Path | str,
     format: str | None = None,
@@ -82,20 +117,12 @@ def read(
     rate_hz: float | None = None,
     sensor: str | None = None,
 ) -> Recording:
-    """Read a recording that estimators can use.
-
-    Parameters
-    ----------
-    path : the file, folder or archive.
-    format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
-    columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
-    rate_hz : the rate of a file that has neither a clock nor a rate.
-    sensor : which of several sensors in the file.
+    """Read a recording that estimators can use: a file, folder or archive; the other parameters are those of `Reading`.
 
     Raises `FormatError` if the file cannot be read, or its format is not known; raises `RecordingError` if what it
     holds cannot be navigated with (`Recording.from_raw`).
     """
-    return Recording.from_raw(read_raw(path, format, columns=columns, rate_hz=rate_hz, sensor=sensor))
+    return Reading(format, columns, rate_hz, sensor).read(path)
 
 
 def read_raw(
@@ -107,15 +134,7 @@ def read_raw(
     sensor: str | None = None,
 ) -> RawRecording:
     """Read what a file says, unchecked; parameters and `FormatError` as of `read`."""
-    if format is not None and format not in FORMATS:
-        raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
-    if columns is not None and format not in (None, "table"):
-        raise FormatError(f"--columns maps a table, and the format given is '{format}': leave one of them out.")
-    mapped = parse_columns(columns) if isinstance(columns, str) else columns
-    content = read_content(Path(path))
-    format = "table" if mapped is not None else format
-    chosen, found = find_recording(content) if format is None else _as_format(content, FORMATS[format])
-    return chosen.read(replace(found, columns=mapped, rate_hz=rate_hz, sensor=sensor))
+    return Reading(format, columns, rate_hz, sensor).read_raw(path)
 
 
 def find_recording(content: Content) -> tuple[Format, Content]:

@@ -25,6 +25,7 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.choice import Asker, choose_columns
 from fg_nav.columns.headers import read_header
+from fg_nav.columns.mapping import ACC, GYR, TIME
 from fg_nav.columns.samples import convert_samples, list_positions
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, drop_held
@@ -75,11 +76,12 @@ def read(content: Content) -> RawRecording:
         columns = choose_columns(table.names, asker, content.sensor)
     values, row = table.read(list_positions(columns))
     samples = convert_samples(values, columns, content.rate_hz, asker)
+    mag, is_ours = samples.mag, set(TIME + ACC + GYR) <= set(table.names)
     return RawRecording(
         t=samples.t,
         acc=samples.acc,
         gyr=samples.gyr,
-        mag=None if samples.mag is None else drop_held(samples.mag, samples.gyr),
+        mag=mag if mag is None or is_ours else drop_held(mag, samples.gyr),
         row=row,
         provenance=Provenance(path=path, format="table", notes=samples.notes),
     )
