@@ -14,6 +14,7 @@ from types import MappingProxyType
 from fg_nav.columns.mapping import Columns, parse_columns
 from fg_nav.errors import FormatError
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
+from fg_nav.io.nearest import explain_unknown
 from fg_nav.io.readers import (
     apdm,
     broad,
@@ -147,10 +148,7 @@ def find_recording(content: Content) -> tuple[Format, Content]:
         return found
     if "GCP_meters" in content.variables:
         raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
-    raise FormatError(
-        f"{content.path.name} is in none of the formats read here ({', '.join(FORMATS)}): "
-        f"name its format, or write it as canonical CSV."
-    )
+    raise FormatError(explain_unknown(content, list(FORMATS)))
 
 
 def _as_format(content: Content, chosen: Format) -> tuple[Format, Content]:

@@ -195,7 +195,7 @@ def test_npz(tmp_path: Path) -> None:
     np.savez_compressed(path, t=RAW.t * 1e3, imu=np.column_stack([RAW.acc, RAW.gyr]))
     assert is_the_same(read_raw(path))
     np.savez(path, ts=RAW.t, one=RAW.acc, two=RAW.gyr)
-    with pytest.raises(FormatError, match="none of the formats"):
+    with pytest.raises(FormatError, match=r"columns 'ts', 'one 1', .* none names acceleration or angular rate"):
         read_raw(path)
     assert is_the_same(read_raw(path, columns="time=ts,acc=one 1:one 2:one 3[m/s^2],gyr=two 1:two 2:two 3[rad/s]"))
 
@@ -244,3 +244,41 @@ def test_broken_binary_tables_are_named(tmp_path: Path) -> None:
             path.write_bytes(data if rng.random() < 0.7 else whole[:at])
             with contextlib.suppress(FgNavError):
                 read(path)
+
+
+STARTS = [
+    (b"stride,x_m,y_m\n0,0,0\n1,1,1\n", r"is no recording but footprints: .*--truth"),
+    (b"time_s,x_m,y_m,z_m,sigma_m\n1,2,3,4,1\n", "is no recording but known positions.*--fixes"),
+    (b'{\n "format": "fg-nav calibration",\n "version": 1\n}', "is no recording but a calibration.*--calibration"),
+    (b"# t x y z qx qy qz qw\n" + b"1.5 0 0 0 0 0 0.6 0.8\n" * 9, "is no recording but a true path.*--truth"),
+    (b"\x89HDF\r\n\x1a\n\0\0", "an HDF5 file: export"),
+    (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"nearest to a table, .*'a', 'b'.*--columns \"time=t\[ms\],acc=ax"),
+    (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*acc=ax:ay:az\[m/s\^2\],gyr="),
+    (b"1,2,3,4,5,6,7\n" * 9, r"7 columns and no header.*--columns \"time=1\[s\],acc=2:3:4"),
+    (b"dear reader,\nno numbers here\n", "none of the formats.*canonical, .*table.*with units in the header"),
+]
+
+
+@pytest.mark.parametrize(("content", "words"), STARTS)
+def test_the_nearest_to_what_is_not_known(content: bytes, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=words) as caught:
+        read_raw(path)
+    assert str(caught.value).startswith("walk.csv ")
+    assert str(caught.value).endswith(".")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_nearest_in_a_folder_and_in_a_matlab_file(tmp_path: Path) -> None:
+    import scipy.io
+
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    for name in ("acc", "gyr"):
+        write(folder / f"{name}.csv", ["t", *(f"{name}_{axis}" for axis in "xyz"), "p", "q"], table_of()[:, :6])
+    with pytest.raises(FormatError, match=r"'acc.csv' has acceleration, 'gyr.csv' has angular rate, none has both"):
+        read_raw(folder)
+    scipy.io.savemat(tmp_path / "walk.mat", {"foo": RAW.acc, "bar": RAW.gyr})
+    with pytest.raises(FormatError, match=r"variables 'bar', 'foo', nearest to pyshoe, which has imu"):
+        read_raw(tmp_path / "walk.mat")

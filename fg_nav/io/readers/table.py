@@ -25,7 +25,7 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.choice import Asker, choose_columns
 from fg_nav.columns.headers import read_header
-from fg_nav.columns.mapping import ACC, GYR, TIME
+from fg_nav.columns.mapping import ACC, GYR, TIME, ColumnMap
 from fg_nav.columns.samples import convert_samples, list_positions
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, drop_held
@@ -62,20 +62,11 @@ def read(content: Content) -> RawRecording:
     Raises `FormatError` if a column or unit is missing and cannot be judged, or a field is no number.
     """
     path, table = content.path, open_table(content)
-    asker = Asker(path.name, f"fg-nav inspect {shlex.quote(str(path))} --columns")
     if table is None:
         raise FormatError(f"{path.name} is no table of numbers: export it as CSV with a header.")
-    if content.columns is not None:
-        columns = content.columns.find(table.names, path.name)
-    elif not table.has_header:
-        raise FormatError(
-            f"{path.name} has {len(table.names)} columns and no header: say which is what by number, as "
-            f"{asker.ask('time=1[s],acc=2:3:4[g],gyr=5:6:7[deg/s]')}."
-        )
-    else:
-        columns = choose_columns(table.names, asker, content.sensor)
+    columns = choose(content, table)
     values, row = table.read(list_positions(columns))
-    samples = convert_samples(values, columns, content.rate_hz, asker)
+    samples = convert_samples(values, columns, content.rate_hz, _asker(content))
     mag, is_ours = samples.mag, set(TIME + ACC + GYR) <= set(table.names)
     return RawRecording(
         t=samples.t,
@@ -85,6 +76,26 @@ def read(content: Content) -> RawRecording:
         row=row,
         provenance=Provenance(path=path, format="table", notes=samples.notes),
     )
+
+
+def choose(content: Content, table: Table) -> ColumnMap:
+    """Choose the columns of a table by their names, or as the user maps them.
+
+    Raises `FormatError` if one is missing, or there is a choice.
+    """
+    asker = _asker(content)
+    if content.columns is not None:
+        return content.columns.find(table.names, asker.name)
+    if not table.has_header:
+        raise FormatError(
+            f"{asker.name} has {len(table.names)} columns and no header: say which is what by number, as "
+            f"{asker.ask('time=1[s],acc=2:3:4[g],gyr=5:6:7[deg/s]')}."
+        )
+    return choose_columns(table.names, asker, content.sensor)
+
+
+def _asker(content: Content) -> Asker:
+    return Asker(content.path.name, f"fg-nav inspect {shlex.quote(str(content.path))} --columns")
 
 
 def open_table(content: Content) -> Table | None:

@@ -1,0 +1,127 @@
+"""What a file that is no recording looks like, what it lacks, and what to type next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+
+from fg_nav.columns.headers import read_header
+from fg_nav.columns.mapping import EXAMPLE, shorten_names
+from fg_nav.errors import FormatError
+from fg_nav.io.content import MEMBERS, Content
+from fg_nav.io.readers import table
+from fg_nav.io.truth import CSV_COLUMNS
+
+_MARKS = (
+    (b"\x89HDF", "an HDF5 file: export its samples as CSV"),
+    (b"\xd0\xcf\x11\xe0", "an old Excel file: save it as CSV"),
+    (b"SQLite format 3", "a database without topics of sensor_msgs/Imu: record these"),
+    (b"%PDF", "a PDF: export the samples as CSV"),
+    (b"\x89PNG", "a picture: give the recording"),
+    (b"\xff\xd8\xff", "a picture: give the recording"),
+)
+
+_FIXES = {"time_s", "x_m", "y_m", "sigma_m"}
+
+_QUATERNION = slice(4, 8)
+
+
+def explain_unknown(content: Content, formats: Sequence[str]) -> str:
+    """Say in one sentence what a content in none of the formats is nearest to, and what to do."""
+    name = content.path.name
+    if content.kind == MEMBERS:
+        return _explain_table(content) or f"{name} is in none of the formats read here: {_explain_members(content)}."
+    known = _explain_own(content) or _explain_mark(content) or _explain_variables(content)
+    if known is not None:
+        return f"{name} is no recording but {known}."
+    nearest = _explain_table(content)
+    if nearest is not None:
+        return nearest
+    return (
+        f"{name} is in none of the formats read here ({', '.join(formats)}): "
+        f"write its samples as a table of columns time, acc x, y, z and gyr x, y, z, with units in the header."
+    )
+
+
+def _explain_own(content: Content) -> str | None:
+    """Name a file that this project reads elsewhere: a truth, fixes, a calibration."""
+    path = shlex.quote(str(content.path))
+    if not set(CSV_COLUMNS).isdisjoint(content.fields()) and "stride" in content.fields():
+        return f"footprints: give them as the truth, fg-nav run RECORDING --truth {path}"
+    if set(content.fields()) >= _FIXES:
+        return f"known positions: give them as fg-nav run RECORDING --fixes {path}"
+    if any('"fg-nav calibration"' in line for line in content.lines[:20]):
+        return f"a calibration: give it as fg-nav run RECORDING --calibration {path}"
+    if _is_tum(content):
+        return f"a true path (t x y z qx qy qz qw): give it as fg-nav run RECORDING --truth {path}"
+    return None
+
+
+def _is_tum(content: Content) -> bool:
+    """Whether the first lines are stamps, positions and quaternions of length one."""
+    rows = [line.split() for line in content.lines[:40] if line.strip() and not line.startswith("#")]
+    try:
+        numbers = [[float(field) for field in row] for row in rows[:20]]
+    except ValueError:
+        return False
+    squares = [sum(value**2 for value in row[_QUATERNION]) for row in numbers]
+    return bool(rows) and all(len(row) == 8 for row in rows[:20]) and all(abs(s - 1.0) < 1e-3 for s in squares)
+
+
+def _explain_mark(content: Content) -> str | None:
+    return next((words for mark, words in _MARKS if content.head.startswith(mark)), None)
+
+
+def _explain_variables(content: Content) -> str | None:
+    if not content.variables:
+        return None
+    listed = shorten_names(sorted(content.variables), 8)
+    return (
+        f"a MATLAB file with the variables {listed}, nearest to pyshoe, which has imu (N, 6) and ts (N,): "
+        f"save it with these, acc m/s^2 before gyr rad/s, and ts in s"
+    )
+
+
+def _explain_members(content: Content) -> str:
+    """Say what is in a folder or archive."""
+    if any(place.startswith("xl/") for place in content.members):
+        return "it is an Excel file, save it as CSV"
+    kinds = {place: _find_kinds(part) for place, part in content.members.items()}
+    some = [f"'{place}' has {' and '.join(sorted(found))}" for place, found in kinds.items() if found]
+    if some:
+        return (
+            f"it is nearest to a table, but {', '.join(some[:4])}, none has both; "
+            f"export both sensors into one file, or give that file"
+        )
+    return f"it holds {shorten_names(list(content.members), 6)}, of which none is a recording; give the one that is"
+
+
+def _find_kinds(content: Content) -> set[str]:
+    """Which of acceleration and angular rate the columns of a table name."""
+    words = {"acc": "acceleration", "gyr": "angular rate", "no gravity": "acceleration without gravity"}
+    try:
+        opened = table.open_table(content)
+    except FormatError:
+        return set()
+    meanings = map(read_header, opened.names if opened and opened.has_header else ())
+    return {words[meaning.kind] for meaning in meanings if meaning and meaning.axis and meaning.kind in words}
+
+
+def _explain_table(content: Content) -> str | None:
+    """Say what a table lacks to be read by its header; None if the content is no table."""
+    try:
+        opened = table.open_table(content)
+    except FormatError as error:
+        return str(error)
+    if opened is None:
+        return None
+    command = f"fg-nav inspect {shlex.quote(str(content.path))} --columns"
+    if not opened.has_header or _find_kinds(content):
+        try:
+            table.choose(content, opened)
+        except FormatError as error:
+            return str(error)
+    return (
+        f"{content.path.name} is nearest to a table, with the columns {shorten_names(opened.names, 12)}, of which none "
+        f'names acceleration or angular rate: say which they are, as {command} "{EXAMPLE}".'
+    )
