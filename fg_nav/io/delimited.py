@@ -1,14 +1,15 @@
 """Tables of text below lines about the session: where the header is, and what separates its fields.
 
 A line `sep=;` says it, as spreadsheets have it; else it is the character of tab, semicolon and comma that is most often
-in the header, and a blank where there is none of them.
+in the header, and a blank where there is none of them. Numbers have a decimal comma where that separates no fields, and
+commas are more than points among the digits of the next lines.
 """
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -22,16 +23,18 @@ _MOST_LINES = 60
 
 _SEPARATORS = "\t;,"
 
-_SAID = re.compile(r'^"?sep=(.)"?', re.IGNORECASE)
+_SAID = re.compile(r'^"?sep=(\\t|.)"?', re.IGNORECASE)
+_COMMA, _POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
 
 
 @dataclass(frozen=True)
 class Header:
-    """The header of a table: its line, counted from 0, the names of its columns and what separates them."""
+    """The header of a table: its line, counted from 0, the names of its columns, what separates them, decimal sign."""
 
     line: int
     names: list[str]
     separator: str
+    decimal: str
 
     def __contains__(self, name: object) -> bool:
         return name in self.names
@@ -42,7 +45,7 @@ class Header:
         Raises `FormatError` if a column is missing or doubled, or a field is no number.
         """
         positions = [find_column(name, self.names, content.path) for name in names]
-        return read_table(content, self.names, positions, self.line + 2 + skip, self.separator)
+        return read_table(content, self.names, positions, self.line + 2 + skip, self.separator, self.decimal)
 
     def read_words(self, content: Content, name: str, row: Ints, skip: int = 0) -> pd.Series:
         """Read a column as text in the lines `row` that `read` gave.
@@ -69,14 +72,19 @@ def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Hea
         separator = said or guess_separator(text)
         names = split_line(text, separator)
         if is_header(names):
-            return Header(line, names, separator)
+            return Header(line, names, separator, _guess_decimal(content.lines[line + 1 : line + 10], separator))
     return None
 
 
 def find_said_separator(content: Content) -> str | None:
     """Find the separator that a line `sep=` at the top names."""
     match = _SAID.match(content.lines[0]) if content.lines else None
-    return match[1] if match else None
+    return match[1].replace("\\t", "\t") if match else None
+
+
+def _guess_decimal(lines: Sequence[str], separator: str) -> str:
+    below = "\n".join(lines)
+    return "," if separator != "," and len(_COMMA.findall(below)) > len(_POINT.findall(below)) else "."
 
 
 def guess_separator(line: str) -> str:

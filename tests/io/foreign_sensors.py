@@ -237,6 +237,7 @@ FOREIGN: dict[str, Written] = {
     "dot-sdk": Written(partial(write_dot_sdk, attitude=True), "xsens-dot", 1e-4),
     "dot-sdk-rad": Written(partial(write_dot_sdk, rad=True), "xsens-dot", 1e-4),
     "movesense": Written(write_movesense, "movesense", 1e-9, True),
+    "movesense-apart": Written(partial(write_movesense, separate=True), "movesense", 1e-9, True),
     "shimmer": Written(write_shimmer, "shimmer", 1e-9),
     "shimmer-text": Written(partial(write_shimmer, formatted=True), "shimmer", 1e-9),
     "shimmer-wide": Written(partial(write_shimmer, wide=True), "shimmer", 1e-9),

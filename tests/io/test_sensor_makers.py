@@ -148,6 +148,14 @@ def test_shimmer_says_which_accelerometer_it_took(tmp_path: Path) -> None:
     assert "wide range (WR)" in read_raw(path).provenance.notes[0]
 
 
+@pytest.mark.parametrize("separator", ["\t", ";"])
+def test_shimmer_with_a_decimal_comma(separator: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_shimmer(RAW, path)
+    path.write_text(path.read_text().replace(".", ",").replace(";", separator))
+    np.testing.assert_allclose(read_raw(path).gyr, RAW.gyr, atol=1e-9)
+
+
 def test_shimmer_names_a_time_that_is_none(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     write_shimmer(RAW, path, formatted=True)
@@ -159,6 +167,13 @@ def test_shimmer_names_a_time_that_is_none(tmp_path: Path) -> None:
 def test_movesense_that_is_cut_or_without_rate_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "walk.json"
     write_movesense(RAW, path)
+    whole = path.read_text()
+    path.write_text(whole.replace("ArrayMagn", "ArrayTemp"))
+    assert read(path).mag is None
+    path.write_text(whole.replace("ArrayGyro", "ArrayTemp"))
+    with pytest.raises(FormatError, match="no gyroscope, only accelerometer and magnetometer"):
+        read(path)
+    path.write_text(whole)
     path.write_text(path.read_text()[:-5000])
     with pytest.raises(FormatError, match="no whole JSON"):
         read(path)

@@ -121,7 +121,11 @@ def _find_path_header(content: Content) -> list[str] | None:
 
 def _is_path_header(names: list[str]) -> bool:
     paths = [_PATH.match(name) for name in names]
-    return names[:1] == ["Time"] and any(match and match[2].lower() in _QUANTITIES for match in paths)
+    return (
+        bool(names)
+        and names[0].lower().startswith("time")
+        and any(match and match[2].lower() in _QUANTITIES for match in paths)
+    )
 
 
 def _read_paths(content: Content) -> tuple[list[_Column], list[str], int, float]:

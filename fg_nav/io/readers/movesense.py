@@ -8,28 +8,35 @@
 =================== =====================================================================
 
 Samples within a block are spread evenly up to the stamp of the next one. Where blocks are missing, they come as in the
-blocks around. Blocks are taken wherever they stand in the file: apps nest them differently.
+blocks around. Blocks are taken wherever they stand in the file: apps nest them differently, and sensors that were not
+recorded as IMU6 or IMU9 have blocks and stamps of their own.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, drop_held, scale_values
+from fg_nav.io.content import Content, scale_values
 from fg_nav.io.counters import TICKS_32_BIT, continue_counter
-from fg_nav.recording import Provenance, RawRecording
+from fg_nav.io.streams import Sensor, Stream, join_streams
+from fg_nav.recording import RawRecording
 from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
 from fg_nav.samples.stamps import LOST_PERIODS
 
-_ACC, _GYR, _MAG = "ArrayAcc", "ArrayGyro", "ArrayMagn"
 _STAMPS = ("Timestamp", "timestamp")
-_DEGREE = np.pi / 180.0
+_ARRAYS: Mapping[Sensor, tuple[str, float]] = MappingProxyType({
+    "acc": ("ArrayAcc", 1.0), "gyr": ("ArrayGyro", np.pi / 180.0), "mag": ("ArrayMagn", 1.0),
+})  # fmt: skip
+"""Names of the sensors' arrays, and how much of m/s^2, rad/s or uT they are in."""
+
+_NAMES = frozenset(name for name, _ in _ARRAYS.values())
 _DEEPEST = 12
 """Blocks stand three to five levels deep; a file made of brackets is none."""
 
@@ -37,54 +44,44 @@ _DEEPEST = 12
 def recognizes(content: Content) -> bool:
     """Whether it begins as JSON, and blocks of Movesense's samples are in the beginning."""
     head = "\n".join(content.lines)
-    return head.lstrip()[:1] in ("{", "[") and any(f'"{name}"' in head for name in (_ACC, _GYR))
+    return head.lstrip()[:1] in ("{", "[") and any(f'"{name}"' in head for name in _NAMES)
 
 
 def read(content: Content) -> RawRecording:
     """Read a Movesense log.
 
-    Raises `FormatError` if the file is no whole JSON, a block is damaged, or acceleration or rate are not in it.
+    Raises `FormatError` if the file is no whole JSON, a block is damaged, or acceleration or rate is not in it.
     """
     path = content.path
-    blocks = [block for block in _find_blocks(_load(content), 0) if {_ACC, _GYR} <= block.keys()]
-    if not blocks:
-        raise FormatError(
-            f"{path.name} has no blocks with both {_ACC} and {_GYR}: record IMU6 or IMU9, where they are together."
-        )
-    has_mag = all(_MAG in block for block in blocks)
-    names = (_ACC, _GYR, _MAG) if has_mag else (_ACC, _GYR)
-    parts = [_read_block(block, names, k, path.name) for k, block in enumerate(blocks)]
-    samples = np.concatenate(parts)
-    sizes = np.array([len(part) for part in parts])
-    stamps, _ = continue_counter(np.array([_read_stamp(block, path.name) for block in blocks]), TICKS_32_BIT)
-    gyr = scale_values(samples[:, 3:6], _DEGREE)
-    mag, field = _judge_field(samples[:, 6:])
-    return RawRecording(
-        t=spread_blocks(stamps * 1e-3, sizes),
-        acc=np.ascontiguousarray(samples[:, :3]),
-        gyr=gyr,
-        mag=None if mag is None else drop_held(mag, gyr),
-        row=np.arange(1, len(samples) + 1),
-        provenance=Provenance(
-            path=path,
-            format="movesense",
-            notes=(f"one stamp stands for {np.median(sizes):g} samples: they are spread evenly up to the next", *field),
-        ),
-    )
+    blocks = list(_find_blocks(_load(content), 0))
+    streams = {what: _read_stream(blocks, what, path.name) for what in _ARRAYS}
+    notes = []
+    mag = streams["mag"].xyz
+    if len(mag) and find_mag_problem(mag) is not None:
+        median = np.nanmedian(measure_field_strength(mag))
+        notes.append(f"the magnetometer is not calibrated (median {median:.0f} uT), and was left out")
+        del streams["mag"]
+    notes.insert(0, "each stamp stands for a block of samples: they are spread evenly up to the next")
+    return join_streams([stream for stream in streams.values() if len(stream.t)], path, "movesense", notes)
 
 
-def _judge_field(mag: Floats) -> tuple[Floats | None, tuple[str, ...]]:
-    """Leave out a magnetometer whose own iron is more than any field on Earth, and say so."""
-    if not mag.size or find_mag_problem(mag) is None:
-        return mag if mag.size else None, ()
-    median = np.nanmedian(measure_field_strength(mag))
-    return None, (f"the magnetometer is not calibrated (median {median:.0f} uT), and was left out",)
+def _read_stream(blocks: Sequence[dict[str, Any]], what: Sensor, name: str) -> Stream:
+    """Samples of one sensor, of all blocks that have them."""
+    array, unit = _ARRAYS[what]
+    own = [block for block in blocks if array in block]
+    parts = [_read_block(block[array], k, name) for k, block in enumerate(own)]
+    stamps, _ = continue_counter(np.array([_read_stamp(block, name) for block in own]), TICKS_32_BIT)
+    xyz = scale_values(np.concatenate([np.empty((0, 3)), *parts]), unit)
+    t = spread_blocks(stamps * 1e-3, np.array([len(part) for part in parts], dtype=np.int64))
+    return Stream(what, t, xyz, np.arange(1, len(t) + 1), array)
 
 
 def spread_blocks(stamps: Floats, sizes: np.ndarray) -> Floats:
     """Stamps (N,) s of samples in blocks, from those (B,) s of their first samples and the sizes (B,) of the blocks."""
     whole = sizes > 0
     stamps, sizes = stamps[whole], sizes[whole]
+    if not len(stamps):
+        return stamps
     period = np.diff(stamps) / sizes[:-1]
     known = period[period > 0]
     usual = float(np.median(known)) if known.size else np.nan
@@ -106,7 +103,7 @@ def _find_blocks(value: Any, depth: int) -> Iterator[dict[str, Any]]:
     if depth > _DEEPEST:
         return
     if isinstance(value, dict):
-        if not {_ACC, _GYR, _MAG}.isdisjoint(value):
+        if not _NAMES.isdisjoint(value):
             yield value
             return
         for part in value.values():
@@ -123,11 +120,9 @@ def _read_stamp(block: dict[str, Any], name: str) -> float:
     return float(stamp)
 
 
-def _read_block(block: dict[str, Any], names: tuple[str, ...], index: int, name: str) -> Floats:
-    """Samples (n, 3 K) of a block; those that some of its arrays lack are left out."""
+def _read_block(samples: Any, index: int, name: str) -> Floats:
+    """Samples (n, 3) of a block."""
     try:
-        arrays = [np.array([[p["x"], p["y"], p["z"]] for p in block[key]], dtype=np.float64) for key in names]
+        return np.array([[p["x"], p["y"], p["z"]] for p in samples], dtype=np.float64).reshape(-1, 3)
     except (TypeError, KeyError, ValueError, OverflowError):
         raise FormatError(f"{name}: block {index + 1} holds something other than x, y, z: export it again.") from None
-    least = min(len(array) for array in arrays)
-    return np.hstack([array.reshape(-1, 3)[:least] for array in arrays])

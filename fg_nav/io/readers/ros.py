@@ -34,6 +34,7 @@ from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
 
 _SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3\0": ".db3"}
 _METADATA = "metadata.yaml"
+_MENDERS = {".bag": "rosbag reindex", ".mcap": "mcap recover"}
 
 _IMU = ("sensor_msgs/msg/Imu", "sensor_msgs/Imu")
 _FIELD = ("sensor_msgs/msg/MagneticField", "sensor_msgs/MagneticField")
@@ -144,9 +145,8 @@ def _open(place: Path, path: Path) -> Iterator[Any]:
         raise
     except Exception as error:  # the zoo: struct, Key, Value, sqlite3, yaml, zstd, lz4 ... errors
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
-        raise FormatError(
-            f"{path.name} is a damaged ROS bag ({reason}): copy it again, or `ros2 bag reindex`."
-        ) from None
+        mend = _MENDERS.get(place.suffix, "ros2 bag reindex")
+        raise FormatError(f"{path.name} is a damaged ROS bag ({reason}): copy it again, or try `{mend}`.") from None
 
 
 def _choose_field(topics: dict[str, str], imu: str) -> str | None:

@@ -165,7 +165,7 @@ def _pick_rows(values: Floats, lines: Ints, row: Ints) -> Floats:
 def _read_text_time(clock: str, header: Header, skip: int, row: Ints, content: Content) -> Floats:
     """Stamps (N,) s since 1970, of the clock on the wall, from text such as `2017/11/14 17:07:24.254`."""
     text = header.read_words(content, clock, row, skip)
-    stamps = pd.to_datetime(text.str.strip(), format="%Y/%m/%d %H:%M:%S.%f", errors="coerce")
+    stamps = pd.to_datetime(text.str.strip().str.replace("/", "-"), format="ISO8601", errors="coerce")
     bad = (stamps.isna() & text.notna()).to_numpy()
     if bad.any():
         k = int(np.argmax(bad))

@@ -67,8 +67,12 @@ def read(content: Content) -> RawRecording:
 
 
 def _find_header(content: Content) -> Header | None:
-    sensors = {*ACC, *GYR, *MAG, "FreeAcc_X", "Mat[1][1]", "Quat_q0", "Quat_w", "Roll"}
-    return find_header(content, lambda names: not (sensors.isdisjoint(names) or set(_COUNTERS).isdisjoint(names)))
+    sensors = {*ACC, *GYR, *MAG, "FreeAcc_X", "Mat[1][1]", "Quat_q0", "Quat_w", "Roll", "VelInc_X"}
+    counters = set(_COUNTERS)
+    commented = bool(content.lines) and content.lines[0].startswith("//")
+    return find_header(
+        content, lambda names: not sensors.isdisjoint(names) and (commented or not counters.isdisjoint(names))
+    )
 
 
 def _make_time(clocks: dict[str, Floats], count: int, content: Content) -> tuple[Floats, tuple[str, ...]]:
