@@ -113,8 +113,10 @@ def test_dot_says_what_it_took_for_what(tmp_path: Path) -> None:
 def test_dot_at_rest_shows_no_unit_unless_its_bias_does(tmp_path: Path) -> None:
     path, still = tmp_path / "walk.csv", tilting(np.random.default_rng(4), 4.0, 100.0, still_s=9.0)
     write_dot_sdk(still, path)
-    with pytest.raises(FormatError, match=r"deg/s or rad/s.*--columns .*Gyr_X:Gyr_Y:Gyr_Z\[deg/s\] --rate 100`"):
+    with pytest.raises(FormatError, match=r"deg/s or rad/s.*--columns '.*Gyr_X:Gyr_Y:Gyr_Z\[deg/s\]' --rate 100`"):
         read(path)
+    mapped = "acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]"
+    np.testing.assert_allclose(read(path, columns=mapped, rate_hz=100.0).gyr, still.gyr, atol=1e-4)
     write_dot_sdk(replace(still, gyr=still.gyr + 0.04), path)
     assert "the gyroscope is in deg/s: gravity stands still in the body" in read_raw(path).provenance.notes
 

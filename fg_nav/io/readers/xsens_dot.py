@@ -139,7 +139,7 @@ def _judge_rate_unit(
             return {"rad/s": 1.0, "deg/s": _DEGREE}[unit], (f"the gyroscope is in {unit}: {why}",)
     raise FormatError(
         f"{content.path.name} does not show whether its gyroscope is in deg/s or rad/s (the SDK logs both): give it, "
-        f"such as `--columns acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s] "
+        f"such as `--columns 'acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]' "
         f"--rate {1.0 / median_period_s(t):.0f}`."
     )
 
