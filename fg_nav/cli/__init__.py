@@ -9,6 +9,7 @@ traceback; 130 interrupted.
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import sys
@@ -19,6 +20,9 @@ import typer
 
 from fg_nav.cli import laboratory, live, sensors, walks
 from fg_nav.errors import FgNavError
+
+OBJECTS_BETWEEN_COLLECTIONS = 50_000
+"""Of the garbage collector: what is loaded stays, and looking through it again and again takes a tenth of a run."""
 
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
 
@@ -35,6 +39,7 @@ for group in (walks, sensors, live, laboratory):  # in the order of the help
 
 def main() -> NoReturn:
     """Run the command line and exit."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug
     try:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import MultipleLocator, NullLocator
 
 from fg_nav.arrays import Floats
 from fg_nav.report.aligned import AlignedSolution
@@ -172,5 +172,6 @@ def _draw_statistic(axes: Axes, t: Floats, statistic: Floats, linewidth: float) 
     axes.plot(t, statistic, color=style.BLUE, linewidth=linewidth)
     axes.axhline(1.0, color=style.VERMILION, linewidth=1.1, label="threshold")
     axes.set_yscale("log")
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.margins(x=0.01)
     axes.set_ylabel("statistic / threshold")
