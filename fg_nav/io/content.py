@@ -307,12 +307,7 @@ def read_table(
     """
     # One column more than the header has: a separator may end each row, and a field too many shows.
     wanted: list[int] = [*positions, len(header)]
-    options: dict[str, Any] = {
-        "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
-        "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
-        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"], "compression": None,
-        "decimal": decimal, "comment": comment,
-    }  # fmt: skip
+    options = _table_options(header, first_line, separator) | {"decimal": decimal, "comment": comment}
     path = content.path
     values = _parse(content, wanted, options, [*header, "after the last"], first_line)
     row = np.arange(len(values), dtype=np.int64) + first_line
@@ -325,6 +320,29 @@ def read_table(
     if not filled.any():
         raise FormatError(f"{path.name} has a header but no samples: record or export it again.")
     return np.ascontiguousarray(values[filled, :-1]), row[filled]
+
+
+def read_integers(
+    content: Content, header: Sequence[str], position: int, first_line: int, separator: str = ","
+) -> Ints | None:
+    """Read one column (N,) of a text table exactly, a number for each line from `first_line` on.
+
+    None if one of them is no whole number of 64 bits: a float is as near as one gets then.
+    """
+    options = _table_options(header, first_line, separator) | {"usecols": [position]}
+    try:
+        frame = pd.read_csv(content.source(), dtype={position: np.int64}, **options)
+    except (ValueError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
+        return None
+    return np.asarray(frame[position].to_numpy(dtype=np.int64))
+
+
+def _table_options(header: Sequence[str], first_line: int, separator: str) -> dict[str, Any]:
+    return {
+        "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
+        "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
+        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"], "compression": None,
+    }  # fmt: skip
 
 
 def _parse(
@@ -355,6 +373,8 @@ def _find_bad_cell(
         warnings.simplefilter("ignore", pd.errors.ParserWarning)
         path = content.path
         text = pd.read_csv(content.source(), dtype=str, **options)[wanted]
+    if options["decimal"] != ".":
+        text = text.apply(lambda cells: cells.str.replace(options["decimal"], ".", regex=False))
     numbers = text.apply(pd.to_numeric, errors="coerce")
     bad = np.argwhere((numbers.isna() & text.notna()).to_numpy())
     if not len(bad):

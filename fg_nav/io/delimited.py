@@ -16,7 +16,7 @@ import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, find_column, read_table
+from fg_nav.io.content import Content, find_column, read_integers, read_table
 
 _MOST_LINES = 60
 """The longest block of lines about a session is a third of this."""
@@ -46,6 +46,15 @@ class Header:
         """
         positions = [find_column(name, self.names, content.path) for name in names]
         return read_table(content, self.names, positions, self.line + 2 + skip, self.separator, self.decimal)
+
+    def read_integers(self, content: Content, name: str, row: Ints) -> Ints | None:
+        """Read one column exactly at the lines (N,) `row`; None if one of its numbers is not whole.
+
+        Raises `FormatError` if the column is missing or doubled.
+        """
+        position = find_column(name, self.names, content.path)
+        numbers = read_integers(content, self.names, position, self.line + 2, self.separator)
+        return None if numbers is None else numbers[row - (self.line + 2)]
 
     def read_words(self, content: Content, name: str, row: Ints, skip: int = 0) -> pd.Series:
         """Read a column as text in the lines `row` that `read` gave.
