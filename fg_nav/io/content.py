@@ -329,7 +329,7 @@ def read_integers(
 
     None if one of them is no whole number of 64 bits: a float is as near as one gets then.
     """
-    options = _table_options(header, first_line, separator) | {"usecols": [position]}
+    options = _table_options(header, first_line, separator) | {"usecols": [position], "names": None}
     try:
         frame = pd.read_csv(content.source(), dtype={position: np.int64}, **options)
     except (ValueError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
@@ -341,7 +341,7 @@ def _table_options(header: Sequence[str], first_line: int, separator: str) -> di
     return {
         "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
         "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
-        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN"], "compression": None,
+        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN", "NAN"], "compression": None,
     }  # fmt: skip
 
 

@@ -16,16 +16,23 @@ from fg_nav.errors import FormatError
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
 from fg_nav.io.nearest import explain_unknown
 from fg_nav.io.readers import (
+    androsensor,
     apdm,
     broad,
     canonical,
     gdlbio,
+    gnss_logger,
+    hyperimu,
     metawear,
     movesense,
     openshoe,
+    phyphox,
+    physics_toolbox,
     pyshoe,
     ros,
+    sensor_logger,
     sensorconnect,
+    sensorlog,
     shimmer,
     table,
     vectornav,
@@ -36,6 +43,9 @@ from fg_nav.io.readers import (
 )
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
+
+_EXCEL = b"\xd0\xcf\x11\xe0"
+"""How a workbook of the older kind begins."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,13 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognizes, pyshoe.read, (MATLAB,)),
     Format("gdlbio", "MATLAB file of surveyed walks (gdlbio)", gdlbio.recognizes, gdlbio.read, (MATLAB,)),
     Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
+    Format("phyphox", "phyphox folder, zip or CSV", phyphox.recognizes, phyphox.read, (MEMBERS, TEXT)),
+    Format("sensor-logger", "Sensor Logger folder, zip", sensor_logger.recognizes, sensor_logger.read, (MEMBERS, TEXT)),
+    Format("sensorlog", "SensorLog CSV (iPhone)", sensorlog.recognizes, sensorlog.read),
+    Format("androsensor", "AndroSensor CSV", androsensor.recognizes, androsensor.read),
+    Format("physics-toolbox", "Physics Toolbox CSV", physics_toolbox.recognizes, physics_toolbox.read),
+    Format("hyperimu", "HyperIMU CSV", hyperimu.recognizes, hyperimu.read),
+    Format("gnss-logger", "Google GnssLogger text", gnss_logger.recognizes, gnss_logger.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
     Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read),
     Format("xsens-dot", "Xsens or Movella DOT CSV", xsens_dot.recognizes, xsens_dot.read),
@@ -148,6 +165,8 @@ def find_recording(content: Content) -> tuple[Format, Content]:
         return found
     if "GCP_meters" in content.variables:
         raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
+    if "xl/workbook.xml" in content.members or content.head.startswith(_EXCEL):
+        raise FormatError(f"{content.path.name} is an Excel workbook: export or save it as CSV.")
     raise FormatError(explain_unknown(content, list(FORMATS)))
 
 

@@ -4,6 +4,7 @@ A phone delivers each sensor when it has it: other rates, other starts, gaps of 
 
 * acc at a gyroscope's stamp t is the straight line between the samples of acc before and after it; the error is at most
   h^2/8 max|x''| over the step h between them. Across a gap of acc there is no line: such rows are NaN;
+  where acc is faster than the gyroscope, the mean of these lines over its period keeps the velocity;
 * mag is put at the gyroscope's row that is nearest in time, each sample once: estimators count samples as measurements,
   and all other rows are NaN. It moves by half a period of the gyroscope at most;
 * rows are those of the gyroscope from where both began to where one of them ended.
@@ -34,6 +35,15 @@ NAMES: dict[Sensor, str] = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "
 
 SLOWEST_HZ, SLOW_HZ = 9.0, 20.0
 """A leg swings once or twice a second: below the first rate little of a swing is seen, below the second not enough."""
+
+LARGEST_FIELD_UT = 200.0
+"""The Earth's field is 25 to 65 uT; buildings make up to this of it."""
+
+_SAME_SHARE = 0.9
+"""Stamps of which more than this are the same are those of one clock; at its ends one may miss some."""
+
+_FASTER = 1.5
+"""An accelerometer that is faster than the gyroscope by this is averaged."""
 
 _END_OF_TIME_S = 1e11
 """Seconds since 1970 are 2e9."""
@@ -102,12 +112,13 @@ def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequ
                 f"{path.name} has no {NAMES[needed]}{', only ' + ' and '.join(other) if other else ''}: "
                 f"record accelerometer and gyroscope together."
             )
-    acc, gyr, mag = cleaned["acc"], cleaned["gyr"], cleaned.get("mag")
+    acc, gyr, mag = cleaned["acc"], cleaned["gyr"], _keep_field(cleaned.get("mag"), remarks)
     _check_rates((acc, gyr), path, remarks)
+    rates = _describe([acc, gyr, *([] if mag is None else [mag])])
     acc, gyr = _cut_to_shared(acc, gyr, path, remarks)
     force = _interpolate(acc, gyr, remarks)
     field = None if mag is None else _place(mag, gyr)
-    remarks += _describe([acc, gyr, *([] if mag is None else [mag])])
+    remarks.append(rates)
     provenance = Provenance(path=path, format=format, notes=tuple(remarks))
     return RawRecording(
         t=np.asarray(gyr.t, dtype=np.float64), acc=force, gyr=gyr.xyz, mag=field, row=gyr.row, provenance=provenance
@@ -133,7 +144,8 @@ def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Strea
     """Stamps in s; of whole ns the earliest is subtracted first."""
     streams = [stream for stream in streams if len(stream.t)]
     if not streams or any(stream.t.dtype.kind == "f" for stream in streams):
-        return list(streams)
+        units = [1.0 if stream.t.dtype.kind == "f" else 1e-9 for stream in streams]
+        return [replace(s, t=s.t.astype(np.float64) * unit) for s, unit in zip(streams, units, strict=True)]
     start = min(int(stream.t.min()) for stream in streams)
     if start > 10**18:
         day = datetime.fromtimestamp(start // 10**9, UTC)
@@ -144,6 +156,8 @@ def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Strea
 def _clean(stream: Stream, path: Path, remarks: list[str]) -> Stream:
     """Samples that are numbers, in order of time, each once, from the first that is none of a sensor that wakes up."""
     whole = (np.abs(stream.t) < _END_OF_TIME_S) & np.isfinite(stream.xyz).all(axis=1)
+    if stream.what == "mag":  # which is zero until it is calibrated
+        whole &= stream.xyz.any(axis=1)
     stream = _follow_clock(stream.take(whole), remarks)
     late = int(np.count_nonzero(np.diff(stream.t) < 0))
     if late:
@@ -155,7 +169,8 @@ def _clean(stream: Stream, path: Path, remarks: list[str]) -> Stream:
         remarks.append(f"{count} of the {stream.name} with the stamp of the one before left out")
     stream = _drop_first_rows(stream.take(~repeated), remarks)
     if len(stream.t) < 2:
-        raise FormatError(f"{path.name}: {stream.source} has no samples of the {stream.name}: record it again.")
+        count = format_count(len(stream.t), "sample")
+        raise FormatError(f"{path.name}: {stream.source} has {count} of the {stream.name}: record it again.")
     return stream
 
 
@@ -184,8 +199,18 @@ def _drop_first_rows(stream: Stream, remarks: list[str]) -> Stream:
     if not count or not (zero or frozen):
         return stream
     what = "zero" if zero else "one sample repeated"
-    remarks.append(f"the first {format_count(count, 'row')} of the {stream.name}, {what}, left out")
+    rows = f"{count} rows" if count > 1 else "row"
+    remarks.append(f"the first {rows} of the {stream.name}, {what}, left out")
     return stream.take(slice(count, None))
+
+
+def _keep_field(mag: Stream | None, remarks: list[str]) -> Stream | None:
+    """The magnetometer, unless what it measures is mostly the device's own field."""
+    strength = float(np.median(np.linalg.norm(mag.xyz, axis=1))) if mag is not None else 0.0
+    if strength < LARGEST_FIELD_UT:
+        return mag
+    remarks.append(f"the magnetometer reads {strength:.0f} uT, most of it the device's own field: left out")
+    return None
 
 
 def _check_rates(streams: Sequence[Stream], path: Path, remarks: list[str]) -> None:
@@ -228,12 +253,24 @@ def find_gap_s(t: Floats | Ints) -> float:
     return GAP_PERIODS * max(float(np.median(steps)), float(near.mean()) if near.size else 0.0)
 
 
+def interpolate_rows(stream: Stream, t: Floats | Ints) -> Floats:
+    """Values (M, 3) of a stream on straight lines at the stamps (M,) of another, in the same unit."""
+    if not len(stream.t):
+        return np.full((len(t), 3), np.nan)
+    zero = stream.t[0]
+    stream = stream.take(np.argsort(stream.t, kind="stable"))
+    return np.column_stack([np.interp(t - zero, stream.t - zero, stream.xyz[:, axis]) for axis in range(3)])
+
+
 def _interpolate(acc: Stream, gyr: Stream, remarks: list[str]) -> Floats:
     """Force (N, 3) at the gyroscope's stamps, NaN where these lie in a gap of acc."""
-    force = np.column_stack([np.interp(gyr.t, acc.t, acc.xyz[:, axis]) for axis in range(3)])
+    force = interpolate_rows(acc, gyr.t)
+    if acc.period_s * _FASTER < gyr.period_s:
+        force = _average(acc, gyr)
+        remarks.append("the accelerometer is faster than the gyroscope: averaged over the gyroscope's period")
     after = np.clip(np.searchsorted(acc.t, gyr.t), 1, len(acc.t) - 1)
     steps = acc.t[after] - acc.t[after - 1]
-    lost = (steps > find_gap_s(acc.t)) & (gyr.t != acc.t[after]) & (gyr.t != acc.t[after - 1])
+    lost = (steps > max(find_gap_s(acc.t), gyr.period_s)) & (gyr.t != acc.t[after]) & (gyr.t != acc.t[after - 1])
     if lost.any():
         force[lost] = np.nan
         remarks.append(
@@ -243,9 +280,20 @@ def _interpolate(acc: Stream, gyr: Stream, remarks: list[str]) -> Floats:
     return force
 
 
+def _average(acc: Stream, gyr: Stream) -> Floats:
+    """Force (N, 3): mean of the straight lines over one period about each of the gyroscope's stamps."""
+    steps = np.diff(acc.t)[:, None]
+    velocity = np.vstack([np.zeros(3), np.cumsum(0.5 * steps * (acc.xyz[1:] + acc.xyz[:-1]), axis=0)])
+    integral = replace(acc, xyz=velocity)
+    first = np.maximum(gyr.t - 0.5 * gyr.period_s, acc.t[0])
+    last = np.minimum(gyr.t + 0.5 * gyr.period_s, acc.t[-1])
+    change = interpolate_rows(integral, last) - interpolate_rows(integral, first)
+    return np.asarray(change / (last - first)[:, None])
+
+
 def _place(mag: Stream, gyr: Stream) -> Floats:
     """Field (N, 3): each sample at the nearest of the gyroscope's rows; of several for a row the nearest of them."""
-    xyz = drop_held(mag.xyz, np.column_stack([np.interp(mag.t, gyr.t, gyr.xyz[:, axis]) for axis in range(3)]))
+    xyz = drop_held(mag.xyz, interpolate_rows(gyr, mag.t))
     after = np.clip(np.searchsorted(gyr.t, mag.t), 1, len(gyr.t) - 1)
     row = np.where(mag.t - gyr.t[after - 1] < gyr.t[after] - mag.t, after - 1, after)
     distance = np.abs(gyr.t[row] - mag.t)
@@ -257,12 +305,12 @@ def _place(mag: Stream, gyr: Stream) -> Floats:
     return field
 
 
-def _describe(streams: Sequence[Stream]) -> list[str]:
-    """Rates, and what was joined, if the stamps are not the same."""
+def _describe(streams: Sequence[Stream]) -> str:
+    """Rates, and what is joined, if the stamps are not the same."""
     rates = ", ".join(f"{stream.name} {1.0 / stream.period_s:.1f} Hz" for stream in streams)
     acc, gyr = streams[0], streams[1]
-    if np.isin(gyr.t, acc.t).all():
-        return [f"{rates}, on one clock"]
+    if np.isin(gyr.t, acc.t).mean() > _SAME_SHARE:
+        return f"{rates}, on one clock"
     starts = [stream.t[0] for stream in streams]
     apart = 1e3 * (max(starts) - min(starts))
-    return [f"{rates}, begun {apart:.0f} ms apart: put on the gyroscope's clock, the accelerometer by straight lines"]
+    return f"{rates}, begun {apart:.0f} ms apart: put on the gyroscope's clock, the accelerometer by straight lines"

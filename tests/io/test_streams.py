@@ -140,7 +140,7 @@ def test_a_table_of_events():
         ([], r"no accelerometer: record"),
         ([stream("acc", clock(2.0)), stream("gyr", clock(2.0))], r"accelerometer has 2.0 samples a second, too few"),
         ([stream("acc", clock(100.0)), stream("gyr", clock(100.0, 6.0))], "ran at different times"),
-        ([stream("acc", clock(100.0)), stream("gyr", np.full(50, np.nan))], "no samples of the gyroscope"),
+        ([stream("acc", clock(100.0)), stream("gyr", np.full(50, np.nan))], "gyr.csv has 0 samples of the gyroscope"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_joined_is_refused(streams, message):

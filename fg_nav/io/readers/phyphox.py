@@ -1,0 +1,178 @@
+"""phyphox (RWTH Aachen): CSV of a phone's sensors, one table a sensor, in a folder, a zip archive, or one file.
+
+========================================= =================================================================
+`"Time (s)"`                              s since the start of the experiment, for each sensor its own
+`Acceleration x (m/s^2)`                  specific force; phyphox turns the iPhone's sign, so up is + on both
+`Linear Acceleration x (m/s^2)`           without gravity: of no use here
+`Gyroscope x (rad/s)`                     rad/s
+`Magnetic field x (µT)`                   uT
+`X (m/s^2)`, `X (rad/s)`, `X (µT)`        newer header: the unit says the sensor, the name of the file "Linear"
+`meta/device.csv`, `meta/time.csv`        phone and app; when the experiment was started and paused
+========================================= =================================================================
+
+Fields are separated by comma, semicolon or tab, with a decimal point or comma, as the user chose; short columns end in
+NaN. Pauses are left out of the time of the experiment: here they are put back, as gaps.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.columns.units import find_factor, find_quantity
+from fg_nav.errors import FormatError
+from fg_nav.io.content import Content, scale_values
+from fg_nav.io.delimited import Header, find_header, guess_separator, split_line
+from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
+from fg_nav.recording import RawRecording
+
+_TIME = re.compile(r"Time \((\w+)\)")
+_Column = Literal["acc", "gyr", "mag", "linear", "other"]
+_SENSORS: dict[str, _Column] = {
+    "Acceleration": "acc", "Accelerometer": "acc", "Linear Acceleration": "linear", "Linear Accelerometer": "linear",
+    "Gyroscope": "gyr", "Magnetic field": "mag", "Magnetometer": "mag",
+}  # fmt: skip
+_COLUMN = re.compile(rf"(?:({'|'.join(_SENSORS)}) ([xyz])|([XYZ])) ?\((.+)\)")
+
+_LATE_S = 1.0
+"""A sensor delivers its last samples within this time of the end."""
+
+
+def recognizes(content: Content) -> bool:
+    """Whether it is a table with a time and a sensor of phyphox, or a folder or archive right in which one is."""
+    return any(_find_columns(table) for table in _tables(content))
+
+
+def read(content: Content) -> RawRecording:
+    """Read an experiment.
+
+    Raises `FormatError` if accelerometer with gravity or gyroscope are absent, a unit is not known, a field is no
+    number, or the tables are of several experiments.
+    """
+    path, notes = content.path, _describe_device(content)
+    streams: dict[Sensor, Stream] = {}
+    linear = False
+    for table in _tables(content):
+        for stream in _read_table(table):
+            if stream is None:
+                linear = True
+            elif stream.what in streams:
+                raise FormatError(
+                    f"{path.name} holds two tables of the {NAMES[stream.what]} ({streams[stream.what].source}, "
+                    f"{stream.source}): give a folder with those of one experiment."
+                )
+            else:
+                streams[stream.what] = stream
+    if linear and "acc" not in streams:
+        raise FormatError(
+            f"{path.name} holds linear acceleration only, from which gravity has been removed: "
+            f"record 'Acceleration (with g)' and the gyroscope."
+        )
+    if len(streams) == 1 and not content.members:
+        name = NAMES[next(iter(streams))]
+        raise FormatError(f"{path.name} holds the {name} only: give the folder or zip with the files of all sensors.")
+    events = _read_events(content)
+    joined = [_put_pauses_back(stream, events, notes) for stream in streams.values()]
+    return join_streams(joined, path, "phyphox", notes)
+
+
+def _tables(content: Content) -> list[Content]:
+    """The file itself, or those right in a folder or archive."""
+    return [table for place, table in content.members.items() if "/" not in place] if content.members else [content]
+
+
+def _find_columns(table: Content) -> Header | None:
+    """Header of a table of phyphox: a time first, then a sensor's axes."""
+    return find_header(replace(table, lines=table.lines[:1]), _is_header)
+
+
+def _is_header(names: list[str]) -> bool:
+    return len(names) > 3 and bool(_TIME.fullmatch(names[0])) and any(map(_COLUMN.fullmatch, names[1:]))
+
+
+def _read_table(table: Content) -> Iterator[Stream | None]:
+    """Streams of a table; None for one from which gravity has been removed."""
+    header = _find_columns(table)
+    if header is None:
+        return
+    groups: dict[_Column, list[tuple[str, str, str]]] = {}
+    for name in header.names:
+        match = _COLUMN.fullmatch(name)
+        if match:
+            axis = (match[2] or match[3]).lower()
+            groups.setdefault(_find_sensor(match[1], match[4], table), []).append((axis, name, match[4]))
+    for what, columns in groups.items():
+        if what == "linear":
+            yield None
+        elif what != "other" and [axis for axis, _, _ in sorted(columns)] == ["x", "y", "z"]:
+            yield _read_stream(table, header, what, sorted(columns))
+
+
+def _find_sensor(word: str | None, unit: str, table: Content) -> _Column:
+    """Sensor of a column by its word, or by its unit and the name of the file in the newer header."""
+    if word is not None:
+        return _SENSORS[word]
+    quantity = find_quantity(unit)
+    if quantity == "acc" and "linear" in table.path.name.lower():
+        return "linear"
+    return "other" if quantity == "time" or quantity is None else quantity
+
+
+def _read_stream(table: Content, header: Header, what: Sensor, columns: list[tuple[str, str, str]]) -> Stream:
+    clock = header.names[0]
+    match = _TIME.fullmatch(clock)
+    factors = [find_factor("time", match[1] if match else "s"), *(find_factor(what, unit) for _, _, unit in columns)]
+    if None in factors:
+        raise FormatError(f"{table.path.name} has a unit that is not known in '{columns[0][1]}': export it again.")
+    values, row = header.read(table, [clock, *(name for _, name, _ in columns)])
+    values = scale_values(values, np.array(factors, dtype=np.float64))
+    return Stream(what, values[:, 0], values[:, 1:], row, table.path.name)
+
+
+def _read_meta(content: Content, name: str) -> list[list[str]]:
+    """Rows of a table in `meta/`, below its header."""
+    table = content.members.get(f"meta/{name}")
+    return [split_line(line, guess_separator(line)) for line in table.lines[1:]] if table else []
+
+
+def _describe_device(content: Content) -> list[str]:
+    said = {row[0]: row[1] for row in _read_meta(content, "device.csv") if len(row) > 1}
+    model = " ".join(said[key] for key in ("deviceBrand", "deviceModel") if said.get(key))
+    return [f"recorded by phyphox {said.get('version', '')} on {model}"] if model else []
+
+
+def _read_events(content: Content) -> list[tuple[str, float, float]]:
+    """Starts and pauses: what, s of the experiment, s of the system's clock."""
+    events = []
+    for row in _read_meta(content, "time.csv"):
+        try:
+            events.append((row[0], float(row[1].replace(",", ".")), float(row[2].replace(",", "."))))
+        except (ValueError, IndexError):
+            return []
+    return events
+
+
+def _put_pauses_back(stream: Stream, events: list[tuple[str, float, float]], notes: list[str]) -> Stream:
+    """Stamps as if the experiment's clock had gone on in its pauses."""
+    if not events:
+        return stream
+    last = events[-1][1] if events[-1][0] == "PAUSE" else np.inf
+    if stream.t.size and np.nanmax(stream.t) > last + _LATE_S:
+        raise FormatError(
+            f"{stream.source} lasts {np.nanmax(stream.t):.1f} s, but meta/time.csv says {last:.1f} s: "
+            f"give the files of one experiment."
+        )
+    t: Floats = np.asarray(stream.t, dtype=np.float64).copy()
+    for before, after in pairwise(events):
+        pause = after[2] - before[2]
+        if before[0] == "PAUSE" and after[0] == "START" and 0.0 < pause < 1e6:
+            t[stream.t > after[1]] += pause
+            words = f"paused for {pause:.1f} s at {after[1]:.1f} s: a gap"
+            notes.extend([words] if words not in notes else [])
+    return replace(stream, t=t)
