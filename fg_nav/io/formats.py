@@ -44,9 +44,6 @@ from fg_nav.io.readers import (
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
 
-_EXCEL = b"\xd0\xcf\x11\xe0"
-"""How a workbook of the older kind begins."""
-
 
 @dataclass(frozen=True)
 class Format:
@@ -165,8 +162,6 @@ def find_recording(content: Content) -> tuple[Format, Content]:
         return found
     if "GCP_meters" in content.variables:
         raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
-    if "xl/workbook.xml" in content.members or content.head.startswith(_EXCEL):
-        raise FormatError(f"{content.path.name} is an Excel workbook: export or save it as CSV.")
     raise FormatError(explain_unknown(content, list(FORMATS)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -93,9 +94,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 
 def _swallow(data: bytes, path: Path) -> None:
-    """Read a file in every way there is. Anything but an `FgNavError` fails the test."""
+    """Read a file as what it is, and as some of all formats. Anything but an `FgNavError` fails the test."""
     path.write_bytes(data)
-    for name in (None, *FORMATS):
+    names = sorted(FORMATS)
+    first = zlib.crc32(data) % len(names)
+    for name in (None, *(names + names)[first : first + 3]):
         try:
             raw = read_raw(path, name)
         except FgNavError as error:
