@@ -89,7 +89,8 @@ def _tables(content: Content) -> list[Content]:
 
 def _find_columns(table: Content) -> Header | None:
     """Header of a table of phyphox: a time first, then a sensor's axes."""
-    return find_header(replace(table, lines=table.lines[:1]), _is_header)
+    header = find_header(table, _is_header)
+    return header if header is not None and header.line == 0 else None
 
 
 def _is_header(names: list[str]) -> bool:
