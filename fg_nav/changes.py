@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+import json
 import typing
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from types import NoneType, UnionType
 from typing import Any, TypeAlias, TypeVar, cast
@@ -11,7 +14,9 @@ from fg_nav.errors import EstimationError
 
 Scalar: TypeAlias = bool | int | float | str
 
-Changes: TypeAlias = tuple[tuple[str, Scalar], ...]
+Value: TypeAlias = Scalar | list[Any] | None
+
+Changes: TypeAlias = tuple[tuple[str, Value], ...]
 """Dotted names and values."""
 
 LARGEST = 1e100
@@ -22,47 +27,101 @@ SCALARS = (bool, int, float, str)
 T = TypeVar("T")
 
 
-def change_parameters(parameters: T, changes: Changes) -> T:
+def change_parameters(parameters: T, changes: Changes, owner: str = "") -> T:
     """Return a dataclass of parameters with some of them, or of those in it, replaced.
+
+    `owner` stands before their names in an error.
 
     Raises
     ------
     EstimationError
         For a name that is none, and a value of another type.
     """
+    known = list(list_names(parameters)) if changes else []
     for name, value in changes:
-        parameters = _replace(parameters, name.split("."), value, name)
+        if name not in known:
+            raise EstimationError(explain_no_parameter(name, known))
+        parameters = _replace(parameters, name.split("."), value, f"{owner}.{name}" if owner else name)
     return parameters
 
 
-def _replace(parameters: T, path: list[str], value: Scalar, whole: str) -> T:
-    known = [item.name for item in fields(cast("Any", parameters))]
+def list_names(parameters: object) -> Iterator[str]:
+    """Yield the dotted name of every parameter in a dataclass, and in those in it."""
+    for item in fields(cast("Any", parameters)):
+        inner = getattr(parameters, item.name)
+        if is_dataclass(inner):
+            yield from (f"{item.name}.{name}" for name in list_names(inner))
+        else:
+            yield item.name
+
+
+def explain_no_parameter(name: str, known: Sequence[str]) -> str:
+    """Return the sentence for a name that is none of the known ones: the nearest of them, or all."""
+    parts = [other for other in known if other.startswith(f"{name}.")]
+    if parts:
+        return f"the parameter '{name}' has parts: choose one of {', '.join(parts)}."
+    near = difflib.get_close_matches(name, known, 1)
+    if near:
+        return f"there is no parameter '{name}': the nearest is '{near[0]}'."
+    return f"there is no parameter '{name}': choose one of {', '.join(known)}."
+
+
+def select_changes(changes: Changes, owner: str) -> Changes:
+    """Return the changes with this first part of their name, without it."""
+    return tuple((name.removeprefix(f"{owner}."), value) for name, value in changes if name.startswith(f"{owner}."))
+
+
+def flatten(content: Mapping[str, Any], owner: str) -> Changes:
+    """Return the values of nested mappings as changes, after this first part of their name."""
+    found: list[tuple[str, Value]] = []
+    for key, value in content.items():
+        name = f"{owner}.{key}"
+        found += flatten(value, name) if isinstance(value, Mapping) else [(name, value)]
+    return tuple(found)
+
+
+def _replace(parameters: T, path: list[str], value: Value, whole: str) -> T:
     head, *rest = path
-    if head not in known:
-        raise EstimationError(f"there is no parameter '{whole}': choose one of {', '.join(known)}.")
     before = getattr(parameters, head)
-    if is_dataclass(before) and not rest:
-        inner = ", ".join(f"{whole}.{item.name}" for item in fields(before))
-        raise EstimationError(f"the parameter '{whole}' has parts: choose one of {inner}.")
-    if rest and not is_dataclass(before):
-        raise EstimationError(f"there is no parameter '{whole}': {head} has no parts.")
-    new = _replace(before, rest, value, whole) if rest else _convert(type(parameters), head, value, whole)
+    new = _replace(before, rest, value, whole) if rest else _convert(parameters, head, value, whole)
     return cast("T", replace(cast("Any", parameters), **{head: new}))
 
 
-def _convert(owner: type, name: str, value: Scalar, whole: str) -> Scalar:
+def _convert(owner: object, name: str, value: Value, whole: str) -> object:
     """Return the value as the field has it: a whole number is a real one too, and nothing else is something else."""
-    hint = typing.get_type_hints(owner)[name]
+    hint = typing.get_type_hints(type(owner))[name]
     literal = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
     if value in literal:
         return value
     kinds = typing.get_args(hint) if isinstance(hint, UnionType) or typing.get_origin(hint) is typing.Union else (hint,)
+    if isinstance(value, list):
+        return _convert_list(hint, kinds, value, whole)
+    if value is None and NoneType in kinds:
+        return None
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
+    if is_number and _is_positive(getattr(owner, name)) and cast("float", value) < 0:
+        raise EstimationError(f"the parameter '{whole}' cannot be {value!r}: give a number that is not below zero.")
     if float in kinds and is_number:
-        return float(value)
+        return float(cast("float", value))
     if type(value) in kinds and type(value) is not float:
         return value
     raise EstimationError(f"the parameter '{whole}' cannot be {value!r}: give {_describe_kinds(literal, kinds)}.")
+
+
+def _is_positive(value: object) -> bool:
+    """Whether a parameter is a positive number: a sigma, a density, a time. Then no value below zero makes sense."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0
+
+
+def _convert_list(hint: Any, kinds: tuple[Any, ...], value: list[Any], whole: str) -> object:
+    """Return what a list in JSON is as a field of this type."""
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
+    except ValidationError:
+        words = f"the parameter '{whole}' cannot be {value!r}: give {_describe_kinds((), kinds)}."
+        raise EstimationError(words) from None
 
 
 def _describe_kinds(literal: tuple[Any, ...], kinds: tuple[Any, ...]) -> str:
@@ -70,5 +129,7 @@ def _describe_kinds(literal: tuple[Any, ...], kinds: tuple[Any, ...]) -> str:
     if literal:
         return f"one of {', '.join(map(str, literal))}"
     kinds_known = [words[kind] for kind in kinds if kind in SCALARS]
+    if any(typing.get_origin(kind) is tuple for kind in kinds):
+        kinds_known.append("a list such as [0.1, 0, 0.2]")
     named = " or ".join(getattr(kind, "__name__", str(kind)) for kind in kinds if kind is not NoneType)
     return " or ".join(kinds_known) or f"it in Python, where it is a {named}"

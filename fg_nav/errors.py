@@ -57,5 +57,9 @@ class CampaignError(FgNavError):
     """A campaign cannot be as planned, or cannot go on (`fg_nav.lab.campaign`)."""
 
 
+class ConfigError(FgNavError):
+    """A configuration cannot be read, or does not fit what it is given for (`fg_nav.commands.config`)."""
+
+
 class OutputError(FgNavError):
     """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
-from fg_nav.changes import change_parameters
-from fg_nav.errors import EstimationError
+from fg_nav.changes import change_parameters, select_changes
+from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.solution import Solution
 from fg_nav.walk import Mount, Options, Walk
 
@@ -30,7 +30,9 @@ ONLINE = "online"
 WITH_FIXES = ("smoother", "inertial", ONLINE)
 """Those that make use of fixes."""
 
-SMOOTHERS = ("smoother", "inertial", ONLINE)
+SMOOTHER = "smoother"
+
+SMOOTHERS = (SMOOTHER, "inertial", ONLINE)
 """The factor graph with the magnetic field, without, and while the walk goes on."""
 
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
@@ -49,7 +51,8 @@ def choose_parameters(options: Options) -> SmootherParameters:
     """Return the parameters of the smoother for these options: their gate, and what they change."""
     from fg_nav.smoother import SmootherParameters
 
-    return change_parameters(SmootherParameters(), (("magnetic.gate", options.gate), *options.changes))
+    changes = select_changes(options.changes, SMOOTHER)
+    return change_parameters(SmootherParameters(), (("magnetic.gate", options.gate), *changes))
 
 
 def _smoother(walk: Walk, progress: Progress | None) -> Solution:
@@ -98,7 +101,7 @@ def _filter(method: str) -> Estimator:
         options = walk.options
         density = _swing_density(walk) if method.startswith("matched") else None
         given = (walk.recording, walk.stances, walk.field, options.heading_rad)
-        return run_filter(method, options.preset, *given, density, options.changes)
+        return run_filter(method, options.preset, *given, density, select_changes(options.changes, find_owner(method)))
 
     return run
 
@@ -166,7 +169,28 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
         raise EstimationError(
             f"{method} makes no use of fixes: leave --fixes out, or choose {' or '.join(WITH_FIXES)}."
         )
-    return run(walk, progress)
+    try:
+        return run(walk, progress)
+    except FgNavError:
+        raise
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        if not walk.options.changes:
+            raise
+        raise EstimationError(f"{method} fails with the parameters that were set ({error}): set others.") from error
+
+
+def find_owner(method: str) -> str:
+    """Return the first part of the names of a method's parameters (`Options.changes`)."""
+    return SMOOTHER if method in SMOOTHERS else method.removesuffix("-rts")
+
+
+def find_given_parameters(method: str, options: Options) -> object:
+    """Return the parameters that a method on a foot begins with; what it estimates of them in a walk is not in them."""
+    if method in SMOOTHERS:
+        return choose_parameters(options)
+    return change_parameters(
+        find_parameters(method, options.preset), select_changes(options.changes, find_owner(method))
+    )
 
 
 def find_estimator(name: str, mount: Mount = "foot") -> Estimator:

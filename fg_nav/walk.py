@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from fg_nav.changes import Changes
+from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
@@ -35,6 +35,10 @@ if TYPE_CHECKING:
 
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
+
+
+DETECTOR = "detector"
+"""First part of the names of the parameters of the stances (`Options.changes`)."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,8 @@ class Options:
     mount : where the sensor is worn, checked against the recording; None for a foot, unchecked.
     step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
         (`fg_nav.pocket.dead_reckoning`).
-    changes : parameters to override, by dotted name; ignored for a pocket.
+    changes : parameters to override, by the method's name and their dotted name, as `smoother.magnetic.rounds`; those
+        of the stances as `detector.threshold`; ignored for a pocket.
     polish : whether the online method solves the walk in batch as well.
     """
 
@@ -227,7 +232,7 @@ def find_stances(walk: Walk) -> Walk:
     """
     if walk.options.mount == "foot":
         refuse_pocket(walk.recording)
-    detection = StanceParameters()
+    detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
     return replace(walk, stances=detect_stances(walk.recording, detection), detection=detection)
 
 

@@ -104,6 +104,13 @@ def test_commands_and_options_exist(page: Path) -> None:
         assert set(re.findall(r"--[\w-]+", rest)) <= options
 
 
+def test_every_option_is_explained() -> None:
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES if page.name != "CHANGELOG.md")
+    commands = typer.main.get_command(app).commands
+    options = {name for one in commands.values() for parameter in one.params for name in parameter.opts}
+    assert not [name for name in sorted(options) if name.startswith("--") and not re.search(f"{name}(?![\\w-])", text)]
+
+
 def test_python_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -53,6 +53,47 @@ def complete_scenarios(incomplete: str) -> list[str]:
     return _complete(*SCENARIOS)(incomplete)
 
 
+def _complete_settings(incomplete: str) -> list[str]:
+    owner, dot, _ = incomplete.partition(".")
+    if not dot:
+        return [f"{name}." for name in ("smoother", *METHODS[3:], "detector") if name.startswith(owner)]
+    from fg_nav.commands.config import list_settings
+
+    return [f"{name}=" for name in list_settings(owner) if name.startswith(incomplete)]
+
+
+def _take_config(context: typer.Context, path: Path | None) -> Path | None:
+    """Make what a configuration says the defaults of the other options."""
+    if path is not None and not context.resilient_parsing:
+        from fg_nav.commands.config import list_defaults, read_config
+
+        context.default_map = list_defaults(read_config(path))
+    return path
+
+
+ConfigPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="FILE",
+        is_eager=True,
+        callback=_take_config,
+        help="Do as this config.json of a result says; other options still win.",
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        autocompletion=_complete_settings,
+        help="A parameter as `config.json` shows it, such as smoother.magnetic.rounds=3 or detector.threshold=1e4; "
+        "again for more.",
+    ),
+]
+RecordingPaths = Annotated[
+    list[Path], typer.Argument(metavar="RECORDING...", show_default=False, help="Files with a recording each.")
+]
 RecordingPath = Annotated[
     Path, typer.Argument(metavar="RECORDING", show_default=False, help="File with the recording.")
 ]

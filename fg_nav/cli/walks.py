@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fg_nav.cli import options as given
 from fg_nav.cli.output import answering
 
+if TYPE_CHECKING:
+    from fg_nav.changes import Changes
+    from fg_nav.commands.config import Config
+
 verbs = typer.Typer()
 
 
 @verbs.command()
 def inspect(
-    file: Annotated[Path, typer.Argument(metavar="FILE", show_default=False, help="File with a recording.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", show_default=False, help="Files with a recording each.")
+    ],
     format: given.FormatName = None,
     columns: given.ColumnMapping = None,
     rate: given.FileRate = None,
@@ -23,13 +29,13 @@ def inspect(
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Say what a file holds, and whether it can be navigated with."""
+    """Say what a file holds, and whether it can be navigated with; of several files in a table."""
     from fg_nav.commands import choose_reading
     from fg_nav.commands.inspect import inspect
 
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(inspect(file, reading))
+        answer(inspect(files, reading))
 
 
 @verbs.command()
@@ -57,7 +63,7 @@ def convert(
 
 @verbs.command()
 def run(
-    recording: given.RecordingPath,
+    recordings: given.RecordingPaths,
     method: Annotated[
         str | None,
         typer.Option(
@@ -86,20 +92,38 @@ def run(
     out: given.OutDir = None,
     force: given.Force = False,
     strict: given.Strict = False,
+    config: given.ConfigPath = None,
+    settings: given.Settings = None,
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Run one method on a recording and write trajectory, strides, summary and pictures."""
+    """Run one method on each recording and write trajectory, strides, summary and pictures."""
     from fg_nav.commands import choose_options, choose_reading
-    from fg_nav.commands.run import check_methods, check_mount, run
+    from fg_nav.commands.run import RunRequest, check_methods, run, wear
+    from fg_nav.estimators import DEFAULT_METHOD
 
-    lengths_m = (step_constant, known_distance)
-    check_mount(mount, lengths_m, gate, preset)
+    method = method or DEFAULT_METHOD[mount]
     check_methods([method], gate, polish)
-    options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish)
+    known, changes = _read_parameters(config, settings, [method], mount, preset)
+    options = choose_options(
+        not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish, changes
+    )
+    options = wear(options, mount, (step_constant, known_distance), gate, preset)
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(run(recording, method, mount, options, lengths_m, reading, out, force, strict))
+        answer(run(recordings, RunRequest(method, options, reading, out, force, strict, known)))
+
+
+def _read_parameters(
+    config: Path | None, settings: list[str] | None, methods: list[str], mount: str, preset: str
+) -> tuple[Config | None, Changes]:
+    """Return the configuration, and the parameters that it and `--set` give to the methods."""
+    if config is None and not settings:
+        return None, ()
+    from fg_nav.commands.config import choose_changes, read_config
+
+    known = None if config is None else read_config(config)
+    return known, choose_changes(known, settings or (), methods, mount, preset)
 
 
 @verbs.command()
@@ -127,18 +151,28 @@ def compare(
     alignment: given.AlignmentMode = "yaw",
     out: given.OutDir = None,
     force: given.Force = False,
+    config: given.ConfigPath = None,
+    settings: given.Settings = None,
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
     """Run several methods on the same recording and the same stances, and lay them side by side."""
     from fg_nav.commands import choose_options, choose_reading
-    from fg_nav.commands.run import check_methods, compare
+    from fg_nav.commands.run import check_methods, compare, split_methods
 
-    check_methods(methods.split(","), gate)
-    options = choose_options(not no_mag, heading, alignment, truth, gate, calibration, preset, mag_axes=mag_axes)
+    names = split_methods(methods)
+    check_methods(names, gate)
+    known, changes = _read_parameters(config, settings, names, "foot", preset)
+    options = choose_options(
+        not no_mag, heading, alignment, truth, gate, calibration, preset, mag_axes=mag_axes, changes=changes
+    )
+    if known is not None:
+        from fg_nav.commands.config import bind_to_recording
+
+        options = bind_to_recording(options, known, recording)
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(compare(recording, methods, options, reading, out, force))
+        answer(compare(recording, names, options, reading, out, force))
 
 
 @verbs.command()

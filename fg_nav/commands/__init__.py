@@ -18,6 +18,7 @@ from fg_nav.report.folder import RESULT_FILES, check_free, claim_folder, result_
 from fg_nav.report.terminal import progress
 
 if TYPE_CHECKING:
+    from fg_nav.changes import Changes
     from fg_nav.earth import EarthField
     from fg_nav.errors import FgNavError
     from fg_nav.io import Reading
@@ -117,6 +118,7 @@ def choose_options(
     fixes: Path | None = None,
     mag_axes: str | None = None,
     polish: bool = False,
+    changes: Changes = (),
 ) -> Options:
     """Return the options of a walk; refuse a preset or a gate that there is not, or that has nothing to judge."""
     from fg_nav.magnetic.axes import MagAxes
@@ -131,7 +133,8 @@ def choose_options(
     if not use_magnetometer and mag_axes is not None:
         raise MagneticError("--no-mag leaves --mag-axes nothing to turn: give one of them.")
     given = (use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes)
-    return Options(*given, mag_axes=None if mag_axes is None else MagAxes.parse(mag_axes), polish=polish)
+    axes = None if mag_axes is None else MagAxes.parse(mag_axes)
+    return Options(*given, changes=changes, mag_axes=axes, polish=polish)
 
 
 def choose_reading(format: str | None, columns: str | None, rate_hz: float | None, sensor: str | None) -> Reading:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.commands import Answer
+from fg_nav.commands.several import answer_each, show_number
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import Inspection, MagneticField, Range, Rest, Stamps, StanceShare
@@ -20,8 +22,25 @@ from fg_nav.io import Reading
 from fg_nav.report.terminal import console, listing
 from fg_nav.text import to_json
 
+INSPECT_COLUMNS = {
+    "format": lambda content: str(content["format"]),
+    "samples": show_number("samples", "{:d}"),
+    "duration (s)": show_number("duration_s", "{:.1f}"),
+    "rate (Hz)": lambda content: _number(content["stamps"]["rate_hz"] or math.nan, "{:.1f}", "-"),
+    "verdict": lambda content: str(content["verdict"][0]),
+}
+"""Of the table of several files."""
 
-def inspect(file: Path, reading: Reading) -> Answer:
+
+def inspect(files: Sequence[Path], reading: Reading) -> Answer:
+    """Inspect each file."""
+    files = list(dict.fromkeys(files))
+    if len(files) == 1:
+        return inspect_one(files[0], reading)
+    return answer_each(files, lambda file: inspect_one(file, reading), INSPECT_COLUMNS)
+
+
+def inspect_one(file: Path, reading: Reading) -> Answer:
     """Inspect a file; a recording that cannot be navigated with is a failure."""
     found = inspect_recording(reading.read_raw(file))
     failure = None if found.refusal is None else RecordingError(found.refusal)

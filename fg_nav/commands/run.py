@@ -7,11 +7,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fg_nav.commands import TUNED, Answer, Target, name_walk, run_methods, simulate_walk
+from fg_nav.commands.several import answer_each, name_walks, show_number
 from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.io import Reading
@@ -22,30 +24,75 @@ from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
 from fg_nav.walk import Mount, Options, Walk, read_walk
 
+if TYPE_CHECKING:
+    from fg_nav.commands.config import Config
 
-def run(
-    recording: Path,
-    method: str | None,
-    mount: Mount,
-    options: Options,
-    lengths_m: tuple[float | None, float | None],
-    reading: Reading,
-    out: Path | None,
-    force: bool,
-    strict: bool = False,
-) -> Answer:
-    """Navigate, and return the summary.
 
-    `lengths_m` are the step constant and the known distance of one who walks with the sensor in a pocket.
+@dataclass(frozen=True)
+class RunRequest:
+    """What to run on each of the recordings.
 
-    With `strict` a path that is not to be used is a failure.
+    Attributes
+    ----------
+    method, options : with what; the options know where the sensor was worn.
+    reading : how the recordings are read.
+    out, force : the folder of the result, and whether to replace one; of several recordings the folder of theirs.
+    strict : a path that is not to be used is a failure.
+    config : whose options of its own recording are taken too; None without.
     """
-    method = method or DEFAULT_METHOD[mount]
-    find_estimator(method, mount)
-    target = Target(out, force, f"{name_walk(recording)}-{method}")
-    options = replace(options, mount=mount, step_constant_m=lengths_m[0], known_distance_m=lengths_m[1])
+
+    method: str
+    options: Options
+    reading: Reading
+    out: Path | None = None
+    force: bool = False
+    strict: bool = False
+    config: Config | None = None
+
+
+RESULT_COLUMNS = {
+    "verdict": lambda content: str(content["verdict"]),
+    "distance (m)": show_number("distance_m", "{:.2f}"),
+    "strides": show_number("strides", "{:d}"),
+    "start to end (m)": show_number("closure_m", "{:.3f}"),
+    "end error (m)": show_number("end_error_m", "{:.3f}"),
+    "files": lambda content: str(content["folder"]),
+}
+"""Of the table of several recordings."""
+
+
+def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
+    """Navigate with one method, and return the summary of each recording.
+
+    Raises
+    ------
+    EstimationError
+        If there is no such method, or the options are of one recording and there are several.
+    """
+    options = request.options
+    find_estimator(request.method, options.mount or "foot")
+    recordings = list(dict.fromkeys(recordings))
+    if len(recordings) == 1:
+        return _run_one(request, recordings[0])
+    own = {"--truth": options.truth_path, "--fixes": options.fixes_path, "--known-distance": options.known_distance_m}
+    for option, value in own.items():
+        if value is not None:
+            raise EstimationError(f"{option} is of one recording: run the {len(recordings)} one by one.")
+    if request.out is None:
+        return answer_each(recordings, partial(_run_one, request), RESULT_COLUMNS)
+    places = {one: request.out / f"{name}-{request.method}" for one, name in name_walks(recordings).items()}
+    return answer_each(recordings, lambda one: _run_one(replace(request, out=places[one]), one), RESULT_COLUMNS)
+
+
+def _run_one(request: RunRequest, recording: Path) -> Answer:
+    method, strict, options = request.method, request.strict, request.options
+    target = Target(request.out, request.force, f"{name_walk(recording)}-{method}")
+    if request.config is not None:
+        from fg_nav.commands.config import bind_to_recording
+
+        options = bind_to_recording(options, request.config, recording)
     with progress(method) as report:
-        summary = navigate(recording, method, options, target.open(), reading, report)
+        summary = navigate(recording, method, options, target.open(), request.reading, report)
     failure = None
     if strict and summary["verdict"] == UNUSABLE:
         failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
@@ -64,22 +111,34 @@ def check_methods(methods: Sequence[str | None], gate: str | None, polish: bool 
         )
 
 
-def check_mount(mount: Mount, lengths_m: tuple[float | None, float | None], gate: str | None, preset: str) -> None:
-    """Refuse options that are for a sensor worn elsewhere."""
+def wear(
+    options: Options, mount: Mount, lengths_m: tuple[float | None, float | None], gate: str | None, preset: str
+) -> Options:
+    """Return the options for a sensor worn there; refuse those that are for one worn elsewhere.
+
+    `lengths_m` are the step constant and the known distance of one who walks with the sensor in a pocket.
+    """
     if mount == "foot" and lengths_m != (None, None):
         raise EstimationError(
             "--step-constant and --known-distance are for a sensor in a pocket: add --mount pocket, or leave them out."
         )
     if mount == "pocket" and (gate is not None or preset != TUNED):
         raise EstimationError("--gate and --preset are for a sensor on a foot: leave them out with --mount pocket.")
+    return replace(options, mount=mount, step_constant_m=lengths_m[0], known_distance_m=lengths_m[1])
 
 
 DEMO_METHODS = ("smoother", "iez")
 
 
-def compare(recording: Path, methods: str, options: Options, reading: Reading, out: Path | None, force: bool) -> Answer:
-    """Run the methods of a list with commas on a recording, and return their summaries."""
-    names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
+def split_methods(methods: str) -> list[str]:
+    """Return the methods of a list with commas, each once."""
+    return list(dict.fromkeys(name.strip() for name in methods.split(",")))
+
+
+def compare(
+    recording: Path, names: Sequence[str], options: Options, reading: Reading, out: Path | None, force: bool
+) -> Answer:
+    """Run several methods on a recording, and return their summaries."""
     for name in names:
         find_estimator(name)
     target = Target(out, force, f"{name_walk(recording)}-compare")

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 import pandas as pd
 
+from fg_nav.estimators import find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
 from fg_nav.frames import compute_heading
 from fg_nav.io import write_tum
@@ -252,6 +253,31 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
         },
         "gate": describe_gate(walk, solution),
         "parameters": solution.parameters,
+        "given": describe_given(walk, solution.method),
+    }
+
+
+def describe_given(walk: Walk, method: str) -> dict[str, object]:
+    """Return what was asked for, before anything was estimated from the walk: `--config` takes it back."""
+    options = walk.options
+    on_foot = options.mount != "pocket"
+    return {
+        "method": method,
+        "mount": options.mount or "foot",
+        "preset": options.preset,
+        "gate": options.gate,
+        "use_magnetometer": options.use_magnetometer,
+        "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
+        "calibration": _text(options.calibration_path),
+        "alignment": options.alignment,
+        "polish": options.polish,
+        "step_constant_m": options.step_constant_m,
+        "heading_deg": options.heading_deg,
+        "known_distance_m": options.known_distance_m,
+        "fixes": _text(options.fixes_path),
+        "truth": _text(options.truth_path),
+        "detector": {} if walk.detection is None else asdict(walk.detection),
+        "parameters": find_given_parameters(method, options) if on_foot else {},
     }
 
 

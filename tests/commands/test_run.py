@@ -388,8 +388,8 @@ def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav, files: Path) -> None
     assert found["field"]["strength_uT"] > 0
 
 
-def test_inspect_of_what_cannot_be_navigated_with_is_an_error(fg_nav: FgNav, demo: Recording) -> None:
-    write_canonical(demo.slice(0, 5), Path("short.csv"))
+def test_inspect_of_what_cannot_be_navigated_with_is_an_error(fg_nav: FgNav, files: Path) -> None:
+    Path("short.csv").write_text("\n".join((files / "walk.csv").read_text().splitlines()[:6]))
     ran = fg_nav("inspect", "short.csv")
     assert ran.code == 1
     assert "It cannot be navigated with" in ran.out

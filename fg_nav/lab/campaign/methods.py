@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import cast
 
-from fg_nav.changes import Changes, Scalar, change_parameters
+from fg_nav.changes import SCALARS, Changes, Value, change_parameters
 from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import EstimationError
-from fg_nav.estimators import SMOOTHERS, find_estimator, find_parameters
+from fg_nav.estimators import SMOOTHERS, find_estimator, find_owner, find_parameters
 from fg_nav.pipeline import run_method
 from fg_nav.walk import Outcome, Walk
 
@@ -54,14 +54,16 @@ class Method:
         if self.name in SMOOTHERS and self.preset != TUNED:
             raise EstimationError(f"{self.name} has no presets: leave ':{self.preset}' out.")
         for name, value in self.changes:
+            if not isinstance(value, SCALARS):
+                raise EstimationError(f"the parameter '{name}' cannot be {value!r} here: give a number or a word.")
             if isinstance(value, str) and not _WORD.fullmatch(value):
                 raise EstimationError(f"the parameter '{name}' cannot be {value!r}: give one word.")
         parameters = change_parameters(find_parameters(self.name, self.preset), self.changes)
-        typed = tuple((name, cast("Scalar", attrgetter(name)(parameters))) for name, _ in self.changes)
+        typed = tuple((name, cast("Value", attrgetter(name)(parameters))) for name, _ in self.changes)
         return replace(self, changes=typed)
 
 
-def written(value: Scalar) -> str:
+def written(value: Value) -> str:
     """Return a value as JSON has it; a text without its quotes."""
     return value if isinstance(value, str) else json.dumps(value)
 
@@ -75,7 +77,7 @@ def method_of(word: str) -> Method:
     return Method(name, preset or TUNED, tuple(_change(one) for one in changes))
 
 
-def _change(word: str) -> tuple[str, Scalar]:
+def _change(word: str) -> tuple[str, Value]:
     name, _, text = word.partition("=")
     try:
         return name, json.loads(text)
@@ -86,5 +88,6 @@ def _change(word: str) -> tuple[str, Scalar]:
 def solve_by(word: str, walk: Walk) -> Outcome:
     """Run a method by its word; raises as `fg_nav.pipeline.run_method`."""
     method = method_of(word)
-    options = replace(walk.options, preset=method.preset, changes=method.changes)
+    changes = tuple((f"{find_owner(method.name)}.{name}", value) for name, value in method.changes)
+    options = replace(walk.options, preset=method.preset, changes=changes)
     return run_method(replace(walk, options=options), method.name)

@@ -1,0 +1,170 @@
+"""Configurations: `--config` takes back what a `config.json` says was asked for, `--set` changes parameters in it.
+
+What wins, the later: the defaults, `--preset`, `--config`, the other options, `--set`. Heading, truth, fixes and known
+distance belong to a recording: they are taken for the one that the configuration names, and left out for others.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Strict, ValidationError
+
+from fg_nav.changes import Changes, Value, change_parameters, explain_no_parameter, flatten, list_names, select_changes
+from fg_nav.detection import StanceParameters
+from fg_nav.errors import ConfigError
+from fg_nav.estimators import ONLINE, find_estimator, find_owner, find_parameters
+from fg_nav.magnetic.quasi_static import DEFAULT
+from fg_nav.report.terminal import remark
+from fg_nav.walk import DETECTOR, Options
+
+BY_OTHER_MEANS = ("magnetic.gate", "smoothed", "inertial.smoothed")
+"""Parameters that `--gate` and the name of the method decide."""
+
+
+class Given(BaseModel):
+    """What was asked for, as `fg_nav.report.files.describe_given` writes it."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    method: str
+    mount: Literal["foot", "pocket"]
+    preset: str
+    gate: str
+    use_magnetometer: bool
+    mag_axes: str | None
+    calibration: str | None
+    alignment: Literal["yaw", "none", "origin", "se3"]
+    polish: bool
+    step_constant_m: float | None
+    heading_deg: float | None
+    known_distance_m: float | None
+    fixes: str | None
+    truth: str | None
+    detector: dict[str, Any]
+    parameters: dict[str, Any]
+
+
+class Config(BaseModel):
+    """A configuration: of which recording, and what was asked for."""
+
+    recording: Annotated[str | None, Strict()]
+    given: Given
+
+
+def read_config(path: Path) -> Config:
+    """Read the `config.json` of a result; raises `ConfigError` where it is none."""
+    try:
+        return Config.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        what = f"{where}: {first['msg']}" if where else first["msg"]
+        raise ConfigError(
+            f"{path} is no config.json of a result ({what}): give one as `fg-nav run` writes it."
+        ) from None
+    except OSError as error:
+        reason = (error.strerror or type(error).__name__).lower()
+        raise ConfigError(f"{path} cannot be read ({reason}): give the config.json of a result.") from None
+
+
+def list_defaults(config: Config) -> dict[str, object]:
+    """Return values of the options of the command line by their names, as the configuration has them."""
+    given = config.given
+    return {
+        "method": given.method,
+        "mount": given.mount,
+        "preset": given.preset,
+        "gate": None if given.gate == DEFAULT else given.gate,
+        "no_mag": not given.use_magnetometer,
+        "mag_axes": given.mag_axes,
+        "calibration": given.calibration,
+        "alignment": given.alignment,
+        "polish": given.polish,
+        "step_constant": given.step_constant_m,
+    }
+
+
+def choose_changes(
+    config: Config | None, words: Sequence[str], methods: Sequence[str], mount: str = "foot", preset: str = "tuned"
+) -> Changes:
+    """Return the parameters that a configuration and the words of `--set` give to these methods.
+
+    Raises
+    ------
+    ConfigError
+        If the configuration is of none of them, or there is no such parameter.
+    EstimationError
+        If a value is of another type.
+    """
+    if mount == "pocket":
+        if words:
+            raise ConfigError("--set is for the methods of a foot: with --mount pocket there is nothing to set.")
+        return ()
+    for method in methods:
+        find_estimator(method)
+    owners = {find_owner(method): find_parameters(method, preset) for method in methods}
+    if set(methods) != {ONLINE}:  # which finds its stances as it goes
+        owners[DETECTOR] = StanceParameters()
+    known = [name for owner, parameters in owners.items() for name in _list_names(owner, parameters)]
+    settings = tuple(parse_setting(word) for word in words)
+    for name, _ in settings:
+        if name not in known:
+            raise ConfigError(explain_no_parameter(name, known))
+    changes = (*(() if config is None else _of_config(config, methods, preset)), *settings)
+    for owner, parameters in owners.items():
+        change_parameters(parameters, select_changes(changes, owner), owner)
+    return changes
+
+
+def list_settings(owner: str) -> list[str]:
+    """Return the names that `--set` takes of a method, or of the stances."""
+    return _list_names(owner, StanceParameters() if owner == DETECTOR else find_parameters(owner))
+
+
+def _list_names(owner: str, parameters: object) -> list[str]:
+    return [f"{owner}.{name}" for name in list_names(parameters) if name not in BY_OTHER_MEANS]
+
+
+def _of_config(config: Config, methods: Sequence[str], preset: str) -> Changes:
+    given = config.given
+    owner = find_owner(given.method)
+    if owner not in map(find_owner, methods):
+        raise ConfigError(f"--config has the parameters of {given.method}, not of {', '.join(methods)}: choose that.")
+    if preset != given.preset:
+        raise ConfigError(f"--config has all parameters, of the preset {given.preset}: leave --preset out.")
+    found = (*flatten(given.detector, DETECTOR), *flatten(given.parameters, owner))
+    return tuple((name, value) for name, value in found if name.partition(".")[2] not in BY_OTHER_MEANS)
+
+
+def parse_setting(word: str) -> tuple[str, Value]:
+    """Return name and value of `name=value`; a value is JSON, or else a word."""
+    name, equals, text = word.partition("=")
+    if not equals:
+        raise ConfigError(f"--set {word} gives no value: write --set {name or 'NAME'}=VALUE.")
+    try:
+        value: Value = json.loads(text)
+    except ValueError:
+        value = text
+    return name.strip(), value
+
+
+def bind_to_recording(options: Options, config: Config, recording: Path) -> Options:
+    """Return the options with what a configuration says of this recording, where nothing else was given."""
+    given = config.given
+    own = {
+        "heading_deg": given.heading_deg,
+        "known_distance_m": given.known_distance_m,
+        "fixes_path": None if given.fixes is None else Path(given.fixes),
+        "truth_path": None if given.truth is None else Path(given.truth),
+    }
+    taken = {key: value for key, value in own.items() if value is not None and getattr(options, key) is None}
+    if taken and (config.recording is None or Path(config.recording).resolve() != recording.resolve()):
+        names = ", ".join(key.rpartition("_")[0] for key in taken)
+        remark(f"note: the configuration is of {config.recording}: its {names} left out for {recording}")
+        return options
+    return replace(options, **taken)  # type: ignore[arg-type]

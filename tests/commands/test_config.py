@@ -1,0 +1,138 @@
+"""`--config` feeds back what a result was made with, `--set` changes parameters; several recordings are one call."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fg_nav.changes import change_parameters
+from fg_nav.commands import config
+from fg_nav.errors import ConfigError, EstimationError, FgNavError
+from fg_nav.io import write_canonical
+from fg_nav.lab.simulation import simulate
+from fg_nav.magnetic.detectors import Detector
+from fg_nav.walk import Options
+from tests.command_line import FgNav, names
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("monday") / "walk.csv"
+    write_canonical(simulate("demo", 3).recording.slice(0, 5000), path)
+    return path
+
+
+def test_a_configuration_gives_the_same_result(fg_nav: FgNav, walk: Path) -> None:
+    settings = ("--set", "qsf.inertial.acc_density=0.03", "--set", "detector.threshold=2e4")
+    given = ("--method", "qsf", "--preset", "physical", "--heading", "40", *settings)
+    assert fg_nav("run", walk, *given, "--out", "first").code == 0
+    ran = fg_nav("run", walk, "--config", "first/config.json", "--out", "again")
+    assert (ran.code, ran.err) == (0, "")
+    for name in ("trajectory.tum", "strides.csv", "config.json"):
+        assert Path("first", name).read_text() == Path("again", name).read_text()
+    effective = json.loads(Path("again/config.json").read_text())
+    assert effective["parameters"]["inertial"]["acc_density"] == 0.03
+    assert effective["detector"]["threshold"] == 2e4
+    # Options and --set win over it, and another recording does not take the heading of this one.
+    elsewhere = Path("other.csv")
+    elsewhere.write_bytes(walk.read_bytes())
+    words = ("--config", "first/config.json", "--alignment", "se3", "--set", "qsf.inertial.acc_density=0.04")
+    ran = fg_nav("run", elsewhere, *words, "--out", "third")
+    assert ran.err == f"note: the configuration is of {walk}: its heading left out for other.csv\n"
+    other = json.loads(Path("third/config.json").read_text())
+    assert other["parameters"]["inertial"]["acc_density"] == 0.04
+    assert (other["alignment"], other["heading_deg"]) == ("se3", None)
+
+
+def test_several_recordings_are_one_table_and_a_bad_one_stops_no_other(fg_nav: FgNav, walk: Path) -> None:
+    Path("broken.csv").write_text("time_s,acc_x_m_s2\n")
+    Path("walk.csv").write_bytes(walk.read_bytes())
+    files = (walk, "broken.csv", "walk.csv", walk)
+    ran = fg_nav("run", *files, "--method", "iez", "--out", "out")
+    assert ran.code == 1
+    assert names(Path("out")) == {"walk-iez", "walk-2-iez"}
+    assert ran.err.startswith("fg-nav: 1 of 3 recordings failed. broken.csv")
+    assert [line.split()[0] for line in ran.out.splitlines()] == ["recording", str(walk), "broken.csv", "walk.csv"]
+    ran = fg_nav("inspect", *files, "--json")
+    assert ran.code == 1
+    found = json.loads(ran.out)
+    assert [one.get("usable") for one in found] == [True, None, True]
+    assert found[1]["error"] in json.loads(ran.err)["error"]
+    assert fg_nav("run", *files, "--truth", "truth.tum").refused("--truth", "one by one")
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("smoother.acc_densty=1", "the nearest is 'smoother.acc_density'"),
+        ("acc_density=1", "the nearest is 'smoother.acc_density'"),
+        ("iez.acc_density=1", "no parameter 'iez.acc_density'"),
+        ("smoother.magnetic=1", "has parts: choose one of smoother.magnetic.compass"),
+        ("smoother.magnetic.gate=none", "no parameter 'smoother.magnetic.gate'"),
+        ("smoother.acc_density", "write --set smoother.acc_density=VALUE"),
+        ("smoother.acc_density=-1", "'smoother.acc_density' cannot be -1: give a number that is not below zero"),
+        ("smoother.acc_density=high", "'smoother.acc_density' cannot be 'high': give a number"),
+        ("smoother.acc_density=null", "cannot be None: give a number"),
+        ("smoother.magnetic.rounds=1.5", "give a whole number"),
+        ("smoother.known_lever=[1, 2]", "give a list"),
+        ("smoother.moving_foot=1", "give true or false"),
+        ("detector.detector=3", "give a word"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused(word: str, said: str) -> None:
+    with pytest.raises(FgNavError) as error:
+        config.choose_changes(None, [word], ["smoother"])
+    assert said in str(error.value)
+
+
+def test_settings_have_the_types_of_the_parameters() -> None:
+    words = ["smoother.known_lever=[0, 0.1, 0.2]", "smoother.acc_density=1", "detector.threshold=null"]
+    changes = config.choose_changes(None, words, ["inertial"])
+    assert changes == tuple(config.parse_setting(word) for word in words)
+    lever = config.select_changes(changes, "smoother")
+    assert change_parameters(config.find_parameters("smoother"), lever).known_lever == (0.0, 0.1, 0.2)
+    detector = config.find_parameters("ma2018").detector
+    content = [{"name": one.name, "sigma": 1, "matters": 2.0} for one in detector.channels]
+    changed = change_parameters(detector, (("channels", content),))
+    assert isinstance(changed, Detector)
+    assert [one.sigma for one in changed.channels] == [1.0] * len(content)
+    assert not [name for name in config.list_settings("iez") if not name.startswith("iez.")]
+    with pytest.raises(ConfigError, match="pocket"):
+        config.choose_changes(None, words, ["pocket"], "pocket")
+    with pytest.raises(ConfigError, match=r"no parameter 'detector.threshold'"):
+        config.choose_changes(None, ["detector.threshold=1"], ["online"])
+
+
+GIVEN = {
+    "method": "iez", "mount": "foot", "preset": "tuned", "gate": "ma2018", "use_magnetometer": True, "mag_axes": None,
+    "calibration": None, "alignment": "yaw", "polish": False, "step_constant_m": None, "heading_deg": 3,
+    "known_distance_m": None, "fixes": None, "truth": "t.tum", "detector": {}, "parameters": {"acc_density": 1.0},
+}  # fmt: skip
+
+
+def written(path: Path, **changes: object) -> Path:
+    path.write_text(json.dumps({"recording": "a.csv", "more": 1, "given": GIVEN | changes}))
+    return path
+
+
+def test_a_configuration_is_checked(tmp_path: Path) -> None:
+    path = tmp_path / "config.json"
+    known = config.read_config(written(path))
+    assert config.choose_changes(known, [], ["iez-rts"]) == (("iez.acc_density", 1.0),)
+    own = config.bind_to_recording(Options(heading_deg=7.0), known, Path("a.csv"))
+    assert (own.heading_deg, own.truth_path) == (7.0, Path("t.tum"))
+    assert config.bind_to_recording(Options(), known, Path("b.csv")) == Options()
+    with pytest.raises(ConfigError, match="of iez, not of smoother"):
+        config.choose_changes(known, [], ["smoother"])
+    with pytest.raises(ConfigError, match="leave --preset out"):
+        config.choose_changes(known, [], ["iez"], preset="physical")
+    with pytest.raises(EstimationError, match="the nearest is 'acc_density'"):
+        config.choose_changes(config.read_config(written(path, parameters={"acc_dens": 1.0})), [], ["iez"])
+    for content in ({"mount": "hand"}, {"magic": 1}, {"polish": 1}):
+        with pytest.raises(ConfigError, match=r"config.json is no config.json of a result \(given"):
+            config.read_config(written(path, **content))
+    with pytest.raises(ConfigError, match="cannot be read"):
+        config.read_config(tmp_path / "none.json")
+    path.write_text("{")
+    with pytest.raises(ConfigError, match="Invalid JSON"):
+        config.read_config(path)
