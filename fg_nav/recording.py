@@ -26,10 +26,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.columns.arrays import ColumnNames, Units, convert_arrays, convert_frame
+from fg_nav.columns.samples import Samples
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
@@ -37,6 +41,9 @@ from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import remove_jitter
 from fg_nav.text import format_count
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
@@ -147,6 +154,35 @@ class Recording:
         except RecordingError as error:
             path = raw.provenance.path
             raise RecordingError(f"{path.name}: {error}" if path else str(error)) from None
+
+    @classmethod
+    def from_arrays(
+        cls, t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike | None = None, units: Units = None
+    ) -> Recording:
+        """Judge stamps (N,) and vectors (N, 3) as `from_raw` does a file's; `units` as of `fg_nav.columns.arrays`.
+
+        >>> still = np.zeros((50, 3))
+        >>> Recording.from_arrays(10.0 * np.arange(50), still + [0, 0, 1], still, units="ms, g, deg/s").duration_s
+        0.49
+        """
+        return cls._from_samples(convert_arrays(t, acc, gyr, mag, units))
+
+    @classmethod
+    def from_dataframe(
+        cls, df: pd.DataFrame, columns: ColumnNames = None, units: Units = None, rate_hz: float | None = None
+    ) -> Recording:
+        """Judge the columns of a data frame, found by their names or as `columns` maps them, as `from_raw` a file's.
+
+        >>> df = pd.DataFrame({"t": np.arange(50), "ax": 0, "ay": 0, "az": 1.0, "gx": 0, "gy": 0, "gz": 90})
+        >>> float(Recording.from_dataframe(df, units="ms, g, deg/s").gyr[0, 2].round(4))
+        1.5708
+        """
+        return cls._from_samples(convert_frame(df, columns, units, rate_hz))
+
+    @classmethod
+    def _from_samples(cls, own: Samples) -> Recording:
+        row, provenance = np.arange(1, len(own.t) + 1), Provenance(notes=own.notes)
+        return cls.from_raw(RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance))
 
     @cached_property
     def period_s(self) -> float:

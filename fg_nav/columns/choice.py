@@ -25,10 +25,11 @@ _ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Asker:
-    """Who asks the user for columns: `name` of the table, and the `command` before a mapping."""
+    """Who asks the user for columns: `name` of the table, `command` before a mapping, and how a `rate` is given."""
 
     name: str
     command: str
+    rate: str = "--rate 100"
 
     def ask(self, mapping: str) -> str:
         """Return what to type with this mapping."""

@@ -172,17 +172,18 @@ def _parse_list(words: str, units: str | None) -> Columns:
         for quantity, wanted in QUANTITIES.items()
         if wanted[0] in names
     }
-    return Columns(places, _parse_units(units), width=len(names))
+    return Columns(places, parse_units(units), width=len(names))
 
 
-def _parse_units(words: str | None) -> dict[Quantity, str]:
+def parse_units(words: str | None) -> dict[Quantity, str]:
+    """Read a list of units, of which each says its quantity; raises `FormatError` for one that is not known, or two."""
     units = dict[Quantity, str]()
     for word in (word.strip() for word in (words or "").split(",") if word.strip()):
         quantity = find_quantity(word)
         if quantity is None:
-            raise FormatError(f"there is no unit '{word}' for --units: choose of {', '.join(KNOWN_UNITS.values())}.")
+            raise FormatError(f"there is no unit '{word}': choose of {', '.join(KNOWN_UNITS.values())}.")
         if quantity in units:
-            raise FormatError(f"--units has two units of one quantity, '{units[quantity]}' and '{word}': give one.")
+            raise FormatError(f"there are two units of one quantity, '{units[quantity]}' and '{word}': give one.")
         units[quantity] = word
     return units
 

@@ -23,6 +23,9 @@ from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.samples import plausibility
 
+SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT"}
+"""Words of the units of `Samples`."""
+
 _COUNTS_AT_REST = 1500.0
 """A larger reading of gravity is no mg: it counts the steps of a converter."""
 
@@ -85,7 +88,7 @@ def _make_time(clock: Floats, columns: ColumnMap, rate_hz: float | None, asker: 
         return _convert_time(clock[:, 0], columns, columns.time, asker, notes)
     if rate_hz is None:
         counted = f" but '{columns.counter.names[0]}', which counts samples" if columns.counter else ""
-        raise FormatError(f"{asker.name} has no stamps{counted}: give its rate, such as --rate 100.")
+        raise FormatError(f"{asker.name} has no stamps{counted}: give its rate, such as {asker.rate}.")
     if columns.counter is not None and _counts_samples(clock[:, 0]):
         notes.append(f"time is '{columns.counter.names[0]}' at {rate_hz:g} Hz")
         return np.asarray((clock[:, 0] - float(clock[np.isfinite(clock[:, 0]), 0][0])) / rate_hz)
@@ -107,7 +110,7 @@ def _convert_time(t: Floats, columns: ColumnMap, channel: Channel, asker: Asker,
             raise FormatError(
                 f"{asker.name}: column '{channel.names[0]}' rises by ones and names no unit, so it counts samples or "
                 f"is in ms: say {asker.ask(write_mapping(columns, time='ms', acc='m/s^2', gyr='deg/s'))}, or name the "
-                f"columns without time and give --rate."
+                f"columns without time and give {asker.rate}."
             )
         period = plausibility.median_period_s(t)
         unit = plausibility.find_time_unit(period)

@@ -19,7 +19,8 @@ import pandas as pd
 from fg_nav.arrays import Floats
 from fg_nav.columns import mapping
 from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, TIME
-from fg_nav.columns.units import Quantity, find_factor
+from fg_nav.columns.samples import SI_UNITS
+from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.content import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
@@ -38,9 +39,6 @@ LINES_TO_REMARK, MOST_BEFORE_HEADER = 20, 5000
 
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
 """What to do without a header."""
-
-DEFAULTS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT"}
-"""Units of columns whose names and mapping say none."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
         if channel is not None:
             for position, name in zip(channel.positions, own, strict=True):
                 names[position] = name
-            factors[[CANONICAL.index(name) for name in own]] = find_factor(quantity, channel.unit or DEFAULTS[quantity])
+            factors[[CANONICAL.index(name) for name in own]] = find_factor(quantity, channel.unit or SI_UNITS[quantity])
     return Columns(tuple(names), tuple(factors.tolist()), rate_hz)
 
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.columns.arrays import to_floats
 from fg_nav.columns.choice import Asker, choose_columns
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import ACC, GYR, TIME, ColumnMap
@@ -178,27 +179,3 @@ def _expand_name(name: str, width: int) -> list[str]:
         return [f"{name} {k + 1}" for k in range(width)]
     unit = f" [{meaning.unit}]" if meaning.unit else ""
     return [f"{meaning.stem} {axis}{unit}" for axis in "xyz"]
-
-
-def to_floats(column: np.ndarray[Any, Any], name: str, source: str) -> Floats:
-    """Return a column (N,) as floats, instants as seconds since 1970; what is empty is NaN.
-
-    Raises `FormatError` with the row of what is no number.
-    """
-    if column.dtype.kind == "M":
-        seconds = column.astype("datetime64[ns]").astype(np.int64) * 1e-9
-        return np.where(np.isnat(column), np.nan, seconds)
-    if column.dtype.kind != "O":
-        return np.asarray(column, dtype=np.float64)
-    import pandas as pd
-
-    values = pd.Series(column)
-    numbers = np.asarray(pd.to_numeric(values, errors="coerce"), dtype=np.float64)
-    bad = np.isnan(numbers) & values.notna().to_numpy() & (values.astype(str).str.lower() != "nan").to_numpy()
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise FormatError(
-            f"{source}, row {row + 1}, column '{name}': {str(column[row])[:40]!r} is not a number; correct or delete "
-            f"that row."
-        )
-    return numbers
