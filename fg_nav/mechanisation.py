@@ -99,6 +99,17 @@ def strapdown(state: NavState, acc: Floats, gyr: Floats, h: float, gravity: floa
 
 
 @njit(cache=True)
+def write_state(
+    position: Floats, velocity: Floats, nav_R_body: Floats, p: Floats, v: Floats, R: Floats, i: int
+) -> None:
+    """Write a state to row `i` of a path (N, 3), (N, 3), (N, 3, 3)."""
+    for k in range(3):
+        p[i, k], v[i, k] = position[k], velocity[k]
+        for axis in range(3):
+            R[i, k, axis] = nav_R_body[k, axis]
+
+
+@njit(cache=True)
 def rotate_in_body(R: Floats, x: float, y: float, z: float) -> None:
     """Replace R by R Exp((x, y, z)): each row r becomes r + (1 - b q) (r x a) + c (r x a) x a, q = |a|^2."""
     square = x * x + y * y + z * z

@@ -133,7 +133,7 @@ def _update_by_compass(
     if np.isfinite(pseudo.compass_heading[k]):
         difference = pseudo.compass_heading[k] - compute_heading(nav_R_body)
     else:
-        east, north, up = nav_R_body @ pseudo.body_field[k]
+        east, north, up = _rotate(nav_R_body, pseudo.body_field[k])
         difference = np.arctan2(-east, north)
         level = east * east + north * north
         h[ATTITUDE], h[ATTITUDE + 1] = -east * up / level, -north * up / level
@@ -141,14 +141,28 @@ def _update_by_compass(
     own = P[ATTITUDE + 2, ATTITUDE + 2] + considered[ATTITUDE + 2] ** 2 if pseudo.use_own_variance else 0.0
     innovation[AGREEMENT] = z / np.sqrt(own + pseudo.agreement)
     if innovation[AGREEMENT] ** 2 < pseudo.compass_limit[k]:
-        P += np.outer(considered, considered)
-        considered[:] = 0.0
+        for i in range(SIZE):
+            for j in range(SIZE):
+                P[i, j] += considered[i] * considered[j]
+        for i in range(SIZE):
+            considered[i] = 0.0
         innovation[COMPASS] = update_row_traced(P, x, h, z, pseudo.compass_variance[k], trace)
 
 
 @njit(cache=True)
+def _rotate(nav_R_body: Floats, v: Floats) -> tuple[float, float, float]:
+    """East, north and up of a vector (3,) in the body frame."""
+    R = nav_R_body
+    return (
+        R[0, 0] * v[0] + R[0, 1] * v[1] + R[0, 2] * v[2],
+        R[1, 0] * v[0] + R[1, 1] * v[1] + R[1, 2] * v[2],
+        R[2, 0] * v[0] + R[2, 1] * v[1] + R[2, 2] * v[2],
+    )
+
+
+@njit(cache=True)
 def _update_by_tilt(nav_R_body: Floats, P: Floats, x: Floats, force: Floats, variance: float, traces: Floats) -> float:
-    east, north, up = nav_R_body @ force
+    east, north, up = _rotate(nav_R_body, force)
     strength = np.sqrt(east * east + north * north + up * up)
     first = update_component_traced(P, x, ATTITUDE, -north / strength, variance, traces[0])
     second = update_component_traced(P, x, ATTITUDE + 1, east / strength, variance, traces[1])
@@ -159,8 +173,8 @@ def _update_by_tilt(nav_R_body: Floats, P: Floats, x: Floats, force: Floats, var
 def compute_turn(direction: float, before: Floats) -> float:
     """How far a direction is clockwise of the mean of those `before` (n,), rad: the left side of AIEZ (27), wrapped."""
     total = 0.0
-    for earlier in before:
-        total += wrap_angle(direction - earlier)
+    for k in range(len(before)):
+        total += wrap_angle(direction - before[k])
     return total / len(before)
 
 

@@ -63,7 +63,7 @@ from fg_nav.ekf.update import inject_error
 from fg_nav.ekf.zero_velocity import StanceNoise, update_in_stance
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.mechanisation import NavState, strapdown, write_state
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.solution import Solution, StanceTable
@@ -174,7 +174,9 @@ def _forward(
 ) -> None:
     h, acc, gyr, acc_sigma, gyr_sigma = samples
     x, turn, delta_v = np.zeros(SIZE), np.empty((3, 3)), np.empty(3)
-    k, stood, directions, last = 0, 0, np.empty(len(rows)), state.position.copy()
+    k, stood, directions, last, step = 0, 0, np.empty(len(rows)), np.empty(3), np.empty(3)
+    for axis in range(3):
+        last[axis] = state.position[axis]
     for i in range(first, len(h)):
         # in stance: update by the known velocity
         if stands[i]:
@@ -186,19 +188,24 @@ def _forward(
         if at_footfall:
             heading = compute_heading(state.nav_R_body)
             propagate_considered(considered, state)
-            direction = compute_direction(state.nav_R_body, state.position - last, pseudo.course_by_path)
+            for axis in range(3):
+                step[axis] = state.position[axis] - last[axis]
+            direction = compute_direction(state.nav_R_body, step, pseudo.course_by_path)
             innovation, traces = track.innovation[k], tape.footfall[k]
             update_at_footfall(state.nav_R_body, P, x, k, direction, directions, pseudo, considered, innovation, traces)
             inject_error(state, x)
         # record the path, and at a footfall bias and covariance
         _record(i, state, track)
         if taping:
-            tape.bias[i, :3], tape.bias[i, 3:] = state.gyro_bias, state.acc_bias
+            for axis in range(3):
+                tape.bias[i, axis], tape.bias[i, 3 + axis] = state.gyro_bias[axis], state.acc_bias[axis]
         if at_footfall:
             directions[k] = direction + compute_heading(state.nav_R_body) - heading
-            last[:] = state.position
-            track.gyro_bias[k] = state.gyro_bias
-            track.covariance[k] = P + np.outer(considered, considered)
+            for axis in range(3):
+                last[axis], track.gyro_bias[k, axis] = state.position[axis], state.gyro_bias[axis]
+            for row in range(SIZE):
+                for column in range(SIZE):
+                    track.covariance[k, row, column] = P[row, column] + considered[row] * considered[column]
             k += 1
         # propagate over the period of the sample
         strapdown(state, acc[i], gyr[i], h[i], gravity, turn, delta_v)
@@ -230,9 +237,7 @@ def _step_backward(first: int, samples: Samples, state: NavState, gravity: float
 
 @njit(cache=True)
 def _record(i: int, state: NavState, track: Track) -> None:
-    track.position[i] = state.position
-    track.velocity[i] = state.velocity
-    track.nav_R_body[i] = state.nav_R_body
+    write_state(state.position, state.velocity, state.nav_R_body, track.position, track.velocity, track.nav_R_body, i)
 
 
 def make_noise_models(p: IezParameters) -> tuple[MotionNoise, StanceNoise]:

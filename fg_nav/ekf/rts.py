@@ -189,9 +189,8 @@ def _remove_body_noise(e: Floats, adjoint: Floats, first: int, turn: Floats, sig
 @njit(cache=True)
 def undo_update(e: Floats, adjoint: Floats, information: Floats, trace: Floats, h: Floats) -> None:
     """Step backward over the update by the row `h` (15,) that left this trace."""
-    gain, weighted = _restore_error(e, information, trace)
-    gained = trace[INNOVATION] / trace[VARIANCE] - np.dot(gain, adjoint)
-    square = np.dot(gain, weighted) + 1.0 / trace[VARIANCE]
+    weighted = np.empty(SIZE)
+    gained, square = _restore_error(e, adjoint, information, trace, weighted)
     for i in range(SIZE):
         adjoint[i] += h[i] * gained
         for j in range(SIZE):
@@ -201,9 +200,9 @@ def undo_update(e: Floats, adjoint: Floats, information: Floats, trace: Floats, 
 @njit(cache=True)
 def undo_component(e: Floats, adjoint: Floats, information: Floats, trace: Floats, index: int) -> None:
     """`undo_update` for a unit row, cheaper."""
-    gain, weighted = _restore_error(e, information, trace)
-    adjoint[index] += trace[INNOVATION] / trace[VARIANCE] - np.dot(gain, adjoint)
-    square = np.dot(gain, weighted) + 1.0 / trace[VARIANCE]
+    weighted = np.empty(SIZE)
+    gained, square = _restore_error(e, adjoint, information, trace, weighted)
+    adjoint[index] += gained
     for j in range(SIZE):
         information[index, j] -= weighted[j]
         information[j, index] -= weighted[j]
@@ -211,15 +210,21 @@ def undo_component(e: Floats, adjoint: Floats, information: Floats, trace: Float
 
 
 @njit(cache=True)
-def _restore_error(e: Floats, information: Floats, trace: Floats) -> tuple[Floats, Floats]:
-    """Add K nu to `e` again; returns K (15,) and Lambda K (15,)."""
-    gain, weighted = trace[:SIZE] / trace[VARIANCE], np.empty(SIZE)
+def _restore_error(
+    e: Floats, adjoint: Floats, information: Floats, trace: Floats, weighted: Floats
+) -> tuple[float, float]:
+    """Add K nu to `e` again and write Lambda K (15,); returns nu / s - K lambda and K Lambda K + 1 / s."""
+    s = trace[VARIANCE]
+    gained, square = trace[INNOVATION] / s, 1.0 / s
     for i in range(SIZE):
-        e[i] += gain[i] * trace[INNOVATION]
+        gain = trace[i] / s
+        e[i] += gain * trace[INNOVATION]
+        gained -= gain * adjoint[i]
         weighted[i] = 0.0
         for j in range(SIZE):
-            weighted[i] += information[i, j] * gain[j]
-    return gain, weighted
+            weighted[i] += information[i, j] * (trace[j] / s)
+        square += gain * weighted[i]
+    return gained, square
 
 
 @njit(cache=True)
@@ -236,6 +241,7 @@ def smooth_backward(
     """Replace the filter's `track` and the biases of its `tape` from sample `first` on by the smoothed ones."""
     last = len(samples.h) - 1
     e, adjoint, information = np.zeros(SIZE), np.zeros(SIZE), np.zeros((SIZE, SIZE))
+    injected, work = np.empty(SIZE), np.empty((SIZE, SIZE))
     stood, k = len(tape.stance), len(rows)
     for i in range(last, first - 1, -1):
         # back over the period of the sample
@@ -245,12 +251,15 @@ def smooth_backward(
         at_footfall = k > 0 and rows[k - 1] == i
         if at_footfall:
             k -= 1
-            _smooth_footfall(track.covariance[k], e, adjoint, information)
+            _smooth_footfall(track.covariance[k], e, adjoint, information, work)
         # inject the error into the recorded state
         smoothed = view_state(i, track, tape)
-        inject_error(smoothed, e.copy())
+        for j in range(SIZE):
+            injected[j] = e[j]
+        inject_error(smoothed, injected)
         if at_footfall:
-            track.gyro_bias[k] = smoothed.gyro_bias
+            for axis in range(3):
+                track.gyro_bias[k, axis] = smoothed.gyro_bias[axis]
             # back over the updates of the footfall, then of the stance
             _undo_footfall(tape.footfall[k], e, adjoint, information)
         if stands[i]:
@@ -274,7 +283,11 @@ def _undo_step(
     """Step backward over the period of sample `i`, along the path of the filter."""
     turn, delta_v, h = np.empty((3, 3)), np.empty(3), samples.h[i]
     before = view_state(i, track, tape)
-    moved = NavState(np.zeros(3), np.zeros(3), before.nav_R_body.copy(), before.gyro_bias, before.acc_bias)
+    R = np.empty((3, 3))
+    for row in range(3):
+        for axis in range(3):
+            R[row, axis] = before.nav_R_body[row, axis]
+    moved = NavState(np.zeros(3), np.zeros(3), R, before.gyro_bias, before.acc_bias)
     strapdown(moved, samples.acc[i], samples.gyr[i], h, gravity, turn, delta_v)
     density = compute_densities(noise, samples.gyr[i], delta_v, h, gravity)
     remove_noise(e, adjoint, turn, h, density, samples.acc_sigma[i], samples.gyr_sigma[i])
@@ -284,11 +297,27 @@ def _undo_step(
 
 
 @njit(cache=True)
-def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats) -> None:
-    """Write the error `e` (15,) and make the filter's `P` (15, 15) the smoothed one."""
-    e[:] = P @ adjoint
-    P -= P @ information @ P
-    P[:] = (P + P.T) / 2
+def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats, work: Floats) -> None:
+    """Write the error `e` (15,) and make the filter's `P` (15, 15) the smoothed one, P - P Lambda P."""
+    for i in range(SIZE):
+        e[i] = 0.0
+        for j in range(SIZE):
+            e[i] += P[i, j] * adjoint[j]
+            work[i, j] = 0.0
+            for k in range(SIZE):
+                work[i, j] += information[i, k] * P[k, j]
+    # From P before it is changed, row by row.
+    for i in range(SIZE):
+        row = np.empty(SIZE)
+        for j in range(SIZE):
+            row[j] = P[i, j]
+            for k in range(SIZE):
+                row[j] -= P[i, k] * work[k, j]
+        for j in range(SIZE):
+            P[i, j] = row[j]
+    for i in range(SIZE):
+        for j in range(i):
+            P[i, j] = P[j, i] = (P[i, j] + P[j, i]) / 2
 
 
 @njit(cache=True)

@@ -46,14 +46,15 @@ def update_row(P: Floats, x: Floats, h: Floats, z: float, r: float) -> float:
 @njit(cache=True)
 def update_row_traced(P: Floats, x: Floats, h: Floats, z: float, r: float, trace: Floats) -> float:
     """`update_row`, leaving the trace (2 n + 2,)."""
-    n = len(x)
-    c = trace[:n]
+    n, hc, hx = len(x), 0.0, 0.0
     for i in range(n):
-        c[i] = 0.0
+        trace[i] = 0.0
         for j in range(n):
-            c[i] += P[i, j] * h[j]
-    trace[n + 2 :] = h
-    return _update(P, x, np.dot(h, c), z - np.dot(h, x), r, trace)
+            trace[i] += P[i, j] * h[j]
+        trace[n + 2 + i] = h[i]
+        hc += h[i] * trace[i]
+        hx += h[i] * x[i]
+    return _update(P, x, hc, z - hx, r, trace)
 
 
 @njit(cache=True)
@@ -66,17 +67,17 @@ def update_component(P: Floats, x: Floats, index: int, z: float, r: float) -> fl
 def update_component_traced(P: Floats, x: Floats, index: int, z: float, r: float, trace: Floats) -> float:
     """`update_component`, leaving the trace (n + 2,), or with room for the row (2 n + 2,)."""
     n = len(x)
-    trace[:n] = P[index]
-    if len(trace) > n + 2:
-        trace[n + 2 :] = 0.0
-        trace[n + 2 + index] = 1.0
+    for i in range(n):
+        trace[i] = P[index, i]
+    for i in range(n + 2, len(trace)):
+        trace[i] = 1.0 if i == n + 2 + index else 0.0
     return _update(P, x, P[index, index], z - x[index], r, trace)
 
 
 @njit(cache=True)
 def _update(P: Floats, x: Floats, hc: float, nu: float, r: float, trace: Floats) -> float:
     """Update by an innovation `nu` with c = P h^T in the trace and hc = h c."""
-    c, s = trace[: len(x)], hc + r
+    c, s = trace, hc + r
     trace[len(x)], trace[len(x) + 1] = s, nu
     for i in range(len(x)):
         x[i] += c[i] / s * nu
@@ -99,7 +100,8 @@ def inject_error(state: NavState, x: Floats) -> None:
         gyro_bias[i] -= x[GYRO_BIAS + i]
         acc_bias[i] -= x[ACC_BIAS + i]
     rotate_in_nav(R, -x[ATTITUDE], -x[ATTITUDE + 1], -x[ATTITUDE + 2])
-    x[:] = 0.0
+    for i in range(len(x)):
+        x[i] = 0.0
 
 
 @njit(cache=True)

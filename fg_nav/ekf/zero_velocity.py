@@ -58,11 +58,15 @@ def update_in_stance(
 
     Leaves the `traces` (3, 17) of east, north and up.
     """
-    rate = gyr - state.gyro_bias
-    expected = _compute_rolling_velocity(state.nav_R_body, rate, stance)
-    variance = (stance.floor + stance.rolling * np.dot(rate, rate)) / h
+    rate, expected, square, force = np.empty(3), np.empty(3), 0.0, 0.0
+    for axis in range(3):
+        rate[axis] = gyr[axis] - state.gyro_bias[axis]
+        square += rate[axis] ** 2
+        force += acc[axis] ** 2
+    _compute_rolling_velocity(state.nav_R_body, rate, stance, expected)
+    variance = (stance.floor + stance.rolling * square) / h
     if stance.unsteady > 0.0:
-        variance += stance.unsteady * (np.sqrt(np.dot(acc, acc)) - stance.gravity) ** 2 / h
+        variance += stance.unsteady * (np.sqrt(force) - stance.gravity) ** 2 / h
     nis = 0.0
     for axis in range(3):
         z = state.velocity[axis] - expected[axis]
@@ -71,14 +75,12 @@ def update_in_stance(
 
 
 @njit(cache=True)
-def _compute_rolling_velocity(R: Floats, w: Floats, stance: StanceNoise) -> tuple[float, float, float]:
-    """Velocity (3,) m/s, nav, of the sensor on a foot that rolls with the rate `w` (3,)."""
+def _compute_rolling_velocity(R: Floats, w: Floats, stance: StanceNoise, velocity: Floats) -> None:
+    """Write the velocity (3,) m/s, nav, of the sensor on a foot that rolls with the rate `w` (3,)."""
     x, y, z = stance.lever[0], stance.lever[1], stance.lever[2]
     vx, vy, vz = w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x
     east = R[0, 0] * w[0] + R[0, 1] * w[1] + R[0, 2] * w[2]
     north = R[1, 0] * w[0] + R[1, 1] * w[1] + R[1, 2] * w[2]
-    return (
-        R[0, 0] * vx + R[0, 1] * vy + R[0, 2] * vz + north * stance.height,
-        R[1, 0] * vx + R[1, 1] * vy + R[1, 2] * vz - east * stance.height,
-        R[2, 0] * vx + R[2, 1] * vy + R[2, 2] * vz,
-    )
+    velocity[0] = R[0, 0] * vx + R[0, 1] * vy + R[0, 2] * vz + north * stance.height
+    velocity[1] = R[1, 0] * vx + R[1, 1] * vy + R[1, 2] * vz - east * stance.height
+    velocity[2] = R[2, 0] * vx + R[2, 1] * vy + R[2, 2] * vz

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown
+from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown, write_state
 from fg_nav.samples.gaps import LONGEST_HELD_S
 
 
@@ -62,29 +62,20 @@ def _fill(
     m = len(sample)
     for j in range(m):
         if j == 0:
-            _put(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
+            write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
             _integrate(h, acc, gyr, sample[j], j, gyro_bias[j], acc_bias[j], gravity, p, v, R)  # to the very first
         end = sample[j + 1] if j + 1 < m else len(h) - 1
         before = _find_hole(h, sample[j], end) if j + 1 < m else end
-        _put(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
+        write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
         _integrate(h, acc, gyr, sample[j], before, gyro_bias[j], acc_bias[j], gravity, p, v, R)
         if before < end:
             behind = _find_hole(h, end - 1, sample[j] - 1) + 1
-            _put(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
+            write_state(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
             _integrate(h, acc, gyr, end, behind, gyro_bias[j], acc_bias[j], gravity, p, v, R)
             _join(h, before, behind, p, v, R)
         elif j + 1 < m:
             _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R)
-            _put(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
-
-
-@njit(cache=True)
-def _put(position: Floats, velocity: Floats, nav_R_body: Floats, p: Floats, v: Floats, R: Floats, i: int) -> None:
-    """Write a state to sample `i`."""
-    for k in range(3):
-        p[i, k], v[i, k] = position[k], velocity[k]
-        for axis in range(3):
-            R[i, k, axis] = nav_R_body[k, axis]
+            write_state(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
 
 
 @njit(cache=True)
@@ -104,7 +95,7 @@ def _join(h: Floats, before: int, behind: int, p: Floats, v: Floats, R: Floats) 
         duration += h[i]
     for i in range(before + 1, behind):
         elapsed += h[i - 1]
-        _put(p[before], v[before], R[before], p, v, R, i)
+        write_state(p[before], v[before], R[before], p, v, R, i)
         for k in range(3):
             move = p[behind, k] - p[before, k]
             p[i, k] += move * (elapsed / duration)
@@ -130,7 +121,7 @@ def _integrate(
     way = 1 if last > first else -1
     for i in range(first, last, way):
         held, to = min(i, i + way), i + way  # a sample holds from its stamp to the next
-        _put(p[i], v[i], R[i], p, v, R, to)
+        write_state(p[i], v[i], R[i], p, v, R, to)
         state = NavState(p[to], v[to], R[to], gyro_bias, acc_bias)
         strapdown(state, acc[held], gyr[held], way * h[held], gravity, turn, push)
 
