@@ -85,6 +85,11 @@ def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Hea
     return None
 
 
+def has_rows(content: Content) -> bool:
+    """Whether there is more than a header: apps write that alone for a sensor which a phone does not have."""
+    return sum(bool(line.strip()) for line in content.lines[:_MOST_LINES]) > 1
+
+
 def find_said_separator(content: Content) -> str | None:
     """Find the separator that a line `sep=` at the top names."""
     match = _SAID.match(content.lines[0]) if content.lines else None

@@ -9,7 +9,7 @@ A phone delivers each sensor when it has it: other rates, other starts, gaps of 
   and all other rows are NaN. It moves by half a period of the gyroscope at most;
 * rows are those of the gyroscope from where both began to where one of them ended.
 
-Stamps are s, or whole ns (int64), of which the earliest is subtracted before they become s: a double resolves the
+Stamps are s, or whole ns (int64), of which the first is subtracted before they become s: a double resolves the
 nanoseconds since 1970 to 256 ns only. What was done stands in the notes of the recording.
 """
 
@@ -104,7 +104,7 @@ def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequ
     """
     remarks = list(notes)
     found = {stream.what: stream for stream in _subtract_start(streams, remarks)}
-    cleaned = {what: _clean(stream, path, remarks) for what, stream in found.items()}
+    cleaned = {what: _clean(stream, remarks) for what, stream in found.items()}
     for needed in ("acc", "gyr"):
         if needed not in cleaned:
             other = [stream.name for stream in streams]
@@ -112,6 +112,10 @@ def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequ
                 f"{path.name} has no {NAMES[needed]}{', only ' + ' and '.join(other) if other else ''}: "
                 f"record accelerometer and gyroscope together."
             )
+        if len(cleaned[needed].t) < 2:
+            count = format_count(len(cleaned[needed].t), "sample")
+            source = cleaned[needed].source
+            raise FormatError(f"{path.name}: {source} has {count} of the {NAMES[needed]}: record it again.")
     acc, gyr, mag = cleaned["acc"], cleaned["gyr"], _keep_field(cleaned.get("mag"), remarks)
     _check_rates((acc, gyr), path, remarks)
     rates = _describe([acc, gyr, *([] if mag is None else [mag])])
@@ -141,19 +145,19 @@ def keep_changes(stream: Stream) -> Stream:
 
 
 def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Stream]:
-    """Stamps in s; of whole ns the earliest is subtracted first."""
+    """Stamps in s; of whole ns the first is subtracted before: a later one that is damaged may be anywhere."""
     streams = [stream for stream in streams if len(stream.t)]
     if not streams or any(stream.t.dtype.kind == "f" for stream in streams):
         units = [1.0 if stream.t.dtype.kind == "f" else 1e-9 for stream in streams]
         return [replace(s, t=s.t.astype(np.float64) * unit) for s, unit in zip(streams, units, strict=True)]
-    start = min(int(stream.t.min()) for stream in streams)
+    start = min(int(stream.t[0]) for stream in streams)
     if start > 10**18:
         day = datetime.fromtimestamp(start // 10**9, UTC)
         remarks.append(f"time 0 is {day:%Y-%m-%d %H:%M:%S}.{start // 10**6 % 1000:03d} UTC")
     return [replace(stream, t=np.asarray(stream.t - start, dtype=np.float64) * 1e-9) for stream in streams]
 
 
-def _clean(stream: Stream, path: Path, remarks: list[str]) -> Stream:
+def _clean(stream: Stream, remarks: list[str]) -> Stream:
     """Samples that are numbers, in order of time, each once, from the first that is none of a sensor that wakes up."""
     whole = (np.abs(stream.t) < _END_OF_TIME_S) & np.isfinite(stream.xyz).all(axis=1)
     if stream.what == "mag":  # which is zero until it is calibrated
@@ -167,11 +171,7 @@ def _clean(stream: Stream, path: Path, remarks: list[str]) -> Stream:
     if repeated.any():
         count = format_count(int(repeated.sum()), "sample")
         remarks.append(f"{count} of the {stream.name} with the stamp of the one before left out")
-    stream = _drop_first_rows(stream.take(~repeated), remarks)
-    if len(stream.t) < 2:
-        count = format_count(len(stream.t), "sample")
-        raise FormatError(f"{path.name}: {stream.source} has {count} of the {stream.name}: record it again.")
-    return stream
+    return _drop_first_rows(stream.take(~repeated), remarks)
 
 
 def _follow_clock(stream: Stream, remarks: list[str]) -> Stream:
@@ -205,7 +205,10 @@ def _drop_first_rows(stream: Stream, remarks: list[str]) -> Stream:
 
 
 def _keep_field(mag: Stream | None, remarks: list[str]) -> Stream | None:
-    """The magnetometer, unless what it measures is mostly the device's own field."""
+    """The magnetometer, unless it has no samples, or what it measures is mostly the device's own field."""
+    if mag is not None and len(mag.t) < 2:
+        remarks.append(f"the magnetometer ({mag.source}) has no samples: left out")
+        return None
     strength = float(np.median(np.linalg.norm(mag.xyz, axis=1))) if mag is not None else 0.0
     if strength < LARGEST_FIELD_UT:
         return mag

@@ -192,6 +192,27 @@ def test_sensorlog_takes_what_is_there(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.linalg.norm(raw.acc[:50], axis=1), GRAVITY_M_S2, atol=0.1)
 
 
+def test_a_sensor_that_the_phone_does_not_have(tmp_path: Path) -> None:
+    """Apps write a header alone, an empty file, or one sample."""
+    for files in (dict(phyphox(RAW)), dict(sensor_logger(RAW))):
+        lines = files["Magnetometer.csv"].splitlines(keepends=True)
+        for k, text in enumerate(("", lines[0], "".join(lines[:2]))):
+            raw = read_files({**files, "Magnetometer.csv": text}, tmp_path / f"{len(files)}{k}")
+            assert raw.mag is None
+            assert len(raw.t) == len(RAW.t) - 2
+        with pytest.raises(FormatError, match="has no gyroscope, only accelerometer and magnetometer"):
+            read_files({**files, "Gyroscope.csv": files["Gyroscope.csv"].split("\n")[0]}, tmp_path / f"{len(files)}")
+
+
+def test_a_log_that_was_cut_off(tmp_path: Path) -> None:
+    """The last line ends within its stamp."""
+    files = dict(sensor_logger(RAW))
+    whole = read_files(files, tmp_path / "whole")
+    files["Gyroscope.csv"] += "16633269472"
+    raw = read_files(files, tmp_path / "cut")
+    np.testing.assert_array_equal(raw.t, whole.t)
+
+
 FEW = settings(RELAXED, max_examples=6)
 
 

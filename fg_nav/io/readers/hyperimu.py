@@ -18,6 +18,7 @@ from fg_nav.io.delimited import Header, find_header
 from fg_nav.io.streams import Sensor, Stream, join_streams
 from fg_nav.recording import RawRecording
 
+_NAME = re.compile(r"HyperIMU|HIMU|ianovir", re.IGNORECASE)
 _AXIS = re.compile(r"(.+)\.([xyz])")
 _STEP = re.compile(r"Sampling (?:Time|Rate)\s*:\s*(\d+(?:\.\d+)?)\s*ms", re.IGNORECASE)
 _REMOVED = re.compile(r"linear|gravity|rotation|orient|uncal", re.IGNORECASE)
@@ -31,7 +32,8 @@ _CHIPS: dict[Sensor, re.Pattern[str]] = {
 
 def recognizes(content: Content) -> bool:
     """Whether the first line is that of HyperIMU."""
-    return bool(content.lines) and content.lines[0].startswith("@") and "HyperIMU" in content.lines[0]
+    first = content.lines[0] if content.lines else ""
+    return first.startswith("@") and bool(_NAME.search(first))
 
 
 def read(content: Content) -> RawRecording:

@@ -28,7 +28,7 @@ from fg_nav.arrays import Floats
 from fg_nav.columns.units import find_factor, find_quantity
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, scale_values
-from fg_nav.io.delimited import Header, find_header, guess_separator, split_line
+from fg_nav.io.delimited import Header, find_header, guess_separator, has_rows, split_line
 from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
 from fg_nav.recording import RawRecording
 
@@ -100,7 +100,7 @@ def _is_header(names: list[str]) -> bool:
 def _read_table(table: Content) -> Iterator[Stream | None]:
     """Streams of a table; None for one from which gravity has been removed."""
     header = _find_columns(table)
-    if header is None:
+    if header is None or not has_rows(table):
         return
     groups: dict[_Column, list[tuple[str, str, str]]] = {}
     for name in header.names:

@@ -33,7 +33,7 @@ def recognizes(content: Content) -> bool:
 
 
 def _find_header(content: Content) -> Header | None:
-    return find_header(content, lambda names: names[:1] == ["time"] and not _AXES.isdisjoint(names))
+    return find_header(content, lambda names: "".join(names[:1]).lower() == "time" and not _AXES.isdisjoint(names))
 
 
 _AXES = {"gFx", "ax", "wx", "Bx"}
@@ -54,7 +54,7 @@ def read(content: Content) -> RawRecording:
     streams = []
     for what, name, unit in _SENSORS:
         if f"{name}x" in header:
-            values, row = header.read(content, ["time", *(f"{name}{axis}" for axis in "xyz")])
+            values, row = header.read(content, [header.names[0], *(f"{name}{axis}" for axis in "xyz")])
             stream = Stream(what, values[:, 0], scale_values(values[:, 1:], unit), row, name)
             streams.append(keep_changes(stream))
     return join_streams(streams, path, "physics-toolbox")

@@ -27,7 +27,7 @@ import numpy as np
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, scale_values
-from fg_nav.io.delimited import find_header
+from fg_nav.io.delimited import find_header, has_rows
 from fg_nav.io.streams import Sensor, Stream, interpolate_rows, join_streams
 from fg_nav.recording import RawRecording
 from fg_nav.samples.plausibility import measure_rest_acc
@@ -74,7 +74,7 @@ def _find_tables(content: Content) -> dict[str, Content]:
     """Tables of sensors right in a folder or archive, or the file itself, by their name in lower case."""
     files: Iterable[tuple[str, Content]] = content.members.items() or [(content.path.name, content)]
     named = {place.lower().split(".")[0]: table for place, table in files if "/" not in place}
-    return {name: table for name, table in named.items() if name in _WHAT and _is_table(table)}
+    return {name: table for name, table in named.items() if name in _WHAT and _is_table(table) and has_rows(table)}
 
 
 def _is_table(table: Content) -> bool:
