@@ -54,12 +54,13 @@ def complete_scenarios(incomplete: str) -> list[str]:
 
 
 def _complete_settings(incomplete: str) -> list[str]:
-    owner, dot, _ = incomplete.partition(".")
-    if not dot:
-        return [f"{name}." for name in ("smoother", *METHODS[3:], "detector") if name.startswith(owner)]
+    owners = [f"{name}." for name in ("smoother", *METHODS[3:], "detector")]
+    begun = [owner for owner in owners if owner.startswith(incomplete) or incomplete.startswith(owner)]
+    if len(begun) != 1:
+        return begun
     from fg_nav.commands.config import list_settings
 
-    return [f"{name}=" for name in list_settings(owner) if name.startswith(incomplete)]
+    return [f"{name}=" for name in list_settings(begun[0][:-1]) if name.startswith(incomplete)]
 
 
 def _take_config(context: typer.Context, path: Path | None) -> Path | None:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 import pandas as pd
 
-from fg_nav.estimators import find_given_parameters
+from fg_nav.estimators import ESTIMATORS, find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
 from fg_nav.frames import compute_heading
 from fg_nav.io import write_tum
@@ -260,7 +260,7 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
 def describe_given(walk: Walk, method: str) -> dict[str, object]:
     """Return what was asked for, before anything was estimated from the walk: `--config` takes it back."""
     options = walk.options
-    on_foot = options.mount != "pocket"
+    has_parameters = options.mount != "pocket" and method in ESTIMATORS  # and not somebody's own
     return {
         "method": method,
         "mount": options.mount or "foot",
@@ -277,7 +277,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "fixes": _text(options.fixes_path),
         "truth": _text(options.truth_path),
         "detector": {} if walk.detection is None else asdict(walk.detection),
-        "parameters": find_given_parameters(method, options) if on_foot else {},
+        "parameters": find_given_parameters(method, options) if has_parameters else {},
     }
 
 
