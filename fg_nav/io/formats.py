@@ -73,7 +73,7 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("physics-toolbox", "Physics Toolbox CSV", physics_toolbox.recognizes, physics_toolbox.read),
     Format("hyperimu", "HyperIMU CSV", hyperimu.recognizes, hyperimu.read),
     Format("gnss-logger", "Google GnssLogger text", gnss_logger.recognizes, gnss_logger.read),
-    Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read),
+    Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read, (TEXT, MEMBERS)),
     Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read),
     Format("xsens-dot", "Xsens or Movella DOT CSV", xsens_dot.recognizes, xsens_dot.read),
     Format("metawear", "MetaWear CSV files of a session", metawear.recognizes, metawear.read, (TEXT, MEMBERS)),

@@ -179,6 +179,28 @@ def write_metawear(raw: RawRecording, folder: Path, session: str = "Left_MetaWea
         (folder / f"{session}_{name}_1.4.4.csv").write_text("\n".join(lines) + "\n")
 
 
+def write_ximu3(raw: RawRecording, folder: Path, unit: str = "a.u.") -> None:
+    """Inertial.csv, Magnetometer.csv with every fifth sample, and files that are of no use."""
+    folder.mkdir(exist_ok=True)
+    stamps = np.round(1e6 * raw.t)
+    scale = 1.0 if unit == "uT" else 1 / 48.0
+    tables = {
+        "Inertial.csv": (
+            _axes("Gyroscope", "{} {} (deg/s)") + _axes("Accelerometer", "{} {} (g)"),
+            np.column_stack([stamps, np.rad2deg(raw.gyr), raw.acc / GRAVITY_M_S2]),
+        ),
+        "Magnetometer.csv": (
+            _axes("Magnetometer", f"{{}} {{}} ({unit})"),
+            np.column_stack([stamps, raw.mag * scale])[::5],
+        ),
+        "HighGAccelerometer.csv": (_axes("High-g Accelerometer", "{} {} (g)"), np.column_stack([stamps, raw.acc])[::4]),
+        "Temperature.csv": (["Temperature (C)"], np.column_stack([stamps, stamps])[::50]),
+    }
+    for name, (columns, table) in tables.items():
+        rows = [",".join(f"{value:.12g}" for value in row) for row in table.tolist()]
+        (folder / name).write_text("\n".join([",".join(["Timestamp (us)", *columns]), *rows]) + "\n")
+
+
 def write_bag(raw: RawRecording, path: Path, imus: tuple[str, ...] = ("/left/imu",), normalized: bool = False) -> None:
     """A ROS 1 bag at `walk.bag`; else a ROS 2 bag, a folder with storage of mcap or sqlite3 as its suffix says."""
     from rosbags.rosbag1 import Writer as Writer1

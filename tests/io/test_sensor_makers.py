@@ -16,6 +16,7 @@ from tests.io.foreign_sensors import (
     write_metawear,
     write_movesense,
     write_shimmer,
+    write_ximu3,
     write_xsens_dot,
     write_xsens_mt,
 )
@@ -204,6 +205,19 @@ def test_metawear_asks_for_the_other_file_and_for_the_session(tmp_path: Path) ->
     with pytest.raises(FormatError, match=r"2 sessions \(Left_MetaWear.*, Right_MetaWear.*\): name one"):
         read(tmp_path)
     assert "the session is 'Right" in read_raw(tmp_path, sensor="right").provenance.notes[0]
+
+
+def test_ximu3_folder_says_what_became_of_its_magnetometer(tmp_path: Path) -> None:
+    write_ximu3(RAW, tmp_path / "walk")
+    raw = read_raw(tmp_path / "walk")
+    np.testing.assert_allclose(raw.gyr, RAW.gyr, atol=1e-9)
+    assert raw.provenance.notes == ("Magnetometer.csv is in arbitrary units and was left out",)
+    write_ximu3(RAW, tmp_path / "walk", "uT")
+    raw = read_raw(tmp_path / "walk")
+    assert raw.mag is not None
+    np.testing.assert_allclose(raw.mag[::5], RAW.mag[::5], rtol=1e-9)
+    assert np.isnan(raw.mag[1::5]).all()
+    np.testing.assert_allclose(read_raw(tmp_path / "walk" / "Inertial.csv").acc, RAW.acc, atol=1e-9)
 
 
 @needs_data

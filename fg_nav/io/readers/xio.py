@@ -2,12 +2,14 @@
 
 Columns are found by quantity and axis; the unit in brackets decides the scale, and a column without a known
 unit is refused rather than guessed. A magnetometer in arbitrary units (`a.u.`) is left out, with a note.
+
+The x-IMU3 writes a folder: `Inertial.csv` has force and rate, `Magnetometer.csv` the field at a rate of its own.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from fg_nav.arrays import Floats
 from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, drop_held, read_table, scale_values
+from fg_nav.io.streams import Stream, join_streams
 from fg_nav.recording import Provenance, RawRecording
 
 _QUANTITIES: dict[str, Quantity] = {
@@ -39,15 +42,19 @@ class Column:
 
 
 def recognizes(content: Content) -> bool:
-    """Whether the first line names a gyroscope or accelerometer axis as x-io does."""
+    """Whether the first line names a gyroscope or accelerometer axis as x-io does; a folder or archive, both parts."""
+    if content.members:
+        return None not in _find_parts(content)
     return any(re.match(r"(gyroscope|accelerometer)\s+[xyz]\b", name, re.IGNORECASE) for name in content.fields())
 
 
 def read(content: Content) -> RawRecording:
-    """Read an x-io CSV.
+    """Read an x-io CSV, or the folder of an x-IMU3.
 
     Raises `FormatError` if a column is missing or doubled, has no known unit, or a field is no number.
     """
+    if content.members:
+        return _read_parts(content)
     path, header = content.path, content.fields()
     columns = find_columns(header, path)
     wanted = [_find_one(columns, "time", "", path)]
@@ -69,6 +76,35 @@ def read(content: Content) -> RawRecording:
         row=row,
         provenance=Provenance(path=path, format="xio", notes=notes),
     )
+
+
+def _find_parts(content: Content) -> tuple[Content | None, Content | None]:
+    """Files right in a folder or archive with force and rate, and with the field; None where there is not one."""
+    found: dict[frozenset[str], list[Content]] = {}
+    for file in content.parts():
+        matches = [match for match in map(_COLUMN.match, file.fields()) if match and match[2]]
+        found.setdefault(frozenset(match[1].lower() for match in matches), []).append(file)
+    kinds = frozenset({"gyroscope", "accelerometer"}), frozenset({"magnetometer"})
+    inertial, magnetic = (found[kind][0] if len(found.get(kind, ())) == 1 else None for kind in kinds)
+    return inertial, magnetic
+
+
+def _read_parts(content: Content) -> RawRecording:
+    inertial, magnetic = _find_parts(content)
+    if inertial is None or magnetic is None:
+        raise FormatError(f"{content.path.name} has no Inertial.csv beside Magnetometer.csv: give the one that it has.")
+    raw, columns = read(inertial), find_columns(magnetic.fields(), magnetic.path)
+    wanted = [_find_one(columns, "time", "", magnetic.path)]
+    wanted += [_find_one(columns, "magnetometer", axis, magnetic.path) for axis in "xyz"]
+    if any(np.isnan(column.scale) for column in wanted):
+        notes = (f"{magnetic.path.name} is in arbitrary units and was left out",)
+        return replace(raw, provenance=Provenance(path=content.path, format="xio", notes=notes))
+    table, row = read_table(magnetic, magnetic.fields(), [column.position for column in wanted], first_line=2)
+    table = scale_values(table, np.array([column.scale for column in wanted]))
+    streams = [Stream("acc", raw.t, raw.acc, raw.row, inertial.path.name)]
+    streams += [Stream("gyr", raw.t, raw.gyr, raw.row, inertial.path.name)]
+    streams += [Stream("mag", table[:, 0], table[:, 1:], row, magnetic.path.name)]
+    return join_streams(streams, content.path, "xio")
 
 
 def find_columns(header: list[str], path: Path) -> list[Column]:
