@@ -167,11 +167,10 @@ def find_recording(content: Content) -> tuple[Format, Content]:
 
 def _as_format(content: Content, chosen: Format) -> tuple[Format, Content]:
     """Take a file as of a format without asking whether it is; look for one in a folder or archive."""
-    if content.kind in chosen.kinds:
-        return chosen, content
-    found = _choose(content, list(_find_all(content, [chosen])))
-    if found is not None:
-        return found
+    fits = content.kind in chosen.kinds
+    found = None if fits and not content.members else _choose(content, list(_find_all(content, [chosen])))
+    if fits or found is not None:
+        return found or (chosen, content)
     kinds = " or ".join(chosen.kinds)
     raise FormatError(f"{content.path.name} is not {kinds}, so it cannot be '{chosen.name}': leave the format out.")
 
