@@ -50,59 +50,74 @@ if TYPE_CHECKING:
     from fg_nav.ekf import run_iez
     from fg_nav.errors import FgNavError
     from fg_nav.evaluation import evaluate
-    from fg_nav.io import read
+    from fg_nav.io import read, read_truth
+    from fg_nav.lab.simulation import simulate
     from fg_nav.magnetic.footfall_field import average_footfall_field
-    from fg_nav.pipeline import prepare_walk, run_method
-    from fg_nav.recording import Recording
-    from fg_nav.smoother import smooth
+    from fg_nav.pipeline import navigate
+    from fg_nav.recording import Fix, FootprintTruth, Recording, TrajectoryTruth
+    from fg_nav.result import Result
+    from fg_nav.smoother import SmootherParameters, smooth
     from fg_nav.solution import Solution
     from fg_nav.stances import Stances
-    from fg_nav.walk import Options, Outcome, Walk, read_walk
+    from fg_nav.walk import Options
 
 _HOME = {
     "FgNavError": "fg_nav.errors",
+    "Fix": "fg_nav.recording",
+    "FootprintTruth": "fg_nav.recording",
     "Options": "fg_nav.walk",
-    "Outcome": "fg_nav.walk",
     "Recording": "fg_nav.recording",
+    "Result": "fg_nav.result",
+    "SmootherParameters": "fg_nav.smoother",
     "Solution": "fg_nav.solution",
     "Stances": "fg_nav.stances",
-    "Walk": "fg_nav.walk",
+    "TrajectoryTruth": "fg_nav.recording",
+    "average_footfall_field": "fg_nav.magnetic.footfall_field",
     "detect_stances": "fg_nav.detection",
     "evaluate": "fg_nav.evaluation",
-    "average_footfall_field": "fg_nav.magnetic.footfall_field",
-    "prepare_walk": "fg_nav.pipeline",
+    "navigate": "fg_nav.pipeline",
     "read": "fg_nav.io",
-    "read_walk": "fg_nav.walk",
+    "read_truth": "fg_nav.io",
     "run_iez": "fg_nav.ekf",
-    "run_method": "fg_nav.pipeline",
+    "simulate": "fg_nav.lab.simulation",
     "smooth": "fg_nav.smoother",
 }
 
+_UPWARD = {
+    "plot_solution": "fg_nav.report.show",
+    "save_solution": "fg_nav.report.show",
+}
+"""What a solution asks of the report, for `Solution.plot` and `Solution.save`."""
+
 __all__ = [
     "FgNavError",
+    "Fix",
+    "FootprintTruth",
     "Options",
-    "Outcome",
     "Recording",
+    "Result",
+    "SmootherParameters",
     "Solution",
     "Stances",
-    "Walk",
+    "TrajectoryTruth",
     "average_footfall_field",
     "detect_stances",
     "evaluate",
-    "prepare_walk",
+    "navigate",
     "read",
-    "read_walk",
+    "read_truth",
     "run_iez",
-    "run_method",
+    "simulate",
     "smooth",
 ]
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for: the graph library and the compiler take a second to load."""
-    if name not in _HOME:
+    home = _HOME.get(name) or _UPWARD.get(name)
+    if home is None:
         raise AttributeError(f"module 'fg_nav' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)
+    return getattr(import_module(home), name)
 
 
 def __dir__() -> list[str]:

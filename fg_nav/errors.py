@@ -6,7 +6,16 @@ The command line prints it in one line and exits with 1; anything else that esca
 
 
 class FgNavError(Exception):
-    """Base of all errors that the input, not the program, is to blame for."""
+    """Base of all errors that the input, not the program, is to blame for.
+
+    Examples
+    --------
+    >>> try:
+    ...     fg_nav.navigate("walk.csv", "by guess")
+    ... except fg_nav.FgNavError as error:
+    ...     print(str(error).split(":")[0])
+    there is no method 'by guess'
+    """
 
 
 class FormatError(FgNavError):

@@ -165,10 +165,9 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
         If there is no such method, if it makes no use of the fixes that were given, or cannot solve this walk.
     """
     run = find_estimator(method, walk.options.mount or "foot")
-    if walk.options.fixes_path is not None and method not in WITH_FIXES:
-        raise EstimationError(
-            f"{method} makes no use of fixes: leave --fixes out, or choose {' or '.join(WITH_FIXES)}."
-        )
+    given = walk.options.fixes_path is not None or len(walk.fixes) > 0
+    if given and method not in WITH_FIXES:
+        raise EstimationError(f"{method} makes no use of fixes: leave them out, or choose {' or '.join(WITH_FIXES)}.")
     try:
         return run(walk, progress)
     except FgNavError:

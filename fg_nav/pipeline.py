@@ -1,43 +1,88 @@
-"""The main job on one page: a file of samples becomes a trajectory with uncertainties, and a folder of results.
+"""The main job on one page: a recording becomes a trajectory with uncertainties.
 
     read_walk     file -> Walk: recording, truth, fixes, calibration
     prepare_walk  Walk -> Walk: recording corrected, stances, field at the footfalls
     run_method    Walk -> Outcome: solution, errors
-    write_run     Outcome -> files
+    navigate      all of these -> Result, which `fg_nav.report` writes and draws
 
 The data types and the steps are in `fg_nav.walk`, the methods in `fg_nav.estimators`. Errors are `FgNavError`.
 """
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from pathlib import Path
 
 from fg_nav.estimators import Progress, estimate
-from fg_nav.io.formats import Reading
-from fg_nav.walk import Options, Outcome, Walk, correct_walk, evaluate_solution, find_stances, measure_field, read_walk
+from fg_nav.recording import Fix, Recording, Truth
+from fg_nav.result import Result
+from fg_nav.walk import (
+    Options,
+    Outcome,
+    Walk,
+    add_known,
+    correct_walk,
+    evaluate_solution,
+    find_stances,
+    measure_field,
+    read_walk,
+)
 
 
 def navigate(
-    path: Path,
-    method: str,
-    options: Options,
-    folder: AbstractContextManager[Path],
-    reading: Reading = Reading(),
+    recording: Recording | Path | str | Walk,
+    method: str = "smoother",
+    *,
+    heading_deg: float | None = None,
+    truth: Truth | Path | str | None = None,
+    fixes: Sequence[Fix] = (),
+    options: Options | None = None,
     progress: Progress | None = None,
-) -> dict[str, object]:
-    """Run one method on a recording, write its result into a folder, and return the summary of it."""
+) -> Result:
+    """Turn a recording into the path that was walked.
+
+    Parameters
+    ----------
+    recording : Recording, path or Walk
+        What the sensor recorded; a file or folder in any format that is read; or a walk as `read_walk` returns it.
+    method : str
+        One of `fg_nav.estimators.ESTIMATORS`: `smoother`, `inertial`, `online`, `iez`, ...
+    heading_deg : float
+        Of the body's x axis at the start, deg clockwise from north; without it from the field, else zero.
+    truth : truth or path
+        To measure errors against.
+    fixes : sequence of Fix
+        Positions known from elsewhere, for the smoother.
+    options : Options
+        All else that can be chosen: whether the magnetometer is used, calibration, detector of the field, parameters.
+    progress
+        Called from time to time with the fraction of the work that is done.
+
+    Returns
+    -------
+    Result
+        A `Solution`: `t` (N,) s, `position` (N, 3) m, `velocity` (N, 3) m/s and `nav_R_body` (N, 3, 3) at the
+        recording's rate, `stances` with one row a footfall and its sigmas; with `metrics` and `verdict`.
+
+    Raises
+    ------
+    FgNavError
+        In one sentence: what is wrong, where, and what to try.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> result = fg_nav.navigate(recording, truth="truth.tum", options=fg_nav.Options(use_magnetometer=False))
+    >>> result.metrics.strides_detected, result.verdict.word
+    (16, 'trusted')
+    """
     # read
-    walk = read_walk(path, options, reading)
+    walk = recording if isinstance(recording, Walk) else read_walk(recording, options or Options())
+    walk = add_known(walk, heading_deg, truth, fixes)
     # correct, find the stances, judge the field
     walk = prepare_walk(walk)
     # estimate, evaluate
-    outcome = run_method(walk, method, progress)
-    # write
-    with folder as place:
-        from fg_nav.report.files import write_run
-
-        return write_run(place, walk, outcome)
+    return Result.of(walk, run_method(walk, method, progress))
 
 
 def prepare_walk(walk: Walk) -> Walk:

@@ -63,7 +63,14 @@ GAP_PERIODS = 2.5
 
 @dataclass(frozen=True)
 class TrajectoryTruth:
-    """True path of the sensor. `t` (M,) s, `position` (M, 3) m, `nav_R_body` (M, 3, 3) or None, z up."""
+    """True path of the sensor. `t` (M,) s, `position` (M, 3) m, `nav_R_body` (M, 3, 3) or None, z up.
+
+    Examples
+    --------
+    >>> truth = fg_nav.read_truth("truth.tum")
+    >>> truth.position.shape == (len(truth.t), 3)
+    True
+    """
 
     t: Floats
     position: Floats
@@ -76,6 +83,13 @@ class FootprintTruth:
 
     Azimuth and origin are unknown. `t` (M,) s is an instant within each stance where it is known; without it footprints
     are matched by stride number. `stride_count` is the number of strides of the whole walk where it is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> truth = fg_nav.FootprintTruth(stride=np.array([0, 6, 12]), xy=np.array([[0.0, 0.0], [3.1, 4.2], [8.0, 9.1]]))
+    >>> fg_nav.navigate("walk.csv", "inertial", truth=truth).metrics.points
+    3
     """
 
     stride: Ints
@@ -117,6 +131,14 @@ class Recording:
     """Samples an estimator can trust the shape of: finite acc and gyr, strictly increasing stamps.
 
     Raises `RecordingError` on wrong shapes, too few samples, non-finite samples or stamps that do not increase.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> recording.acc.shape == recording.gyr.shape == (len(recording), 3)  # m/s^2, rad/s
+    True
+    >>> round(1 / recording.period_s)  # Hz
+    200
     """
 
     t: Floats
@@ -392,6 +414,13 @@ class Fix:
     position : (3,) m, x east, y north, z up from the start; z does not count where `vertical_sigma_m` is infinite.
     horizontal_sigma_m : of x, and of y.
     vertical_sigma_m : of z; infinite where the height is not known.
+
+    Examples
+    --------
+    >>> fixes = [fg_nav.Fix(time_s=18.0, position=(10.3, 7.7, 0.0), horizontal_sigma_m=0.1)]
+    >>> result = fg_nav.navigate("walk.csv", fixes=fixes)
+    >>> bool(result.stances.position_sigma[-1, 0] < 1.0)
+    True
     """
 
     time_s: float

@@ -1,17 +1,36 @@
 """What every estimator returns: the dense trajectory, a table with one row a stance, and how it was made.
 
 Sigmas are one standard deviation of the estimator's own claim; the evaluation tests whether they are true.
+
+A solution knows its tables. That it is saved and drawn by its own methods is for those who type: these reach the report
+through the public names of `fg_nav`, as a user does, and this module imports none of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import fg_nav
 from fg_nav.arrays import Floats, Ints
+from fg_nav.frames import compute_heading, quaternion_xyzw
 from fg_nav.recording import Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SAMPLE_COLUMNS = (
+    "time_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "heading_deg", "qx", "qy", "qz", "qw",
+)  # fmt: skip
+STRIDE_COLUMNS = (
+    "index", "time_s", "x_m", "y_m", "z_m", "heading_deg",
+    "gyro_bias_x_deg_s", "gyro_bias_y_deg_s", "gyro_bias_z_deg_s",
+    "sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_heading_deg", "field", "field_reason",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,6 +73,21 @@ class StanceTable:
         """(K, 3) standard deviations of position, m."""
         return np.sqrt(np.diagonal(self.position_cov, axis1=1, axis2=2))
 
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return a table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north."""
+        import pandas as pd
+
+        columns = [
+            np.arange(len(self)), self.t, *self.position.T, _heading_deg(self.nav_R_body),
+            *np.rad2deg(self.gyro_bias).T, *self.position_sigma.T, np.rad2deg(self.heading_sigma), self.field,
+            self.field_reason,
+        ]  # fmt: skip
+        return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
+
+
+def _heading_deg(nav_R_body: Floats) -> Floats:
+    return np.rad2deg(compute_heading(nav_R_body)) % 360.0
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -68,6 +102,15 @@ class Solution:
     `polished` is the batch solution of the same walk, where an online estimator was asked for it.
     `recording` has the samples as they were integrated, with clipped peaks as high and rates of the scale that the walk
     showed; None where they are those that were given.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> solution = fg_nav.run_iez(recording, fg_nav.detect_stances(recording))
+    >>> solution.nav_R_body.shape == (len(recording), 3, 3)
+    True
+    >>> solution.stances.position_cov.shape == (17, 3, 3)  # m^2
+    True
     """
 
     method: str
@@ -84,3 +127,75 @@ class Solution:
     moment: StanceTable | None = None
     polished: Solution | None = None
     recording: Recording | None = None
+
+    def to_dataframe(self, footfalls: bool = False) -> pd.DataFrame:
+        """Return the path as a table.
+
+        Parameters
+        ----------
+        footfalls : bool
+            False: one row a sample, `SAMPLE_COLUMNS`: position (m) and velocity (m/s) in the navigation frame, heading
+            of the body's x axis in [0, 360) deg clockwise from north, quaternion of `nav_R_body`. True: one row a
+            footfall with its standard deviations, `STRIDE_COLUMNS`.
+
+        Examples
+        --------
+        >>> solution = fg_nav.navigate("walk.csv", "inertial")
+        >>> solution.to_dataframe().columns[:4].tolist()
+        ['time_s', 'x_m', 'y_m', 'z_m']
+        >>> steps = solution.to_dataframe(footfalls=True)
+        >>> bool(steps.sigma_x_m.iloc[-1] > steps.sigma_x_m.iloc[0])
+        True
+        """
+        if footfalls:
+            return self.stances.to_dataframe()
+        import pandas as pd
+
+        heading = _heading_deg(self.nav_R_body)
+        columns = [self.t, *self.position.T, *self.velocity.T, heading, *quaternion_xyzw(self.nav_R_body).T]
+        return pd.DataFrame(dict(zip(SAMPLE_COLUMNS, columns, strict=True)))
+
+    def save(self, path: Path | str, force: bool = False) -> Path:
+        """Write the path, and return where it is.
+
+        Parameters
+        ----------
+        path : Path or str
+            Of a folder to make, for all that `fg-nav run` writes as far as it is known here, or of one file by its
+            ending: `.tum` for the trajectory.
+        force : bool
+            Replace an older result there.
+
+        Raises
+        ------
+        OutputError
+            If something is there already, it cannot be written, or nothing is written with this ending.
+
+        Examples
+        --------
+        >>> solution = fg_nav.navigate("walk.csv", "inertial")
+        >>> sorted(file.name for file in solution.save("mine").glob("*.csv"))
+        ['strides.csv']
+        >>> solution.save("mine.tum").stat().st_size > 0
+        True
+        """
+        place: Path = fg_nav.save_solution(self, Path(path), force)
+        return place
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the path from above, with the 95 % ellipses of its footfalls; return the `matplotlib.axes.Axes`.
+
+        `axes` are those to draw into; without them a new figure of `matplotlib.pyplot` is made.
+
+        Examples
+        --------
+        >>> axes = fg_nav.navigate("walk.csv", "inertial").plot()
+        >>> axes.get_xlabel()
+        'east (m)'
+        """
+        return fg_nav.plot_solution(self, axes)
+
+    def __repr__(self) -> str:
+        """Say in a line what it is; the arrays are many."""
+        long = f"{len(self.t)} samples, {len(self.stances)} footfalls"
+        return f"<{type(self).__name__} by {self.method}: {long}, ends at {self.position[-1].round(2).tolist()} m>"

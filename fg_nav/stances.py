@@ -26,6 +26,15 @@ class Stances:
     statistic (N,) the detector's statistic over its threshold (below 1: still), None where unknown
     threshold      of the statistic, in the detector's units; the median where it varies along the walk
     ========= ==== ==========================================================================================
+
+    Raises `DetectionError` for intervals that are not in order, apart and within the samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> stances = fg_nav.Stances.from_mask(np.array([False, True, True, False, True, True]))
+    >>> stances.start.tolist(), stances.stop.tolist(), stances.n_footfalls
+    ([1, 4], [3, 6], 2)
     """
 
     start: Ints

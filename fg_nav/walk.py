@@ -9,6 +9,7 @@ bias changes with each switch-on; every estimator estimates that of the recordin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
@@ -65,6 +66,12 @@ class Options:
     changes : parameters to override, by the method's name and their dotted name, as `smoother.magnetic.rounds`; those
         of the stances as `detector.threshold`; ignored for a pocket.
     polish : whether the online method solves the walk in batch as well.
+
+    Examples
+    --------
+    >>> options = fg_nav.Options(use_magnetometer=False, heading_deg=90.0, changes=(("smoother.node_spacing_s", 0.1),))
+    >>> fg_nav.navigate("walk.csv", options=options).parameters["node_spacing_s"]
+    0.1
     """
 
     use_magnetometer: bool = True
@@ -171,8 +178,8 @@ class Outcome:
     polished: Outcome | None = None
 
 
-def read_walk(path: Path, options: Options = Options(), reading: Reading = Reading()) -> Walk:
-    """Read a recording, and the files that the options name for it.
+def read_walk(path: Path | str | Recording, options: Options = Options(), reading: Reading = Reading()) -> Walk:
+    """Read a recording, unless it is there already, and the files that the options name for it.
 
     Raises
     ------
@@ -186,9 +193,24 @@ def read_walk(path: Path, options: Options = Options(), reading: Reading = Readi
         from fg_nav.calibration.of_recording import read_calibration
 
         calibration = read_calibration(options.calibration_path)
-    recording = reading.read(path)
+    recording = path if isinstance(path, Recording) else reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
     return replace(Walk.of(recording, options, calibration), fixes=fixes)
+
+
+def add_known(
+    walk: Walk, heading_deg: float | None, truth: Truth | Path | str | None, fixes: Sequence[Fix] = ()
+) -> Walk:
+    """Add what is known of a walk besides its recording; None where that stays as it is.
+
+    Raises `FormatError` if a file of the truth cannot be read.
+    """
+    options = walk.options if heading_deg is None else replace(walk.options, heading_deg=heading_deg)
+    if isinstance(truth, Path | str):
+        options = replace(options, truth_path=Path(truth))
+        truth = read_truth(truth)
+    truth = walk.truth if truth is None else truth
+    return replace(walk, options=options, truth=truth, fixes=(*walk.fixes, *fixes))
 
 
 def correct_walk(walk: Walk) -> Walk:

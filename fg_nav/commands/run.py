@@ -18,7 +18,7 @@ from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.io import Reading
 from fg_nav.pipeline import navigate, prepare_walk
-from fg_nav.report.files import Summary, write_comparison
+from fg_nav.report.files import Summary, write_comparison, write_run
 from fg_nav.report.folder import DEMO_FILES
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
@@ -92,7 +92,9 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
 
         options = bind_to_recording(options, request.config, recording)
     with progress(method) as report:
-        summary = navigate(recording, method, options, target.open(), request.reading, report)
+        result = navigate(read_walk(recording, options, request.reading), method, progress=report)
+        with target.open() as folder:
+            summary = write_run(folder, result.walk, result.outcome)
     failure = None
     if strict and summary["verdict"] == UNUSABLE:
         failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")

@@ -115,6 +115,12 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
 
     Raises `DetectionError` for an unknown detector, an automatic threshold with another detector than SHOE, a threshold
     that makes no sense, or if no stance is found.
+
+    Examples
+    --------
+    >>> stances = fg_nav.detect_stances(fg_nav.read("walk.csv"))
+    >>> stances.n_footfalls
+    17
     """
     statistic = _compute_statistic(recording, parameters)
     one = _choose_threshold(recording, parameters)

@@ -42,6 +42,12 @@ def run_iez(
     EstimationError
         Without a stance, with stances of another recording, without gravity in the specific force, or where
         the filter diverges to infinity.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> fg_nav.run_iez(recording, fg_nav.detect_stances(recording)).method
+    'iez'
     """
     compile_filter()
     began = perf_counter()

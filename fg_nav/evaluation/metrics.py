@@ -108,6 +108,12 @@ def evaluate(
     "se3" (`fg_nav.evaluation.comparison`); a `comparison` of the two that was made already is used in its place.
 
     Raises `EvaluationError` where solution and truth cannot be compared, or there is no stance.
+
+    Examples
+    --------
+    >>> solution = fg_nav.navigate("walk.csv", "inertial")
+    >>> fg_nav.evaluate(solution, fg_nav.read_truth("truth.tum")).rmse_2d_m < 0.5  # m
+    True
     """
     path = _measure_path(solution.stances.position)
     if truth is None:

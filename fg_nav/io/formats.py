@@ -136,6 +136,12 @@ def read(
 
     Raises `FormatError` if the file cannot be read, or its format is not known; raises `RecordingError` if what it
     holds cannot be navigated with (`Recording.from_raw`).
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> recording.provenance.format
+    'canonical'
     """
     return Reading(format, columns, rate_hz, sensor).read(path)
 
@@ -199,6 +205,11 @@ def read_truth(path: Path | str) -> Truth:
     """Read a true path or surveyed footprints; which it is, the content says.
 
     Raises `FormatError` if the file holds neither, or is damaged.
+
+    Examples
+    --------
+    >>> type(fg_nav.read_truth("truth.tum")).__name__
+    'TrajectoryTruth'
     """
     content = read_content(Path(path))
     if "GCP_meters" in content.variables:

@@ -203,6 +203,13 @@ def average_footfall_field(
         Without a magnetometer, or if no footfall has a sample of the field.
     EstimationError
         Without a stance, or with stances of another recording.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> field = fg_nav.average_footfall_field(recording, fg_nav.detect_stances(recording))
+    >>> len(field)
+    17
     """
     if recording.mag is None:
         raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")

@@ -2,7 +2,7 @@
 
 ==================== =======================================================================================
 trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
-strides.csv          one row a stance: `STRIDE_COLUMNS`
+strides.csv          one row a stance: `fg_nav.solution.STRIDE_COLUMNS`
 online.csv           the same as estimated at the moment of each footfall, from an online method
 *_polished.*         trajectory.tum and strides.csv of the batch solution of the same walk, if it was asked for
 summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
@@ -20,12 +20,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-import numpy as np
 import pandas as pd
 
 from fg_nav.estimators import ESTIMATORS, find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
-from fg_nav.frames import compute_heading
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
 from fg_nav.solution import Solution, StanceTable
@@ -45,11 +43,6 @@ Plots: TypeAlias = Literal["none", "png", "html", "all"]
 WITH_PAGE: tuple[Plots, ...] = ("html", "all")
 WITH_PICTURES: tuple[Plots, ...] = ("png", "all")
 
-STRIDE_COLUMNS = (
-    "index", "time_s", "x_m", "y_m", "z_m", "heading_deg",
-    "gyro_bias_x_deg_s", "gyro_bias_y_deg_s", "gyro_bias_z_deg_s",
-    "sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_heading_deg", "field", "field_reason",
-)  # fmt: skip
 SUMMARY_KEYS = (
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
     "realtime_factor", "verdict", "reasons",
@@ -161,22 +154,9 @@ def write_paths(folder: Path, solution: Solution) -> None:
 
 
 def _write_strides(path: Path, table: StanceTable) -> None:
-    strides = tabulate_strides(table)
+    strides = table.to_dataframe()
     strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
     strides.to_csv(path, index=False, float_format="%.9g")
-
-
-def tabulate_strides(stances: StanceTable) -> pd.DataFrame:
-    """Table of `STRIDE_COLUMNS`, one row a stance; headings in [0, 360) deg clockwise from north.
-
-    The sigmas are the estimator's: of the smoother by marginal covariances (`fg_nav.smoother.solver.stance_table`).
-    """
-    columns = [
-        np.arange(len(stances)), stances.t, *stances.position.T,
-        np.rad2deg(compute_heading(stances.nav_R_body)) % 360.0, *np.rad2deg(stances.gyro_bias).T,
-        *stances.position_sigma.T, np.rad2deg(stances.heading_sigma), stances.field, stances.field_reason,
-    ]  # fmt: skip
-    return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
 
 
 def summarize(walk: Walk, outcome: Outcome) -> Summary:

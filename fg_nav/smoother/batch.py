@@ -80,6 +80,13 @@ def smooth(
     ------
     EstimationError
         With stances of another recording, a fix that is not on the walk, or where the solution cannot be found.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> solution = fg_nav.smooth(recording, fg_nav.detect_stances(recording))
+    >>> solution.position.shape == (len(recording), 3)  # m
+    True
     """
     return smooth_jointly(recording, stances, parameters, heading, progress, field, fixes)[0]
 

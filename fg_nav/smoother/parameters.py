@@ -48,7 +48,16 @@ class WalkParameters:
 
 @dataclass(frozen=True)
 class SmootherParameters:
-    """Defaults for MEMS sensors on a shoe; `docs/models.md` says how each was chosen."""
+    """Defaults for MEMS sensors on a shoe; `docs/models.md` says how each was chosen.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> parameters = fg_nav.SmootherParameters(gyr_density_deg_s=0.02)
+    >>> parameters = replace(parameters, magnetic=replace(parameters.magnetic, compass=False))
+    >>> parameters.magnetic.compass, parameters.walk.floors
+    (False, True)
+    """
 
     acc_density: float = 0.005
     """White error of the specific force in stance, m/s^2/sqrt(Hz); data sheets have 0.001, skin and shoe the rest."""

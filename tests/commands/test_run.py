@@ -372,7 +372,7 @@ def test_full_disk_is_one_line_and_leaves_no_result(
 def test_system_error_outside_the_result_is_one_line(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pipeline, "read_walk", failing(PermissionError(13, "Permission denied", "walk.csv")))
+    monkeypatch.setattr("fg_nav.commands.run.read_walk", failing(PermissionError(13, "Permission denied", "walk.csv")))
     assert fg_nav("run", files / "walk.csv").refused("permission denied", "walk.csv")
 
 

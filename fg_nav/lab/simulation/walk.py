@@ -157,6 +157,12 @@ def simulate(
     progress : is called with the fraction done.
 
     Raises `SimulationError` for names that do not exist and walks, sensors or fields that cannot be.
+
+    Examples
+    --------
+    >>> walk = fg_nav.simulate("demo", seed=1)
+    >>> round(walk.recording.duration_s), walk.recording.truth.position.shape == walk.recording.acc.shape
+    (65, True)
     """
     chosen = choices.apply_to(scenario(name) if isinstance(name, str) else name)
     streams = Streams(seed, chosen.name)

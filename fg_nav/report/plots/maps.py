@@ -39,17 +39,36 @@ WIDEST_SCALE = (2.0, 98.0)
 
 def plot_trajectory(view: AlignedSolution) -> Figure:
     """Draw the walk from above: path, stances with 95 % ellipses, truth."""
-    stance = view.stance_position()
     with style.styled():
         figure, axes = _map([view])
-        _draw_truth(axes, view.truth)
-        _draw_path(axes, view, style.BLUE, view.solution.method)
-        _draw_ellipses(axes, view)
-        if len(stance) <= MAX_DOTS:
-            axes.plot(*stance[:, :2].T, ".", color=style.BLUE, markersize=3.2, zorder=4)
-        draw_ends(axes, stance)
-        style.head(axes, f"Trajectory{view.alignment_words}")
+        draw_trajectory(axes, view)
     return figure
+
+
+def plot_trajectory_on_screen(view: AlignedSolution, axes: Axes | None = None) -> Axes:
+    """Draw the same into these axes, or into a new figure of pyplot, which windows and notebooks show."""
+    from matplotlib import pyplot
+
+    with style.styled():
+        if axes is None:
+            size = style.WIDTH_IN, _map_height(_path(view))
+            axes = pyplot.figure(figsize=size, layout="constrained").subplots()
+        _shape_map(axes, _path(view))
+        _name_axes(axes, view.truth)
+        draw_trajectory(axes, view)
+    return axes
+
+
+def draw_trajectory(axes: Axes, view: AlignedSolution) -> None:
+    """Draw path, stances with 95 % ellipses and truth into a map."""
+    stance = view.stance_position()
+    _draw_truth(axes, view.truth)
+    _draw_path(axes, view, style.BLUE, view.solution.method)
+    _draw_ellipses(axes, view)
+    if len(stance) <= MAX_DOTS:
+        axes.plot(*stance[:, :2].T, ".", color=style.BLUE, markersize=3.2, zorder=4)
+    draw_ends(axes, stance)
+    style.head(axes, f"Trajectory{view.alignment_words}")
 
 
 def plot_trajectories(views: Mapping[str, AlignedSolution]) -> Figure:
@@ -68,23 +87,37 @@ def plot_trajectories(views: Mapping[str, AlignedSolution]) -> Figure:
 def _map(views: list[AlignedSolution]) -> tuple[Figure, Axes]:
     """Map for the walks of all views."""
     figure, axes = new_map(np.vstack([_path(view) for view in views]))
-    if isinstance(views[0].truth, FootprintTruth):  # of unknown azimuth
-        axes.set(xlabel="x (m)", ylabel="y (m)")
+    _name_axes(axes, views[0].truth)
     return figure, axes
+
+
+def _name_axes(axes: Axes, truth: Truth | None) -> None:
+    if isinstance(truth, FootprintTruth):  # of unknown azimuth
+        axes.set(xlabel="x (m)", ylabel="y (m)")
 
 
 def new_map(points: Floats) -> tuple[Figure, Axes]:
     """Figure shaped like the points (N, 2) m, with equal scales east and north."""
-    width, height = np.ptp(points, axis=0) + 1e-9
-    figure = style.new_figure(float(np.clip(style.WIDTH_IN * height / width, 3.5, 8.0)) + 0.7)
+    figure = style.new_figure(_map_height(points))
     axes = figure.subplots()
+    _shape_map(axes, points)
+    return figure, axes
+
+
+def _map_height(points: Floats) -> float:
+    """Height in inches of a picture of the points (N, 2) m."""
+    width, height = np.ptp(points, axis=0) + 1e-9
+    return float(np.clip(style.WIDTH_IN * height / width, 3.5, 8.0)) + 0.7
+
+
+def _shape_map(axes: Axes, points: Floats) -> None:
+    """Give a map of the points (N, 2) m equal scales east and north."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
-    step_m = _tick_step(max(float(width), float(height), 0.1))
+    step_m = _tick_step(max(*np.ptp(points, axis=0).tolist(), 0.1))
     axes.xaxis.set_major_locator(MultipleLocator(step_m))
     axes.yaxis.set_major_locator(MultipleLocator(step_m))
     axes.set(xlabel="east (m)", ylabel="north (m)")
-    return figure, axes
 
 
 def _tick_step(extent_m: float) -> float:

@@ -1,0 +1,76 @@
+"""The names of the package: what they say of themselves, and that what they show there is so."""
+
+import doctest
+import importlib.util
+import inspect
+from collections.abc import Callable
+from functools import cache, wraps
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+
+import fg_nav
+from fg_nav.io import write_canonical, write_tum
+from fg_nav.lab.simulation import simulate
+from fg_nav.recording import Recording, TrajectoryTruth
+
+NAMES = {"fg_nav": fg_nav, "np": np, "pd": pd, "Recording": Recording}
+"""What an example finds there."""
+
+
+@cache
+def twenty_seconds() -> Recording:
+    """Seventeen footfalls with a field and a truth, of the walk of `fg-nav demo`."""
+    return simulate("demo", 1).recording.slice(0, 4000)
+
+
+@pytest.fixture
+def walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recording:
+    """A working directory with `walk.csv` and `truth.tum`; a method runs once on a file."""
+    recording = twenty_seconds()
+    truth = recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    write_canonical(recording, tmp_path / "walk.csv")
+    write_tum(tmp_path / "truth.tum", truth.t, truth.position, truth.nav_R_body)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(mpl.rcParams, "backend", "agg")
+    monkeypatch.setattr(fg_nav, "navigate", once(fg_nav.navigate), raising=False)
+    return recording
+
+
+def once(navigate: Callable[..., fg_nav.Result]) -> Callable[..., fg_nav.Result]:
+    """Do the same thing once only."""
+    done: dict[str, fg_nav.Result] = {}
+
+    @wraps(navigate)
+    def remember(*given: object, **named: object) -> fg_nav.Result:
+        key = repr((given, named))
+        if key not in done:
+            done[key] = navigate(*given, **named)
+        return done[key]
+
+    return remember
+
+
+def test_every_public_name_shows_an_example() -> None:
+    assert [name for name in dir(fg_nav) if ">>> " not in (inspect.getdoc(getattr(fg_nav, name)) or "")] == []
+
+
+def test_examples_are_true(walk: Recording) -> None:
+    finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner()
+    said: list[str] = []
+    for name in dir(fg_nav):
+        for example in finder.find(getattr(fg_nav, name), name, globs=NAMES):
+            runner.run(example, out=said.append)
+    assert "".join(said) == ""
+    assert runner.summarize(verbose=False).attempted > 30
+
+
+@pytest.mark.parametrize("name", dir(fg_nav))
+def test_no_module_takes_the_place_of_a_public_name(name: str) -> None:
+    """What is imported as `fg_nav.navigate` would stand there in place of the function."""
+    assert importlib.util.find_spec(f"fg_nav.{name}") is None
