@@ -94,6 +94,22 @@ def test_real_xsens_files() -> None:
     assert read_raw(folder / "MT2022_ACC_GYRO_ROT_MAT_SPACE_00B42D4B.txt", rate_hz=100.0).acc[0, 2] > 9.8
 
 
+def test_xsens_and_dot_are_told_apart_without_the_lines_on_top(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    write_xsens_dot(RAW, path)
+    dot = path.read_text().replace(", ", ",")
+    bare = "\n".join(dot.splitlines()[7:])
+    path.write_text(dot.replace(",", ";"))
+    assert read_raw(path).provenance.format == "xsens-dot"
+    path.write_text(bare)
+    raw = read_raw(path)
+    assert raw.provenance.format == "xsens-dot"
+    np.testing.assert_allclose(raw.gyr[1:], RAW.gyr[1:], atol=1e-9)
+    write_xsens_mt(RAW, path, ",")
+    path.write_text("\n".join(path.read_text().splitlines()[6:]))
+    assert read_raw(path, rate_hz=100.0).provenance.format == "xsens"
+
+
 def test_dot_says_what_it_took_for_what(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     write_xsens_dot(RAW, path)

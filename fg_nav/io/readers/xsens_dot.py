@@ -128,7 +128,7 @@ def _judge_rate_unit(
     t: Floats, acc: Floats, columns: dict[tuple[str, ...], Floats], content: Content
 ) -> tuple[float, tuple[str, ...]]:
     """Find what one unit of the rate is in rad/s, and say why if it is not what the app gives."""
-    if content.lines[0].lower().lstrip('"').startswith("sep="):
+    if not _is_of_sdk(content):
         return _DEGREE, ()
     for unit, why in (
         _judge_by_turn(t, columns),

@@ -23,7 +23,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
 from fg_nav.io.counters import PACKETS_16_BIT, TICKS_32_BIT, continue_counter
-from fg_nav.io.delimited import Header, find_header
+from fg_nav.io.delimited import Header, find_header, split_line
 from fg_nav.io.readers.xsens_columns import ACC, GYR, MAG, find_inertial, note_local_field
 from fg_nav.recording import Provenance, RawRecording
 
@@ -36,9 +36,21 @@ _RATE = re.compile(r"(?:update|sample|sampling|output)\s+rate\s*:\s*([0-9.]+)\s*
 
 
 def recognizes(content: Content) -> bool:
-    """Whether lines that begin with `//` stand above a table with a packet counter, or such a table not of commas."""
+    """Whether a table with a packet counter stands below lines that begin with `//`, or without a clock or commas.
+
+    Other such tables are those of a DOT.
+    """
     header = _find_header(content)
-    return header is not None and (content.lines[0].startswith("//") or header.separator != ",")
+    if header is None or any("DeviceTag" in line for line in content.lines[: header.line]):
+        return False
+    return content.lines[0].startswith("//") or header.separator != "," or not _has_clock(header, content)
+
+
+def _has_clock(header: Header, content: Content) -> bool:
+    """Whether the sensor's time is in the first row."""
+    row = split_line(content.lines[header.line + 1], header.separator) if header.line + 1 < len(content.lines) else []
+    position = header.names.index(_FINE) if _FINE in header else len(row)
+    return position < len(row) and row[position].lower() not in ("", "nan")
 
 
 def read(content: Content) -> RawRecording:
