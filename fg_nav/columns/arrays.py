@@ -30,8 +30,8 @@ Units: TypeAlias = str | Mapping[Quantity, str] | None
 ColumnNames: TypeAlias = str | Mapping[Quantity, str | Sequence[str]] | None
 """A mapping as of `--columns`, or the names by quantity."""
 
-_FRAME = Asker("the table", "columns=", "rate_hz=100")
-_ARRAYS = Asker("the arrays", "units=", "rate_hz=100")
+_FRAME = Asker("the table", "columns=", "rate_hz=100", "")
+_ARRAYS = Asker("the arrays", "units=", "rate_hz=100", "")
 
 
 def convert_arrays(t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike | None, units: Units) -> Samples:

@@ -25,11 +25,12 @@ _ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Asker:
-    """Who asks the user for columns: `name` of the table, `command` before a mapping, and how a `rate` is given."""
+    """Who asks the user: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given."""
 
     name: str
     command: str
     rate: str = "--rate 100"
+    sensor: str = ", or give a word of their names with --sensor"
 
     def ask(self, mapping: str) -> str:
         """Return what to type with this mapping."""
@@ -99,7 +100,7 @@ def _choose_triad(kind: Kind, meanings: Meanings, names: Sequence[str], asker: A
         candidates = doubled or [name for triad in triads for name in triad.names]
         raise FormatError(
             f"{asker.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, as "
-            f"{asker.ask(_write_example(meanings, names))}."
+            f"{asker.ask(_write_example(meanings, names))}{asker.sensor}."
         )
     return triads[0] if triads else None
 

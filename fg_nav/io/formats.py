@@ -44,16 +44,22 @@ from fg_nav.io.readers import (
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording, Truth
 
+RATE, SENSOR = "rate", "sensor"
+
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what it is, how it is recognized and how it is read; `kinds` of content it may have."""
+    """A file format: what it is, how it is recognized and how it is read.
+
+    `kinds` are those of content that it may have, `asks` what the user may have to say: the rate, or a sensor.
+    """
 
     name: str
     description: str
     recognizes: Callable[[Content], bool]
     read: Callable[[Content], RawRecording]
     kinds: tuple[str, ...] = (TEXT,)
+    asks: tuple[str, ...] = ()
 
 
 def _by_name(*formats: Format) -> Mapping[str, Format]:
@@ -71,20 +77,29 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("sensorlog", "SensorLog CSV (iPhone)", sensorlog.recognizes, sensorlog.read),
     Format("androsensor", "AndroSensor CSV", androsensor.recognizes, androsensor.read),
     Format("physics-toolbox", "Physics Toolbox CSV", physics_toolbox.recognizes, physics_toolbox.read),
-    Format("hyperimu", "HyperIMU CSV", hyperimu.recognizes, hyperimu.read),
+    Format("hyperimu", "HyperIMU CSV", hyperimu.recognizes, hyperimu.read, asks=(RATE,)),
     Format("gnss-logger", "Google GnssLogger text", gnss_logger.recognizes, gnss_logger.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read, (TEXT, MEMBERS)),
-    Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read),
+    Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read, asks=(RATE,)),
     Format("xsens-dot", "Xsens or Movella DOT CSV", xsens_dot.recognizes, xsens_dot.read),
-    Format("metawear", "MetaWear CSV files of a session", metawear.recognizes, metawear.read, (TEXT, MEMBERS)),
+    Format(
+        "metawear", "MetaWear CSV files of a session", metawear.recognizes, metawear.read, (TEXT, MEMBERS), (SENSOR,)
+    ),
     Format("movesense", "Movesense JSON", movesense.recognizes, movesense.read),
-    Format("shimmer", "Shimmer Consensys CSV", shimmer.recognizes, shimmer.read),
-    Format("apdm", "APDM Opal CSV", apdm.recognizes, apdm.read),
+    Format("shimmer", "Shimmer Consensys CSV", shimmer.recognizes, shimmer.read, asks=(SENSOR,)),
+    Format("apdm", "APDM Opal CSV", apdm.recognizes, apdm.read, asks=(SENSOR,)),
     Format("vectornav", "VectorNav CSV of INSTINCT", vectornav.recognizes, vectornav.read),
     Format("yei", "YEI 3-Space CSV", yei.recognizes, yei.read),
-    Format("ros", "ROS 1 or ROS 2 bag", ros.recognizes, ros.read, (BINARY, MEMBERS)),
+    Format("ros", "ROS 1 or ROS 2 bag", ros.recognizes, ros.read, (BINARY, MEMBERS), (SENSOR,)),
     Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, (MATLAB,)),
-    Format("table", "any table, by its columns' names", table.recognizes, table.read, (TEXT, BINARY, MEMBERS)),
+    Format(
+        "table",
+        "any table, by its columns' names",
+        table.recognizes,
+        table.read,
+        (TEXT, BINARY, MEMBERS),
+        (RATE, SENSOR),
+    ),
 )
 """All formats by name."""
 
@@ -121,6 +136,12 @@ class Reading:
         content = read_content(Path(path))
         format = "table" if columns is not None else format
         chosen, found = find_recording(content) if format is None else _as_format(content, FORMATS[format])
+        for option, value in ((RATE, self.rate_hz), (SENSOR, self.sensor)):
+            if value is not None and option not in chosen.asks:
+                raise FormatError(
+                    f"{found.path.name} is of format '{chosen.name}', which has no {option} to choose: "
+                    f"leave --{option} out."
+                )
         return chosen.read(replace(found, columns=columns, rate_hz=self.rate_hz, sensor=self.sensor))
 
 
@@ -168,7 +189,7 @@ def find_recording(content: Content) -> tuple[Format, Content]:
         return found
     if "GCP_meters" in content.variables:
         raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
-    raise FormatError(explain_unknown(content, list(FORMATS)))
+    raise FormatError(explain_unknown(content, len(FORMATS)))
 
 
 def _as_format(content: Content, chosen: Format) -> tuple[Format, Content]:

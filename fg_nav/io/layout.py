@@ -109,7 +109,7 @@ def find_layout(content: Content) -> Layout | None:
 def _is_data_from(lines: Sequence[str], start: int) -> bool:
     """Whether a line and the next that are not empty have enough numbers, by the same separator."""
     block = [line for line in lines[start : start + 6] if line.strip() and not _is_comment(line)][:3]
-    if not block or not lines[start].strip() or _is_comment(lines[start]):
+    if len(block) < 2 or not lines[start].strip() or _is_comment(lines[start]):
         return False
     return any(
         all(_count_numbers(split_row(line, s), d) >= _FEWEST_NUMBERS for line in block)
@@ -186,7 +186,8 @@ def _join_rows(rows: Sequence[Sequence[str]]) -> list[str]:
     rows = [[*row, *[""] * (width - len(row))] for row in rows]
     units = next((row for row in rows[1:] if _is_units(row)), None)
     named = [_fill(row) if len(rows) - (units is not None) > 1 else list(row) for row in rows if row is not units]
-    if len(named) > 1 and _knows(named[-1]) >= _knows([" ".join(words) for words in zip(*named, strict=True)]):
+    joined = [" ".join(words) for words in zip(*named, strict=True)]
+    if len(named) > 1 and _knows(named[-1]) >= _knows(joined) and len(set(named[-1])) == len(named[-1]):
         named = named[-1:]
     names = [" ".join(dict.fromkeys(word for word in words if word)) for words in zip(*named, strict=True)]
     if units is None:

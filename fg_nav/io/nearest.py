@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
 
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import EXAMPLE, shorten_names
@@ -26,8 +25,8 @@ _FIXES = {"time_s", "x_m", "y_m", "sigma_m"}
 _QUATERNION = slice(4, 8)
 
 
-def explain_unknown(content: Content, formats: Sequence[str]) -> str:
-    """Say in one sentence what a content in none of the formats is nearest to, and what to do."""
+def explain_unknown(content: Content, count: int) -> str:
+    """Say in one sentence what a content in none of `count` formats is nearest to, and what to do."""
     name = content.path.name
     if content.kind == MEMBERS:
         return _explain_table(content) or f"{name} is in none of the formats read here: {_explain_members(content)}."
@@ -37,9 +36,10 @@ def explain_unknown(content: Content, formats: Sequence[str]) -> str:
     nearest = _explain_table(content)
     if nearest is not None:
         return nearest
+    what = "text without a table of numbers" if content.lines else "a binary file of an unknown kind"
     return (
-        f"{name} is in none of the formats read here ({', '.join(formats)}): "
-        f"write its samples as a table of columns time, acc x, y, z and gyr x, y, z, with units in the header."
+        f"{name} is in none of the {count} formats read here, but {what}: export its samples as a table with the "
+        f"columns t,ax,ay,az,gx,gy,gz, and type fg-nav inspect {shlex.quote(str(content.path.with_suffix('.csv')))}."
     )
 
 

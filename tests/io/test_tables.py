@@ -13,7 +13,7 @@ from fg_nav.errors import FgNavError, FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, read_raw
 from fg_nav.recording import RawRecording
-from tests.io.samples import tilting
+from tests.io.samples import tilting, write_xio
 
 RAW = tilting(np.random.default_rng(12), duration_s=6.0, rate_hz=100.0, still_s=1.0)
 assert RAW.mag is not None
@@ -255,8 +255,27 @@ STARTS = [
     (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"nearest to a table, .*'a', 'b'.*--columns \"time=t\[ms\],acc=ax"),
     (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*acc=ax:ay:az\[m/s\^2\],gyr="),
     (b"1,2,3,4,5,6,7\n" * 9, r"7 columns and no header.*--columns \"time=1\[s\],acc=2:3:4"),
-    (b"dear reader,\nno numbers here\n", "none of the formats.*canonical, .*table.*with units in the header"),
+    (b"dear reader,\nno numbers here\n", r"none of the \d+ formats.*text without a table.*fg-nav inspect"),
 ]
+
+
+def test_both_feet_in_one_file_of_two_header_rows(tmp_path: Path) -> None:
+    names = ["axis", *(f"{what}_{axis}" for what in ("acc", "gyr") for axis in "xyz")] * 2
+    other = np.column_stack([table_of(), 2.0 * RAW.acc, RAW.gyr])
+    path = write(tmp_path / "feet.csv", [*names[:7], *names[8:]], other)
+    feet = ["sensor", *["left_foot"] * 6, *["right_foot"] * 6]
+    path.write_text(",".join(feet) + "\n" + path.read_text().replace("axis", "time", 1))
+    with pytest.raises(FormatError, match=r"more than one acceleration .*'left_foot acc_x'.*--sensor"):
+        read_raw(path)
+    assert is_the_same(read_raw(path, sensor="left"))
+
+
+def test_a_rate_or_sensor_where_there_is_none_to_choose(tmp_path: Path) -> None:
+    write_xio(RAW, tmp_path / "walk.csv")
+    with pytest.raises(FormatError, match="of format 'xio', which has no rate to choose: leave --rate out"):
+        read_raw(tmp_path / "walk.csv", rate_hz=100.0)
+    with pytest.raises(FormatError, match="no sensor to choose"):
+        read_raw(tmp_path / "walk.csv", sensor="left")
 
 
 @pytest.mark.parametrize(("content", "words"), STARTS)
