@@ -37,6 +37,7 @@ def stream(
     speed: given.ReplaySpeed = None,
     record: given.RecordPath = None,
     silence: given.Silence = None,
+    plots: given.PlotsChoice = "html",
     out: given.EndDir = None,
     polish: given.Polish = False,
     force: given.Force = False,
@@ -56,4 +57,4 @@ def stream(
         speed, record, force,
     )  # fmt: skip
     with answering(json, quiet) as answer:
-        answer(stream(request, out, force, lines=not (json or quiet)))
+        answer(stream(request, plots, out, force, lines=not (json or quiet)))

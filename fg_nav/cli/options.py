@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from fg_nav.report import Plots
+
 METHODS = ("smoother", "inertial", "online", "iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 POCKET_METHODS = ("pocket", "munoz-diaz2017", "online")
 PRESETS = ("tuned", "physical", "as-printed")
@@ -106,6 +108,10 @@ FormatName = Annotated[
         help="Its format. \\[default: recognised from the content]",
         autocompletion=_complete_formats,
     ),
+]
+PlotsChoice = Annotated[
+    Plots,
+    typer.Option("--plots", help="What is drawn: html, the page report.html; png, a picture of each part; all, both."),
 ]
 NoMag = Annotated[
     bool,

@@ -89,6 +89,7 @@ def run(
     rate: given.FileRate = None,
     sensor: given.SensorName = None,
     alignment: given.AlignmentMode = "yaw",
+    plots: given.PlotsChoice = "html",
     out: given.OutDir = None,
     force: given.Force = False,
     strict: given.Strict = False,
@@ -97,7 +98,7 @@ def run(
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Run one method on each recording and write trajectory, strides, summary and pictures."""
+    """Run one method on each recording and write trajectory, strides, summary and report.html."""
     from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.run import RunRequest, check_methods, run, wear
     from fg_nav.estimators import DEFAULT_METHOD
@@ -111,7 +112,7 @@ def run(
     options = wear(options, mount, (step_constant, known_distance), gate, preset)
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(run(recordings, RunRequest(method, options, reading, out, force, strict, known)))
+        answer(run(recordings, RunRequest(method, options, reading, plots, out, force, strict, known)))
 
 
 def _read_parameters(
@@ -149,6 +150,7 @@ def compare(
     rate: given.FileRate = None,
     sensor: given.SensorName = None,
     alignment: given.AlignmentMode = "yaw",
+    plots: given.PlotsChoice = "html",
     out: given.OutDir = None,
     force: given.Force = False,
     config: given.ConfigPath = None,
@@ -156,7 +158,7 @@ def compare(
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Run several methods on the same recording and the same stances, and lay them side by side."""
+    """Run several methods on the same recording and the same stances, and lay them side by side in report.html."""
     from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.run import check_methods, compare, split_methods
 
@@ -172,7 +174,7 @@ def compare(
         options = bind_to_recording(options, known, recording)
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(compare(recording, names, options, reading, out, force))
+        answer(compare(recording, names, options, reading, plots, out, force))
 
 
 @verbs.command()
@@ -182,6 +184,7 @@ def demo(
     speed: given.Speed = 1.0,
     host: given.ViewHost = "127.0.0.1",
     port: given.ViewPort = 8642,
+    plots: given.PlotsChoice = "html",
     out: given.OutDir = None,
     force: given.Force = False,
     json: given.Json = False,
@@ -195,4 +198,4 @@ def demo(
         if view:
             view_demo(seed, speed, host, port)
         else:
-            answer(demo(seed, out, force))
+            answer(demo(seed, plots, out, force))

@@ -1,6 +1,6 @@
 """`fg-nav run`, `compare` and `demo`: methods on a recording, into a folder of results.
 
-`fg-nav run`: one method, with trajectory, strides, summary and pictures.
+`fg-nav run`: one method, with trajectory, strides, summary and a page of charts.
 `fg-nav compare` and `fg-nav demo`: several methods on the same walk, side by side.
 """
 
@@ -18,6 +18,7 @@ from fg_nav.errors import EstimationError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.io import Reading
 from fg_nav.pipeline import navigate, prepare_walk
+from fg_nav.report import Plots
 from fg_nav.report.files import Summary, write_comparison, write_run
 from fg_nav.report.folder import DEMO_FILES
 from fg_nav.report.terminal import print_results, progress
@@ -36,6 +37,7 @@ class RunRequest:
     ----------
     method, options : with what; the options know where the sensor was worn.
     reading : how the recordings are read.
+    plots : what is drawn of the result.
     out, force : the folder of the result, and whether to replace one; of several recordings the folder of theirs.
     strict : a path that is not to be used is a failure.
     config : whose options of its own recording are taken too; None without.
@@ -44,6 +46,7 @@ class RunRequest:
     method: str
     options: Options
     reading: Reading
+    plots: Plots = "html"
     out: Path | None = None
     force: bool = False
     strict: bool = False
@@ -94,7 +97,7 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
     with progress(method) as report:
         result = navigate(read_walk(recording, options, request.reading), method, progress=report)
         with target.open() as folder:
-            summary = write_run(folder, result.walk, result.outcome)
+            summary = write_run(folder, result.walk, result.outcome, request.plots)
     failure = None
     if strict and summary["verdict"] == UNUSABLE:
         failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
@@ -138,7 +141,13 @@ def split_methods(methods: str) -> list[str]:
 
 
 def compare(
-    recording: Path, names: Sequence[str], options: Options, reading: Reading, out: Path | None, force: bool
+    recording: Path,
+    names: Sequence[str],
+    options: Options,
+    reading: Reading,
+    plots: Plots,
+    out: Path | None,
+    force: bool,
 ) -> Answer:
     """Run several methods on a recording, and return their summaries."""
     for name in names:
@@ -147,7 +156,7 @@ def compare(
     walk = prepare_walk(read_walk(recording, options, reading))
     outcomes = run_methods(walk, names)
     with target.open() as folder:
-        summaries = write_comparison(folder, walk, outcomes)
+        summaries = write_comparison(folder, walk, outcomes, plots)
     return answer_comparison(recording, summaries, target.place)
 
 
@@ -157,7 +166,7 @@ def answer_comparison(recording: Path, summaries: list[Summary], place: Path) ->
     return Answer(content, partial(print_results, summaries, place))
 
 
-def demo(seed: int, out: Path | None, force: bool) -> Answer:
+def demo(seed: int, plots: Plots, out: Path | None, force: bool) -> Answer:
     """Simulate one minute of walking, and compare the methods on it."""
     from fg_nav.commands.simulate import write_simulation  # loads the simulator, which no other of these needs
 
@@ -169,5 +178,5 @@ def demo(seed: int, out: Path | None, force: bool) -> Answer:
         walk = prepare_walk(Walk.of(replace(simulated.recording, provenance=provenance)))
         outcomes = run_methods(walk, DEMO_METHODS)
         write_simulation(folder, simulated)
-        summaries = write_comparison(folder, walk, outcomes)
+        summaries = write_comparison(folder, walk, outcomes, plots)
     return answer_comparison(target.place / "recording.csv", summaries, target.place)

@@ -28,13 +28,13 @@ from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Provenance
-from fg_nav.report import terminal
+from fg_nav.report import Plots, terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_lagged, write_run
 from fg_nav.solution import Solution
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 
-def stream(request: StreamRequest, out: Path | None, force: bool, lines: bool = True) -> Answer:
+def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, lines: bool = True) -> Answer:
     """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder.
 
     Without `lines` none are printed on standard output.
@@ -48,9 +48,9 @@ def stream(request: StreamRequest, out: Path | None, force: bool, lines: bool = 
             summary = emit_end(walk, outlets.emit_end or drop_line)
             return Answer({"source": request.source, **summary}, say_nothing)
         with target.open() as folder:
-            summary = write_end(folder, walk)
+            summary = write_end(folder, walk, plots)
     content = {"source": request.source, "folder": str(target.place), **summary}
-    return Answer(content, partial(remark, f"files: {target.place}"))
+    return Answer(content, partial(remark, terminal.describe_place(target.place)))
 
 
 def remark(words: str) -> None:
@@ -106,13 +106,13 @@ def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say, in_poc
                 emit(line)
 
 
-def write_end(folder: Path, walk: StreamedWalk) -> Summary:
+def write_end(folder: Path, walk: StreamedWalk, plots: Plots) -> Summary:
     """Write what `fg-nav run` writes; with a lag, what needs no samples. Return the summary."""
     if not _has_lag(walk):
         with terminal.progress("online") as report:
             prepared, outcome = finish_stream(walk, report)
-        return write_run(folder, prepared, outcome)
-    return write_lagged(folder, walk.navigator.finish())
+        return write_run(folder, prepared, outcome, plots)
+    return write_lagged(folder, walk.navigator.finish(), plots)
 
 
 def _has_lag(walk: StreamedWalk) -> bool:

@@ -1,5 +1,16 @@
-"""What people get to see: result folders, files, tables and pictures.
+"""What people get to see: result folders, files, tables, the page and pictures.
 
 Imported by the command line, the papers' experiments and scripts only. Importing this package does
 not import matplotlib; `fg_nav.report.plots` does.
 """
+
+from typing import Literal, TypeAlias
+
+Plots: TypeAlias = Literal["none", "png", "html", "all"]
+"""What is drawn of a result: the page `report.html`, the pictures, both or neither."""
+
+WITH_PAGE: tuple[Plots, ...] = ("html", "all")
+WITH_PICTURES: tuple[Plots, ...] = ("png", "all")
+
+REPORT = "report.html"
+"""Name of the page in the folder of a result."""

@@ -18,7 +18,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import pandas as pd
 
@@ -26,6 +26,7 @@ from fg_nav.estimators import ESTIMATORS, find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
+from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 from fg_nav.verdict import judge_path
@@ -37,16 +38,13 @@ if TYPE_CHECKING:
 Summary: TypeAlias = dict[str, object]
 """Figures of merit by `SUMMARY_KEYS`, ready for JSON."""
 
-Plots: TypeAlias = Literal["none", "png", "html", "all"]
-"""What is drawn of a result: the page, the pictures, both or neither."""
-
-WITH_PAGE: tuple[Plots, ...] = ("html", "all")
-WITH_PICTURES: tuple[Plots, ...] = ("png", "all")
-
 SUMMARY_KEYS = (
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
-    "realtime_factor", "verdict", "reasons",
+    "realtime_factor", "end_m", "end_sigma_m", "verdict", "reasons",
 )  # fmt: skip
+_STRUCTURED = ("magnetometer_delay",)
+"""Of the summary, what is no figure and may be null; lists and dictionaries are none either."""
+
 TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
 _MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
 MOMENT_KEYS = ("moment_rmse_2d_m", "moment_end_error_m", "moment_max_error_m")
@@ -56,7 +54,7 @@ POLISHED_KEYS = ("distance_m", "closure_m", "closure_percent", "rmse_2d_m", "rms
 GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 
 
-def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "all") -> Summary:
+def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "html") -> Summary:
     """Write what one method made of a walk into an existing folder, with page and pictures; return the summary."""
     summary = write_result(folder, walk, outcome)
     if plots in WITH_PAGE:
@@ -69,7 +67,7 @@ def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "all") 
     return summary
 
 
-def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], plots: Plots = "all") -> list[Summary]:
+def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], plots: Plots = "html") -> list[Summary]:
     """Write each method's files into its own folder, `comparison.csv` and `.json`, page and pictures."""
     summaries = write_results(folder, walk, outcomes)
     if plots in WITH_PAGE:
@@ -89,7 +87,7 @@ def _write_page(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], summa
     write_page(folder, Findings(outcomes, summaries, configs, walk))
 
 
-def write_lagged(folder: Path, solution: Solution, plots: Plots = "all") -> Summary:
+def write_lagged(folder: Path, solution: Solution, plots: Plots = "html") -> Summary:
     """Write what is known of a walk in progress whose samples were not kept; return the summary."""
     write_paths(folder, solution)
     summary = summarize_lagged(solution)
@@ -114,6 +112,7 @@ def summarize_lagged(solution: Solution) -> Summary:
         "closure_m": metrics.closure_m,
         "closure_percent": metrics.closure_percent,
         "runtime_s": solution.runtime_s,
+        **_describe_end(solution.stances),
         "notes": list(solution.notes),
     }
 
@@ -133,7 +132,7 @@ def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> 
         (folder / name).mkdir()
     summaries = [write_result(folder / name, walk, outcome) for name, outcome in outcomes.items()]
     rows = [
-        {key: value for key, value in row.items() if key not in ("notes", "reasons", "magnetometer_delay", "graph")}
+        {key: value for key, value in row.items() if not isinstance(value, list | dict) and key not in _STRUCTURED}
         for row in summaries
     ]
     pd.DataFrame(rows).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
@@ -173,6 +172,7 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         "runtime_s": solution.runtime_s,
         "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
     }
+    figures |= _describe_end(solution.stances)
     if solution.distance_sigma_m is not None:
         figures["distance_sigma_m"] = solution.distance_sigma_m
     if solution.graph:
@@ -189,6 +189,11 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
     return figures | about | {"notes": notes}
+
+
+def _describe_end(table: StanceTable) -> dict[str, object]:
+    """Place of the last footfall from the first, and its sigmas: x, y, z m."""
+    return {"end_m": to_json(table.position[-1] - table.position[0]), "end_sigma_m": to_json(table.position_sigma[-1])}
 
 
 def _describe_polished(outcome: Outcome, polished: Outcome) -> dict[str, object]:

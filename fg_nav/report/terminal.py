@@ -14,7 +14,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from fg_nav.report import REPORT
 from fg_nav.report.rows import FIGURES, collect_notes
+from fg_nav.text import format_count
 
 _PIPE_WIDTH = 1000
 
@@ -45,14 +47,17 @@ def console() -> Console:
 
 
 def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> None:
-    """Print the table of figures, the notes that go with it, and where the files are."""
+    """Print what matters of one method in five lines, or the table and the verdicts of several."""
     out = console()
-    out.print(result_table(summaries))
-    for words in notes_of(summaries):
-        out.print(words)
-    print_place([], place)
+    several = len(summaries) > 1
+    if several:
+        out.print(result_table(summaries))
     for summary in summaries:
-        out.print(_describe_verdict(summary, len(summaries) > 1), soft_wrap=True)
+        out.print(_describe_verdict(summary, several), soft_wrap=True)
+    if not several:
+        for line in describe_result(summaries[0]):
+            out.print(line, soft_wrap=True)
+    out.print(describe_place(place, len(collect_notes(summaries))), soft_wrap=True)
 
 
 def _describe_verdict(summary: Mapping[str, object], named: bool) -> str:
@@ -60,6 +65,35 @@ def _describe_verdict(summary: Mapping[str, object], named: bool) -> str:
     reasons = "; ".join(cast("list[str]", summary["reasons"]))
     who = f" ({summary['method']})" if named else ""
     return f"verdict{who}: {summary['verdict']}" + (f": {reasons}" if reasons else "")
+
+
+def describe_result(summary: Mapping[str, object]) -> list[str]:
+    """Distance, end and, where it is known, error of one method, a line each."""
+    known = {key: pattern.format(summary[key]) for key, _, pattern in FIGURES if summary.get(key) is not None}
+    sigma = f", sigma {known['distance_sigma_m']} m" if "distance_sigma_m" in known else ""
+    strides = format_count(cast("int", summary["strides"]), "stride")
+    percent = f" ({known['closure_percent']} % of the distance)" if "closure_percent" in known else ""
+    end = f"end: {known['closure_m']} m from the start{percent}, at {_format_place(summary['end_m'])}"
+    lines = [
+        f"distance: {known['distance_m']} m{sigma}, in {strides}",
+        f"{end}, sigma {_format_place(summary['end_sigma_m'])}",
+    ]
+    if "rmse_2d_m" in known:
+        error = f"error: {known['rmse_2d_m']} m rms horizontally, {known['end_error_m']} m at the end"
+        lines.append(f"{error}, {known['max_error_m']} m at most; alignment {known['alignment']}")
+    return lines
+
+
+def _format_place(values: object) -> str:
+    """Put x, y, z (m) into words; a sigma that is not known is a dash."""
+    named = zip("xyz", cast("list[float | None]", values), strict=True)
+    return ", ".join(f"{axis} {'-' if value is None else f'{value:z.2f}'}" for axis, value in named) + " m"
+
+
+def describe_place(place: Path, remarks: int = 0) -> str:
+    """Say where the page of a result is, or its files where there is no page."""
+    more = f" ({format_count(remarks, 'remark')} in it)" if remarks else ""
+    return f"report: {place / REPORT}{more}" if (place / REPORT).exists() else f"files: {place}"
 
 
 def print_place(notes: Sequence[str], place: Path) -> None:
@@ -71,11 +105,6 @@ def print_place(notes: Sequence[str], place: Path) -> None:
     pictures = sorted(path.name for path in place.glob("*.png"))
     if pictures:
         out.print(f"pictures: {', '.join(pictures)}", soft_wrap=True)
-
-
-def notes_of(summaries: Sequence[Mapping[str, object]]) -> list[str]:
-    """Lines of notes; of several methods each note says whose it is, unless it is everybody's."""
-    return [f"note ({whose}): {note}" if whose else f"note: {note}" for whose, note in collect_notes(summaries)]
 
 
 def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:

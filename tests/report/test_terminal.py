@@ -2,11 +2,13 @@
 
 import io
 import sys
+from pathlib import Path
 
 import pytest
 
 from fg_nav.report import terminal
 from fg_nav.report.files import summarize
+from fg_nav.report.rows import collect_notes
 from fg_nav.walk import Walk
 from tests.report import walks
 
@@ -40,8 +42,29 @@ def test_table_leaves_out_what_no_method_knows(walk: Walk, capsys: pytest.Captur
 
 def test_notes_say_whose_they_are() -> None:
     several = [{"method": "a", "notes": ["one", "two"]}, {"method": "b", "notes": ["three", "two"]}]
-    assert terminal.notes_of(several) == ["note: two", "note (a): one", "note (b): three"]
-    assert terminal.notes_of(several[:1]) == ["note: one", "note: two"]
+    assert collect_notes(several) == [("", "two"), ("a", "one"), ("b", "three")]
+    assert collect_notes(several[:1]) == [("", "one"), ("", "two")]
+
+
+def test_one_method_is_five_lines(walk: Walk, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "report.html").touch()
+    summary = summarize(walk, walks.outcome(walk))
+    terminal.print_results([summary], tmp_path)
+    said = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in said] == ["verdict", "distance", "end", "error", "report"]
+    assert said[1] == f"distance: {summary['distance_m']:.2f} m, in {summary['strides']} strides"
+    assert f"{summary['rmse_2d_m']:.3f} m rms" in said[3]
+    assert said[4] == f"report: {tmp_path / 'report.html'} (2 remarks in it)"
+
+
+def test_without_a_truth_there_is_no_error_and_without_a_page_its_folder(
+    walk: Walk, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bare = walks.without_truth(walk)
+    terminal.print_results([summarize(bare, walks.outcome(bare))], tmp_path)
+    said = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in said] == ["verdict", "distance", "end", "files"]
+    assert said[-1] == f"files: {tmp_path}"
 
 
 def test_text_in_brackets_is_no_markup(capsys: pytest.CaptureFixture[str]) -> None:

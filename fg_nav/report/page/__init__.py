@@ -11,14 +11,12 @@ import gzip
 import json
 from pathlib import Path
 
+from fg_nav.report import REPORT
 from fg_nav.report.page.content import Findings, compose_page
 from fg_nav.report.page.figures import Chart
 from fg_nav.text import find_version, to_json
 
-__all__ = ["REPORT", "Findings", "render_page", "write_page"]
-
-REPORT = "report.html"
-"""Name of the page in the folder of a result."""
+__all__ = ["Findings", "render_page", "write_page"]
 
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
