@@ -48,16 +48,16 @@ class Headings:
 def trace_headings(view: AlignedSolution) -> Headings:
     """Return the headings of a solution that is aligned with its truth, if there is one."""
     stances, t = view.solution.stances, view.solution.t
-    heading, true_heading = compute_heading(view.align_attitude(view.solution.nav_R_body)), _read_truth(view)
-    at_stances = np.unwrap(heading[stances.sample])
+    heading = compute_heading(view.align_attitude(view.solution.nav_R_body))
+    at_stances = np.unwrap(compute_heading(view.align_attitude(stances.nav_R_body)))
     middle = np.interp(t, stances.t, at_stances) if len(stances) else heading
     steep = np.abs(view.solution.nav_R_body[:, 2, 0]) > _STEEP
     gauge = has_sure_start(stances)
     return Headings(
         at_stances,
         np.where(steep, np.nan, middle + wrap_angle(heading - middle)),
-        middle + wrap_angle(true_heading - middle),
-        _count_error((heading - true_heading)[stances.sample], gauge),
+        middle + wrap_angle(_read_truth(view, t) - middle),
+        _count_error(at_stances - _read_truth(view, stances.t), gauge),
         view.remaining_heading_sigma(),
         gauge,
         bool(len(stances) and np.ptp(at_stances) > TURNS_UNWRAPPED * 2 * np.pi),
@@ -71,9 +71,9 @@ def _count_error(error: Floats, gauge: bool) -> Floats:
     return wrap_angle(error - error[known[0]]) if gauge and len(known) else error
 
 
-def _read_truth(view: AlignedSolution) -> Floats:
-    """Read the true heading (N,) rad at the solution's stamps; NaN where it is unknown."""
-    truth, t = view.truth, view.solution.t
+def _read_truth(view: AlignedSolution, t: Floats) -> Floats:
+    """Read the true heading (N,) rad at times `t` (N,) s; NaN where it is unknown."""
+    truth = view.truth
     if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
         return np.full(len(t), np.nan)
     seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))

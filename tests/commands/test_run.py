@@ -347,9 +347,9 @@ def test_bug_exits_with_70_and_its_traceback(fg_nav: FgNav, files: Path, monkeyp
 def test_interrupt_exits_with_130_and_leaves_nothing(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fg_nav.report import plots
+    from fg_nav.report import page
 
-    monkeypatch.setattr(plots, "draw_result", failing(KeyboardInterrupt()))
+    monkeypatch.setattr(page, "write_page", failing(KeyboardInterrupt()))
     ran = fg_nav("run", files / "walk.csv", "--method", "iez", "--out", "out")
     assert (ran.code, ran.err) == (130, "")
     assert names(Path()) == set()
@@ -359,9 +359,9 @@ def test_interrupt_exits_with_130_and_leaves_nothing(
 def test_full_disk_is_one_line_and_leaves_no_result(
     fg_nav: FgNav, files: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
 ) -> None:
-    from fg_nav.report import plots
+    from fg_nav.report import page
 
-    monkeypatch.setattr(plots, "draw_stances", failing(OSError(28, "No space left on device")))
+    monkeypatch.setattr(page, "write_page", failing(OSError(28, "No space left on device")))
     command, *rest = arguments
     option = "--method" if command == "run" else "--methods"
     ran = fg_nav(command, files / "walk.csv", option, "iez", *rest)

@@ -394,7 +394,7 @@ def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):
     assert ran.code == 0
     told = {"source": str(csv), "folder": str(tmp_path / "out")}
     assert json.loads(ran.out) == {**told, **json.loads((tmp_path / "out" / "summary.json").read_text())}
-    assert names(tmp_path / "out") == {"trajectory.tum", "strides.csv", "online.csv", "summary.json"}
+    assert names(tmp_path / "out") == {"trajectory.tum", "strides.csv", "online.csv", "summary.json", "report.html"}
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 13
     strides, online = (pd.read_csv(tmp_path / "out" / name) for name in ("strides.csv", "online.csv"))
     assert len(strides) == len(online) == 13
