@@ -3,7 +3,7 @@
 ====== ==========================================================================================
 time   of the units s, ms, us and ns one makes the rate that of an inertial sensor
 acc    at rest it is gravity: 9.8 m/s^2, 1 g or 1000 mg
-gyr    above 40 it is no rad/s; where gravity turns as it says, that unit is it; else the user says it
+gyr    above 40 it is no rad/s, below 17 on a walk no deg/s; gravity turns as it says; else the user says it
 mag    a field on Earth is 5 to 200 uT; one whose unit is not clear is left out
 ====== ==========================================================================================
 
@@ -152,7 +152,7 @@ def _judge_gyr(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, as
     finite = np.abs(gyr[np.isfinite(gyr).all(axis=1)])
     peak = float(finite.max()) if finite.size else np.nan
     if unit is not None:
-        notes.append(f"gyr is taken for {unit}, by its peak of {peak:.4g} and how gravity turns with it")
+        notes.append(f"gyr is taken for {unit}, by its peak of {peak:.4g} next to acc")
         return unit
     words = asker.ask(write_mapping(columns, gyr="deg/s"))
     raise FormatError(

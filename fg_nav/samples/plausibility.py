@@ -145,8 +145,8 @@ def find_acc_problem(acc: Floats, period_s: float) -> str | None:
 def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     """Find the unit of gyr (N, 3) where physics decides: rad/s or deg/s; None where it does not.
 
-    No limb turns at more than 40 rad/s; and where the sensor turns quietly, gravity turns as the gyroscope says in one
-    of the two units only. `acc` is in m/s^2.
+    No limb turns at more than 40 rad/s; one that is shaken as by walking turns faster than 0.3 rad/s, 17 deg/s; and
+    where the sensor turns quietly, gravity turns as the gyroscope says in one of the two units only. `acc` is in m/s^2.
     """
     acc, gyr = _usable(acc, gyr)
     if not len(gyr):
@@ -154,7 +154,9 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     peak = float(np.quantile(np.abs(gyr).max(axis=1), 0.999))
     transport = measure_gravity_transport(acc, gyr, period_s)
     gain = transport.gain if transport.is_telling and transport.correlation > 0.0 else np.nan
-    if peak <= _TOO_FAST_RAD_S and _SAME_GAIN[0] < gain < _SAME_GAIN[1]:
+    fast = float(np.quantile(np.linalg.norm(gyr, axis=1), 0.99))
+    is_too_slow_in_degrees = np.radians(fast) < _TOO_SLOW_RAD_S < fast and _is_lively(acc)
+    if peak <= _TOO_FAST_RAD_S and (_SAME_GAIN[0] < gain < _SAME_GAIN[1] or is_too_slow_in_degrees):
         return "rad/s"
     is_degrees = peak > _TOO_FAST_RAD_S or _SAME_GAIN[0] < gain * 180.0 / np.pi < _SAME_GAIN[1]
     return "deg/s" if is_degrees and peak <= _FASTEST_DEG_S else None
@@ -193,7 +195,7 @@ def find_gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
             f"gyr seems to be in deg/s (one sample in a hundred is above {fast:.3g}), not rad/s: "
             f"multiply it by {np.pi / 180:.7f}"
         )
-    lively = period_s > 0 and float(np.std(np.linalg.norm(acc, axis=1))) > _LIVELY_M_S2
+    lively = period_s > 0 and _is_lively(acc)
     too_strong = transport.is_telling and transport.gain > 10.0
     if too_strong or (fast < _TOO_SLOW_RAD_S and lively):
         return (
@@ -278,6 +280,11 @@ def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> Grav
     if not scale > 0:
         return GravityTransport(np.nan, np.nan, 0)
     return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(turning)))
+
+
+def _is_lively(acc: Floats) -> bool:
+    """Whether acc (N, 3) m/s^2 is that of a sensor on somebody who walks."""
+    return float(np.std(np.linalg.norm(acc, axis=1))) > _LIVELY_M_S2
 
 
 def _usable(*vectors: Floats, limit: float = 1e5) -> tuple[Floats, ...]:

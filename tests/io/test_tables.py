@@ -12,6 +12,7 @@ import pytest
 from fg_nav.errors import FgNavError, FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, read_raw
+from fg_nav.lab.simulation import simulate
 from fg_nav.recording import RawRecording
 from tests.io.samples import tilting, write_xio
 
@@ -257,6 +258,15 @@ STARTS = [
     (b"1,2,3,4,5,6,7\n" * 9, r"7 columns and no header.*--columns \"time=1\[s\],acc=2:3:4"),
     (b"dear reader,\nno numbers here\n", r"none of the \d+ formats.*text without a table.*fg-nav inspect"),
 ]
+
+
+@pytest.mark.parametrize(("gyr", "unit"), [(1.0, "rad/s"), (180 / np.pi, "deg/s")])
+def test_the_gyroscope_of_a_walking_foot_shows_its_unit(gyr: float, unit: str, tmp_path: Path) -> None:
+    walk = simulate("demo", 1).recording.slice(3000, 7000)
+    table = np.column_stack([walk.t, walk.acc, walk.gyr * gyr])
+    raw = read_raw(write(tmp_path / "walk.csv", SHORT, table))
+    assert f"gyr is taken for {unit}, by its peak" in raw.provenance.notes[-1]
+    np.testing.assert_allclose(raw.gyr, walk.gyr, atol=1e-6)
 
 
 def test_both_feet_in_one_file_of_two_header_rows(tmp_path: Path) -> None:
