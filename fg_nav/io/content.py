@@ -331,8 +331,10 @@ def read_integers(
     """
     options = _table_options(header, first_line, separator) | {"usecols": [position], "names": None}
     try:
-        frame = pd.read_csv(content.source(), dtype={position: np.int64}, **options)
-    except (ValueError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
+            frame = pd.read_csv(content.source(), dtype={position: np.int64}, **options)
+    except (ValueError, TypeError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
         return None
     return np.asarray(frame[position].to_numpy(dtype=np.int64))
 

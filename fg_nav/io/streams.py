@@ -48,6 +48,9 @@ _FASTER = 1.5
 _END_OF_TIME_S = 1e11
 """Seconds since 1970 are 2e9."""
 
+_NONSENSE = 1e9
+"""No sensor reads as much in m/s^2, rad/s or uT."""
+
 _RESTART_S = 1.0
 """A step backward by more is a clock that began again, not a sample that came late."""
 
@@ -95,6 +98,7 @@ class Stream:
         return replace(self, t=self.t[chosen], xyz=self.xyz[chosen], row=self.row[chosen])
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = ()) -> RawRecording:
     """Bring accelerometer, gyroscope and, where there is one, magnetometer onto the gyroscope's stamps.
 
@@ -159,7 +163,7 @@ def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Strea
 
 def _clean(stream: Stream, remarks: list[str]) -> Stream:
     """Samples that are numbers, in order of time, each once, from the first that is none of a sensor that wakes up."""
-    whole = (np.abs(stream.t) < _END_OF_TIME_S) & np.isfinite(stream.xyz).all(axis=1)
+    whole = (np.abs(stream.t) < _END_OF_TIME_S) & (np.abs(stream.xyz) < _NONSENSE).all(axis=1)
     if stream.what == "mag":  # which is zero until it is calibrated
         whole &= stream.xyz.any(axis=1)
     stream = _follow_clock(stream.take(whole), remarks)
@@ -219,7 +223,11 @@ def _keep_field(mag: Stream | None, remarks: list[str]) -> Stream | None:
 def _check_rates(streams: Sequence[Stream], path: Path, remarks: list[str]) -> None:
     slowest = max(streams, key=lambda stream: stream.period_s)
     rate = 1.0 / slowest.period_s
-    words = f"the {slowest.name} has {rate:.1f} samples a second"
+    words = (
+        f"the {slowest.name} has {rate:.1f} samples a second"
+        if rate > 1
+        else (f"the {slowest.name} has a sample every {slowest.period_s:.3g} s")
+    )
     if rate < SLOWEST_HZ:
         raise FormatError(
             f"{path.name}: {words}, too few to follow a walk: record at 50 Hz or more, 100 Hz for a foot."

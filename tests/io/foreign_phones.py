@@ -73,7 +73,10 @@ def sensor_logger(raw: RawRecording, kind: str = "ios") -> Files:
             tables |= {"AccelerometerUncalibrated": xyz} if kind == "bare" else {}
         for table, values in tables.items():
             stamps = START_NS + np.rint(t * 1e9).astype(np.int64)
-            rows = [f"{s},{e!r},{z!r},{y!r},{x!r}" for s, e, (x, y, z) in zip(stamps, t, values.tolist(), strict=True)]
+            rows = [
+                f"{s},{e!r},{z!r},{y!r},{x!r}"
+                for s, e, (x, y, z) in zip(stamps, t.tolist(), values.tolist(), strict=True)
+            ]
             files[f"{table}.csv"] = "\n".join(["time,seconds_elapsed,z,y,x", *rows]) + "\n"
     if kind == "raw":
         files = {name: text for name, text in files.items() if name not in ("Accelerometer.csv", "Gravity.csv")}

@@ -40,6 +40,7 @@ def recognizes(content: Content) -> bool:
     return named or (first.startswith(_PREFIXES) and first.count(",") >= 5)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read(content: Content) -> RawRecording:
     """Read the inertial sensors and the magnetometer of a log.
 
@@ -63,10 +64,13 @@ def read(content: Content) -> RawRecording:
 
 def _read_stream(content: Content, what: Sensor, kind: str, lines: list[str], rows: list[int]) -> Stream:
     width = 9 if kind.startswith("Uncal") else 6
-    table = pd.read_csv(
-        io.StringIO("\n".join(lines)), header=None, names=range(width), usecols=range(width), index_col=False,
-        dtype=str, quoting=3, skip_blank_lines=False,
-    )  # fmt: skip
+    try:
+        table = pd.read_csv(
+            io.StringIO("\n".join(lines)), header=None, names=range(width), usecols=range(width), index_col=False,
+            dtype=str, quoting=3, skip_blank_lines=False,
+        )  # fmt: skip
+    except (ValueError, pd.errors.ParserError):
+        raise FormatError(f"{content.path.name} has no whole record of {kind}: log it again.") from None
     numbers = table.iloc[:, 1:].apply(pd.to_numeric, errors="coerce")
     bad = numbers.isna().any(axis=1).to_numpy()
     if bad.any():

@@ -49,6 +49,7 @@ def recognizes(content: Content) -> bool:
     return any(_find_columns(table) for table in _tables(content))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read(content: Content) -> RawRecording:
     """Read an experiment.
 
@@ -164,10 +165,10 @@ def _put_pauses_back(stream: Stream, events: list[tuple[str, float, float]], not
     if not events:
         return stream
     last = events[-1][1] if events[-1][0] == "PAUSE" else np.inf
-    if stream.t.size and np.nanmax(stream.t) > last + _LATE_S:
+    end = max(stream.t[np.isfinite(stream.t)].tolist(), default=0.0)
+    if end > last + _LATE_S:
         raise FormatError(
-            f"{stream.source} lasts {np.nanmax(stream.t):.1f} s, but meta/time.csv says {last:.1f} s: "
-            f"give the files of one experiment."
+            f"{stream.source} lasts {end:.1f} s, but meta/time.csv says {last:.1f} s: give the files of one experiment."
         )
     t: Floats = np.asarray(stream.t, dtype=np.float64).copy()
     for before, after in pairwise(events):

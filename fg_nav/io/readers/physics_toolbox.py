@@ -14,6 +14,8 @@ sample, 0 before the first: what changed is taken, each sensor at its own times.
 
 from __future__ import annotations
 
+import numpy as np
+
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, scale_values
@@ -39,6 +41,7 @@ def _find_header(content: Content) -> Header | None:
 _AXES = {"gFx", "ax", "wx", "Bx"}
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read(content: Content) -> RawRecording:
     """Read a recording.
 

@@ -51,6 +51,7 @@ def recognizes(content: Content) -> bool:
     return bool(_find_tables(content))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read(content: Content) -> RawRecording:
     """Read a recording.
 

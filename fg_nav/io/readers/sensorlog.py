@@ -39,6 +39,7 @@ def _find_header(content: Content) -> Header | None:
     return find_header(content, lambda names: any("Timestamp_sinceReboot" in name for name in names))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read(content: Content) -> RawRecording:
     """Read a recording.
 
