@@ -83,8 +83,8 @@ def describe_ellipses(view: AlignedSolution) -> str:
     own = "Ellipses hold 95 % by the method's own covariance, relative to the first footfall"
     if view.is_turned:
         return (
-            f"{own} and to a path that is turned onto the truth: the uncertainty of north is not in them. The path is "
-            "laid on the truth as a whole, so it may lie apart from it at the start."
+            f"{own} and to a path that is turned onto the truth: the uncertainty of north is not in them. Laid on "
+            "the truth as a whole, the path may lie closer to it than they are large, and apart from it at the start."
         )
     if has_sure_start(table):
         return f"{own} and to the heading there, which counts as known."

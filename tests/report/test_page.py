@@ -1,0 +1,141 @@
+"""The page of a result: its figures are the summary's, its charts are drawn, and nothing is asked of a network."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fg_nav.report.aligned import AlignedSolution
+from fg_nav.report.ellipses import find_ellipses
+from fg_nav.report.files import write_comparison, write_lagged, write_run
+from fg_nav.report.page.content import Findings, Page, compose_page
+from fg_nav.walk import Walk
+from tests.browser import open_browser
+from tests.report import walks
+
+SECTIONS = ["path", "height", "sigma", "stances", "bias", "heading", "strength", "errors"]
+HOSTILE = "</script><img src=x onerror=alert(1)>'\".csv"
+
+
+def named(walk: Walk, name: str) -> Walk:
+    provenance = replace(walk.recording.provenance, path=Path(name))
+    return replace(walk, recording=replace(walk.recording, provenance=provenance))
+
+
+@pytest.fixture(scope="module")
+def folder(walk: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the page of a walk whose file has a hostile name."""
+    folder = tmp_path_factory.mktemp("page")
+    write_run(folder, named(walk, HOSTILE), walks.outcome(walk))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def text(folder: Path) -> str:
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def charts_of(text: str) -> dict[str, Any]:
+    found = re.search(r'<script type="application/json" id="charts">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    charts: dict[str, Any] = json.loads(found[1])
+    return charts
+
+
+def test_figures_of_the_page_are_those_of_the_summary(folder: Path, text: str) -> None:
+    summary = json.loads((folder / "summary.json").read_text())
+    cells = dict(re.findall(r'data-key="(\w+)" data-value="([^"]*)"', text))
+    assert {"distance_m", "closure_m", "rmse_2d_m", "end_error_m", "scale"} <= cells.keys()
+    for key, value in cells.items():
+        assert value == str(summary[key]), key
+    assert re.findall(r'data-verdict="([^"]*)"', text) == [summary["verdict"]]
+    assert f"{summary['rmse_2d_m']:.3f} m</strong>" in text
+
+
+def test_the_page_is_small_and_a_hostile_name_is_text(text: str) -> None:
+    assert len(text.encode()) < 3e6
+    assert "<img" not in text.replace("<img/>", "")
+    assert "&lt;img src=x onerror=alert(1)&gt;" in text
+    assert len(re.findall(r"<script", text)) == 3
+
+
+def test_the_path_on_the_page_is_that_of_the_solution(walk: Walk, text: str) -> None:
+    outcome = walks.outcome(walk)
+    assert outcome.comparison is not None
+    path = next(trace for trace in charts_of(text)["path"]["data"] if trace["name"] == "smoother")
+    aligned = outcome.comparison.alignment.apply(outcome.solution.position)
+    assert len(path["x"]) <= 6001
+    np.testing.assert_allclose([path["x"][-1], path["y"][-1]], aligned[-1, :2], atol=1e-4)
+
+
+def test_an_alignment_takes_the_common_turn_out_of_the_ellipses(walk: Walk) -> None:
+    """A covariance that is nothing but a turn about the start is gone; without a truth it stays."""
+    outcome = walks.outcome(walk)
+    table, turn = outcome.solution.stances, np.deg2rad(5.0)
+    moved = table.position - table.position[0]
+    v = np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(table)), np.ones(len(table))])
+    own = np.diag([1e-4, 1e-4, 1e-4, 1e-10])
+    pose = turn**2 * v[:, :, None] * v[:, None, :] + own
+    stances = replace(table, pose_cov=pose, position_cov=pose[:, :3, :3], heading_sigma=np.sqrt(pose[:, 3, 3]))
+    solution = replace(outcome.solution, stances=stances)
+    alone, aligned = AlignedSolution(solution), AlignedSolution(solution, walk.truth, outcome.comparison)
+    assert aligned.turn_variance == pytest.approx(turn**2, rel=1e-3)
+    assert alone.turn_variance == 0.0
+    largest = [float(np.max(found.semi)) for view in (alone, aligned) if (found := find_ellipses(view, 80))]
+    assert largest[0] > 1.0
+    assert largest[1] == pytest.approx(2.448 * 0.01, rel=0.05)
+
+
+def content(walk: Walk) -> Page:
+    outcome = walks.outcome(walk)
+    summary = {"method": "smoother", "strides": 3, "verdict": "trusted", "reasons": [], "notes": []}
+    return compose_page(Findings({"smoother": outcome}, [summary], [{"recording": None}], walk), "1")
+
+
+@pytest.mark.parametrize("change", [walks.without_truth, walks.with_footprints], ids=lambda f: f.__name__)
+def test_every_section_is_there_and_says_why_it_has_no_chart(walk: Walk, change: Any) -> None:
+    page = content(change(walk))
+    assert [section.name for section in page.sections] == SECTIONS
+    for section in page.sections:
+        assert section.charts or section.words, section.name
+    assert page.sections[0].charts[0].north == ("y" if change is walks.with_footprints else "start")
+
+
+def test_methods_stand_side_by_side_and_a_walk_without_samples_has_a_page(walk: Walk, tmp_path: Path) -> None:
+    write_comparison(tmp_path, walk, {"smoother": walks.outcome(walk), "iez": walks.outcome(walk, "iez", 4.0)})
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Methods side by side" in text
+    assert {"smoother", "iez"} <= {trace["name"] for trace in charts_of(text)["path"]["data"]}
+    (tmp_path / "lag").mkdir()
+    write_lagged(tmp_path / "lag", walks.outcome(walk).solution)
+    lagged = (tmp_path / "lag" / "report.html").read_text(encoding="utf-8")
+    assert "not judged" in lagged
+    assert "stances" not in charts_of(lagged)
+
+
+def test_a_real_browser_draws_all_charts_and_asks_for_nothing(folder: Path, text: str) -> None:
+    with open_browser() as browser:
+        shown = browser.new_page(viewport={"width": 1280, "height": 900})
+        said: list[str] = []
+        asked: list[str] = []
+        shown.on("console", lambda message: said.append(message.text))
+        shown.on("pageerror", lambda error: said.append(str(error)))
+        shown.on("request", lambda request: asked.append(request.url))
+        shown.goto((folder / "report.html").as_uri())
+        shown.wait_for_function("document.documentElement.dataset.drawn === 'yes'")
+        drawn = shown.evaluate(
+            "Object.fromEntries(Array.from(document.querySelectorAll('.chart'),"
+            " chart => [chart.id.slice(6), chart.querySelectorAll('.scatterlayer .trace').length]))"
+        )
+        assert drawn.keys() == charts_of(text).keys()
+        assert all(drawn.values()), drawn
+        assert shown.evaluate("document.querySelectorAll('#chart-path .shapelayer path').length") == 3
+        for width in (1280, 390):
+            shown.set_viewport_size({"width": width, "height": 900})
+            shown.wait_for_function(f"document.documentElement.scrollWidth <= {width}")  # charts follow a little later
+        assert said == []
+        assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
