@@ -273,7 +273,7 @@ def test_real_recordings(place: str, rate_hz: float, rest: float, field_uT: floa
         ("sensor-logger-ios/2022-09-09_13-14-55", "no gyroscope"),
         ("phyphox-semicolon", "two tables of the gyroscope"),
         ("androsensor/Upstairs1.csv", "2.0 samples a second"),
-        ("gnss-logger/pixel6.txt", "samples a second, too few"),
+        ("gnss-logger/pixel6.txt", "a sample every 56.5 s, too few"),
     ],
 )
 def test_real_recordings_that_are_refused(place: str, message: str) -> None:
