@@ -8,7 +8,7 @@ through the public names of `fg_nav`, as a user does, and this module imports no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,7 @@ STRIDE_COLUMNS = (
     "index", "time_s", "x_m", "y_m", "z_m", "heading_deg",
     "gyro_bias_x_deg_s", "gyro_bias_y_deg_s", "gyro_bias_z_deg_s",
     "sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_heading_deg", "field", "field_reason",
+    "cov_xy_m2", "cov_xz_m2", "cov_yz_m2",
 )  # fmt: skip
 
 
@@ -80,9 +81,17 @@ class StanceTable:
         columns = [
             np.arange(len(self)), self.t, *self.position.T, _heading_deg(self.nav_R_body),
             *np.rad2deg(self.gyro_bias).T, *self.position_sigma.T, np.rad2deg(self.heading_sigma), self.field,
-            self.field_reason,
+            self.field_reason, *self.position_cov[:, [0, 0, 1], [1, 2, 2]].T,
         ]  # fmt: skip
         return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
+
+
+def tabulate_path(t: Floats, position: Floats, velocity: Floats, nav_R_body: Floats) -> pd.DataFrame:
+    """Table of `SAMPLE_COLUMNS`, one row a sample; headings in [0, 360) deg clockwise from north."""
+    import pandas as pd
+
+    columns = [t, *position.T, *velocity.T, _heading_deg(nav_R_body), *quaternion_xyzw(nav_R_body).T]
+    return pd.DataFrame(dict(zip(SAMPLE_COLUMNS, columns, strict=True)))
 
 
 def _heading_deg(nav_R_body: Floats) -> Floats:
@@ -149,22 +158,20 @@ class Solution:
         """
         if footfalls:
             return self.stances.to_dataframe()
-        import pandas as pd
+        return tabulate_path(self.t, self.position, self.velocity, self.nav_R_body)
 
-        heading = _heading_deg(self.nav_R_body)
-        columns = [self.t, *self.position.T, *self.velocity.T, heading, *quaternion_xyzw(self.nav_R_body).T]
-        return pd.DataFrame(dict(zip(SAMPLE_COLUMNS, columns, strict=True)))
-
-    def save(self, path: Path | str, force: bool = False) -> Path:
+    def save(self, path: Path | str, force: bool = False, *, origin: Sequence[float] | None = None) -> Path:
         """Write the path, and return where it is.
 
         Parameters
         ----------
         path : Path or str
             Of a folder to make, for all that `fg-nav run` writes as far as it is known here, or of one file by its
-            ending: `.tum` for the trajectory.
+            ending: `.geojson`, `.kml`, `.gpx`, `.tum`, `.mat`, `.parquet`, `.mcap` (ROS 2) or `.rrd` (Rerun).
         force : bool
             Replace an older result there.
+        origin : latitude, longitude (deg) and, where known, height (m)
+            Of where the foot first stood, for the first three.
 
         Raises
         ------
@@ -176,10 +183,10 @@ class Solution:
         >>> solution = fg_nav.navigate("walk.csv", "inertial")
         >>> sorted(file.name for file in solution.save("mine").glob("*.csv"))
         ['strides.csv']
-        >>> solution.save("mine.tum").stat().st_size > 0
+        >>> solution.save("mine.kml", origin=(48.137, 11.575)).stat().st_size > 0
         True
         """
-        place: Path = fg_nav.save_solution(self, Path(path), force)
+        place: Path = fg_nav.save_solution(self, Path(path), force, origin)
         return place
 
     def plot(self, axes: Any = None) -> Any:

@@ -1,4 +1,4 @@
-"""Verbs for a recorded walk: inspect, convert, run, compare, demo."""
+"""Verbs for a recorded walk: inspect, convert, run, export, compare, demo."""
 
 from __future__ import annotations
 
@@ -125,6 +125,44 @@ def _read_parameters(
 
     known = None if config is None else read_config(config)
     return known, choose_changes(known, settings or (), methods, mount, preset)
+
+
+@verbs.command()
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", show_default=False, help="Of a result of `fg-nav run`.")],
+    out: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="OUT...",
+            show_default=False,
+            help="Files to write, by their endings: .geojson, .kml, .gpx, .tum, .mat, .parquet, .mcap (ROS 2), .rrd.",
+        ),
+    ],
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON[,HEIGHT]", help="Where the foot first stood, for maps: degrees north and east, m."
+        ),
+    ] = None,
+    turn: Annotated[
+        float, typer.Option(metavar="DEG", help="Turn the path clockwise about the start, as by the declination.")
+    ] = 0.0,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ISO",
+            help="Instant of the first stamp, as 2026-05-04T09:30:00Z. \\[default: known where stamps are since 1970]",
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace older files.")] = False,
+    json: given.Json = False,
+    quiet: given.Quiet = False,
+) -> None:
+    """Write the path of a result for other programs: maps, MATLAB, tables, ROS, Rerun."""
+    from fg_nav.commands.export import export
+
+    with answering(json, quiet) as answer:
+        answer(export(folder, out, origin, turn, start, force))
 
 
 @verbs.command()

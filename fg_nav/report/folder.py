@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -157,28 +157,37 @@ def _is_summary(entry: Path) -> bool:
 
 @contextmanager
 def result_file(out: Path, ours: Callable[[Path], bool], force: bool = False) -> Iterator[Path]:
-    """Yield a path to write to; at the end of the block that file takes the place of `out`.
+    """Yield a path to write to; at the end of the block that file takes the place of `out`, as in `result_files`."""
+    with result_files([out], ours, force) as (fresh,):
+        yield fresh
+
+
+@contextmanager
+def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool = False) -> Iterator[list[Path]]:
+    """Yield paths to write to; at the end of the block these files take the places of `out`.
 
     Parameters
     ----------
-    out : the file to make.
+    out : the files to make, in one folder.
     ours : whether an existing file is an older result, and so may be replaced.
     force : replace an older result.
 
     Raises
     ------
     OutputError
-        If `out` exists and `force` is not set, if it is something else, or cannot be written.
+        If one exists and `force` is not set, if it is something else, or cannot be written.
     """
-    check_file_free(out, ours, force)
+    for file in out:
+        check_file_free(file, ours, force)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".fg-nav-new-", dir=out.parent) as folder:
-            fresh = Path(folder) / out.name
+        out[0].parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".fg-nav-new-", dir=out[0].parent) as folder:
+            fresh = [Path(folder) / file.name for file in out]
             yield fresh
-            os.replace(fresh, out)
+            for made, file in zip(fresh, out, strict=True):
+                os.replace(made, file)
     except OSError as error:
-        raise unwritable(out, error) from None
+        raise unwritable(out[0], error) from None
 
 
 def check_file_free(out: Path, ours: Callable[[Path], bool], force: bool = False) -> None:

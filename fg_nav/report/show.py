@@ -2,41 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fg_nav.errors import OutputError
-from fg_nav.io import write_tum
 from fg_nav.report.aligned import AlignedSolution, align_solution
+from fg_nav.report.export import export_track
+from fg_nav.report.export.place import Origin
+from fg_nav.report.export.track import Track
 from fg_nav.report.files import write_lagged, write_run
-from fg_nav.report.folder import result_file, result_folder
+from fg_nav.report.folder import result_folder
 from fg_nav.result import Result
 
 if TYPE_CHECKING:
     from fg_nav.solution import Solution
 
-WRITERS = {".tum": lambda path, solution: write_tum(path, solution.t, solution.position, solution.nav_R_body)}
-"""Files that hold a path, by their endings."""
+_WORDS = {"--out": "path", "--force": "force=True", "--origin 48.137,11.575": "origin=(48.137, 11.575)"}
+"""What the command line calls these."""
 
 
-def save_solution(solution: Solution, path: Path, force: bool = False) -> Path:
+def save_solution(solution: Solution, path: Path, force: bool = False, origin: Sequence[float] | None = None) -> Path:
     """Write a solution into a folder, or into a file of the kind that its ending names; return the path.
+
+    `origin` is where the walk starts on the Earth, for maps: latitude, longitude, and height where it is known.
 
     Raises `OutputError` if something is there already, it cannot be written, or there is no such ending.
     """
-    if path.suffix and path.suffix not in WRITERS:
-        known = ", ".join(WRITERS)
-        raise OutputError(f"nothing is written as '{path.suffix}': choose one of {known}, or a folder without a dot.")
     try:
         if path.suffix:
-            with result_file(path, Path.is_file, force) as file:
-                WRITERS[path.suffix](file, solution)
+            export_track(Track.of(solution, path.stem), path, None if origin is None else Origin(*origin), force)
         else:
             with result_folder(path, force) as folder:
                 _write_folder(folder, solution)
     except OutputError as error:
-        # the sentence is one of the command line
-        raise OutputError(str(error).replace("--out", "path").replace("--force", "force=True")) from None
+        words = str(error)
+        for typed, named in _WORDS.items():
+            words = words.replace(typed, named)
+        raise OutputError(words) from None
     return path
 
 

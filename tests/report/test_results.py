@@ -19,7 +19,7 @@ from tests.report import walks
 
 STRIDE_COLUMNS = (
     "index,time_s,x_m,y_m,z_m,heading_deg,gyro_bias_x_deg_s,gyro_bias_y_deg_s,gyro_bias_z_deg_s,"
-    "sigma_x_m,sigma_y_m,sigma_z_m,sigma_heading_deg,field,field_reason"
+    "sigma_x_m,sigma_y_m,sigma_z_m,sigma_heading_deg,field,field_reason,cov_xy_m2,cov_xz_m2,cov_yz_m2"
 )
 SUMMARY_KEYS = {
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
@@ -46,6 +46,7 @@ def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, wa
     np.testing.assert_allclose(strides[["x_m", "y_m", "z_m"]], stances.position, atol=1e-6)
     np.testing.assert_allclose(strides["gyro_bias_y_deg_s"], -0.05, rtol=1e-6)
     np.testing.assert_allclose(strides["sigma_y_m"] ** 2, stances.position_cov[:, 1, 1], rtol=1e-6)
+    np.testing.assert_allclose(strides["cov_xy_m2"], stances.position_cov[:, 0, 1], rtol=1e-6)
     np.testing.assert_allclose(strides["sigma_heading_deg"].iloc[:2], [0.2, 0.23], rtol=1e-6)
     assert strides["heading_deg"].between(0, 360, inclusive="left").all()
     np.testing.assert_allclose(

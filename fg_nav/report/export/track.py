@@ -1,0 +1,205 @@
+"""What is exported: a path at the recording's rate and its footfalls, from a solution or from the folder of a result.
+
+Symbols (frames: see `fg_nav`)
+
+============ ============ ==================================================================================
+t            s            (N,) stamps of the recording's own clock
+position     m            (N, 3) nav
+nav_R_body                (N, 3, 3)
+velocity     m/s          (N, 3) nav; of a folder the central difference of `position`
+footfalls                 table of K rows with the columns of `strides.csv`
+cov          m^2          (K, 3, 3) of the footfalls' positions
+============ ============ ==================================================================================
+
+Turning by a clockwise from above: p' = R p, nav'_R_body = R nav_R_body, P' = R P R^T with R = R_z(-a), heading' =
+heading + a. It lays a path whose north is magnetic, or that of the sensor at the start, onto true north.
+
+Time. Stamps that are seconds since 1970 are known by their size; any other clock is absolute only where it is said when
+its first stamp was.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import FormatError, OutputError
+from fg_nav.frames import yaw_rotation
+from fg_nav.io import read_truth
+from fg_nav.recording import TrajectoryTruth
+from fg_nav.solution import STRIDE_COLUMNS, Solution, tabulate_path
+
+POSITION = ["x_m", "y_m", "z_m"]
+SIGMA = ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
+BETWEEN = {"cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yz_m2": (1, 2)}
+
+EPOCH_S = (1e9, 2.0**31)
+"""Seconds since 1970 of the years 2001 to 2037: a clock that runs since power-on is never there."""
+
+LINE_STEP_S = 0.1
+"""Between two points of a drawn line: a foot swings for half a second."""
+
+FRAME = (
+    "East-North-Up from where the foot first stands: x east, y north, z up, m. nav_R_body maps vectors of the sensor's "
+    "axes to it; quaternions are of nav_R_body. Headings are of the sensor's x axis, degrees clockwise from north. "
+    "Sigmas are one standard deviation, relative to the start."
+)
+"""The words that go with every file that has room for them."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """A path to export. `start` is the instant of the first stamp, where that is said; `notes` are for the user."""
+
+    name: str
+    method: str
+    t: Floats
+    position: Floats
+    nav_R_body: Floats
+    velocity: Floats
+    footfalls: pd.DataFrame
+    start: datetime | None = None
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, solution: Solution, name: str = "walk") -> Track:
+        """Return that of a solution."""
+        footfalls = solution.stances.to_dataframe()
+        path = (solution.t, solution.position, solution.nav_R_body, solution.velocity)
+        return cls(name, solution.method, *path, footfalls)
+
+    @cached_property
+    def cov(self) -> Floats:
+        """(K, 3, 3) covariances of the footfalls' positions, m^2."""
+        table = self.footfalls
+        found: Floats = table[SIGMA].to_numpy()[:, None, :] ** 2 * np.eye(3)
+        for name, (i, j) in BETWEEN.items():
+            found[:, i, j] = found[:, j, i] = table[name]
+        return found
+
+    @cached_property
+    def epoch_s(self) -> float | None:
+        """What is added to a stamp to make it seconds since 1970; None where that is not known."""
+        if self.start is not None:
+            return self.start.timestamp() - float(self.t[0])
+        low, high = EPOCH_S
+        return 0.0 if low < self.t[0] and self.t[-1] < high else None
+
+    def tell_time(self, t: Floats) -> list[str] | None:
+        """UTC of stamps (M,) to the millisecond, as ISO 8601; None where that is not known."""
+        if self.epoch_s is None:
+            return None
+        instants = np.round((t + self.epoch_s) * 1e3).astype("datetime64[ms]")
+        return [f"{words}Z" for words in np.datetime_as_string(instants)]
+
+    @property
+    def line(self) -> Ints:
+        """Samples of the path that are enough to draw it, the last among them."""
+        step = max(round(LINE_STEP_S / float(np.median(np.diff(self.t)))), 1)
+        return np.unique(np.append(np.arange(0, len(self.t), step), len(self.t) - 1))
+
+    def turn(self, clockwise_deg: float) -> Track:
+        """Return the path turned about the start, clockwise seen from above."""
+        if clockwise_deg == 0.0:
+            return self
+        R = yaw_rotation(-np.deg2rad(clockwise_deg))
+        cov, table = R @ self.cov @ R.T, self.footfalls.copy()
+        table[POSITION] = table[POSITION].to_numpy() @ R.T
+        table[SIGMA] = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+        table["heading_deg"] = (table["heading_deg"] + clockwise_deg) % 360.0
+        for name, (i, j) in BETWEEN.items():
+            table[name] = cov[:, i, j]
+        turned = (self.position @ R.T, R @ self.nav_R_body, self.velocity @ R.T)
+        position, nav_R_body, velocity = turned
+        return replace(self, position=position, nav_R_body=nav_R_body, velocity=velocity, footfalls=table)
+
+    def tabulate(self) -> pd.DataFrame:
+        """Table of the path, a row a sample."""
+        return tabulate_path(self.t, self.position, self.velocity, self.nav_R_body)
+
+
+def read_result(folder: Path) -> Track:
+    """Read the path and the footfalls from the folder of a result.
+
+    Raises `FormatError` if it is no such folder, or its files are damaged.
+    """
+    _check_folder(folder)
+    path = read_truth(folder / "trajectory.tum")
+    if not isinstance(path, TrajectoryTruth) or path.nav_R_body is None or len(path.t) < 2:
+        raise FormatError(f"{folder / 'trajectory.tum'} has no path in it: run the walk again.")
+    footfalls = _read_footfalls(folder / "strides.csv")
+    if not len(footfalls):
+        raise FormatError(f"{folder / 'strides.csv'} has no footfall: there is nothing to export.")
+    summary = _read_summary(folder / "summary.json")
+    velocity = np.gradient(path.position, path.t, axis=0)
+    method = str(summary.get("method", "unknown"))
+    notes = _describe_north(folder, summary)
+    return Track(
+        folder.resolve().name, method, path.t, path.position, path.nav_R_body, velocity, footfalls, notes=notes
+    )
+
+
+def _check_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "is not there"
+        raise FormatError(f"{folder} {what}: name the folder of a result, such as results/walk-smoother-1.")
+    if (folder / "comparison.json").exists():
+        methods = sorted(part.parent.name for part in folder.glob("*/trajectory.tum"))
+        raise FormatError(f"{folder} is a comparison: name the folder of one method in it ({', '.join(methods)}).")
+    for name in ("trajectory.tum", "strides.csv", "summary.json"):
+        if not (folder / name).is_file():
+            raise FormatError(
+                f"{folder} is no result of `fg-nav run` (it has no {name}): name the folder that it printed."
+            )
+
+
+def _read_footfalls(path: Path) -> pd.DataFrame:
+    """Read `strides.csv`: numbers, empty where unknown, and words."""
+    numbers = {name: "int64" if name == "index" else "float64" for name in STRIDE_COLUMNS if "field" not in name}
+    try:
+        table = pd.read_csv(path, keep_default_na=False, na_values={name: [""] for name in numbers})
+        missing = [name for name in STRIDE_COLUMNS if name not in table]
+        if missing:
+            raise FormatError(f"{path} has no column {missing[0]}, it is of an older version: run the walk again.")
+        return table[list(STRIDE_COLUMNS)].astype(numbers)
+    except (ValueError, UnicodeDecodeError, OSError) as error:  # pandas' parser errors are ValueErrors
+        reason = " ".join(str(error).split())[:120]
+        raise FormatError(f"{path} is damaged ({reason}): run the walk again.") from None
+
+
+def _read_summary(path: Path) -> dict[str, object]:
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise FormatError(f"{path} is damaged ({str(error)[:120]}): run the walk again.") from None
+    if not isinstance(summary, dict):
+        raise FormatError(f"{path} is no summary of a run: run the walk again.")
+    return summary
+
+
+def _describe_north(folder: Path, summary: dict[str, object]) -> tuple[str, ...]:
+    """Say what this path's north is, as far as the result tells."""
+    config = _read_summary(folder / "config.json") if (folder / "config.json").is_file() else {}
+    if config.get("heading_deg") is not None:
+        return (f"north is that of --heading {config['heading_deg']:g}",)
+    if summary.get("magnetometer") == "used":
+        return ("north is magnetic: --turn and the declination of the place, east positive, make it true",)
+    return ("north is where the sensor's x axis pointed at the start: --turn DEG lays the path onto the map",)
+
+
+def parse_start(words: str) -> datetime:
+    """Read the instant of the first stamp, ISO 8601 with its zone; raises `OutputError` for anything else."""
+    try:
+        start = datetime.fromisoformat(words)
+    except ValueError:
+        raise OutputError(f"--start '{words}' is no instant: give ISO 8601, as 2026-05-04T09:30:00+02:00.") from None
+    if start.tzinfo is None:
+        raise OutputError(f"--start {words} has no zone: add Z for UTC, or its offset, as +02:00.")
+    return start

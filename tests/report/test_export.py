@@ -1,0 +1,393 @@
+"""A path that is exported is the same where another program reads it."""
+
+import json
+import struct
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pymap3d
+import pytest
+from pymap3d.vincenty import vdist
+from scipy.io import loadmat
+from scipy.spatial.transform import Rotation
+
+from fg_nav.errors import FgNavError, FormatError, OutputError
+from fg_nav.evaluation.metrics import evaluate
+from fg_nav.report.export import FORMATS, export_track, find_files
+from fg_nav.report.export.ellipse import outline_ellipses
+from fg_nav.report.export.place import Origin
+from fg_nav.report.export.track import POSITION, Track, parse_start, read_result
+from fg_nav.report.files import write_json, write_paths
+from fg_nav.solution import Solution, StanceTable
+from tests.command_line import FgNav
+
+N, EVERY = 401, 50
+AT = np.arange(0, N, EVERY)
+MUNICH = Origin(48.137, 11.575, 520.0)
+
+
+def walked() -> Solution:
+    """Return a spiral up some stairs, 20 s at 20 Hz, with a footfall every 2.5 s; covariances are of any shape."""
+    t = np.arange(N) / 20.0 + 3.0
+    angle = 0.3 * (t - 3.0)
+    position = np.stack([t * np.cos(angle), t * np.sin(angle), 0.1 * t], axis=1)
+    position -= position[0]
+    attitude = Rotation.from_euler("zyx", np.stack([angle, 0.2 * np.sin(t), 0.1 * np.cos(t)], axis=1)).as_matrix()
+    shape = np.array([[1.0, 0.3, 0.1], [0.3, 0.4, -0.05], [0.1, -0.05, 0.2]])
+    k = np.arange(len(AT))
+    stances = StanceTable(
+        sample=AT, t=t[AT], position=position[AT], nav_R_body=attitude[AT],
+        gyro_bias=np.tile([0.01, 0.02, 0.03], (len(k), 1)), position_cov=(0.05 * (k + 1))[:, None, None] ** 2 * shape,
+        heading_sigma=0.01 * (k + 1), gyro_bias_sigma=np.full((len(k), 3), 1e-3),
+        field=("none",) * len(k), field_reason=("not used, as yet",) * len(k),
+    )  # fmt: skip
+    velocity = np.gradient(position, t, axis=0)
+    return Solution("smoother", t, position, velocity, attitude, stances, runtime_s=0.1)
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return walked()
+
+
+@pytest.fixture(scope="module")
+def folder(solution: Solution, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files of a result, without pictures."""
+    place = tmp_path_factory.mktemp("results") / "office-smoother-1"
+    place.mkdir()
+    write_paths(place, solution)
+    assert evaluate(solution).strides_detected == len(AT) - 1
+    write_json(place / "summary.json", {"method": "smoother", "magnetometer": "not used"})
+    write_json(place / "config.json", {"heading_deg": None})
+    return place
+
+
+@pytest.fixture(scope="module")
+def track(folder: Path) -> Track:
+    return read_result(folder)
+
+
+def test_the_folder_of_a_result_says_what_the_solution_says(solution: Solution, track: Track) -> None:
+    direct = Track.of(solution)
+    assert (track.name, track.method) == ("office-smoother-1", "smoother")
+    for name in ("t", "position", "nav_R_body", "velocity"):
+        np.testing.assert_allclose(getattr(track, name), getattr(direct, name), atol=3e-7)
+    pd.testing.assert_frame_equal(track.footfalls, direct.footfalls, rtol=1e-8)
+    np.testing.assert_allclose(track.cov, solution.stances.position_cov, rtol=1e-7)
+    assert "--turn" in track.notes[0]
+
+
+def test_turning_lays_north_to_the_east(track: Track) -> None:
+    turned = track.turn(90.0)
+    x, y, z = track.position.T
+    np.testing.assert_allclose(turned.position, np.stack([y, -x, z], axis=1), atol=1e-12)
+    np.testing.assert_allclose(turned.footfalls["heading_deg"], (track.footfalls["heading_deg"] + 90.0) % 360.0)
+    np.testing.assert_allclose(turned.cov[:, 0, 0], track.cov[:, 1, 1])
+    np.testing.assert_allclose(turned.cov[:, 0, 1], -track.cov[:, 0, 1])
+    np.testing.assert_allclose(turned.cov[:, 0, 2], track.cov[:, 1, 2])
+    table = turned.tabulate()
+    assert np.allclose(np.cos(np.deg2rad(table["heading_deg"] - track.tabulate()["heading_deg"])), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("latitude", [0.0, -33.9, 48.137, 78.2])
+def test_a_kilometer_is_a_kilometer_on_the_earth(latitude: float) -> None:
+    walk_m = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [600.0, -800.0, 0.0]])
+    place = Origin(latitude, 11.575).locate(walk_m)
+    np.testing.assert_allclose(place[0], [11.575, latitude, 0.0], atol=1e-12)
+    for (longitude, north, _), toward_deg in zip(place[1:], (90.0, 0.0, 143.130102), strict=True):
+        distance_m, azimuth_deg = vdist(latitude, 11.575, north, longitude)
+        assert distance_m == pytest.approx(1000.0, abs=1e-3)
+        assert np.cos(np.deg2rad(azimuth_deg - toward_deg)) == pytest.approx(1.0, abs=1e-8)
+    # of a degree of longitude at this latitude, by the radius of the prime vertical
+    radius_m = 6378137.0 / np.sqrt(1.0 - 0.00669437999014 * np.sin(np.deg2rad(latitude)) ** 2)
+    east_deg = np.rad2deg(1000.0 / (radius_m * np.cos(np.deg2rad(latitude))))
+    assert place[1, 0] - 11.575 == pytest.approx(east_deg, rel=1e-6)
+
+
+def returned(place: np.ndarray) -> np.ndarray:
+    """East, north, up of longitude, latitude, height."""
+    longitude, latitude, height = np.asarray(place, dtype=float).T
+    return np.stack(pymap3d.geodetic2enu(latitude, longitude, height, 48.137, 11.575, 520.0), axis=1)
+
+
+def test_geojson_returns_the_path(track: Track, tmp_path: Path) -> None:
+    export_track(track, tmp_path / "walk.geojson", MUNICH)
+    content = json.loads((tmp_path / "walk.geojson").read_text())
+    kinds = [feature["properties"]["kind"] for feature in content["features"]]
+    assert kinds == ["ellipse"] * len(AT) + ["path"] + ["footfall"] * len(AT)
+    path = content["features"][len(AT)]
+    np.testing.assert_allclose(returned(path["geometry"]["coordinates"]), track.position[track.line], atol=1e-3)
+    for k, feature in enumerate(content["features"][len(AT) + 1 :]):
+        np.testing.assert_allclose(returned([feature["geometry"]["coordinates"]])[0], track.position[AT[k]], atol=1e-3)
+        known = feature["properties"]
+        assert (known["index"], known["time_s"]) == (k, track.t[AT[k]])
+        assert known["sigma_x_m"] == pytest.approx(0.05 * (k + 1))
+        assert "time_utc" not in known
+
+
+def test_an_ellipse_is_95_percent_and_turns_left(track: Track) -> None:
+    found = outline_ellipses(track)
+    np.testing.assert_array_equal(found.corner[:, 0], found.corner[:, -1])
+    from_centre = found.corner[:, :, :2] - track.footfalls[POSITION].to_numpy()[:, None, :2]
+    distance2 = np.einsum("eci,eij,ecj->ec", from_centre, np.linalg.inv(track.cov[:, :2, :2]), from_centre)
+    np.testing.assert_allclose(np.exp(-distance2 / 2), 0.05, rtol=1e-9)
+    x, y = np.moveaxis(found.corner, 2, 0)[:2]
+    assert ((x[:, :-1] * y[:, 1:] - x[:, 1:] * y[:, :-1]).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize(("ending", "layers"), [(".geojson", 1), (".kml", 3)])
+def test_gdal_opens_the_maps(track: Track, tmp_path: Path, ending: str, layers: int) -> None:
+    pyogrio = pytest.importorskip("pyogrio", reason="of the extra checks")
+    file = tmp_path / f"walk{ending}"
+    export_track(replace(track, start=parse_start("2026-05-04T09:30:00Z")), file, MUNICH)
+    names = [name for name, _ in pyogrio.list_layers(file)]
+    assert len(names) == layers
+    name = "footfalls" if ending == ".kml" else names[0]
+    about, _, geometry, columns = pyogrio.raw.read(file, layer=name)
+    fields = dict(zip(about["fields"], columns, strict=True))
+    point = np.array([len(wkb) == 29 for wkb in geometry])  # little-endian, type, three doubles
+    assert point.sum() == len(AT)
+    places = [struct.unpack("<3d", wkb[5:]) for wkb in geometry[point]]
+    np.testing.assert_allclose(returned(places), track.position[AT], atol=1e-3)
+    for column in ("time_s", "heading_deg", "sigma_x_m", "cov_xy_m2"):
+        np.testing.assert_allclose(fields[column][point].astype(float), track.footfalls[column], rtol=1e-6)
+    assert "WGS 84" in about["crs"] or "4326" in about["crs"]
+
+
+def test_kml_has_looks_heights_and_times(track: Track, tmp_path: Path) -> None:
+    export_track(track, tmp_path / "walk.kml", Origin(48.137, 11.575))
+    space = {"k": "http://www.opengis.net/kml/2.2"}
+    root = ElementTree.parse(tmp_path / "walk.kml").getroot()
+    styles = {f"#{style.get('id')}" for style in root.iterfind(".//k:Style", space)}
+    assert {one.text for one in root.iterfind(".//k:styleUrl", space)} == styles
+    assert {one.text for one in root.iterfind(".//k:altitudeMode", space)} == {"clampToGround"}
+    assert not root.findall(".//k:when", space)
+    export_track(replace(track, start=parse_start("2026-05-04T09:30:00+02:00")), tmp_path / "timed.kml", MUNICH)
+    timed = ElementTree.parse(tmp_path / "timed.kml").getroot()
+    assert [one.text for one in timed.iterfind(".//k:when", space)][1] == "2026-05-04T07:30:02.500Z"
+    assert {one.text for one in timed.iterfind(".//k:altitudeMode", space)} == {"absolute"}
+
+
+def test_gpx_returns_footfalls_and_their_times(track: Track, tmp_path: Path) -> None:
+    gpxpy = pytest.importorskip("gpxpy")
+    start = parse_start("2026-05-04T09:30:00Z")
+    export_track(replace(track, start=start), tmp_path / "walk.gpx", MUNICH)
+    (line,) = gpxpy.parse((tmp_path / "walk.gpx").read_text()).tracks
+    (segment,) = line.segments
+    places = [(point.longitude, point.latitude, point.elevation) for point in segment.points]
+    np.testing.assert_allclose(returned(places), track.position[AT], atol=1e-3)
+    assert [(point.time - start).total_seconds() for point in segment.points] == list(track.t[AT] - track.t[0])
+    assert [float(point.extensions[1].text) for point in segment.points] == list(track.footfalls["sigma_y_m"])
+    export_track(track, tmp_path / "timeless.gpx", MUNICH)
+    assert "<time>" not in (tmp_path / "timeless.gpx").read_text()
+
+
+def test_matlab_has_covariances_and_says_what_is_what(track: Track, tmp_path: Path) -> None:
+    export_track(track, tmp_path / "walk.mat")
+    found = loadmat(tmp_path / "walk.mat", simplify_cells=True)
+    np.testing.assert_array_equal(found["path"]["position_m"], track.position)
+    np.testing.assert_array_equal(found["path"]["time_s"], track.t)
+    quaternion = found["path"]["quaternion_wxyz"]
+    back = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(back, track.nav_R_body, atol=1e-12)
+    assert found["footfalls"]["position_cov_m2"].shape == (3, 3, len(AT))
+    np.testing.assert_array_equal(found["footfalls"]["position_cov_m2"][:, :, 4], track.cov[4])
+    assert list(found["footfalls"]["field_reason"]) == ["not used, as yet"] * len(AT)
+    assert "East-North-Up" in found["about"]["frame"]
+    assert found["about"]["start_utc"] == "not known"
+
+
+def test_parquet_has_path_and_footfalls(track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="of the extra parquet")
+    absolute = replace(track, t=track.t + 1.7e9, footfalls=track.footfalls.assign(time_s=track.t[AT] + 1.7e9))
+    files = export_track(absolute, tmp_path / "walk.parquet")
+    assert [file.name for file in files] == ["walk.parquet", "walk-footfalls.parquet"]
+    path, footfalls = (pd.read_parquet(file) for file in files)
+    np.testing.assert_array_equal(path[["x_m", "y_m", "z_m"]], track.position)
+    assert path["time_utc"].iloc[0] == pd.Timestamp("2023-11-14T22:13:23Z")
+    pd.testing.assert_frame_equal(footfalls.drop(columns="time_utc"), absolute.footfalls, check_dtype=False)
+    assert "East-North-Up" in path.attrs["frame"]
+
+
+def test_a_ros_bag_returns_odometry_and_path(track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="of the extra ros")
+    from rosbags.highlevel import AnyReader
+
+    export_track(track, tmp_path / "walk.mcap")
+    with AnyReader([tmp_path / "walk.mcap"]) as reader:
+        read = {
+            connection.topic: [
+                (stamp, reader.deserialize(raw, connection.msgtype)) for _, stamp, raw in reader.messages([connection])
+            ]
+            for connection in reader.connections
+        }
+    odometry = read["/fg_nav/odometry"]
+    stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for _, message in odometry]
+    np.testing.assert_allclose(stamps, track.t, atol=1e-9)
+    np.testing.assert_allclose([1e-9 * stamp for stamp, _ in odometry], track.t, atol=1e-9)
+    at = [message.pose.pose.position for _, message in odometry]
+    np.testing.assert_array_equal([(p.x, p.y, p.z) for p in at], track.position)
+    turned = [message.pose.pose.orientation for _, message in odometry]
+    attitude = Rotation.from_quat([(q.x, q.y, q.z, q.w) for q in turned]).as_matrix()
+    np.testing.assert_allclose(attitude, track.nav_R_body, atol=1e-12)
+    moving = np.array([(v.x, v.y, v.z) for v in (message.twist.twist.linear for _, message in odometry)])
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", attitude, moving), track.velocity, atol=1e-9)
+    covariance = odometry[AT[3]][1].pose.covariance.reshape(6, 6)
+    np.testing.assert_allclose(covariance[:3, :3], track.cov[3], rtol=1e-9)
+    assert covariance[5, 5] == pytest.approx(0.04**2, rel=1e-6)
+    ((_, path),) = read["/fg_nav/path"]
+    places = [(pose.pose.position.x, pose.pose.position.y, pose.pose.position.z) for pose in path.poses]
+    np.testing.assert_allclose(places, track.position[AT], atol=1e-8)
+    assert (path.header.frame_id, odometry[0][1].child_frame_id) == ("odom", "foot")
+
+
+def test_evo_reads_tum_and_bag(track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="of the extra ros")
+    interface = pytest.importorskip("evo.tools.file_interface", reason="of the extra checks")
+    from rosbags.rosbag2 import Reader
+
+    for ending in (".tum", ".mcap"):
+        export_track(track, tmp_path / f"walk{ending}")
+    with Reader(tmp_path / "walk.mcap") as reader:
+        from_bag = interface.read_bag_trajectory(reader, "/fg_nav/odometry")
+    for found in (interface.read_tum_trajectory_file(tmp_path / "walk.tum"), from_bag):
+        np.testing.assert_allclose(found.timestamps, track.t, atol=1e-9)
+        np.testing.assert_allclose(found.positions_xyz, track.position, atol=1e-8)
+        np.testing.assert_allclose(np.array(found.poses_se3)[:, :3, :3], track.nav_R_body, atol=1e-7)
+
+
+def test_rerun_has_the_foot_in_motion(track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="of the extra rerun")
+    chunk = pytest.importorskip("rerun.chunk", reason="of later versions of it")
+    export_track(track, tmp_path / "walk.rrd")
+    rows = {one.entity_path: one.num_rows for one in chunk.RrdReader(tmp_path / "walk.rrd").stream().to_chunks()}
+    assert rows["/walk/foot"] == N
+    assert rows["/sigma/sigma_x_m"] == len(AT)
+    assert {"/walk/path", "/walk/footfalls", "/walk/ellipsoids"} <= set(rows)
+
+
+def test_time_is_absolute_where_stamps_are_since_1970(track: Track) -> None:
+    assert track.tell_time(track.t) is None
+    absolute = replace(track, t=track.t + 1.7e9)
+    assert absolute.tell_time(absolute.t[:1]) == ["2023-11-14T22:13:23.000Z"]
+    began = replace(absolute, start=parse_start("2026-05-04T09:30:00Z"))
+    assert began.tell_time(began.t[[0, -1]]) == ["2026-05-04T09:30:00.000Z", "2026-05-04T09:30:20.000Z"]
+
+
+def test_what_is_not_claimed_is_left_out(track: Track, tmp_path: Path) -> None:
+    unknown = replace(track, footfalls=track.footfalls.assign(sigma_x_m=np.nan, cov_xy_m2=np.nan))
+    for ending in (".geojson", ".kml", ".gpx"):
+        export_track(unknown, tmp_path / f"walk{ending}", MUNICH)
+        assert "nan" not in (tmp_path / f"walk{ending}").read_text().lower()
+    assert not len(outline_ellipses(unknown).row)
+
+
+def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
+    ran = fg_nav("export", folder, "a.kml", "a.mat", "--origin=-33.9,151.2", "--start", "2026-05-04T09:30:00Z")
+    assert ran.code == 0, ran.err
+    assert "a.kml" in ran.out
+    assert "a.mat" in ran.out
+    assert "2026-05-04T09:30:00" in ran.out
+    assert "--turn" in ran.out
+    ran = fg_nav("export", folder, "b.gpx", "--origin=-33.9,151.2", "--turn", "-4", "--json")
+    assert json.loads(ran.out)["files"] == ["b.gpx"]
+    assert json.loads(ran.out)["footfalls"] == len(AT)
+    assert json.loads(ran.out)["remarks"] == []
+    before = Path("a.mat").read_bytes()
+    assert fg_nav("export", folder, "a.mat").refused("a.mat already exists", "--force")
+    assert Path("a.mat").read_bytes() == before
+    assert fg_nav("export", folder, "a.mat", "--force", "--quiet").out == ""
+
+
+def test_a_solution_saves_itself_as_the_command_does(solution: Solution, track: Track, tmp_path: Path) -> None:
+    file = solution.save(tmp_path / "walk.tum")
+    direct, read = np.loadtxt(file), np.column_stack([track.t, track.position])
+    np.testing.assert_allclose(direct[:, :4], read, atol=1e-9)
+    solution.save(tmp_path / "walk.geojson", origin=(48.137, 11.575, 520.0))
+    features = json.loads((tmp_path / "walk.geojson").read_text())["features"]
+    (path,) = (one for one in features if one["properties"]["kind"] == "path")
+    np.testing.assert_allclose(returned(path["geometry"]["coordinates"]), track.position[track.line], atol=1e-3)
+    with pytest.raises(OutputError, match=r"origin=\(48"):
+        solution.save(tmp_path / "walk.kml")
+    with pytest.raises(OutputError, match="force=True"):
+        solution.save(file)
+    with pytest.raises(OutputError, match=r"'.shp'.*\.geojson"):
+        solution.save(tmp_path / "walk.shp")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("w.shp",), ("'.shp'", ".geojson, .kml, .gpx")),
+        (("w",), ("without an ending", ".mat")),
+        (("w.kml",), ("--origin",)),
+        (("w.mat", "--origin", "48,11"), ("leave --origin out",)),
+        (("w.kml", "--origin", "131.2,-33.9"), ("latitude 131.2", "try -33.9,131.2")),
+        (("w.kml", "--origin", "48,211"), ("longitude 211", "latitude first")),
+        (("w.kml", "--origin", "48.1"), ("LAT,LON",)),
+        (("w.kml", "--origin", "nan,11"), ("not on the Earth",)),
+        (("w.kml", "--origin", "48,11", "--start", "yesterday"), ("ISO 8601",)),
+        (("w.kml", "--origin", "48,11", "--start", "2026-05-04T09:30:00"), ("no zone",)),
+        (("w.mat", "--turn", "nan"), ("--turn",)),
+    ],
+)
+def test_bad_requests_are_told_in_a_sentence(
+    fg_nav: FgNav, folder: Path, words: tuple[str, ...], said: tuple[str, ...]
+) -> None:
+    assert fg_nav("export", folder, *words).refused(*said)
+    assert not list(Path().iterdir())
+
+
+def test_what_is_no_result_is_told_in_a_sentence(folder: Path, tmp_path: Path) -> None:
+    def refusal(place: Path) -> str:
+        with pytest.raises(FormatError) as error:
+            read_result(place)
+        return str(error.value)
+
+    assert "is not there" in refusal(tmp_path / "nowhere")
+    assert "is a file" in refusal(folder / "strides.csv")
+    assert "no result of `fg-nav run`" in refusal(tmp_path)
+    (tmp_path / "comparison.json").write_text("[]")
+    (tmp_path / "iez").mkdir()
+    (tmp_path / "iez" / "trajectory.tum").touch()
+    assert "folder of one method in it (iez)" in refusal(tmp_path)
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    for file in folder.iterdir():
+        (broken / file.name).write_bytes(file.read_bytes())
+    text = (folder / "strides.csv").read_text()
+    for damaged, said in (
+        (text.replace("cov_xy_m2", "cov"), "no column cov_xy_m2"),
+        (text.splitlines()[0], "no footfall"),
+        (text.replace("\n1,", "\none,"), "is damaged"),
+        ("", "is damaged"),
+    ):
+        (broken / "strides.csv").write_text(damaged)
+        assert said in refusal(broken)
+    (broken / "strides.csv").write_text(text)
+    (broken / "summary.json").write_text("{")
+    assert "is damaged" in refusal(broken)
+    (broken / "trajectory.tum").write_text("1 2 3\n")
+    assert "trajectory.tum" in refusal(broken)
+
+
+def test_an_extra_that_is_absent_is_named(track: Track, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for ending, format in FORMATS.items():
+        if format.extra is None:
+            continue
+        extra, module = format.extra
+        monkeypatch.setitem(__import__("sys").modules, module, None)
+        with pytest.raises(OutputError, match=rf"fg-nav\[{extra}\]"):
+            export_track(track, tmp_path / f"w{ending}")
+    assert not list(tmp_path.iterdir())
+
+
+def test_clocks_beyond_those_of_ros_are_refused(track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="of the extra ros")
+    with pytest.raises(FgNavError, match="--start"):
+        export_track(replace(track, t=track.t + 1e10), tmp_path / "w.mcap")
+    assert not list(tmp_path.iterdir())
+    assert find_files(tmp_path / "w.mcap") == [tmp_path / "w.mcap"]
