@@ -29,6 +29,8 @@ README = ROOT / "README.md"
 FILTERS_PAGE = ROOT / "docs/filters.md"
 MAGNETIC_PAGE = ROOT / "docs/magnetic.md"
 NAMED = re.compile(r"scripts/(\w+)\.py")
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = PYPROJECT["project"]
 PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
 
 
@@ -122,8 +124,21 @@ def test_python_example_runs(
 
 
 def test_changelog_knows_the_version() -> None:
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
-    assert f"## {version}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"## {PROJECT['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_citation_has_the_version_and_the_licence() -> None:
+    text = (ROOT / "docs/CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {PROJECT['version']}\n" in text
+    assert f"\nlicense: {PROJECT['license']}\n" in text
+
+
+def test_links_of_the_readme_are_absolute_in_the_package_index() -> None:
+    text = README.read_text(encoding="utf-8")
+    for rule in PYPROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+        text = re.sub(rule["pattern"], rule["replacement"], text)
+        assert rule["replacement"].partition("](")[2].startswith(PROJECT["urls"]["Repository"])
+    assert [target for target in re.findall(r"\]\(([^)]+)\)", text) if not re.match("https?://|#", target)] == []
 
 
 def test_every_scenario_has_its_row() -> None:
