@@ -9,11 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from fg_nav.errors import FormatError
+from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io import packed, read_fixes, read_raw, write_canonical
 from fg_nav.io.content import read_content
+from tests.io.foreign_phones import sensor_logger, zip_files
 from tests.io.samples import tilting, write_pyshoe, write_xio
+from tests.io.test_broken_files import RELAXED, damage, is_a_line
 
 RAW = tilting(np.random.default_rng(3), duration_s=0.5)
 
@@ -138,3 +142,16 @@ def test_what_is_no_recording_in_a_folder_says_so(text: bytes, tmp_path: Path) -
         read_raw(tmp_path / "walk" / "b")
     with pytest.raises(FormatError, match="no column 'time_s'"):
         read_fixes(tmp_path / "walk")
+
+
+@pytest.mark.parametrize("kind", ["zip", "gzip"])
+@settings(RELAXED, max_examples=12)
+@given(data=st.data())
+def test_whatever_is_broken_in_an_archive(kind: str, data: st.DataObject, tmp_path: Path) -> None:
+    path = zip_files(sensor_logger(RAW), tmp_path / "walk")
+    whole = path.read_bytes() if kind == "zip" else gzip.compress(path.read_bytes())
+    path.write_bytes(data.draw(damage(whole)))
+    try:
+        read_raw(path)
+    except FgNavError as error:
+        is_a_line(error)
