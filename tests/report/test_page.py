@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -117,6 +118,14 @@ def test_methods_stand_side_by_side_and_a_walk_without_samples_has_a_page(walk: 
     assert "stances" not in charts_of(lagged)
 
 
+def wait(shown: Any, condition: str) -> None:
+    """Ask until it holds: the policy of the page lets no condition be evaluated in it."""
+    until = time.monotonic() + 20.0
+    while not shown.evaluate(condition):
+        assert time.monotonic() < until, condition
+        shown.wait_for_timeout(50)
+
+
 def test_a_real_browser_draws_all_charts_and_asks_for_nothing(folder: Path, text: str) -> None:
     with open_browser() as browser:
         shown = browser.new_page(viewport={"width": 1280, "height": 900})
@@ -126,7 +135,7 @@ def test_a_real_browser_draws_all_charts_and_asks_for_nothing(folder: Path, text
         shown.on("pageerror", lambda error: said.append(str(error)))
         shown.on("request", lambda request: asked.append(request.url))
         shown.goto((folder / "report.html").as_uri())
-        shown.wait_for_function("document.documentElement.dataset.drawn === 'yes'")
+        wait(shown, "document.documentElement.dataset.drawn === 'yes'")
         drawn = shown.evaluate(
             "Object.fromEntries(Array.from(document.querySelectorAll('.chart'),"
             " chart => [chart.id.slice(6), chart.querySelectorAll('.scatterlayer .trace').length]))"
@@ -136,6 +145,6 @@ def test_a_real_browser_draws_all_charts_and_asks_for_nothing(folder: Path, text
         assert shown.evaluate("document.querySelectorAll('#chart-path .shapelayer path').length") == 3
         for width in (1280, 390):
             shown.set_viewport_size({"width": width, "height": 900})
-            shown.wait_for_function(f"document.documentElement.scrollWidth <= {width}")  # charts follow a little later
+            wait(shown, f"document.documentElement.scrollWidth <= {width}")  # the charts follow a little later
         assert said == []
         assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
