@@ -36,6 +36,8 @@ Solution
     What every estimator returns: the dense trajectory and one row a stance (`fg_nav.solution`).
 Outcome
     A solution and its errors (`fg_nav.walk`).
+Result
+    A solution with its walk, errors and verdict: what `fg_nav.navigate` returns (`fg_nav.result`).
 
 The data's way is one page, `fg_nav.pipeline`: `fg_nav.io` -> `Recording` -> `fg_nav.calibration` ->
 `fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FootfallField` -> `fg_nav.smoother` (of `fg_nav.factors`),
@@ -56,7 +58,7 @@ if TYPE_CHECKING:
     from fg_nav.pipeline import navigate
     from fg_nav.recording import Fix, FootprintTruth, Recording, TrajectoryTruth
     from fg_nav.result import Result
-    from fg_nav.smoother import SmootherParameters, smooth
+    from fg_nav.smoother import GraphNodes, SmoothedWalk, SmootherParameters, smooth, smooth_graph
     from fg_nav.solution import Solution
     from fg_nav.stances import Stances
     from fg_nav.walk import Options
@@ -65,9 +67,11 @@ _HOME = {
     "FgNavError": "fg_nav.errors",
     "Fix": "fg_nav.recording",
     "FootprintTruth": "fg_nav.recording",
+    "GraphNodes": "fg_nav.smoother",
     "Options": "fg_nav.walk",
     "Recording": "fg_nav.recording",
     "Result": "fg_nav.result",
+    "SmoothedWalk": "fg_nav.smoother",
     "SmootherParameters": "fg_nav.smoother",
     "Solution": "fg_nav.solution",
     "Stances": "fg_nav.stances",
@@ -81,6 +85,7 @@ _HOME = {
     "run_iez": "fg_nav.ekf",
     "simulate": "fg_nav.lab.simulation",
     "smooth": "fg_nav.smoother",
+    "smooth_graph": "fg_nav.smoother",
 }
 
 _UPWARD = {
@@ -93,9 +98,11 @@ __all__ = [
     "FgNavError",
     "Fix",
     "FootprintTruth",
+    "GraphNodes",
     "Options",
     "Recording",
     "Result",
+    "SmoothedWalk",
     "SmootherParameters",
     "Solution",
     "Stances",
@@ -109,6 +116,7 @@ __all__ = [
     "run_iez",
     "simulate",
     "smooth",
+    "smooth_graph",
 ]
 
 

@@ -32,6 +32,9 @@ WITH_FIXES = ("smoother", "inertial", ONLINE)
 
 SMOOTHER = "smoother"
 
+WITH_EXTRA = ("smoother", "inertial")
+"""Those that take factors of the user's own: a walk in progress has not all its variables yet."""
+
 SMOOTHERS = (SMOOTHER, "inertial", ONLINE)
 """The factor graph with the magnetic field, without, and while the walk goes on."""
 
@@ -59,7 +62,7 @@ def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
     parameters, heading = choose_parameters(walk.options), walk.options.heading_rad
-    return smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, walk.fixes)
+    return smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, walk.fixes, walk.extra)
 
 
 def _inertial(walk: Walk, progress: Progress | None) -> Solution:
@@ -168,6 +171,8 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
     given = walk.options.fixes_path is not None or len(walk.fixes) > 0
     if given and method not in WITH_FIXES:
         raise EstimationError(f"{method} makes no use of fixes: leave them out, or choose {' or '.join(WITH_FIXES)}.")
+    if walk.extra is not None and method not in WITH_EXTRA:
+        raise EstimationError(f"{method} has no graph to add to: leave extra out, or choose {' or '.join(WITH_EXTRA)}.")
     try:
         return run(walk, progress)
     except FgNavError:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fg_nav.estimators import Progress, estimate
 from fg_nav.recording import Fix, Recording, Truth
@@ -28,6 +29,9 @@ from fg_nav.walk import (
     read_walk,
 )
 
+if TYPE_CHECKING:
+    from fg_nav.smoother import ExtraFactors
+
 
 def navigate(
     recording: Recording | Path | str | Walk,
@@ -36,6 +40,7 @@ def navigate(
     heading_deg: float | None = None,
     truth: Truth | Path | str | None = None,
     fixes: Sequence[Fix] = (),
+    extra: ExtraFactors | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -53,6 +58,8 @@ def navigate(
         To measure errors against.
     fixes : sequence of Fix
         Positions known from elsewhere, for the smoother.
+    extra
+        Makes factors of your own for the smoother's graph, of its variables (`GraphNodes`); see `smooth`.
     options : Options
         All else that can be chosen: whether the magnetometer is used, calibration, detector of the field, parameters.
     progress
@@ -78,7 +85,7 @@ def navigate(
     """
     # read
     walk = recording if isinstance(recording, Walk) else read_walk(recording, options or Options())
-    walk = add_known(walk, heading_deg, truth, fixes)
+    walk = add_known(walk, heading_deg, truth, fixes, extra)
     # correct, find the stances, judge the field
     walk = prepare_walk(walk)
     # estimate, evaluate

@@ -417,7 +417,7 @@ class Fix:
 
     Examples
     --------
-    >>> fixes = [fg_nav.Fix(time_s=18.0, position=(10.3, 7.7, 0.0), horizontal_sigma_m=0.1)]
+    >>> fixes = [fg_nav.Fix(time_s=18.0, position=np.array([10.3, 7.7, 0.0]), horizontal_sigma_m=0.1)]
     >>> result = fg_nav.navigate("walk.csv", fixes=fixes)
     >>> bool(result.stances.position_sigma[-1, 0] < 1.0)
     True

@@ -33,6 +33,7 @@ from fg_nav.stances import Stances
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
+    from fg_nav.smoother import ExtraFactors
 
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
@@ -116,6 +117,7 @@ class Walk:
     applied : what the calibration corrected, in words.
     magnetometer : its delay and its axes, as `correct_walk` found them; None before, and where it is not used.
     fixes : positions known from elsewhere; used by the smoother only.
+    extra : makes factors of the user's own; used by the smoother only.
     """
 
     recording: Recording
@@ -130,6 +132,7 @@ class Walk:
     applied: tuple[str, ...] = ()
     magnetometer: AlignedMagnetometer | None = None
     fixes: tuple[Fix, ...] = ()
+    extra: ExtraFactors | None = None
 
     @classmethod
     def of(cls, recording: Recording, options: Options = Options(), calibration: Calibration | None = None) -> Walk:
@@ -199,7 +202,11 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
 
 
 def add_known(
-    walk: Walk, heading_deg: float | None, truth: Truth | Path | str | None, fixes: Sequence[Fix] = ()
+    walk: Walk,
+    heading_deg: float | None,
+    truth: Truth | Path | str | None,
+    fixes: Sequence[Fix] = (),
+    extra: ExtraFactors | None = None,
 ) -> Walk:
     """Add what is known of a walk besides its recording; None where that stays as it is.
 
@@ -210,7 +217,7 @@ def add_known(
         options = replace(options, truth_path=Path(truth))
         truth = read_truth(truth)
     truth = walk.truth if truth is None else truth
-    return replace(walk, options=options, truth=truth, fixes=(*walk.fixes, *fixes))
+    return replace(walk, options=options, truth=truth, fixes=(*walk.fixes, *fixes), extra=extra or walk.extra)
 
 
 def correct_walk(walk: Walk) -> Walk:

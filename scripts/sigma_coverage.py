@@ -49,7 +49,7 @@ from fg_nav.lab.simulation.plan import Walk as Walking
 from fg_nav.lab.simulation.scenarios import FEET, Feet
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.smoother.batch import smooth_jointly
+from fg_nav.smoother.batch import smooth_graph
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.walk import Options, Walk
@@ -157,7 +157,8 @@ See: TypeAlias = Callable[[Solution, Stances, Truth], Seen]
 def measure_walk(section: str, name: str, walk: Walk, heading: float | None, see: See) -> Row:
     """Smooth a walk, and measure it in the frame of its truth."""
     try:
-        solution, joint = smooth_jointly(walk.recording, walk.stances, heading=heading, field=walk.field)
+        smoothed = smooth_graph(walk.recording, walk.stances, heading=heading, field=walk.field)
+        solution, joint = smoothed.solution, smoothed.joint
         truth = walk.recording.truth if walk.truth is None else walk.truth
         assert truth is not None
         seen = see(solution, walk.stances, truth)

@@ -8,7 +8,8 @@ first), `bias_walk` (the random walk of the bias), `solver` (Gauss-Newton, covar
 all footfalls share, in the sigmas), and `batch`, which calls them.
 """
 
-from fg_nav.smoother.batch import smooth, smooth_jointly
+from fg_nav.smoother.batch import SmoothedWalk, smooth, smooth_graph
+from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
 from fg_nav.smoother.parameters import SmootherParameters
 
-__all__ = ["SmootherParameters", "smooth", "smooth_jointly"]
+__all__ = ["ExtraFactors", "GraphNodes", "SmoothedWalk", "SmootherParameters", "smooth", "smooth_graph"]

@@ -2,7 +2,8 @@
 
 problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk
               (`problem.walk_problem`, which calls `graph.build_problem`)
-fixes         known positions, added to the first solution (`constraints`), which is solved again
+fixes         known positions, and factors of the caller's own (`own_factors`), added to the first solution
+              (`constraints`), which is solved again
 constraints   level floors found on that solution, and straight stretches where they are asked for
 solve         Gauss-Newton (`solver`), where the field is not used
 differential  field while the foot stands: factors on the gyro bias (`differential`)
@@ -16,11 +17,12 @@ solution      marginals -> sigmas (`solver`), that of the distance (`combination
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
-from functools import cache, partial
+from dataclasses import asdict, dataclass, replace
+from functools import cache, cached_property, partial
 from time import perf_counter
 from typing import TypeAlias
 
+import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats
@@ -31,18 +33,19 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Fix, Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
-from fg_nav.smoother.constraints import add_constraints, add_fixes
+from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import write_note
 from fg_nav.smoother.floors import write_floor_note
 from fg_nav.smoother.graph import solve, trajectory_of
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.moving_foot import spread_moving_foot
+from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.sensitivity import join_shared
 from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, stance_table
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, marginal_covariances, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -56,6 +59,7 @@ def smooth(
     progress: Callable[[float], None] | None = None,
     field: FootfallField | None = None,
     fixes: Sequence[Fix] = (),
+    extra: ExtraFactors | None = None,
 ) -> Solution:
     """Smooth a walk.
 
@@ -75,11 +79,16 @@ def smooth(
         The field at the footfalls; None to do without.
     fixes
         Positions known from elsewhere, in the walk's own frame (`constraints`).
+    extra
+        Makes factors of your own: it is given the variables of the walk (`GraphNodes`) and returns a
+        `gtsam.NonlinearFactorGraph`, which joins the walk's before it is solved, in all rounds (`own_factors`). It may
+        be called several times.
 
     Raises
     ------
     EstimationError
-        With stances of another recording, a fix that is not on the walk, or where the solution cannot be found.
+        With stances of another recording, a fix that is not on the walk, extra factors that join what is not in it or
+        cannot be evaluated, or where the solution cannot be found.
 
     Examples
     --------
@@ -88,10 +97,10 @@ def smooth(
     >>> solution.position.shape == (len(recording), 3)  # m
     True
     """
-    return smooth_jointly(recording, stances, parameters, heading, progress, field, fixes)[0]
+    return smooth_graph(recording, stances, parameters, heading, progress, field, fixes, extra).solution
 
 
-def smooth_jointly(
+def smooth_graph(
     recording: Recording,
     stances: Stances,
     parameters: SmootherParameters = SmootherParameters(),
@@ -99,11 +108,73 @@ def smooth_jointly(
     progress: Callable[[float], None] | None = None,
     field: FootfallField | None = None,
     fixes: Sequence[Fix] = (),
-) -> tuple[Solution, FootfallCovariance]:
-    """Smooth a walk as `smooth` does; return the joint covariance of its footfalls too, which holds the whole graph."""
+    extra: ExtraFactors | None = None,
+) -> SmoothedWalk:
+    """Smooth a walk as `smooth` does, and keep its graph: several times the memory of the solution.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> walk = fg_nav.smooth_graph(recording, fg_nav.detect_stances(recording))
+    >>> last = walk.nodes.pose[walk.nodes.stillest[-1]]
+    >>> bool(np.allclose(walk.values.atPose3(last).translation(), walk.solution.stances.position[-1]))
+    True
+    """
     _compile()
     _check(recording, stances, field)
-    return _smooth(recording, stances, parameters, heading, progress, field, fixes)
+    return _smooth(recording, stances, parameters, heading, progress, field, fixes, extra)
+
+
+@dataclass(frozen=True)
+class SmoothedWalk:
+    """A walk as it was solved: `smooth_graph` returns it.
+
+    Attributes
+    ----------
+    solution : the dense trajectory and the footfalls.
+    walk : the problem of the last solution, and its minimum.
+    joint : joint covariance of the footfalls.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> walk = fg_nav.smooth_graph(recording, fg_nav.detect_stances(recording))
+    >>> walk.graph.size() > 100 and walk.graph.error(walk.values) > 0.0
+    True
+    >>> walk.find_covariance(walk.nodes.velocity[-1]).shape  # (m/s)^2
+    (3, 3)
+    """
+
+    solution: Solution
+    walk: SolvedWalk
+    joint: FootfallCovariance
+
+    @cached_property
+    def graph(self) -> gtsam.NonlinearFactorGraph:
+        """All factors of the walk, one by one, at whose minimum the `values` are."""
+        return self.walk.problem.factors()
+
+    @property
+    def values(self) -> gtsam.Values:
+        """All variables at the minimum."""
+        return self.walk.solved.values
+
+    @cached_property
+    def nodes(self) -> GraphNodes:
+        """Keys and times of the variables."""
+        problem = self.walk.problem
+        return GraphNodes.of(problem.nodes, problem.recording.t, self.values)
+
+    def find_covariance(self, key: int) -> Floats:
+        """Return the covariance (d, d) of a variable in its tangent space: of a pose rad and m, body axes.
+
+        Raises `EstimationError` if the walk has no such variable.
+        """
+        if not self.values.exists(key):
+            raise EstimationError(f"the walk has no variable {gtsam.DefaultKeyFormatter(key)}: take one of its nodes.")
+        own = marginal_covariances(self.walk.solved.tree, {key})[key]
+        shared = self.joint.shared.get(key)
+        return own if shared is None else own + shared @ shared.T
 
 
 def _smooth(
@@ -114,10 +185,17 @@ def _smooth(
     progress: Callable[[float], None] | None,
     field: FootfallField | None,
     fixes: Sequence[Fix],
-) -> tuple[Solution, FootfallCovariance]:
+    extra: ExtraFactors | None,
+) -> SmoothedWalk:
     began = perf_counter()
     solve_again = partial(
-        _solve_from_samples, stances=stances, heading=heading, progress=progress, field=field, fixes=fixes
+        _solve_from_samples,
+        stances=stances,
+        heading=heading,
+        progress=progress,
+        field=field,
+        fixes=fixes,
+        extra=extra,
     )
     # A bias that is too large for its prior is the sign of a sensor that was not calibrated: solved with a wider one.
     walk, parameters, of_bias = _fit_bias_prior(solve_again, recording, parameters)
@@ -130,7 +208,7 @@ def _smooth(
     solution = _solution_of(walk, joint, stances, began)
     if progress is not None:
         progress(1.0)
-    return solution, joint
+    return SmoothedWalk(solution, walk, joint)
 
 
 def _solve_from_samples(
@@ -141,15 +219,20 @@ def _solve_from_samples(
     progress: Callable[[float], None] | None,
     field: FootfallField | None,
     fixes: Sequence[Fix],
+    extra: ExtraFactors | None,
 ) -> SolvedWalk:
     # The walk by its inertial sensor and its stances, with values near the minimum.
     # Where the field is not used it does not show how the person turned over a hole in the samples either.
     magnetic = parameters.magnetic if field is not None else replace(parameters.magnetic, compass=False)
     problem = walk_problem(recording, stances, heading, replace(parameters, magnetic=magnetic), progress)
     problem = replace(problem, parameters=replace(problem.parameters, magnetic=parameters.magnetic))
-    # Fixes need that solution to be placed, and constraints between footfalls the one with fixes.
+    # Fixes and factors of the caller's own need that solution to be placed, and constraints between footfalls the one
+    # with them.
     if fixes:
         problem = add_fixes(problem, problem.values, fixes)
+    if extra is not None:
+        problem = add_own(problem, problem.values, extra)
+    if fixes or extra is not None:
         problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
     return solve_walk(add_constraints(problem, problem.values), field)
 
@@ -228,4 +311,4 @@ def _compile() -> None:
     t = np.arange(200) / 100.0
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
     stances = Stances.from_mask(np.ones(200, dtype=np.bool_))
-    _smooth(rest, stances, SmootherParameters(), 0.0, None, None, ())
+    _smooth(rest, stances, SmootherParameters(), 0.0, None, None, (), None)

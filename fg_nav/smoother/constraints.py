@@ -26,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import gtsam
 import numpy as np
@@ -46,6 +47,7 @@ from fg_nav.recording import Fix
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
+from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes, make_own_factors
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
 
@@ -164,12 +166,38 @@ def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) 
     return problem if start is None else replace(problem, start=start, heading_known=True)
 
 
-def free_heading(problem: WalkProblem, pinned: PinnedFixes, values: gtsam.Values) -> StartPrior | None:
-    """Return the start with a heading to be found, where the fixes show it; None where it stays as it is."""
+def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> WalkProblem:
+    """Add the caller's own factors to a walk, on its first solution; the heading at the start as with fixes.
+
+    Raises
+    ------
+    EstimationError
+        As `make_own_factors`.
+    """
+    own = make_own_factors(extra, GraphNodes.of(problem.nodes, problem.recording.t, values))
+    problem = replace(problem, constraints=(*problem.constraints, own))
+    start = free_heading(problem, own, values)
+    return problem if start is None else replace(problem, start=start, heading_known=True)
+
+
+class ShowsHeading(Protocol):
+    """What may show the heading at the start: the sigma that it leaves, and where a walk fits it best."""
+
+    @property
+    def heading_sigma(self) -> float:
+        """Sigma left of the heading at the start, rad."""
+
+    def best_turn(self, values: gtsam.Values) -> Floats:
+        """Rotation (3, 3) about up and the start."""
+
+
+def free_heading(problem: WalkProblem, pinned: ShowsHeading, values: gtsam.Values) -> StartPrior | None:
+    """Return the start with a heading to be found, where it is shown; None where it stays as it is."""
     nav_R_body = problem.start.nav_R_body
     if problem.heading_known:
         sigma = float(np.radians(GIVEN_HEADING_DEG))
-        return StartPrior(nav_R_body, sigma) if pinned.heading_sigma < sigma else None
+        is_shown = pinned.heading_sigma < sigma and problem.start.heading_sigma < sigma
+        return StartPrior(nav_R_body, sigma) if is_shown else None
     if pinned.heading_sigma > LEAST_KNOWN_HEADING_RAD:
         return None
     turn = pinned.best_turn(values)

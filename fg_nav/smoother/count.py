@@ -9,9 +9,13 @@ import gtsam
 import numpy as np
 
 from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.own_factors import OwnFactors
 
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
-"""As in `summary.json`; `gated_out` are the footfalls with a field whose heading the gate left out."""
+"""As in `summary.json`; `gated_out` are the footfalls with a field whose heading the gate left out.
+
+Factors of the caller's own stand with them as `own`.
+"""
 
 _KIND_OF_KEYS = {
     "xvxvb": "imu",
@@ -34,6 +38,9 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
         readings = problem.field.readings
         seen = np.isfinite(readings.body_field).all(axis=1)
         counts["gated_out"] += int((seen & ~np.isfinite(readings.sigma_uT)).sum())
+    own = sum(len(block) for block in problem.constraints if isinstance(block, OwnFactors))
+    if own:
+        counts["own"] = own
     return counts
 
 

@@ -28,7 +28,7 @@ from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_for_north, solve_with_field
 from fg_nav.smoother.floors import count_floors
 from fg_nav.smoother.graph import Trajectory, WalkProblem
-from fg_nav.smoother.solver import compute_error, linearize, list_attitudes, time_order
+from fg_nav.smoother.solver import compute_error, compute_excess, linearize, list_attitudes, time_order
 
 SHAPE_SIGMA_DEG = 0.1
 """Within which a footfall has the heading that it has without the field: of a still rest and a good gyroscope."""
@@ -69,4 +69,5 @@ def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:
         linear.push_back(gtsam.JacobianFactor(X(j), by_pose, common, by_common, np.array([-weight * psi]), one))
     ordering = time_order(problem.nodes, with_field=True, floor=problem.floor)
     ordering.push_back(common)
-    return eliminate(linear, ordering)[0] - compute_error(problem.graph, problem.blocks, values)
+    without_shape = compute_error(problem.graph, problem.blocks, values) - compute_excess(problem.blocks, values)
+    return eliminate(linear, ordering)[0] - without_shape

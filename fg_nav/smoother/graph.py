@@ -99,7 +99,7 @@ class WalkProblem:
     start : prior on the first pose.
     graph : inertial factors, and those on biases and settling.
     velocities : of the stances.
-    constraints : factors of fixes, straight stretches and floors.
+    constraints : factors of fixes, straight stretches and floors, and the caller's own.
     floor : (F,) floor of each footfall, -1 on none; None where they were not looked for.
     field : factors of the magnetic field, where it is used.
     differential : those of the differential field on the gyro bias, where the magnetometer is used.
@@ -127,14 +127,11 @@ class WalkProblem:
         return (self.velocities, GtsamFactors(self.start.factor(self.parameters)), *magnetic, *self.constraints)
 
     def factors(self) -> gtsam.NonlinearFactorGraph:
-        """Return all of it but the constraints as factors of gtsam, one by one."""
+        """Return all of it as factors of gtsam, one by one."""
         graph = gtsam.NonlinearFactorGraph(self.graph)
-        for factor in self.velocities.factors():
-            graph.push_back(factor)
-        graph.push_back(self.start.factor(self.parameters))
-        for block in (self.field, self.differential):
-            for magnetic_factor in () if block is None else block.factors():
-                graph.push_back(magnetic_factor)
+        for block in self.blocks:
+            for factor in block.factors():
+                graph.push_back(factor)
         return graph
 
 

@@ -65,6 +65,9 @@ class LinearizableBlock(Protocol):
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
         """Yield its factors, linearized at these values."""
 
+    def factors(self) -> Iterable[gtsam.NonlinearFactor]:
+        """Yield them as factors of gtsam, one by one."""
+
 
 class GtsamFactors:
     """Factors of gtsam that are not in the graph of the walk."""
@@ -82,6 +85,14 @@ class GtsamFactors:
         """Yield its factors, linearized at these values."""
         linear = self._graph.linearize(values)
         return (linear.at(i) for i in range(linear.size()))
+
+    def factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """Yield them one by one."""
+        return (self._graph.at(i) for i in range(self._graph.size()))
+
+    def excess(self, values: gtsam.Values) -> float:
+        """By how much their loss is more than half the square of the linearized residuals: nothing."""
+        return 0.0
 
 
 def time_order(nodes: Nodes, with_field: bool = False, floor: Ints | None = None) -> gtsam.Ordering:
@@ -173,7 +184,7 @@ def _solve_linear(
         raise EstimationError(
             "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
         ) from error
-    return tree, step, linear.error(step)
+    return tree, step, linear.error(step) + compute_excess(blocks, values)
 
 
 def linearize(
@@ -192,6 +203,11 @@ def compute_error(
 ) -> float:
     """Half the sum of squares of all residuals over their sigmas."""
     return float(graph.error(values) + sum(block.error(values) for block in blocks))
+
+
+def compute_excess(blocks: Sequence[LinearizableBlock], values: gtsam.Values) -> float:
+    """By how much the error is more than that of the graph linearized there: of factors with a robust loss."""
+    return sum(block.excess(values) for block in blocks if isinstance(block, GtsamFactors))
 
 
 def list_cliques(tree: gtsam.GaussianBayesTree) -> list[gtsam.GaussianBayesTreeClique]:

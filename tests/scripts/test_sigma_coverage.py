@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.recording import FootprintTruth
-from fg_nav.smoother.batch import smooth_jointly
+from fg_nav.smoother.batch import smooth_graph
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 from tests.smoother.walks import demo, part
@@ -25,7 +25,8 @@ DRAWS, YAW = 200, 0.7
 def walked():
     """A short walk, its solution, and the covariance (4 F, 4 F) of all its footfalls."""
     walk = part(demo(), 14)
-    solution, joint = smooth_jointly(walk.recording, walk.stances)
+    smoothed = smooth_graph(walk.recording, walk.stances)
+    solution, joint = smoothed.solution, smoothed.joint
     count = len(solution.stances)
     covariance = joint.combine(np.eye(4 * count).reshape(count, 4, 4 * count))[0]
     return solution, joint, covariance

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fg_nav.smoother.batch import smooth_jointly
+from fg_nav.smoother.batch import smooth_graph
 from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import walk_problem
@@ -68,7 +68,8 @@ def test_weights_of_a_path_are_the_derivatives_of_its_length() -> None:
 
 def test_a_solution_has_the_sigma_of_its_distance() -> None:
     walk = part(demo(), 12)
-    solution, joint = smooth_jointly(walk.recording, walk.stances)
+    smoothed = smooth_graph(walk.recording, walk.stances)
+    solution, joint = smoothed.solution, smoothed.joint
     place = solution.stances.position
     weights = np.zeros((len(place), 4, 1))
     weights[-1, :3, 0] = (place[-1] - place[0]) / np.linalg.norm(place[-1] - place[0])
