@@ -13,6 +13,7 @@ from fg_nav.errors import OutputError
 from fg_nav.report.export import check_export, export_track, is_map
 from fg_nav.report.export.place import Origin
 from fg_nav.report.export.track import Track, parse_start, read_result
+from fg_nav.report.folder import RESULT_FILES
 from fg_nav.report.terminal import console, listing
 
 
@@ -26,6 +27,9 @@ def export(
     began = None if start is None else parse_start(start)
     if place is not None and not any(is_map(file) for file in out):
         raise OutputError(f"{out[0].name} holds meters, no places on the Earth: leave --origin out.")
+    own = [file for file in out if file.name in RESULT_FILES and file.parent.resolve() == folder.resolve()]
+    if own:
+        raise OutputError(f"{own[0]} is a file of the result itself: choose another name.")
     for file in out:
         check_export(file, place, force)
     found = read_result(folder)

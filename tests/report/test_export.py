@@ -77,7 +77,27 @@ def test_the_folder_of_a_result_says_what_the_solution_says(solution: Solution, 
         np.testing.assert_allclose(getattr(track, name), getattr(direct, name), atol=3e-7)
     pd.testing.assert_frame_equal(track.footfalls, direct.footfalls, rtol=1e-8)
     np.testing.assert_allclose(track.cov, solution.stances.position_cov, rtol=1e-7)
-    assert "--turn" in track.notes[0]
+    assert "sensor's x axis" in track.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("magnetometer", "config", "said"),
+    [
+        ({"magnetometer": "used"}, {}, "magnetic"),
+        ({"magnetometer": "used"}, {"heading_deg": 30.0}, "--heading 30"),
+        ({"magnetometer": "not used"}, {"given": {"mount": "pocket"}}, "first strides"),
+        ({}, {}, "where the walk was followed with a compass"),
+    ],
+)
+def test_what_north_is_is_said(
+    folder: Path, tmp_path: Path, magnetometer: dict[str, str], config: dict[str, object], said: str
+) -> None:
+    for name in ("trajectory.tum", "strides.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    write_json(tmp_path / "summary.json", {"method": "smoother"} | magnetometer)
+    write_json(tmp_path / "config.json", config)
+    (note,) = read_result(tmp_path).notes
+    assert said in note
 
 
 def test_turning_lays_north_to_the_east(track: Track) -> None:
@@ -154,6 +174,9 @@ def test_gdal_opens_the_maps(track: Track, tmp_path: Path, ending: str, layers: 
     np.testing.assert_allclose(returned(places), track.position[AT], atol=1e-3)
     for column in ("time_s", "heading_deg", "sigma_x_m", "cov_xy_m2"):
         np.testing.assert_allclose(fields[column][point].astype(float), track.footfalls[column], rtol=1e-6)
+    if ending == ".kml":
+        drawn = pyogrio.raw.read(file, sql="SELECT OGR_STYLE FROM path", sql_dialect="OGRSQL")[3]
+        assert drawn[0][0].startswith("PEN(c:#0072B2FF,w:3.0")
     assert "WGS 84" in about["crs"] or "4326" in about["crs"]
 
 
@@ -161,8 +184,9 @@ def test_kml_has_looks_heights_and_times(track: Track, tmp_path: Path) -> None:
     export_track(track, tmp_path / "walk.kml", Origin(48.137, 11.575))
     space = {"k": "http://www.opengis.net/kml/2.2"}
     root = ElementTree.parse(tmp_path / "walk.kml").getroot()
-    styles = {f"#{style.get('id')}" for style in root.iterfind(".//k:Style", space)}
-    assert {one.text for one in root.iterfind(".//k:styleUrl", space)} == styles
+    placemarks = root.findall(".//k:Placemark", space)
+    assert len(placemarks) == 2 * len(AT) + 1
+    assert all(len(one.findall("k:Style", space)) == 1 for one in placemarks)
     assert {one.text for one in root.iterfind(".//k:altitudeMode", space)} == {"clampToGround"}
     assert not root.findall(".//k:when", space)
     export_track(replace(track, start=parse_start("2026-05-04T09:30:00+02:00")), tmp_path / "timed.kml", MUNICH)
@@ -300,6 +324,8 @@ def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
     assert fg_nav("export", folder, "a.mat").refused("a.mat already exists", "--force")
     assert Path("a.mat").read_bytes() == before
     assert fg_nav("export", folder, "a.mat", "--force", "--quiet").out == ""
+    own = folder / "trajectory.tum"
+    assert fg_nav("export", folder, own, "--turn", "9", "--force").refused("trajectory.tum", "result itself")
 
 
 def test_a_solution_saves_itself_as_the_command_does(solution: Solution, track: Track, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """KML 2.2: folders `path`, `footfalls` and `ellipses`, with their looks, for Google Earth and QGIS.
 
-Data of footfalls are the columns of `strides.csv`, typed by a schema. Heights count only where that of the origin is
-known: all else lies on the ground.
+Data of footfalls are the columns of `strides.csv`, typed by a schema. Looks stand with each feature: not all programs
+follow references to shared ones. Heights count only where that of the origin is known: all else lies on the ground.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ def write(track: Track, path: Path, origin: Origin) -> None:
     root = Xml.Element("kml", xmlns=NAMESPACE)
     document = Xml.SubElement(root, "Document")
     _tell(document, name=track.name, description=FRAME)
-    _add_styles(document)
     _add_schema(document, track)
     _add_ellipses(_add_folder(document, "ellipses"), track, origin)
     _add_path(_add_folder(document, "path"), track, origin)
@@ -52,17 +51,21 @@ def _color(opacity: float) -> str:
     return f"{round(255 * opacity):02x}{blue}{green}{red}"
 
 
-def _add_styles(document: Xml.Element) -> None:
-    line = Xml.SubElement(document, "Style", id="path")
-    _tell(Xml.SubElement(line, "LineStyle"), color=_color(1.0), width=str(LINE_WIDTH))
-    area = Xml.SubElement(document, "Style", id="ellipse")
-    _tell(Xml.SubElement(area, "LineStyle"), color=_color(0.4), width="1")
-    _tell(Xml.SubElement(area, "PolyStyle"), color=_color(FILL_OPACITY))
-    dot = Xml.SubElement(document, "Style", id="footfall")
-    icon = Xml.SubElement(dot, "IconStyle")
+def _style_line(opacity: float, width: int, fill_opacity: float | None = None) -> Xml.Element:
+    style = Xml.Element("Style")
+    _tell(Xml.SubElement(style, "LineStyle"), color=_color(opacity), width=str(width))
+    if fill_opacity is not None:
+        _tell(Xml.SubElement(style, "PolyStyle"), color=_color(fill_opacity))
+    return style
+
+
+def _style_dot() -> Xml.Element:
+    style = Xml.Element("Style")
+    icon = Xml.SubElement(style, "IconStyle")
     _tell(icon, color=_color(1.0), scale=str(DOT_SCALE))
     _tell(Xml.SubElement(icon, "Icon"), href=DOT)
-    _tell(Xml.SubElement(dot, "LabelStyle"), scale="0")
+    _tell(Xml.SubElement(style, "LabelStyle"), scale="0")
+    return style
 
 
 def _add_schema(document: Xml.Element, track: Track) -> None:
@@ -96,7 +99,7 @@ def _add_path(folder: Xml.Element, track: Track, origin: Origin) -> None:
     times = track.tell_time(track.t[[0, -1]])
     if times is not None:
         _tell(Xml.SubElement(placemark, "TimeSpan"), begin=times[0], end=times[1])
-    _tell(placemark, styleUrl="#path")
+    placemark.append(_style_line(1.0, LINE_WIDTH))
     shape = _shape(placemark, "LineString", origin)
     _tell(shape, coordinates=_tell_places(origin.locate(track.position[track.line])))
 
@@ -104,12 +107,12 @@ def _add_path(folder: Xml.Element, track: Track, origin: Origin) -> None:
 def _add_footfalls(folder: Xml.Element, track: Track, origin: Origin) -> None:
     table = track.footfalls
     places = origin.locate(table[POSITION].to_numpy())
-    times = track.tell_time(table["time_s"].to_numpy())
+    times, style = track.tell_time(table["time_s"].to_numpy()), _style_dot()
     for k, row in enumerate(table.to_dict("records")):
         placemark = _place(folder, str(row["index"]))
         if times is not None:
             _tell(Xml.SubElement(placemark, "TimeStamp"), when=times[k])
-        _tell(placemark, styleUrl="#footfall")
+        placemark.append(style)
         data = Xml.SubElement(Xml.SubElement(placemark, "ExtendedData"), "SchemaData", schemaUrl="#strides")
         for name, value in row.items():
             if value == value:  # NaN is not known, and is left out
@@ -118,9 +121,9 @@ def _add_footfalls(folder: Xml.Element, track: Track, origin: Origin) -> None:
 
 
 def _add_ellipses(folder: Xml.Element, track: Track, origin: Origin) -> None:
-    found = outline_ellipses(track)
+    found, style = outline_ellipses(track), _style_line(0.4, 1, FILL_OPACITY)
     for k, corner in zip(found.row, found.corner, strict=True):
         placemark = _place(folder, f"95 % at footfall {k}")
-        _tell(placemark, styleUrl="#ellipse")
+        placemark.append(style)
         ring = Xml.SubElement(_shape(placemark, "Polygon", origin), "outerBoundaryIs")
         _tell(Xml.SubElement(ring, "LinearRing"), coordinates=_tell_places(origin.locate(corner)))

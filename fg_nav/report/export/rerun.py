@@ -9,6 +9,7 @@ of 95 %.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -42,7 +43,7 @@ def write(track: Track, path: Path) -> None:
     recording.disconnect()
 
 
-def _log_ellipsoids(recording: object, track: Track, places: Floats) -> None:
+def _log_ellipsoids(recording: Any, track: Track, places: Floats) -> None:
     """Log the ellipsoids of the footfalls: half axes and their attitude are those of the covariance."""
     import rerun
 
@@ -53,21 +54,21 @@ def _log_ellipsoids(recording: object, track: Track, places: Floats) -> None:
     shapes = rerun.Ellipsoids3D(
         half_sizes=half, centers=places[claimed], quaternions=quaternion_xyzw(axes), colors=[GRAY]
     )
-    recording.log("walk/ellipsoids", shapes, static=True)  # type: ignore[attr-defined]
+    recording.log("walk/ellipsoids", shapes, static=True)
 
 
-def _log_motion(recording: object, track: Track) -> None:
+def _log_motion(recording: Any, track: Track) -> None:
     import rerun
 
     moving = rerun.Transform3D.columns(translation=track.position, quaternion=quaternion_xyzw(track.nav_R_body))
-    recording.send_columns("walk/foot", indexes=[_timeline(track, track.t)], columns=moving)  # type: ignore[attr-defined]
+    recording.send_columns("walk/foot", indexes=[_timeline(track, track.t)], columns=moving)
     at = _timeline(track, track.footfalls["time_s"].to_numpy())
     for name in (*SIGMA, "sigma_heading_deg"):
         values = rerun.Scalars.columns(scalars=track.footfalls[name].to_numpy())
-        recording.send_columns(f"sigma/{name}", indexes=[at], columns=values)  # type: ignore[attr-defined]
+        recording.send_columns(f"sigma/{name}", indexes=[at], columns=values)
 
 
-def _timeline(track: Track, t: Floats) -> object:
+def _timeline(track: Track, t: Floats) -> Any:
     import rerun
 
     if track.epoch_s is None:

@@ -21,10 +21,12 @@ its first stamp was.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -137,10 +139,11 @@ def read_result(folder: Path) -> Track:
     footfalls = _read_footfalls(folder / "strides.csv")
     if not len(footfalls):
         raise FormatError(f"{folder / 'strides.csv'} has no footfall: there is nothing to export.")
-    summary = _read_summary(folder / "summary.json")
+    summary = _read_json(folder / "summary.json")
     velocity = np.gradient(path.position, path.t, axis=0)
     method = str(summary.get("method", "unknown"))
-    notes = _describe_north(folder, summary)
+    config = _read_json(folder / "config.json") if (folder / "config.json").is_file() else {}
+    notes = (_describe_north(summary, config),)
     return Track(
         folder.resolve().name, method, path.t, path.position, path.nav_R_body, velocity, footfalls, notes=notes
     )
@@ -174,24 +177,27 @@ def _read_footfalls(path: Path) -> pd.DataFrame:
         raise FormatError(f"{path} is damaged ({reason}): run the walk again.") from None
 
 
-def _read_summary(path: Path) -> dict[str, object]:
+def _read_json(path: Path) -> dict[str, Any]:
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, OSError) as error:
         raise FormatError(f"{path} is damaged ({str(error)[:120]}): run the walk again.") from None
-    if not isinstance(summary, dict):
-        raise FormatError(f"{path} is no summary of a run: run the walk again.")
-    return summary
+    if not isinstance(content, dict):
+        raise FormatError(f"{path} is not that of a run: run the walk again.")
+    return content
 
 
-def _describe_north(folder: Path, summary: dict[str, object]) -> tuple[str, ...]:
+def _describe_north(summary: Mapping[str, Any], config: Mapping[str, Any]) -> str:
     """Say what this path's north is, as far as the result tells."""
-    config = _read_summary(folder / "config.json") if (folder / "config.json").is_file() else {}
     if config.get("heading_deg") is not None:
-        return (f"north is that of --heading {config['heading_deg']:g}",)
+        return f"north is that of --heading {config['heading_deg']:g}"
     if summary.get("magnetometer") == "used":
-        return ("north is magnetic: --turn and the declination of the place, east positive, make it true",)
-    return ("north is where the sensor's x axis pointed at the start: --turn DEG lays the path onto the map",)
+        return "north is magnetic: --turn and the declination of the place, east positive, make it true"
+    if "magnetometer" not in summary:
+        return "north is magnetic where the walk was followed with a compass: --turn DEG lays the path onto the map"
+    pocket = config.get("given", {}).get("mount") == "pocket"
+    start = "the first strides led" if pocket else "the sensor's x axis pointed at the start"
+    return f"north is where {start}: --turn DEG lays the path onto the map"
 
 
 def parse_start(words: str) -> datetime:
