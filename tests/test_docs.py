@@ -20,6 +20,7 @@ from fg_nav.io import FORMATS, write_canonical
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.magnetic.quasi_static import DEFAULT, GATES
+from fg_nav.report.export import FORMATS as EXPORTS
 from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, RESULT_FILES, SIMULATION_FILES
 from fg_nav.samples import stamps
 from fg_nav.smoother import SmootherParameters, graph, strides
@@ -146,6 +147,13 @@ def test_every_scenario_has_its_row() -> None:
     told = {row[0].strip("`"): row[2:] for row in rows if row[0].strip("`") in SCENARIOS}
     known = {name: [f"{one.worn}, `{one.prior.name}`", f"`{one.field}`"] for name, one in SCENARIOS.items()}
     assert told == known
+
+
+def test_every_format_of_exports_has_its_row_and_is_in_the_help() -> None:
+    listed = [row[0].strip("`") for row in rows_of(ROOT / "docs/export.md") if row[0].startswith("`.")]
+    assert listed == list(EXPORTS)
+    out = next(one for one in typer.main.get_command(app).commands["export"].params if one.name == "out")
+    assert re.findall(r"\.[a-z]+", out.help) == list(EXPORTS)
 
 
 def test_every_file_of_a_simulation_is_explained() -> None:

@@ -293,6 +293,17 @@ def test_rerun_has_the_foot_in_motion(track: Track, tmp_path: Path) -> None:
     assert {"/walk/path", "/walk/footfalls", "/walk/ellipsoids"} <= set(rows)
 
 
+def test_any_name_of_a_folder_does(solution: Solution, tmp_path: Path) -> None:
+    odd = Track.of(solution, "B\u00fcro \u8d70 <&>\x01\udce4")
+    for ending in (".geojson", ".kml", ".gpx", ".mat"):
+        export_track(odd, tmp_path / f"walk{ending}", MUNICH if ending != ".mat" else None)
+    space = {"k": "http://www.opengis.net/kml/2.2"}
+    name = ElementTree.parse(tmp_path / "walk.kml").getroot().findtext("k:Document/k:name", namespaces=space)
+    assert name == "B\u00fcro \u8d70 <&>??"
+    assert json.loads((tmp_path / "walk.geojson").read_text())["name"] == name
+    assert loadmat(tmp_path / "walk.mat", simplify_cells=True)["about"]["name"] == name
+
+
 def test_time_is_absolute_where_stamps_are_since_1970(track: Track) -> None:
     assert track.tell_time(track.t) is None
     absolute = replace(track, t=track.t + 1.7e9)

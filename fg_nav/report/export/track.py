@@ -75,7 +75,7 @@ class Track:
         """Return that of a solution."""
         footfalls = solution.stances.to_dataframe()
         path = (solution.t, solution.position, solution.nav_R_body, solution.velocity)
-        return cls(name, solution.method, *path, footfalls)
+        return cls(_clean_name(name), solution.method, *path, footfalls)
 
     @cached_property
     def cov(self) -> Floats:
@@ -145,8 +145,20 @@ def read_result(folder: Path) -> Track:
     config = _read_json(folder / "config.json") if (folder / "config.json").is_file() else {}
     notes = (_describe_north(summary, config),)
     return Track(
-        folder.resolve().name, method, path.t, path.position, path.nav_R_body, velocity, footfalls, notes=notes
+        _clean_name(folder.resolve().name),
+        method,
+        path.t,
+        path.position,
+        path.nav_R_body,
+        velocity,
+        footfalls,
+        notes=notes,
     )
+
+
+def _clean_name(name: str) -> str:
+    """Replace what no XML can hold: control characters, and bytes of a file's name that are no text."""
+    return "".join(letter if letter.isprintable() else "?" for letter in name)
 
 
 def _check_folder(folder: Path) -> None:
