@@ -3,9 +3,11 @@
 import doctest
 import importlib.util
 import inspect
+import re
 from collections.abc import Callable
 from functools import cache, wraps
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -13,10 +15,12 @@ import pandas as pd
 import pytest
 
 import fg_nav
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording, TrajectoryTruth
 
+ROOT = Path(__file__).parents[1]
 NAMES = {"fg_nav": fg_nav, "np": np, "pd": pd, "Recording": Recording}
 """What an example finds there."""
 
@@ -74,3 +78,22 @@ def test_examples_are_true(walk: Recording) -> None:
 def test_no_module_takes_the_place_of_a_public_name(name: str) -> None:
     """What is imported as `fg_nav.navigate` would stand there in place of the function."""
     assert importlib.util.find_spec(f"fg_nav.{name}") is None
+
+
+def test_the_page_on_python_is_true(walk: Recording, capsys: pytest.CaptureFixture[str]) -> None:
+    """From a table in ms, g and deg/s to a picture with an own factor, and all else on the page."""
+    whole = simulate("demo", 1).recording
+    samples = np.column_stack([1e3 * whole.t, whole.acc / GRAVITY_M_S2, np.degrees(whole.gyr)])
+    pd.DataFrame(samples, columns=["t", "ax", "ay", "az", "gx", "gy", "gz"]).to_csv("shoe.csv", index=False)
+    names: dict[str, Any] = {}
+    for code in re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(encoding="utf-8"), re.DOTALL):
+        exec(code, names)
+        if "end_at_start" in code:
+            end = names["result"].stances
+            assert np.abs(end.position[-1]).max() < 0.2
+            assert end.position_sigma[-1].max() < 0.11
+    assert Path("back.png").stat().st_size > 10_000
+    assert Path("steps.csv").read_text().count("\n") == len(names["solution"].stances) + 1
+    assert np.abs(names["walk"].solution.stances.position[-1, 2]) < 0.02
+    assert len(walk) == len(names["solution"].t)
+    assert "(6, 6)" in capsys.readouterr().out
