@@ -41,7 +41,7 @@ from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.path import nodes_of_places, nodes_of_rows, trace_stride
 from fg_nav.online.recovery import REASON, check_solution, recover
 from fg_nav.online.strides import Place, RestLedger, StrideWindow, cut_window, initialize_stride, measure_stride
-from fg_nav.smoother.count import count_graph
+from fg_nav.smoother.count import POSITION_FIX, count_graph
 from fg_nav.smoother.differential_factors import LevelBias
 from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import UNSOLVED
@@ -211,6 +211,7 @@ class Stretch:
                 graph.push_back(fix_factor(key, fix))
         if graph.size():
             self._backend.add(graph, gtsam.Values(), self._places)
+            self._counts[POSITION_FIX] += graph.size()
 
     def _measure_motion(self, before: Place) -> tuple[StrideWindow, gtsam.NonlinearFactorGraph, RestLedger]:
         known, p = self._begun.known, self._p

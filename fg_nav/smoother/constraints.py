@@ -68,6 +68,10 @@ LEAST_KNOWN_HEADING_RAD = 1.0
 """Sigma that fixes leave of the heading at the start beyond which they show nothing of it."""
 
 
+class FixFactors(GtsamFactors):
+    """Factors of fixes, which are counted as such."""
+
+
 @dataclass(frozen=True)
 class PinnedFixes:
     """Fixes at their nodes: `node` (K,), `position` (K, 3) m, `horizontal` and `vertical` (K,) sigmas, m."""
@@ -80,9 +84,9 @@ class PinnedFixes:
     def __len__(self) -> int:
         return len(self.node)
 
-    def factors(self) -> GtsamFactors:
+    def factors(self) -> FixFactors:
         """Tie the nodes to their fixes."""
-        return GtsamFactors(
+        return FixFactors(
             *(
                 position_fix_factor(X(int(j)), at, position_fix_noise(float(horizontal), float(vertical)))
                 for j, at, horizontal, vertical in zip(

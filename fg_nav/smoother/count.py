@@ -8,14 +8,17 @@ from collections.abc import Iterable
 import gtsam
 import numpy as np
 
+from fg_nav.smoother.constraints import FixFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.own_factors import OwnFactors
 
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
 """As in `summary.json`; `gated_out` are the footfalls with a field whose heading the gate left out.
 
-Factors of the caller's own stand with them as `own`.
+Factors of the caller's own stand with them as `own`, fixes as `position_fix`.
 """
+
+POSITION_FIX = "position_fix"
 
 _KIND_OF_KEYS = {
     "xvxvb": "imu",
@@ -38,6 +41,9 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
         readings = problem.field.readings
         seen = np.isfinite(readings.body_field).all(axis=1)
         counts["gated_out"] += int((seen & ~np.isfinite(readings.sigma_uT)).sum())
+    fixes = sum(len(list(block.factors())) for block in problem.constraints if isinstance(block, FixFactors))
+    if fixes:
+        counts[POSITION_FIX] = fixes
     own = sum(len(block) for block in problem.constraints if isinstance(block, OwnFactors))
     if own:
         counts["own"] = own

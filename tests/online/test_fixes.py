@@ -124,3 +124,8 @@ def test_stream_and_run_take_fixes(fg_nav, tmp_path):
         assert np.linalg.norm(at - one.position[:2]) < 0.1
     assert fg_nav("stream", tmp_path / "walk.csv", *words, "--mount", "pocket").refused("--fixes", "foot")
     assert fg_nav("stream", tmp_path / "walk.csv", "--fixes", tmp_path / "no.csv").refused("no.csv")
+
+
+def test_fixes_are_counted_between_solutions_and_after_them():
+    navigator, _ = walked(0.0)
+    assert navigator.finish().graph["position_fix"] == len(fixes())
