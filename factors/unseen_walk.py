@@ -27,12 +27,12 @@ ROWS = 7
 class UnseenWalk:
     """What is expected of a walk that was not seen; variables nav_T_body before and behind.
 
-    ============== ======= ================================================
+    ============== ======== ================================================
     move_sigma     (..., 3) m, of the displacement, east, north and up
-    turn           (...)    rad about up, counter-clockwise, as expected
-    turn_sigma     (...)    rad
-    tilt_sigma     (...)    rad, of the tilt behind against that before
-    ============== ======= ================================================
+    turn           (...)     rad about up, counter-clockwise, as expected
+    turn_sigma     (...)     rad
+    tilt_sigma     (...)     rad, of the tilt behind against that before
+    ============== ======== ================================================
     """
 
     name: ClassVar[str] = "unseen walk"

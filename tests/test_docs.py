@@ -63,6 +63,11 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert anchor in {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}, target
 
 
+def test_every_page_stands_in_the_contents_of_the_site() -> None:
+    listed = re.findall(r"^[\w/]+$", (ROOT / "docs/index.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} == {*listed, "index"} - {"gallery/index"}
+
+
 def test_every_format_has_its_row_and_is_named_on_the_first_page() -> None:
     listed = [row[0].strip("`") for row in rows_of(ROOT / "docs/formats.md") if row[0].strip("`") in FORMATS]
     assert listed == list(FORMATS)

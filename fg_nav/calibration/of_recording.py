@@ -232,16 +232,16 @@ def calibrate(
 ) -> CalibrationResult:
     """Calibrate what can be calibrated from a recording.
 
+    Raises `CalibrationError` without a magnetometer or with wrong axes that were not given, for a method that is none,
+    a strength that the method cannot use, or where the recording does not show the magnetometer's errors; raises
+    `DetectionError` and `MagneticError` for a method on foot, where there are no footfalls or none with a field.
+
     Parameters
     ----------
     recording : with a magnetometer.
     method : one of `METHODS`; None to choose by the recording.
     strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
     axes : of the magnetometer in those of the gyroscope; None for the same.
-
-    Raises `CalibrationError` without a magnetometer or with wrong axes that were not given, for a method that is none,
-    a strength that the method cannot use, or where the recording does not show the magnetometer's errors; raises
-    `DetectionError` and `MagneticError` for a method on foot, where there are no footfalls or none with a field.
     """
     name, choice = _choose_method(recording, method)
     if strength_uT is not None and name in ON_FOOT:

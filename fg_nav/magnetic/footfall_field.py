@@ -96,17 +96,17 @@ FEWEST = 2
 class FootfallField:
     """The field at F footfalls, at the stillest sample of each.
 
-    ============== ========= ==================================================================================
-    sample         (F,)      index into the recording
-    t              (F,)      s
-    body_field     (F, 3)    uT, mean over the stance in the body frame of `sample`; NaN where there was no field
-    body_force     (F, 3)    m/s^2, mean specific force there: up by the accelerometer alone
-    nav_R_body     (F, 3, 3) inertial attitude at `sample`; tilt good to a degree, heading drifting
-    count          (F,)      samples of the field that were averaged
-    scatter_uT     (F,)      their standard deviation about the mean, per axis
-    strength_rate  (F,)      uT/s, slope of the strength within the stance: a straight line through |B|
-    strength_rate_sigma (F,) uT/s, its standard error by the scatter about that line
-    ============== ========= ==================================================================================
+    =================== ========= ================================================================================
+    sample              (F,)      index into the recording
+    t                   (F,)      s
+    body_field          (F, 3)    uT, mean over the stance in the body frame of `sample`; NaN where there was no field
+    body_force          (F, 3)    m/s^2, mean specific force there: up by the accelerometer alone
+    nav_R_body          (F, 3, 3) inertial attitude at `sample`; tilt good to a degree, heading drifting
+    count               (F,)      samples of the field that were averaged
+    scatter_uT          (F,)      their standard deviation about the mean, per axis
+    strength_rate       (F,)      uT/s, slope of the strength within the stance: a straight line through |B|
+    strength_rate_sigma (F,)      uT/s, its standard error by the scatter about that line
+    =================== ========= ================================================================================
     """
 
     sample: Ints

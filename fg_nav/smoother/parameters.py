@@ -62,7 +62,7 @@ class SmootherParameters:
     acc_density: float = 0.005
     """White error of the specific force in stance, m/s^2/sqrt(Hz); data sheets have 0.001, skin and shoe the rest."""
     acc_relative_density: float = 0.01
-    """The same per m/s^2 by which |specific force| differs from gravity, 1/sqrt(Hz): shocks, scale, jitter."""
+    """The same per m/s^2 by which the specific force differs in size from gravity, 1/sqrt(Hz): shock, scale, jitter."""
     gyr_density_deg_s: float = 0.05
     """White error of the angular rate, deg/s/sqrt(Hz); data sheets have 0.005 to 0.015, a shoe that gives under its
     load the rest: what it turns the sensor by is not what it turns the foot by."""
