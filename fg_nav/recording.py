@@ -137,8 +137,8 @@ class Recording:
     >>> recording = fg_nav.read("walk.csv")
     >>> recording.acc.shape == recording.gyr.shape == (len(recording), 3)  # m/s^2, rad/s
     True
-    >>> round(1 / recording.period_s)  # Hz
-    200
+    >>> recording
+    <Recording: 4000 samples over 20.0 s at 200 Hz, with magnetometer>
     """
 
     t: Floats
@@ -261,6 +261,12 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        """Say in a line what it is; the samples are many."""
+        known = [name for name, value in (("magnetometer", self.mag), ("truth", self.truth)) if value is not None]
+        rate = f"{len(self)} samples over {self.duration_s:.1f} s at {1.0 / self.period_s:.0f} Hz"
+        return f"<Recording: {rate}{', with ' if known else ''}{' and '.join(known)}>"
 
     def slice(self, start: int, stop: int) -> Recording:
         """Cut out the samples `start <= i < stop`, as views; truth and provenance stay whole.

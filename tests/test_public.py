@@ -97,3 +97,21 @@ def test_the_page_on_python_is_true(walk: Recording, capsys: pytest.CaptureFixtu
     assert np.abs(names["walk"].solution.stances.position[-1, 2]) < 0.02
     assert len(walk) == len(names["solution"].t)
     assert "(6, 6)" in capsys.readouterr().out
+
+
+def test_a_solution_alone_is_saved_and_drawn(walk: Recording) -> None:
+    solution = fg_nav.run_iez(walk, fg_nav.detect_stances(walk))
+    assert {"trajectory.tum", "strides.csv", "summary.json"} <= {file.name for file in solution.save("mine").iterdir()}
+    with pytest.raises(fg_nav.FgNavError, match=r"choose another path, or replace it with force=True\.$"):
+        solution.save("mine")
+    with pytest.raises(fg_nav.FgNavError, match=r"nothing is written as '\.xyz'"):
+        solution.save("mine.xyz")
+    axes = solution.plot()
+    assert solution.plot(axes) is axes
+    np.testing.assert_array_equal(solution.to_dataframe()[["x_m", "y_m", "z_m"]].to_numpy(), solution.position)
+    assert repr(solution).startswith("<Solution by iez: 4000 samples, 17 footfalls")
+
+
+def test_own_factors_are_for_methods_with_a_graph(walk: Recording) -> None:
+    with pytest.raises(fg_nav.FgNavError, match="iez has no graph to add to"):
+        fg_nav.navigate(walk, "iez", extra=lambda _: None)
