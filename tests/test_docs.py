@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
+import fg_nav
 from fg_nav import recording
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
@@ -66,6 +67,11 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_every_page_stands_in_the_contents_of_the_site() -> None:
     listed = re.findall(r"^[\w/]+$", (ROOT / "docs/index.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert {page.stem for page in (ROOT / "docs").glob("*.md")} == {*listed, "index"} - {"gallery/index"}
+
+
+def test_every_public_name_stands_in_the_reference() -> None:
+    listed = re.findall(r"^   (\w+)$", (ROOT / "docs/api.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert [name for name in fg_nav.__all__ if name not in listed] == []
 
 
 def test_every_format_has_its_row_and_is_named_on_the_first_page() -> None:

@@ -18,6 +18,7 @@ WITH_THE_SITE = ("06_live", "07_pocket", "09_pyshoe")
 SAID = {
     "01_first_walk": "verdict: trusted",
     "02_own_arrays": "left out 1 missing sample, the first in row 4001",
+    "03_own_factor": "tied     sigma",
     "04_calibrate_magnetometer": "hard iron (uT)",
     "05_ros_bag": "ros 4000 samples",
     "08_compare_with_filter": "iez      rmse",

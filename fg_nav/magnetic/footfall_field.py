@@ -104,7 +104,7 @@ class FootfallField:
     nav_R_body          (F, 3, 3) inertial attitude at `sample`; tilt good to a degree, heading drifting
     count               (F,)      samples of the field that were averaged
     scatter_uT          (F,)      their standard deviation about the mean, per axis
-    strength_rate       (F,)      uT/s, slope of the strength within the stance: a straight line through |B|
+    strength_rate       (F,)      uT/s, slope of the strength within the stance: a straight line through them
     strength_rate_sigma (F,)      uT/s, its standard error by the scatter about that line
     =================== ========= ================================================================================
     """
