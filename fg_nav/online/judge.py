@@ -3,9 +3,10 @@
 ================================= ==========================================================================
 missing (NaN, empty, no range)    left out
 stamp as the one before           left out
-stamp before the last one         left out; after `RESTART` of them in order the clock has restarted, and its
-                                  stamps are shifted: to go on from the last one where force and rate do (a counter
-                                  that began again), and else after a gap of `UNKNOWN_GAP_S`
+stamp before the last one         waits, and is left out; but after `RESTART` of them in order the clock has restarted,
+                                  and its stamps are shifted: where force and rate go on (a counter that began again)
+                                  those that wait go on from the last one, and else the newest does, after a gap of
+                                  `UNKNOWN_GAP_S`
 stamp more than `JUMP_S` ahead    waits for the next: left out if that one is back in line, or never comes
 gap of more than `MAX_GAP_S`      remarked, and as long as it is; the estimator widens the sigmas across it
 more than `LONGEST_GAP_S` ahead   a clock that was set: a gap of `UNKNOWN_GAP_S`, and stamps from there on are set back
@@ -26,24 +27,17 @@ and has already passed the last stamp looks like a gap, and is taken for one.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import RecordingError
-from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows
+from fg_nav.online.unit_check import find_unit_problems
 from fg_nav.recording import MAX_GAP_S, RawRecording, find_usable_samples
-from fg_nav.samples.plausibility import (
-    find_acc_problem,
-    find_mag_problem,
-    find_stamp_problem,
-    measure_field_strength,
-    median_period_s,
-)
 from fg_nav.samples.stamps import AROUND, goes_on
 from fg_nav.text import format_count
 
@@ -72,15 +66,6 @@ MOST_LEFT = 4096
 
 CHECKED = 1000
 """Samples, some seconds, that show in which unit they are."""
-
-PLAUSIBLE_G = (0.7, 2.0)
-"""Median specific force on a foot, in g."""
-
-FIELD_UT = (5.0, 200.0)
-"""Field on a foot; a magnet makes more of it for a while ..."""
-
-LEAST_SHARE = 0.05
-"""... but not always."""
 
 REMARKS = {
     "missing": "samples are missing (empty, NaN or out of any range) and left out",
@@ -197,7 +182,8 @@ class SampleJudge:
         judge._head, judge._first = _rows(state["head"]), [*blocks] if judge._to_check > 0 else []
         judge._missing_last = judge._missing_again = int(state["missing_last"])
         judge._left.extend(state["left"])
-        left = [*judge._left, *fingerprint_rows(judge._waits).tolist()]
+        undecided = judge._waits, judge._restore(judge._behind)
+        left = [*judge._left, *(one for rows in undecided for one in fingerprint_rows(rows).tolist())]
         judge._overlap = Overlap(blocks, judge._clocks, left, judge._tail, held, first, judge._head[:first])
         return judge
 
@@ -277,21 +263,20 @@ class SampleJudge:
             self._last = float(rows[-1, 0]) if len(rows) else self._last
             self._recent.extend(rows[-AROUND:])
             return rows
-        keep = np.zeros(len(rows), dtype=bool)
+        taken: list[Floats] = []
         for i, stamp in enumerate(sent[:, 0].tolist()):
             following = float(sent[i + 1, 0]) if i + 1 < len(sent) else None
             if following is None and not at_end and self._is_far_ahead(stamp + self._offset):
                 self._waits = sent[i:]
                 break
-            rows[i, 0] = stamp + self._offset
-            keep[i] = self._is_taken(rows[i], following is not None and following > stamp)
-            if keep[i]:
-                rows[i, 0] = self._last = stamp + self._offset
-                self._recent.append(rows[i])
-                self._taken += 1
-        judged = len(sent) - len(self._waits)
-        self._left.extend(fingerprint_rows(sent[:judged][~keep[:judged]]).tolist())
-        return rows[keep]
+            row = np.append(stamp + self._offset, sent[i, 1:])
+            for one in self._select(row, following is not None and following > stamp):
+                self._last, self._taken = float(one[0]), self._taken + 1
+                self._recent.append(one)
+                taken.append(one)
+        if at_end:
+            self._drop_behind()
+        return np.array(taken).reshape(-1, COLUMNS)
 
     def _all_go_on(self, t: Floats) -> bool:
         """Whether stamps (n,) go on from the last one, as they nearly always do."""
@@ -302,43 +287,65 @@ class SampleJudge:
     def _is_far_ahead(self, t: float) -> bool:
         return np.isfinite(self._last) and t - self._last > JUMP_S
 
-    def _is_taken(self, row: Floats, is_followed: bool) -> bool:
-        """Whether a row is taken, which `is_followed` by a later one. Shifts the clock where it shows a restart."""
-        t = float(row[0])
-        if t == self._last:
-            self._count("repeated", 1, f"at t = {t:.3f} s")
-            return False
-        if t < self._last:
-            return self._is_clock_restarted(row)
-        if self._is_far_ahead(t):
-            if not is_followed:
-                self._count("ahead", 1, f"at t = {t:.3f} s")
-                return False
-            self._detect_set_clock(t)
-        self._behind = []
-        return True
+    def _select(self, row: Floats, is_followed: bool) -> list[Floats]:
+        """Return the rows to take now: this one, which `is_followed` by a later one, none, or those that waited too.
 
-    def _is_clock_restarted(self, row: Floats) -> bool:
-        """Count a stamp before the last one; after `RESTART` of them in order, set the clock on."""
+        Shifts the clock where the row shows a restart.
+        """
         t = float(row[0])
-        self._count("backward", 1, f"at t = {t:.3f} s, after {self._last:.3f} s")
-        self._behind = [*self._behind, row] if self._behind and t > self._behind[-1][0] else [row]
+        if t < self._last:
+            return self._wait_for_restart(row)
+        kind = "repeated" if t == self._last else "ahead"
+        if t == self._last or (self._is_far_ahead(t) and not is_followed):
+            self._count(kind, 1, f"at t = {t:.3f} s")
+            self._leave_out([row])
+            return []
+        shift = self._detect_set_clock(t) if self._is_far_ahead(t) else 0.0
+        self._drop_behind()
+        return [_shift_stamps(row, shift)]
+
+    def _wait_for_restart(self, row: Floats) -> list[Floats]:
+        """Hold a row before the last one; after `RESTART` of them in order, set the clock on; the rows to take."""
+        if self._behind and row[0] <= self._behind[-1][0]:
+            self._drop_behind()
+        self._behind.append(row)
         if len(self._behind) < RESTART:
-            return False
-        first = float(self._behind[0][0])
+            return []
+        t, first = float(row[0]), float(self._behind[0][0])
+        where = f"at t = {t:.3f} s, after {self._last:.3f} s"
         around = np.array([*self._recent, *self._behind])[:, 1:7]
         if goes_on(around, len(self._recent), LEAP):
             kind, shift = "restart", self._last + (t - first) / (RESTART - 1) - first
+            taken, self._behind = self._behind, []
         else:
             kind, shift = "rebooted", self._last + UNKNOWN_GAP_S - t
-        self._shift_clock(kind, shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
-        return True
+            taken, self._behind = [row], self._behind[:-1]
+        self._shift_clock(kind, shift, where)
+        return [_shift_stamps(one, shift) for one in taken]
 
-    def _detect_set_clock(self, t: float) -> None:
-        """Set the clock back where a step is too long for a gap."""
-        if t - self._last > LONGEST_GAP_S:
-            shift = self._last + UNKNOWN_GAP_S - t
-            self._shift_clock("set", shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
+    def _drop_behind(self) -> None:
+        """Leave out the rows before the last one that were held."""
+        if self._behind:
+            where = f"at t = {self._behind[0][0]:.3f} s, after {self._last:.3f} s"
+            self._count("backward", len(self._behind), where)
+            self._leave_out(self._behind)
+            self._behind = []
+
+    def _leave_out(self, rows: list[Floats]) -> None:
+        """Note rows that were left out for their stamps, which are on the clock of now."""
+        self._left.extend(fingerprint_rows(self._restore(rows)).tolist())
+
+    def _restore(self, rows: list[Floats]) -> Floats:
+        """Rows (n, 10) on the clock of now as the sensor sent them."""
+        return np.array([_shift_stamps(row, -self._offset) for row in rows]).reshape(-1, COLUMNS)
+
+    def _detect_set_clock(self, t: float) -> float:
+        """Set the clock back where a step is too long for a gap; by how much it was set on."""
+        if t - self._last <= LONGEST_GAP_S:
+            return 0.0
+        shift = self._last + UNKNOWN_GAP_S - t
+        self._shift_clock("set", shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
+        return shift
 
     def _shift_clock(self, kind: str, shift: float, where: str) -> None:
         """Set the clock on or back from the next sample on, and say so."""
@@ -346,9 +353,9 @@ class SampleJudge:
         self._remark(f"{words}.")
         self._changes += [words] * (len(self._changes) < MOST_CHANGES)
         self.counts[kind] += 1
+        self._drop_behind()
         self._offset += shift
         self._clocks.append((self._taken, self._offset))
-        self._behind = []
 
     def _count_gaps(self, rows: Floats) -> None:
         if len(rows) == 0:
@@ -370,9 +377,14 @@ class SampleJudge:
             return
         seen = np.concatenate(self._first)
         self._first = []
-        for problem in _unit_problems(seen[:, 0], seen[:, 1:4], seen[:, 7:10]):
+        for problem in find_unit_problems(seen[:, 0], seen[:, 1:4], seen[:, 7:10]):
             if problem is not None:
                 raise RecordingError(f"{problem} (seen in the first {format_count(CHECKED, 'sample')}).")
+
+
+def _shift_stamps(row: Floats, shift: float) -> Floats:
+    """Return a row (10,) with its stamp set on."""
+    return np.append(row[0] + shift, row[1:])
 
 
 def _name_shift(shift: float) -> str:
@@ -386,15 +398,3 @@ def _count_after_last(usable: Bools) -> int:
 
 def _rows(content: Any) -> Floats:
     return np.array(content, dtype=np.float64).reshape(-1, COLUMNS)
-
-
-def _unit_problems(t: Floats, acc: Floats, mag: Floats) -> Iterator[str | None]:
-    """Name what is in a wrong unit, as for a file; but not because a sensor hangs, or a magnet is near, for seconds."""
-    period = median_period_s(t)
-    yield find_stamp_problem(period)
-    low, high = np.array(PLAUSIBLE_G) * GRAVITY_M_S2
-    if not low < np.median(np.linalg.norm(acc, axis=1)) < high:
-        yield find_acc_problem(acc, period)
-    strength = measure_field_strength(mag)
-    if not np.mean((strength > FIELD_UT[0]) & (strength < FIELD_UT[1])) > LEAST_SHARE:
-        yield find_mag_problem(mag)

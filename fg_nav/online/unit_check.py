@@ -1,0 +1,38 @@
+"""In which unit the first samples of a stream are, told by their size, as for a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.samples.plausibility import (
+    find_acc_problem,
+    find_mag_problem,
+    find_stamp_problem,
+    measure_field_strength,
+    median_period_s,
+)
+
+PLAUSIBLE_G = (0.7, 2.0)
+"""Median specific force on a foot, in g."""
+
+FIELD_UT = (5.0, 200.0)
+"""Field on a foot; a magnet makes more of it for a while ..."""
+
+LEAST_SHARE = 0.05
+"""... but not always."""
+
+
+def find_unit_problems(t: Floats, acc: Floats, mag: Floats) -> Iterator[str | None]:
+    """Name what is in a wrong unit, as for a file; but not because a sensor hangs, or a magnet is near, for seconds."""
+    period = median_period_s(t)
+    yield find_stamp_problem(period)
+    low, high = np.array(PLAUSIBLE_G) * GRAVITY_M_S2
+    if not low < np.median(np.linalg.norm(acc, axis=1)) < high:
+        yield find_acc_problem(acc, period)
+    strength = measure_field_strength(mag)
+    if not np.mean((strength > FIELD_UT[0]) & (strength < FIELD_UT[1])) > LEAST_SHARE:
+        yield find_mag_problem(mag)
