@@ -166,9 +166,34 @@ def cross_matrix(v: Floats) -> Floats:
 @njit(cache=True)
 def right_jacobian(theta: Floats) -> Floats:
     """Jr (3, 3) of a rotation vector (3,) rad: Exp(theta + d) = Exp(theta) Exp(Jr d); the left one is Jr(-theta)."""
-    a, b, _ = rotation_series((theta**2).sum())
-    cross = cross_matrix(theta)
-    return np.asarray(np.eye(3) - a * cross + b * (cross @ cross))
+    x, y, z = theta[0], theta[1], theta[2]
+    a, b, _ = rotation_series(x * x + y * y + z * z)
+    J = np.empty((3, 3))
+    J[0, 0], J[0, 1], J[0, 2] = 1.0 - b * (y * y + z * z), b * x * y + a * z, b * x * z - a * y
+    J[1, 0], J[1, 1], J[1, 2] = b * x * y - a * z, 1.0 - b * (x * x + z * z), b * y * z + a * x
+    J[2, 0], J[2, 1], J[2, 2] = b * x * z + a * y, b * y * z - a * x, 1.0 - b * (x * x + y * y)
+    return J
+
+
+@njit(cache=True)
+def multiply(A: Floats, B: Floats) -> Floats:
+    """A B in loops, for compiled code: compiled sooner than `@`, and as fast on a few dozen rows."""
+    out = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                out[i, j] += A[i, k] * B[k, j]
+    return out
+
+
+@njit(cache=True)
+def transpose(A: Floats) -> Floats:
+    """A^T as an array of its own, in rows."""
+    out = np.empty((A.shape[1], A.shape[0]))
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[j, i] = A[i, j]
+    return out
 
 
 @njit(cache=True)

@@ -55,7 +55,8 @@ from scipy.special import chdtri
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.mechanisation import rotate_in_body
+from fg_nav.mechanisation import multiply, rotate_in_body, transpose
+from fg_nav.pocket.euler import error_axes, inverse_error_axes, is_degenerate
 from fg_nav.pocket.filter_equations import (
     GYRO_BIAS,
     SIZE,
@@ -64,9 +65,6 @@ from fg_nav.pocket.filter_equations import (
     PocketState,
     build_model,
     create_reference,
-    error_axes,
-    inverse_error_axes,
-    is_degenerate,
     predict_state,
     set_reference,
     update_field,
@@ -207,21 +205,26 @@ def _compare_field(
 
 @njit(cache=True)
 def _store_state(i: int, state: PocketState, euler: bool, output: Output) -> None:
-    output.nav_R_body[i] = state.nav_R_body
-    output.gyro_bias[i] = state.gyro_bias
+    for row in range(3):
+        output.gyro_bias[i, row] = state.gyro_bias[row]
+        for column in range(3):
+            output.nav_R_body[i, row, column] = state.nav_R_body[row, column]
     P = _rotate_covariance(state) if euler else state.P
-    for j in range(len(P)):
-        output.sigma[i, j] = np.sqrt(P[j, j])
-    if i % output.every == 0:
-        output.covariance[i // output.every] = P
+    for row in range(SIZE):
+        output.sigma[i, row] = np.sqrt(P[row, row])
+        if i % output.every == 0:
+            for column in range(SIZE):
+                output.covariance[i // output.every, row, column] = P[row, column]
 
 
 @njit(cache=True)
 def _rotate_covariance(state: PocketState) -> Floats:
     """Covariance (6, 6) with the attitude as a rotation in nav, of one with it in Euler angles."""
-    G = np.eye(6)
-    G[:3, :3] = error_axes(state.nav_R_body)
-    return G @ state.P @ G.T
+    G, axes = np.eye(6), error_axes(state.nav_R_body)
+    for row in range(3):
+        for column in range(3):
+            G[row, column] = axes[row, column]
+    return multiply(multiply(G, state.P), transpose(G))
 
 
 def allocate_output(samples: int, every: int) -> Output:
@@ -304,7 +307,9 @@ def _integrate_rates(gyr: Floats, h: Floats) -> Floats:
     attitude = np.empty((len(gyr), 3, 3))
     R = np.eye(3)
     for i in range(len(gyr)):
-        attitude[i] = R
+        for row in range(3):
+            for column in range(3):
+                attitude[i, row, column] = R[row, column]
         rotate_in_body(R, gyr[i, 0] * h[i], gyr[i, 1] * h[i], gyr[i, 2] * h[i])
     return attitude
 

@@ -87,7 +87,8 @@ from numba import njit
 from fg_nav.arrays import Floats
 from fg_nav.ekf.attitude_updates import wrap_angle
 from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
-from fg_nav.mechanisation import cross_matrix, right_jacobian, rotate_in_body
+from fg_nav.mechanisation import cross_matrix, multiply, right_jacobian, rotate_in_body, transpose
+from fg_nav.pocket.euler import angles_of_rotation, angles_of_up, error_axes, inverse_error_axes, rotation_of_angles
 from fg_nav.pocket.parameters import (
     GYR_DENSITY_DEG,
     PocketParameters,
@@ -95,65 +96,6 @@ from fg_nav.pocket.parameters import (
     compute_bias_walk,
     compute_earth_rate,
 )
-
-LEAST_COSINE = float(np.sin(np.radians(1.0)))
-"""Within a degree of a pitch of +-90 deg roll and yaw are not usable."""
-
-
-@njit(cache=True)
-def angles_of_rotation(nav_R_body: Floats) -> Floats:
-    """Roll, pitch, yaw (3,) rad."""
-    R = nav_R_body
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
-    return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
-
-
-@njit(cache=True)
-def rotation_of_angles(angles: Floats) -> Floats:
-    """nav_R_body (3, 3) of roll, pitch, yaw (3,) rad."""
-    cr, sr = np.cos(angles[0]), np.sin(angles[0])
-    cp, sp = np.cos(angles[1]), np.sin(angles[1])
-    cy, sy = np.cos(angles[2]), np.sin(angles[2])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-@njit(cache=True)
-def error_axes(nav_R_body: Floats) -> Floats:
-    """E (3, 3): from errors of the angles to the rotation in nav."""
-    x, y = nav_R_body[0, 0], nav_R_body[1, 0]
-    cosine = np.hypot(x, y)
-    return np.array([[x, -y / cosine, 0.0], [y, x / cosine, 0.0], [nav_R_body[2, 0], 0.0, 1.0]])
-
-
-@njit(cache=True)
-def inverse_error_axes(nav_R_body: Floats) -> Floats:
-    """E^-1 (3, 3): from a small rotation in nav to errors of the angles."""
-    x, y, sine = nav_R_body[0, 0], nav_R_body[1, 0], -nav_R_body[2, 0]
-    square = x * x + y * y
-    cosine = np.sqrt(square)
-    return np.array(
-        [[x / square, y / square, 0.0], [-y / cosine, x / cosine, 0.0], [sine * x / square, sine * y / square, 1.0]]
-    )
-
-
-@njit(cache=True)
-def angles_of_up(force: Floats) -> tuple[float, float]:
-    """Roll and pitch, rad, of a specific force (3,) of gravity alone, MD (12), (13), in all quadrants."""
-    roll = np.arctan2(force[1], force[2])
-    return roll, np.arctan2(-force[0], np.hypot(force[1], force[2]))
-
-
-@njit(cache=True)
-def is_degenerate(nav_R_body: Floats) -> bool:
-    """Whether the x axis is within a degree of vertical, where Euler angles end."""
-    return bool(nav_R_body[0, 0] ** 2 + nav_R_body[1, 0] ** 2 < LEAST_COSINE**2)
-
 
 ATTITUDE, GYRO_BIAS, SIZE = 0, 3, 6
 
@@ -228,22 +170,34 @@ def predict_state(state: PocketState, reference: FieldReference, rate: Floats, h
     """Propagate state and reference over a sample of `rate` (3,) rad/s held for `h` seconds."""
     R, bias, P = state
     before = error_axes(R) if model.euler else np.eye(3)
-    theta = (rate - bias - R.T @ model.earth_rate) * h
+    theta, earth, decay = np.empty(3), model.earth_rate, np.exp(-h * model.bias_decay_per_s)
+    for i in range(3):
+        turned = R[0, i] * earth[0] + R[1, i] * earth[1] + R[2, i] * earth[2]
+        theta[i] = (rate[i] - bias[i] - turned) * h
     rotate_in_body(R, theta[0], theta[1], theta[2])
-    per_bias = -h * right_jacobian(theta)
+    per_bias, level = right_jacobian(theta), cross_matrix(earth)
+    for i in range(3):
+        bias[i] *= decay
+        for j in range(3):
+            per_bias[i, j] *= -h
+            level[i, j] = (1.0 if i == j else 0.0) - h * level[i, j]
     propagate_reference(reference, theta, per_bias, h)
     after = inverse_error_axes(R) if model.euler else np.eye(3)
-    decay = np.exp(-h * model.bias_decay_per_s)
-    bias *= decay
-    F = np.zeros((6, 6))
-    F[:3, :3] = after @ (np.eye(3) - h * cross_matrix(model.earth_rate)) @ before
-    F[:3, 3:] = after @ (R @ per_bias)
-    for i in range(3, 6):
-        F[i, i] = decay
-    P[:] = F @ P @ F.T
-    P[:3, :3] += model.gyr_density * h * (after @ after.T)
-    for i in range(3, 6):
-        P[i, i] += model.bias_density * h
+    by_attitude = multiply(multiply(after, level), before)
+    by_bias, noise = multiply(after, multiply(R, per_bias)), multiply(after, transpose(after))
+    F = np.zeros((SIZE, SIZE))
+    for i in range(3):
+        F[GYRO_BIAS + i, GYRO_BIAS + i] = decay
+        for j in range(3):
+            F[i, j], F[i, GYRO_BIAS + j] = by_attitude[i, j], by_bias[i, j]
+    moved = multiply(multiply(F, P), transpose(F))
+    for i in range(SIZE):
+        for j in range(SIZE):
+            P[i, j] = moved[i, j]
+    for i in range(3):
+        P[GYRO_BIAS + i, GYRO_BIAS + i] += model.bias_density * h
+        for j in range(3):
+            P[i, j] += model.gyr_density * h * noise[i, j]
 
 
 # reference of the field: MD (15)
@@ -257,18 +211,22 @@ def create_reference() -> FieldReference:
 @njit(cache=True)
 def set_reference(reference: FieldReference, field: Floats) -> None:
     """Start again from a field (3,) uT just measured."""
-    reference.field[:] = field
-    reference.turn[:] = np.eye(3)
-    reference.per_bias[:] = 0.0
+    for i in range(3):
+        reference.field[i] = field[i]
+        for j in range(3):
+            reference.turn[i, j] = 1.0 if i == j else 0.0
+            reference.per_bias[i, j] = 0.0
     reference.age[0] = 0.0
 
 
 @njit(cache=True)
 def propagate_reference(reference: FieldReference, theta: Floats, per_bias: Floats, h: float) -> None:
     """Rotate by `theta` (3,) rad over `h` seconds; `per_bias` (3, 3) s is its derivative by the bias."""
-    S = reference.per_bias.T.copy()
+    S = transpose(reference.per_bias)
     rotate_in_body(S, theta[0], theta[1], theta[2])  # S^T A_i is (A_i^T S)^T
-    reference.per_bias[:] = S.T + per_bias
+    for i in range(3):
+        for j in range(3):
+            reference.per_bias[i, j] = S[j, i] + per_bias[i, j]
     rotate_in_body(reference.turn, theta[0], theta[1], theta[2])
     reference.age[0] += h
 
@@ -276,9 +234,17 @@ def propagate_reference(reference: FieldReference, theta: Floats, per_bias: Floa
 @njit(cache=True)
 def predict_field(reference: FieldReference, printed: bool) -> tuple[Floats, Floats]:
     """Field (3,) uT predicted now, m', and G (3, 3) s so that a bias higher by db moves it by m' x (G db)."""
-    if printed:
-        return reference.turn @ reference.field, -(reference.turn @ reference.per_bias)
-    return reference.turn.T @ reference.field, reference.per_bias.copy()
+    A, S, field, per_bias = reference.turn, reference.per_bias, np.zeros(3), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            if printed:
+                field[i] += A[i, j] * reference.field[j]
+                for k in range(3):
+                    per_bias[i, j] -= A[i, k] * S[k, j]
+            else:
+                field[i] += A[j, i] * reference.field[j]
+                per_bias[i, j] = S[i, j]
+    return field, per_bias
 
 
 # absolute gravity update: MD (12)-(14)
@@ -287,25 +253,39 @@ def predict_field(reference: FieldReference, printed: bool) -> tuple[Floats, Flo
 @njit(cache=True)
 def update_gravity(state: PocketState, reference: FieldReference, force: Floats, model: FilterModel) -> float:
     """Correct by a specific force (3,) m/s^2 that is gravity alone; returns the NIS, of two."""
-    square = (force**2).sum()
-    force = force + model.gravity_age_s * np.cross(state.gyro_bias, force)
-    x = np.zeros(SIZE)
+    square, x = 0.0, np.zeros(SIZE)
+    for i in range(3):
+        square += force[i] ** 2
+    force = _turn_by_bias(state.gyro_bias, force, model.gravity_age_s)
     if model.euler:
         first, second = _correct_angles(state, x, force, square, model)
     else:
-        first, second = _correct_up(state, x, force / np.sqrt(square), model.acc_variance / square, model.gravity_age_s)
+        for i in range(3):
+            force[i] /= np.sqrt(square)
+        first, second = _correct_up(state, x, force, model.acc_variance / square, model.gravity_age_s)
     inject_error(state, reference, x, model.euler)
     return first**2 + second**2
 
 
 @njit(cache=True)
+def _turn_by_bias(b: Floats, force: Floats, age: float) -> Floats:
+    """Specific force (3,) that is `age` s old, as it is in the body now by a bias (3,) rad/s."""
+    f, out = force, np.empty(3)
+    out[0] = f[0] + age * (b[1] * f[2] - b[2] * f[1])
+    out[1] = f[1] + age * (b[2] * f[0] - b[0] * f[2])
+    out[2] = f[2] + age * (b[0] * f[1] - b[1] * f[0])
+    return out
+
+
+@njit(cache=True)
 def _correct_up(state: PocketState, x: Floats, body_up: Floats, variance: float, age: float) -> tuple[float, float]:
-    R = state.nav_R_body
-    up = R @ body_up
-    h = np.zeros((2, SIZE))
+    R, up, h = state.nav_R_body, np.zeros(2), np.zeros((2, SIZE))
     h[0, ATTITUDE + 1], h[1, ATTITUDE] = 1.0, -1.0
     for row in range(2):  # R (db x up), row by row: r . (db x up) = db . (up x r)
-        h[row, GYRO_BIAS:] = age * np.cross(body_up, R[row])
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            h[row, GYRO_BIAS + i] = age * (body_up[j] * R[row, k] - body_up[k] * R[row, j])
+            up[row] += R[row, i] * body_up[i]
     first = update_row(state.P, x, h[0], up[0], variance)
     return first, update_row(state.P, x, h[1], up[1], variance)
 
@@ -337,42 +317,65 @@ def roll_as_printed(force: Floats) -> float:
 def update_field(state: PocketState, reference: FieldReference, field: Floats, model: FilterModel) -> float:
     """Correct by a field (3,) uT in the body, against the reference; returns the NIS, of two."""
     expected, per_bias = predict_field(reference, model.printed_difference)
-    strength = np.sqrt((expected**2).sum())
-    u, v = _span_across(expected / strength)
+    strength = np.sqrt(expected[0] ** 2 + expected[1] ** 2 + expected[2] ** 2)
+    for i in range(3):
+        expected[i] /= strength
+    across = _span_across(expected)
     variance = 2.0 * model.mag_variance + model.gyr_density * reference.age[0] * strength**2
-    x, h = np.zeros(SIZE), np.zeros(SIZE)
-    h[GYRO_BIAS:] = -strength * (v @ per_bias)
-    first = update_row(state.P, x, h, -(u * field).sum(), variance)
-    h[GYRO_BIAS:] = strength * (u @ per_bias)
-    second = update_row(state.P, x, h, -(v * field).sum(), variance)
+    x, h, z = np.zeros(SIZE), np.zeros((2, SIZE)), np.zeros(2)
+    for i in range(3):
+        for j in range(3):
+            h[0, GYRO_BIAS + i] -= strength * across[1, j] * per_bias[j, i]
+            h[1, GYRO_BIAS + i] += strength * across[0, j] * per_bias[j, i]
+        for row in range(2):
+            z[row] -= across[row, i] * field[i]
+    first = update_row(state.P, x, h[0], z[0], variance)
+    second = update_row(state.P, x, h[1], z[1], variance)
     inject_error(state, reference, x, model.euler)
     return first**2 + second**2
 
 
 @njit(cache=True)
-def _span_across(along: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors u, v so that u, v, along (3,) are a right-handed set."""
-    other = np.zeros(3)
-    other[np.argmin(np.abs(along))] = 1.0
-    u = np.cross(other, along)
-    u /= np.sqrt((u**2).sum())
-    return u, np.cross(along, u)
+def _span_across(along: Floats) -> Floats:
+    """Two unit vectors u, v (2, 3) so that u, v, along (3,) are a right-handed set."""
+    least = 0
+    for i in range(1, 3):
+        if abs(along[i]) < abs(along[least]):
+            least = i
+    j, k, out = (least + 1) % 3, (least + 2) % 3, np.zeros((2, 3))
+    length = np.sqrt(along[j] ** 2 + along[k] ** 2)
+    out[0, j], out[0, k] = -along[k] / length, along[j] / length  # of the axis it is least along, and it
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[1, i] = along[j] * out[0, k] - along[k] * out[0, j]
+    return out
 
 
 @njit(cache=True)
 def inject_error(state: PocketState, reference: FieldReference, x: Floats, euler: bool) -> None:
     """Subtract the estimated error `x` (6,) from the state, and rotate the reference along with the bias."""
     if euler:
-        state.nav_R_body[:] = rotation_of_angles(angles_of_rotation(state.nav_R_body) - x[:GYRO_BIAS])
+        angles = angles_of_rotation(state.nav_R_body)
+        for i in range(3):
+            angles[i] -= x[i]
+        R = rotation_of_angles(angles)
+        for i in range(3):
+            for j in range(3):
+                state.nav_R_body[i, j] = R[i, j]
     else:
         rotate_in_nav(state.nav_R_body, -x[0], -x[1], -x[2])
-    change = -x[GYRO_BIAS:]
-    state.gyro_bias[:] += change
+    change = np.empty(3)
+    for i in range(3):
+        change[i] = -x[GYRO_BIAS + i]
+        state.gyro_bias[i] += change[i]
     shift_reference_bias(reference, change)
 
 
 @njit(cache=True)
 def shift_reference_bias(reference: FieldReference, change: Floats) -> None:
     """Rotate A along with a change (3,) rad/s of the bias."""
-    theta = reference.per_bias @ change
+    theta = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            theta[i] += reference.per_bias[i, j] * change[j]
     rotate_in_body(reference.turn, theta[0], theta[1], theta[2])

@@ -34,7 +34,7 @@ from numba import njit
 
 from fg_nav.arrays import Floats
 from fg_nav.ekf.update import update_component, update_row
-from fg_nav.mechanisation import cross_matrix, rotation_about, rotation_vector
+from fg_nav.mechanisation import cross_matrix, multiply, rotation_about, rotation_vector, transpose
 
 ATTITUDE, BIAS, SCALE, FIELD, REGION, VELOCITY, SWING, BODY, SIZE = 0, 3, 6, 15, 18, 21, 23, 25, 27
 """Where the parts of x begin; y lacks the first."""
@@ -143,17 +143,26 @@ def smooth_nodes(nodes: Nodes, inputs: Inputs, noise: Noise, x0: Floats, P0: Flo
         np.full(n, np.nan),
     )
     F = np.zeros((n - 1, SIZE, SIZE))
-    out.x_ahead[0], out.P_ahead[0] = x0, P0
+    for i in range(SIZE):
+        out.x_ahead[0, i] = x0[i]
+        for j in range(SIZE):
+            out.P_ahead[0, i, j] = P0[i, j]
     for k in range(n):
         # update by the measurements at the node
-        out.x[k], out.P[k] = out.x_ahead[k], out.P_ahead[k]
+        for i in range(SIZE):
+            out.x[k, i] = out.x_ahead[k, i]
+            for j in range(SIZE):
+                out.P[k, i, j] = out.P_ahead[k, i, j]
         _update_node(k, nodes, inputs, noise, out)
         # predict the next node
         if k < n - 1:
             offset, variance = linearize_transition(k, nodes, inputs, noise, F[k])
-            out.x_ahead[k + 1] = F[k] @ out.x[k] + offset
-            out.P_ahead[k + 1] = F[k] @ out.P[k] @ F[k].T
+            moved = multiply(multiply(F[k], out.P[k]), transpose(F[k]))
             for i in range(SIZE):
+                out.x_ahead[k + 1, i] = offset[i]
+                for j in range(SIZE):
+                    out.x_ahead[k + 1, i] += F[k, i, j] * out.x[k, j]
+                    out.P_ahead[k + 1, i, j] = moved[i, j]
                 out.P_ahead[k + 1, i, i] += variance[i]
     _smooth_backward(nodes, F, out)
     return out
@@ -162,9 +171,20 @@ def smooth_nodes(nodes: Nodes, inputs: Inputs, noise: Noise, x0: Floats, P0: Flo
 @njit(cache=True)
 def _error_change(y: Floats, noise: Noise) -> Floats:
     """Errors of the gyroscope (12,) less those that the links were made with."""
-    c = y[: FIELD - 3].copy()
-    c[:3] -= noise.bias0
+    c = np.empty(FIELD - 3)
+    for i in range(FIELD - 3):
+        c[i] = y[i] - noise.bias0[i] if i < 3 else y[i]
     return c
+
+
+@njit(cache=True)
+def _apply(A: Floats, x: Floats) -> Floats:
+    """A x."""
+    out = np.zeros(len(A))
+    for i in range(len(A)):
+        for j in range(len(x)):
+            out[i] += A[i, j] * x[j]
+    return out
 
 
 @njit(cache=True)
@@ -172,12 +192,20 @@ def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: 
     """Write F (27, 27); returns the offset (27,) and the variances (27,) of x_k+1 = F x_k + offset + noise."""
     h = inputs.h[k]
     y, then, c = nodes.y[k], nodes.y[k + 1], _error_change(nodes.y[k], noise)
-    turned = rotation_about(-noise.earth_rate * h) @ nodes.R[k] @ inputs.turn[k]
-    predicted = turned @ rotation_about(inputs.per_sensor[k] @ c)
-    F[: ATTITUDE + 3, : ATTITUDE + 3] = np.eye(3) - h * cross_matrix(noise.earth_rate)
-    F[: ATTITUDE + 3, BIAS:FIELD] = predicted @ inputs.per_sensor[k]
+    back, earth = np.empty(3), cross_matrix(noise.earth_rate)
+    for i in range(3):
+        back[i] = -noise.earth_rate[i] * h
+    turned = multiply(multiply(rotation_about(back), nodes.R[k]), inputs.turn[k])
+    predicted = multiply(turned, rotation_about(_apply(inputs.per_sensor[k], c)))
+    by_sensor = multiply(predicted, inputs.per_sensor[k])
+    left = rotation_vector(multiply(nodes.R[k + 1], transpose(predicted)))
     offset, variance = np.zeros(SIZE), np.zeros(SIZE)
-    offset[:3] = -rotation_vector(nodes.R[k + 1] @ predicted.T)
+    for i in range(3):
+        offset[i] = -left[i]
+        for j in range(3):
+            F[i, ATTITUDE + j] = (1.0 if i == j else 0.0) - h * earth[i, j]
+        for j in range(FIELD - BIAS):
+            F[i, BIAS + j] = by_sensor[i, j]
     for i in range(3, SIZE):
         F[i, i] = 1.0
     for i in range(BIAS, BIAS + 3):
@@ -193,7 +221,10 @@ def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: 
         variance[VELOCITY + i] = noise.acc * h
         variance[SWING + i] = noise.acc * h**3 / 3.0
         variance[BODY + i] = inputs.pace[k]
-    offset[3:] = np.ascontiguousarray(F[3:, 3:]) @ y - then
+    for i in range(3, SIZE):
+        offset[i] = -then[i - 3]
+        for j in range(3, SIZE):
+            offset[i] += F[i, j] * y[j - 3]
     # velocity and swing depend on the attitude: their offset is the predicted value, not the linear part
     for i in range(2):
         offset[VELOCITY + i] = y[VELOCITY - 3 + i] + gained[i] - then[VELOCITY - 3 + i]
@@ -205,9 +236,16 @@ def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: 
 @njit(cache=True)
 def _apply_force(R: Floats, delta: Floats, per_sensor: Floats, c: Floats, F: Floats) -> Floats:
     """Change of velocity or position by a force, (3,) in nav; writes the derivatives of its two level parts."""
-    out = R @ (delta + per_sensor @ c)
-    F[:, : ATTITUDE + 3] = -cross_matrix(out)[:2]
-    F[:, BIAS:FIELD] = (R @ per_sensor)[:2]
+    change, by_sensor = _apply(per_sensor, c), multiply(R, per_sensor)
+    for i in range(3):
+        change[i] += delta[i]
+    out = _apply(R, change)
+    cross = cross_matrix(out)
+    for i in range(2):
+        for j in range(3):
+            F[i, ATTITUDE + j] = -cross[i, j]
+        for j in range(FIELD - BIAS):
+            F[i, BIAS + j] = by_sensor[i, j]
     return out
 
 
@@ -230,7 +268,8 @@ def _update_node(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smooth
             nis += update_row(P, x, H[row], z[row], variance) ** 2
         out.field_nis[k] = nis
         for row in range(3):
-            H[row] = 0.0
+            for i in range(SIZE):
+                H[row, i] = 0.0
             H[row, FIELD + row], H[row, REGION + row] = 1.0, -1.0
             update_row(P, x, H[row], y[REGION - 3 + row] - y[FIELD - 3 + row], inputs.deviation[k])
 
@@ -238,9 +277,10 @@ def _update_node(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smooth
 @njit(cache=True)
 def _update_rest(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smoothed) -> None:
     """Update by a rest: the rate is the bias, and the velocity zero."""
-    observed = inputs.rate[k] - nodes.R[k].T @ noise.earth_rate
+    earth = _apply(transpose(nodes.R[k]), noise.earth_rate)
     for i in range(3):
-        update_component(out.P[k], out.x[k], BIAS + i, observed[i] - nodes.y[k, i], inputs.rest[k])
+        observed = inputs.rate[k, i] - earth[i]
+        update_component(out.P[k], out.x[k], BIAS + i, observed - nodes.y[k, i], inputs.rest[k])
     for i in range(2):
         v = nodes.y[k, VELOCITY - 3 + i]
         update_component(out.P[k], out.x[k], VELOCITY + i, -v, noise.rest_velocity)
@@ -250,14 +290,22 @@ def _update_rest(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smooth
 def linearize_field(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, H: Floats) -> Floats:
     """Write the rows (3, 27) of a node's field, in nav; returns (3,) so that H x is it but for noise."""
     R, z = nodes.R[k], inputs.field[k]
-    per_sensor = -cross_matrix(z) @ inputs.lever[k]
-    observed = R @ (z + per_sensor @ _error_change(nodes.y[k], noise))
-    H[:] = 0.0
-    H[:, ATTITUDE : ATTITUDE + 3] = cross_matrix(observed)  # it changes by phi x observed
-    H[:, BIAS:FIELD] = -R @ per_sensor
+    less = multiply(cross_matrix(z), inputs.lever[k])
+    change = _apply(less, _error_change(nodes.y[k], noise))
     for i in range(3):
+        change[i] = z[i] - change[i]
+    observed, by_sensor = _apply(R, change), multiply(R, less)
+    cross = cross_matrix(observed)  # it changes by phi x observed
+    for i in range(3):
+        for j in range(SIZE):
+            H[i, j] = 0.0
+        for j in range(3):
+            H[i, ATTITUDE + j] = cross[i, j]
+        for j in range(FIELD - BIAS):
+            H[i, BIAS + j] = by_sensor[i, j]
         H[i, FIELD + i] = 1.0
-    return np.asarray(observed - nodes.y[k, FIELD - 3 : REGION - 3])
+        observed[i] -= nodes.y[k, FIELD - 3 + i]
+    return observed
 
 
 @njit(cache=True)
@@ -266,28 +314,39 @@ def _smooth_backward(nodes: Nodes, F: Floats, out: Smoothed) -> None:
     n = len(out.x)
     for k in range(n - 1, -1, -1):
         if k < n - 1:
-            G = _smoother_gain(out.P[k] @ F[k].T, out.P_ahead[k + 1])
-            out.x[k] += G @ (out.x[k + 1] - out.x_ahead[k + 1])
-            out.P[k] += G @ (out.P[k + 1] - out.P_ahead[k + 1]) @ G.T
-            out.P[k] = (out.P[k] + out.P[k].T) / 2
-            out.step_square[k] = _expect_step(k, FIELD, FIELD + 3, nodes, F[k], out, G)
-            out.pace_square[k] = _expect_step(k, BODY, BODY + 2, nodes, F[k], out, G)
+            G = _smoother_gain(multiply(out.P[k], transpose(F[k])), out.P_ahead[k + 1])
+            _smooth_node(k, G, out)
+            for i in range(FIELD, FIELD + 3):
+                out.step_square[k] += _expect_step(k, i, nodes, F[k], out, G)
+            for i in range(BODY, BODY + 2):
+                out.pace_square[k] += _expect_step(k, i, nodes, F[k], out, G)
         out.deviation_square[k] = _expect_deviation(k, nodes, out)
         for i in range(SWING, BODY):
             out.swing_square[k] += (nodes.y[k, i - 3] + out.x[k, i]) ** 2 + out.P[k, i, i]
 
 
 @njit(cache=True)
-def _expect_step(k: int, first: int, stop: int, nodes: Nodes, F: Floats, out: Smoothed, G: Floats) -> float:
-    """Expected square of a step after node k, of those parts of x that otherwise only decay."""
-    now, then = out.P[k], out.P[k + 1]
-    between = then @ G.T  # covariance of x_k+1 with x_k
-    total = 0.0
-    for i in range(first, stop):
-        e = F[i, i]
-        step = nodes.y[k + 1, i - 3] + out.x[k + 1, i] - e * (nodes.y[k, i - 3] + out.x[k, i])
-        total += step**2 + max(e**2 * now[i, i] + then[i, i] - 2 * e * between[i, i], 0.0)
-    return total
+def _smooth_node(k: int, G: Floats, out: Smoothed) -> None:
+    """Correct x and P of node k by those of the next one, with the gain G."""
+    gained, x, P = np.empty((SIZE, SIZE)), out.x[k], out.P[k]
+    for i in range(SIZE):
+        for j in range(SIZE):
+            x[i] += G[i, j] * (out.x[k + 1, j] - out.x_ahead[k + 1, j])
+            gained[i, j] = out.P[k + 1, i, j] - out.P_ahead[k + 1, i, j]
+    change = multiply(multiply(G, gained), transpose(G))
+    for i in range(SIZE):
+        for j in range(i + 1):
+            P[i, j] = P[j, i] = (P[i, j] + change[i, j] + P[j, i] + change[j, i]) / 2
+
+
+@njit(cache=True)
+def _expect_step(k: int, i: int, nodes: Nodes, F: Floats, out: Smoothed, G: Floats) -> float:
+    """Expected square of a step after node k of part `i` of x, which otherwise only decays."""
+    e, then, between = F[i, i], out.P[k + 1], 0.0
+    for j in range(SIZE):
+        between += then[i, j] * G[i, j]  # covariance of x_k+1 with x_k
+    step = nodes.y[k + 1, i - 3] + out.x[k + 1, i] - e * (nodes.y[k, i - 3] + out.x[k, i])
+    return float(step**2 + max(e**2 * out.P[k, i, i] + then[i, i] - 2 * e * between, 0.0))
 
 
 @njit(cache=True)
@@ -304,6 +363,15 @@ def _expect_deviation(k: int, nodes: Nodes, out: Smoothed) -> float:
 @njit(cache=True)
 def _smoother_gain(A: Floats, P: Floats) -> Floats:
     """A P^-1, P scaled to a diagonal of ones first: its units differ."""
-    scale = 1.0 / np.sqrt(np.diag(P))
-    scaled = P * scale.reshape(-1, 1) * scale
-    return np.ascontiguousarray(np.linalg.solve(scaled, (A * scale).T).T) * scale
+    scale, scaled, right = np.empty(SIZE), np.empty((SIZE, SIZE)), np.empty((SIZE, SIZE))
+    for i in range(SIZE):
+        scale[i] = 1.0 / np.sqrt(P[i, i])
+    for i in range(SIZE):
+        for j in range(SIZE):
+            scaled[i, j] = P[i, j] * scale[i] * scale[j]
+            right[j, i] = A[i, j] * scale[j]
+    solved, G = np.linalg.solve(scaled, right), np.empty((SIZE, SIZE))
+    for i in range(SIZE):
+        for j in range(SIZE):
+            G[i, j] = solved[j, i] * scale[j]
+    return G

@@ -32,7 +32,7 @@ import numpy as np
 from numba import njit
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.mechanisation import cross_matrix, right_jacobian, rotation_about
+from fg_nav.mechanisation import multiply, right_jacobian, rotate_in_body, rotation_about, transpose
 
 SENSOR = 12
 """Errors of a gyroscope: bias, scale and misalignment."""
@@ -201,59 +201,95 @@ def _fill_links(
     force_spread: Floats,
 ) -> None:
     """Write the arrays of all links."""
+    theta = np.empty(3)
     for k in range(len(node) - 1):
         R, J = np.eye(3), np.zeros((3, SENSOR))
         for i in range(node[k], node[k + 1]):
-            h, w = periods[i], gyr[i] - bias
-            K = R @ J
-            # field: sums of dR_t y_t and K_t
-            if np.isfinite(mag[i]).all():
+            h = periods[i]
+            for axis in range(3):
+                theta[axis] = (gyr[i, axis] - bias[axis]) * h
+            by_turn = right_jacobian(theta)
+            K = multiply(R, J)
+            if np.isfinite(mag[i, 0]) and np.isfinite(mag[i, 1]) and np.isfinite(mag[i, 2]):
                 count[k] += 1.0
-                field[k] += R @ mag[i]
-                lever[k] += K
-                strength[k] += np.sqrt((mag[i] ** 2).sum())
-            # force: delta velocity and delta position
-            gained = R @ (right_jacobian(-w * h) @ acc[i]) * h
-            changed = -cross_matrix(gained) @ K
-            delta_p[k] += delta_v[k] * h + gained * (h / 2)
-            delta_p_per_sensor[k] += delta_v_per_sensor[k] * h + changed * (h / 2)
-            delta_v[k] += gained
-            delta_v_per_sensor[k] += changed
-            # rotation and its derivative
-            E = rotation_about(w * h)
-            J = E.T @ J - _turn_per_error(w, h)
-            R = R @ E
-        turn[k], per_sensor[k] = R, J
-        if count[k] > 0:
-            field[k] /= count[k]
-            lever[k] /= count[k]
-            strength[k] /= count[k]
-        else:
-            strength[k] = np.nan
-        part = slice(node[k], node[k + 1])
-        rate[k], rate_spread[k] = _mean_and_spread(gyr[part])
-        force_spread[k] = _mean_and_spread(acc[part])[1]
+                strength[k] += _add_field(R, K, mag[i], field[k], lever[k])
+            _add_force(R, K, by_turn, acc[i], h, delta_v[k], delta_v_per_sensor[k], delta_p[k], delta_p_per_sensor[k])
+            J = _propagate_derivative(J, theta, by_turn, h)
+            rotate_in_body(R, theta[0], theta[1], theta[2])
+        for axis in range(3):
+            for column in range(3):
+                turn[k, axis, column] = R[axis, column]
+            for column in range(SENSOR):
+                per_sensor[k, axis, column] = J[axis, column]
+                lever[k, axis, column] /= max(count[k], 1.0)
+            field[k, axis] /= max(count[k], 1.0)
+        strength[k] = strength[k] / count[k] if count[k] > 0 else np.nan
+        rate_spread[k] = _measure_spread(gyr, node[k], node[k + 1], rate[k])
+        force_spread[k] = _measure_spread(acc, node[k], node[k + 1], theta)
 
 
 @njit(cache=True)
-def _turn_per_error(w: Floats, h: float) -> Floats:
-    """Derivative (3, 12) of a sample's rotation by the errors, but for the sign."""
-    by_rate = right_jacobian(w * h) * h
-    out = np.empty((3, SENSOR))
-    out[:, :3] = by_rate
-    for row in range(3):
+def _add_field(R: Floats, K: Floats, mag: Floats, field: Floats, lever: Floats) -> float:
+    """Add a sample (3,) uT to the sums of dR_t y_t and K_t; returns its strength."""
+    square = 0.0
+    for axis in range(3):
+        square += mag[axis] ** 2
         for column in range(3):
-            out[:, 3 + 3 * row + column] = by_rate[:, row] * w[column]
+            field[axis] += R[axis, column] * mag[column]
+        for column in range(SENSOR):
+            lever[axis, column] += K[axis, column]
+    return float(np.sqrt(square))
+
+
+@njit(cache=True)
+def _add_force(
+    R: Floats,
+    K: Floats,
+    by_turn: Floats,
+    acc: Floats,
+    h: float,
+    delta_v: Floats,
+    delta_v_per_sensor: Floats,
+    delta_p: Floats,
+    delta_p_per_sensor: Floats,
+) -> None:
+    """Add a sample (3,) m/s^2 held for `h` seconds to delta velocity and position; `by_turn` is Jr (w h)."""
+    gained = np.zeros(3)
+    for axis in range(3):
+        mean = by_turn[0, axis] * acc[0] + by_turn[1, axis] * acc[1] + by_turn[2, axis] * acc[2]  # Jl is Jr^T
+        for row in range(3):
+            gained[row] += R[row, axis] * mean * h
+    for axis in range(3):
+        delta_p[axis] += delta_v[axis] * h + gained[axis] * (h / 2)
+        delta_v[axis] += gained[axis]
+        left, right = (axis + 1) % 3, (axis + 2) % 3
+        for column in range(SENSOR):
+            changed = gained[right] * K[left, column] - gained[left] * K[right, column]
+            delta_p_per_sensor[axis, column] += delta_v_per_sensor[axis, column] * h + changed * (h / 2)
+            delta_v_per_sensor[axis, column] += changed
+
+
+@njit(cache=True)
+def _propagate_derivative(J: Floats, theta: Floats, by_turn: Floats, h: float) -> Floats:
+    """J (3, 12) after a sample that rotates by `theta` (3,) rad in `h` seconds; `by_turn` is Jr of it."""
+    out = multiply(transpose(rotation_about(theta)), J)
+    for axis in range(3):
+        for row in range(3):
+            out[axis, row] -= by_turn[axis, row] * h
+            for column in range(3):
+                out[axis, 3 + 3 * row + column] -= by_turn[axis, row] * theta[column]
     return out
 
 
 @njit(cache=True)
-def _mean_and_spread(x: Floats) -> tuple[Floats, float]:
-    mean = np.zeros(3)
-    for i in range(len(x)):
-        mean += x[i]
-    mean /= len(x)
+def _measure_spread(x: Floats, first: int, stop: int, mean: Floats) -> float:
+    """Write the mean (3,) of samples (N, 3) from `first` to before `stop`; returns the root of the summed variances."""
     square = 0.0
-    for i in range(len(x)):
-        square += ((x[i] - mean) ** 2).sum()
-    return mean, np.sqrt(square / len(x))
+    for axis in range(3):
+        total = 0.0
+        for i in range(first, stop):
+            total += x[i, axis]
+        mean[axis] = total / (stop - first)
+        for i in range(first, stop):
+            square += (x[i, axis] - mean[axis]) ** 2
+    return float(np.sqrt(square / (stop - first)))
