@@ -79,6 +79,7 @@ def test_every_format_has_its_row_and_is_named_on_the_first_page() -> None:
     assert listed == list(FORMATS)
     page = README.read_text(encoding="utf-8")
     assert [name for name in FORMATS if f"`{name}`" not in page] == []
+    assert f"{len(FORMATS)} formats" in page
 
 
 def test_parameters_have_the_values_that_the_page_tells() -> None:
