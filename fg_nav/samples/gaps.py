@@ -121,6 +121,9 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     step = np.diff(t)
     period = float(np.median(step))
     gap = np.flatnonzero(step > LOST_PERIODS * period)
+    if not len(gap):
+        nothing = np.empty((0, 3))
+        return Gaps(gap, step[gap], nothing, nothing, nothing, nothing)
     scale = np.repeat([_spread(acc), _spread(gyr)], 3)
     values = np.hstack([acc, gyr]) / scale
     tick = np.concatenate([[0], np.cumsum(np.maximum(np.rint(step / period).astype(int), 1))])
