@@ -111,6 +111,10 @@ def test_methods_stand_side_by_side_and_a_walk_without_samples_has_a_page(walk: 
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Methods side by side" in text
     assert {"smoother", "iez"} <= {trace["name"] for trace in charts_of(text)["path"]["data"]}
+    for name in ("path", "height", "bias", "heading"):
+        entries = [one["name"] for one in charts_of(text)[name]["data"] if one.get("showlegend", True)]
+        assert sorted(set(entries) - {"truth", "95 % ellipses"}) == ["iez", "smoother"], name
+        assert len(entries) == len(set(entries)), name
     (tmp_path / "lag").mkdir()
     write_lagged(tmp_path / "lag", walks.outcome(walk).solution)
     lagged = (tmp_path / "lag" / "report.html").read_text(encoding="utf-8")

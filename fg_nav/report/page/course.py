@@ -35,6 +35,9 @@ from fg_nav.solution import StanceTable
 from fg_nav.walk import Options, Outcome
 
 MAX_ELLIPSES = 250
+MAX_WITH_ELLIPSES = 2
+"""Methods whose ellipses lie over one another and can still be told apart."""
+
 _OUTLINE = 25
 """Corners of an ellipse."""
 
@@ -114,7 +117,8 @@ def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Out
     first, alone = next(iter(views.values())), len(views) == 1
     data = _draw_truth(first.truth)
     for k, (name, view) in enumerate(views.items()):
-        data += _draw_method(view, outcomes[name], name, CYCLE[k % len(CYCLE)], frame, alone, k == 0)
+        data += _draw_method(view, outcomes[name], name, CYCLE[k % len(CYCLE)], frame, alone)
+        data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), CYCLE[k % len(CYCLE)], k, len(views))
     data += _draw_ends(first.stance_position())
     ranges, shape = _frame_map(list(views.values()))
     layout: dict[str, Any] = {
@@ -144,12 +148,10 @@ def _draw_truth(truth: Truth | None) -> list[Trace]:
 
 
 def _draw_method(
-    view: AlignedSolution, outcome: Outcome, name: str, color: str, frame: Frame, alone: bool, first: bool
+    view: AlignedSolution, outcome: Outcome, name: str, color: str, frame: Frame, alone: bool
 ) -> list[Trace]:
     solution = outcome.solution
-    words = f"{name}, footfalls" if not alone else "footfalls"
-    data = [*_draw_ellipses(find_ellipses(view, MAX_ELLIPSES), color, "" if alone else f"{name}, ", first)]
-    data.append(_path(_choose_path(view), color, name, width=1.5, hoverinfo="skip"))
+    data = [_path(_choose_path(view), color, name, width=1.5, hoverinfo="skip", legendgroup=name)]
     if outcome.polished is not None:
         batch = AlignedSolution(outcome.polished.solution, view.truth, view.comparison)
         data.append(_path(_choose_path(batch), GREEN, f"{name}, batch afterwards", width=1.2, hoverinfo="skip"))
@@ -157,7 +159,7 @@ def _draw_method(
         at_moment = view.align_position(solution.moment.position)[spread_rows(len(solution.moment), MAX_POINTS)]
         words_then = f"{name}, as known at the moment"
         data.append(_path(at_moment, color, words_then, style={"dash": "dot"}, hoverinfo="skip", visible=LATER))
-    return data + _draw_footfalls(view, name, color, words, frame, alone)
+    return data + _draw_footfalls(view, name, color, frame, alone)
 
 
 def _choose_path(view: AlignedSolution) -> Floats:
@@ -176,32 +178,37 @@ def _axes(xy: Floats) -> tuple[list[float | None], list[float | None]]:
     return to_meters(xy[:, 0]), to_meters(xy[:, 1])
 
 
-def _draw_ellipses(found: Ellipses | None, color: str, whose: str, shown: bool) -> list[Trace]:
-    """The ellipses as large as they are, and where that is too small to see, on demand enlarged."""
+def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -> list[Trace]:
+    """The ellipses of method `k` as large as they are; of one alone, where that is small, on demand enlarged.
+
+    One entry of the legend is for the ellipses of all methods; of many methods they are drawn on demand.
+    """
     if found is None:
         return []
-    drawn = [(1, f"{whose}95 % ellipses", {} if shown else {"visible": LATER})]
-    if found.zoom > 1:
-        drawn.append((found.zoom, f"{whose}ellipses {found.zoom} times as large", {"visible": LATER}))
+    shown: dict[str, Any] = {} if n_methods <= MAX_WITH_ELLIPSES else {"visible": LATER}
+    drawn = [(1, "95 % ellipses", {"showlegend": k == 0} | shown)]
+    if found.zoom > 1 and n_methods == 1:
+        drawn.append((found.zoom, f"ellipses {found.zoom} times as large", {"visible": LATER}))
     traces = []
     for factor, words, more in drawn:
         outline = found.outline(_OUTLINE, factor)
         broken = np.concatenate([outline, np.full((len(outline), 1, 2), np.nan)], axis=1).reshape(-1, 2)
         fill = {"fill": "toself", "fillcolor": fade(color, 0.18), "hoverinfo": "skip"}
-        traces.append(_path(broken, color, words, width=0.6, **fill, **more))
+        traces.append(_path(broken, color, words, width=0.6, legendgroup=words, **fill, **more))
     return traces
 
 
-def _draw_footfalls(view: AlignedSolution, name: str, color: str, words: str, frame: Frame, alone: bool) -> list[Trace]:
+def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, alone: bool) -> list[Trace]:
     """Footfalls that answer the pointer; of one method alone colored by the verdict on the field."""
     table = view.solution.stances
     row = spread_rows(len(table), MAX_DOTS)
     verdict = np.array(table.field, dtype=object)[row]
-    groups: list[tuple[Bools, str, str]] = [(np.ones(len(row), dtype=bool), color, words)]
+    groups: list[tuple[Bools, str, str]] = [(np.ones(len(row), dtype=bool), color, name)]
+    entry: dict[str, Any] = {} if alone else {"legendgroup": name, "showlegend": False}
     if alone:
         clear, disturbed = verdict == QUASI_STATIC, verdict == DISTURBED
         groups = [
-            (~clear & ~disturbed, BLUE, words),
+            (~clear & ~disturbed, BLUE, "footfalls"),
             (clear, GREEN, "footfalls, field undisturbed"),
             (disturbed, VERMILION, "footfalls, field disturbed"),
         ]
@@ -210,7 +217,7 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, words: str, fr
     return [
         dots(
             *_axes(position[use]), mark, label, size=5 if len(row) < 500 else 4, hovertemplate=hover,
-            customdata=[about[k] for k in row[use]],
+            customdata=[about[k] for k in row[use]], **entry,
         )
         for use, mark, label in groups
         if use.any()

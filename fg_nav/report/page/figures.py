@@ -159,13 +159,16 @@ def _axis_name(kind: str, k: int) -> str:
 
 
 def _name_once(data: list[Trace]) -> list[Trace]:
-    """Show one entry of the legend for all traces of a name; it hides and shows all of them."""
-    named: set[str] = set()
-    marked = []
-    for trace in data:
-        group = trace.get("legendgroup", trace["name"])
-        first = trace["name"] not in named
-        named.add(trace["name"])
-        shown = {"showlegend": False} if not first else {}
-        marked.append({"legendgroup": group, **trace, **shown})
-    return marked
+    """Show one entry of the legend for all traces of a name, which hides and shows all of them.
+
+    It looks like the last line or dots of that name in the uppermost panel, not like a band.
+    """
+    entry: dict[str, int] = {}
+    for k, trace in enumerate(data):
+        kept = entry.setdefault(trace["name"], k)
+        if "fill" not in trace and trace["yaxis"] == data[kept]["yaxis"]:
+            entry[trace["name"]] = k
+    return [
+        {"legendgroup": trace["name"], **trace, **({} if entry[trace["name"]] == k else {"showlegend": False})}
+        for k, trace in enumerate(data)
+    ]

@@ -46,8 +46,8 @@ def _colored(views: Views) -> Iterator[tuple[str, str, AlignedSolution]]:
 
 
 def _label(name: str, what: str, views: Views) -> str:
-    """Name of a line: of several methods, with the method's."""
-    return what if len(views) == 1 else f"{name}, {what}"
+    """Name of a line: of several methods the method's alone, by which the legend hides all that it drew."""
+    return what if len(views) == 1 else name
 
 
 def _at_stances(t: Floats, value: Floats, color: str, name: str, **more: object) -> Trace:
@@ -161,7 +161,7 @@ def draw_headings(views: Views) -> Chart:
 def _error_label(traced: Sequence[Headings]) -> str:
     known = any(np.isfinite(one.error).any() for one in traced)
     gauge = any(one.gauge for one in traced)
-    return ("error" if known else "uncertainty") + (" since start (deg)" if gauge else " (deg)")
+    return ("error" if known else "95 %") + (" since start (deg)" if gauge else " (deg)")
 
 
 def _draw_heading(view: AlignedSolution, found: Headings, color: str, name: str, views: Views) -> list[Trace]:
