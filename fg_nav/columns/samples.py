@@ -29,6 +29,9 @@ SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "m
 _COUNTS_AT_REST = 1500.0
 """A larger reading of gravity is no mg: it counts the steps of a converter."""
 
+_COUNTER_ENDS = (2.0**8, 2.0**16, 2.0**32)
+"""Counters of packets begin again at one of these."""
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -89,11 +92,24 @@ def _make_time(clock: Floats, columns: ColumnMap, rate_hz: float | None, asker: 
     if rate_hz is None:
         counted = f" but '{columns.counter.names[0]}', which counts samples" if columns.counter else ""
         raise FormatError(f"{asker.name} has no stamps{counted}: give its rate, such as {asker.rate}.")
-    if columns.counter is not None and _counts_samples(clock[:, 0]):
+    if columns.counter is not None and _counts_samples(count := _continue_counter(clock[:, 0])):
         notes.append(f"time is '{columns.counter.names[0]}' at {rate_hz:g} Hz")
-        return np.asarray((clock[:, 0] - float(clock[np.isfinite(clock[:, 0]), 0][0])) / rate_hz)
+        return np.asarray((count - float(count[np.isfinite(count)][0])) / rate_hz)
     notes.append(f"time is the number of the row at {rate_hz:g} Hz")
     return np.arange(len(clock)) / rate_hz
+
+
+def _continue_counter(count: Floats) -> Floats:
+    """Counter (N,) set on where it falls from the end of the fewest bits that hold it to its beginning."""
+    known = np.isfinite(count)
+    largest = float(count[known].max(initial=0.0))
+    end = next((end for end in _COUNTER_ENDS if largest < end), None)
+    fallen = end is not None and bool((np.diff(count[known]) < -0.5 * end).any())
+    if not fallen:
+        return count
+    whole = count.copy()
+    whole[known] = np.unwrap(count[known], period=end)
+    return whole
 
 
 def _counts_samples(count: Floats) -> bool:

@@ -18,6 +18,7 @@ import pandas as pd
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.units import find_quantity
+from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, read_table
 
 _FEWEST_NUMBERS = 6
@@ -37,6 +38,9 @@ _SEPARATORS = ("\t", ";", ",", r"\s+", "|")
 
 _DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?[ T]\d\d?:\d\d")
 """Of year, month, day, hour and minute: other orders leave month and day open."""
+
+_OTHER_CLOCK = re.compile(r"\d+[:/.-]\d\d?[:/.-]\d")
+"""Of the time of day alone, or of a date in another order."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 _EMPTY = frozenset({"", "nan", "NaN", "NAN", "inf", "-inf", "+nan", "null", "NULL", "NA", "n/a", "N/A", "-nan", "None"})
@@ -71,12 +75,22 @@ class Layout:
         return values, np.array([*kept, len(lines)])[np.minimum(row - self.first_line, len(kept))]
 
     def _find_dated(self, content: Content, positions: Sequence[int]) -> set[int]:
-        """Find the columns that hold dates with times of day."""
+        """Find the columns that hold dates with times of day; raises `FormatError` for clocks of another form."""
+        dated = self._find_words(content, positions, _DATE)
+        for position in self._find_words(content, positions, _OTHER_CLOCK) - dated:
+            raise FormatError(
+                f"{content.path.name}: column '{self.names[position]}' holds times that are read as 2024-03-05 "
+                f"10:31:22.123 alone: write them so or in s, or leave time out of --columns and give --rate 100."
+            )
+        return dated
+
+    def _find_words(self, content: Content, positions: Sequence[int], words: re.Pattern[str]) -> set[int]:
+        """Find the columns most of whose first fields begin like this."""
         rows = [split_row(line, self.separator) for line in content.lines[self.first_line - 1 :][:_JUDGED]]
         return {
             position
             for position in positions
-            if sum(len(row) > position and bool(_DATE.match(row[position])) for row in rows) * 2 > len(rows)
+            if sum(len(row) > position and bool(words.match(row[position])) for row in rows) * 2 > len(rows)
         }
 
     def _read_dates(self, content: Content, position: int) -> Floats:
@@ -86,7 +100,11 @@ class Layout:
             skiprows=self.first_line - 1, sep=self.separator, skip_blank_lines=False, encoding_errors="replace",
             index_col=False, compression=None, comment=self.comment, low_memory=False,
         )  # fmt: skip
-        dates = pd.to_datetime(frame[position], errors="coerce", utc=True, format="mixed", dayfirst=False)
+        text = frame[position]
+        dates = pd.to_datetime(text, errors="coerce", utc=True, format="ISO8601")
+        other = dates.isna() & text.notna()
+        if other.any():  # each by itself, which is slow
+            dates[other] = pd.to_datetime(text[other], errors="coerce", utc=True, format="mixed", dayfirst=False)
         stamps = dates.to_numpy(dtype="datetime64[ns]")
         return np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-9)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import FormatError
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import FORMATS, read, read_raw, write_canonical
 from fg_nav.recording import TrajectoryTruth
 from tests.io.samples import WRITERS, tilting, write_broad, write_openshoe, write_pyshoe, write_xio
@@ -262,3 +263,15 @@ def _is_one_sentence(message: str) -> None:
     assert "\n" not in message
     assert message.endswith(".")
     assert message.count(": ") >= 1  # what is wrong: what to try
+
+
+def test_files_are_made_of_a_motion_that_is_physical() -> None:
+    """Gravity and field turn in the body as the gyroscope says, so a reader that gives them back keeps every sign."""
+    raw = tilting(np.random.default_rng(2))
+    assert raw.mag is not None
+    angle = np.cumsum(raw.gyr, axis=0) * np.diff(raw.t)[0]
+    for vector in (raw.acc, raw.mag):
+        turned = -np.cross(angle[10:] - angle[:-10], 0.5 * (vector[10:] + vector[:-10]))
+        gain = np.sum(turned * (vector[10:] - vector[:-10])) / np.sum(turned**2)
+        assert gain == pytest.approx(1.0, abs=0.02)
+    assert raw.acc[0, 2] == pytest.approx(GRAVITY_M_S2, abs=0.1)

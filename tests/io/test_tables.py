@@ -163,6 +163,33 @@ def test_counters_and_no_clock_at_all(tmp_path: Path) -> None:
     assert is_the_same(raw)
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_counter_that_begins_again_keeps_what_was_lost(bits: int, tmp_path: Path) -> None:
+    """By the number of the row, the time after a lost packet would be wrong."""
+    kept = np.arange(len(RAW.t)) != 450
+    table = table_of(gyr=180 / np.pi)
+    table[:, 0] = (np.arange(len(table)) + 2**bits - 50) % 2**bits
+    names = ["packet_counter", *UNITS[1:]]
+    table[:, 1:4] /= GRAVITY_M_S2
+    raw = read_raw(write(tmp_path / "walk.csv", names, table[kept]), rate_hz=100.0)
+    np.testing.assert_allclose(raw.t, RAW.t[kept], atol=1e-9)
+    assert raw.provenance.notes == ("time is 'packet_counter' at 100 Hz",)
+
+
+@pytest.mark.parametrize("form", ["%d/%m/%Y %H:%M:%S.%f", "%H:%M:%S.%f", "%m-%d-%Y %I:%M:%S.%f %p"])
+def test_clocks_in_another_form_are_refused_with_what_to_type(form: str, tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    stamps = pd.to_datetime(1.6e9 + RAW.t, unit="s").strftime(form)
+    rows = write(tmp_path / "walk.csv", UNITS, IN_UNITS).read_text().splitlines()
+    dated = [f"{stamp},{row.split(',', 1)[1]}" for stamp, row in zip(stamps, rows[1:], strict=True)]
+    path = tmp_path / "dated.csv"
+    path.write_text("\n".join([rows[0].replace(" [ms]", ""), *dated]))
+    with pytest.raises(FormatError, match=r"column 'Time' holds times .* leave time out of --columns and give --rate"):
+        read_raw(path)
+    without = "acc=Acc X:Acc Y:Acc Z[g],gyr=gyro_x:gyro_y:gyro_z[deg/s]"
+    assert is_the_same(read_raw(path, columns=without, rate_hz=100.0))
+
+
 @pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ"])
 def test_stamps_that_are_dates(form: str, tmp_path: Path) -> None:
     pd = pytest.importorskip("pandas")
