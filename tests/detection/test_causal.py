@@ -153,8 +153,9 @@ def test_what_is_seen_with_a_footfall_does_not_depend_on_blocks():
             seen += [(footfall.stillest, stream.seen.first, stream.seen.last) for footfall in found]
         return seen
 
-    assert len(see(7)) > 15
-    assert see(7) == see(len(recording))
+    in_blocks = see(7)
+    assert len(in_blocks) > 15
+    assert in_blocks == see(len(recording))
 
 
 def test_the_work_and_the_memory_do_not_grow():
