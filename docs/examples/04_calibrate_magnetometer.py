@@ -21,10 +21,11 @@ print(f"strength (sd): {effect.strength_before_uT:.2f} uT before, {effect.streng
 print(f"compass minus gyroscope (sd): {effect.heading_before_deg:.1f} deg, {effect.heading_after_deg:.1f} deg")
 
 # %%
-# Each dot is a sample seen along two axes of the sensor. ``fg-nav run walk.csv --calibration cal.json`` uses what
+# Each dot is a reading along two axes of the sensor. ``fg-nav run walk.csv --calibration cal.json`` uses what
 # ``fg_nav.calibration.of_recording.write_calibration`` writes.
 fig, axes = plt.subplots()
-for name, mag in (("as read", recording.mag), ("corrected", found.correct(recording.mag))):
-    axes.plot(mag[::20, 0], mag[::20, 1], ".", markersize=3, label=name)
+readings = recording.mag[np.isfinite(recording.mag).all(axis=1)][::5]
+for name, mag in (("as read", readings), ("corrected", found.correct(readings))):
+    axes.plot(mag[:, 0], mag[:, 1], ".", markersize=3, label=name)
 axes.set(xlabel="x (uT)", ylabel="y (uT)", aspect="equal")
 axes.legend()
