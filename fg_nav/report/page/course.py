@@ -207,10 +207,11 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, 
     entry: dict[str, Any] = {} if alone else {"legendgroup": name, "showlegend": False}
     if alone:
         clear, disturbed = verdict == QUASI_STATIC, verdict == DISTURBED
+        what = "strides" if name == "pocket" else "footfalls"
         groups = [
-            (~clear & ~disturbed, BLUE, "footfalls"),
-            (clear, GREEN, "footfalls, field undisturbed"),
-            (disturbed, VERMILION, "footfalls, field disturbed"),
+            (~clear & ~disturbed, BLUE, what),
+            (clear, GREEN, f"{what}, field undisturbed"),
+            (disturbed, VERMILION, f"{what}, field disturbed"),
         ]
     position, about = view.stance_position()[row], _describe_footfalls(view, table)
     hover = _HOVER.replace("{x}", frame.x).replace("{y}", frame.y).replace("{name}", "" if alone else name)
@@ -244,7 +245,8 @@ def _draw_ends(stance: Floats) -> list[Trace]:
     ends = stance[[0, -1], :2] if apart else stance[:1, :2]
     mark = {"symbol": ["circle-open", "square-open"][: len(ends)], "line": {"width": 2}}
     words = ["start", "end"] if apart else ["start, end"]
-    more: dict[str, Any] = {"mode": "markers+text", "text": words, "textposition": "top right", "hoverinfo": "skip"}
+    places = ["top right", "bottom right"][: len(ends)]  # two close to one another are legible
+    more: dict[str, Any] = {"mode": "markers+text", "text": words, "textposition": places, "hoverinfo": "skip"}
     return [dots(*_axes(ends), GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
 
 

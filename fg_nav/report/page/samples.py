@@ -35,9 +35,9 @@ def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:
     """Draw the whole walk, and the close-up in which single samples show."""
     part = choose_excerpt(recording.t, stances)
     few = len(stances) <= MAX_SHADED
-    words = "Shaded where the foot was taken to stand" + (
-        "." if few else f": of {len(stances)} stances in the close-up."
-    )
+    words = "The whole walk."
+    if len(stances):
+        words = "Shaded where the foot was taken to stand" + ("." if few else ", in the close-up only.")
     whole = slice(0, len(recording))
     begin, end = recording.t[part.start], recording.t[part.stop - 1]
     close = f"Close-up of {begin:.1f} to {end:.1f} s, every sample."

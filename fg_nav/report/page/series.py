@@ -73,6 +73,8 @@ def draw_height(views: Views) -> Chart:
         traces.append(signal(view.solution.t, dense, pale, _label(name, "in between", views), width=0.8))
         traces.append(_at_stances(t, height, color, _label(name, "footfalls", views)))
     caption = "In a swing the sensor rises above its footfall; the band is of the footfalls."
+    if "pocket" in views:
+        caption = "At the strides, with the band that the method claims."
     return stack("height", [Panel("height (m)", traces)], caption)
 
 
