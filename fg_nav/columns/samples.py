@@ -103,9 +103,8 @@ def _continue_counter(count: Floats) -> Floats:
     """Counter (N,) set on where it falls from the end of the fewest bits that hold it to its beginning."""
     known = np.isfinite(count)
     largest = float(count[known].max(initial=0.0))
-    end = next((end for end in _COUNTER_ENDS if largest < end), None)
-    fallen = end is not None and bool((np.diff(count[known]) < -0.5 * end).any())
-    if not fallen:
+    end = next((end for end in _COUNTER_ENDS if largest < end), np.inf)
+    if not (np.diff(count[known]) < -0.5 * end).any():
         return count
     whole = count.copy()
     whole[known] = np.unwrap(count[known], period=end)

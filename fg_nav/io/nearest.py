@@ -86,6 +86,9 @@ def _explain_members(content: Content) -> str:
     """Say what is in a folder or archive."""
     if any(place.startswith("xl/") for place in content.members):
         return "it is an Excel file, save it as CSV"
+    packed = next((place for place, part in content.members.items() if part.head.startswith(table.ZIP_MARK)), None)
+    if packed is not None:
+        return f"it holds an archive in itself, unpack it and give '{packed}'"
     kinds = {place: _find_kinds(part) for place, part in content.members.items()}
     some = [f"'{place}' has {' and '.join(sorted(found))}" for place, found in kinds.items() if found]
     if some:

@@ -110,6 +110,13 @@ def test_too_many_files(text: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyP
             read_raw(path)
 
 
+def test_an_archive_in_an_archive_is_named(text: bytes, tmp_path: Path) -> None:
+    inner = write_zip(tmp_path / "walk.zip", {"one.csv": text})
+    outer = write_zip(tmp_path / "all.zip", {"day/walk.zip": inner.read_bytes()})
+    with pytest.raises(FormatError, match=r"all.zip .*an archive in itself, unpack it and give 'walk.zip'"):
+        read_raw(outer)
+
+
 def test_places_that_lead_out_are_left_out(text: bytes, tmp_path: Path) -> None:
     names = ["../walk.csv", "a/../../walk.csv", "/etc/walk.csv", "c:/walk.csv", "..\\walk.csv"]
     with pytest.raises(FormatError, match="holds no file"):
