@@ -216,8 +216,9 @@ def _choose(content: Content, found: list[tuple[Format, Content]]) -> tuple[Form
     if len(found) > 1:
         names = ", ".join(part.path.relative_to(content.path).as_posix() for _, part in found[:3])
         more = ", ..." if len(found) > 3 else ""
+        unpacked = "" if content.path.is_dir() else ", unpacked"
         raise FormatError(
-            f"{content.path.name} holds {len(found)} recordings ({names}{more}): give one of them, unpacked."
+            f"{content.path.name} holds {len(found)} recordings ({names}{more}): give one of them{unpacked}."
         )
     return found[0] if found else None
 

@@ -81,7 +81,7 @@ class MagnetometerDelay:
         """Say it to the user."""
         side = "late" if self.tau_s > 0 else "early"
         found = f"{1e3 * abs(self.tau_s):.1f} ms {side} (sigma {1e3 * self.sigma_s:.1f} ms)"
-        said = f"the magnetometer is {found}: taken off" if self.taken_off else "the magnetometer has no delay"
+        said = f"the magnetometer is {found}, which is taken off" if self.taken_off else "the magnetometer has no delay"
         return f"{said}; it holds its readings: interpolated between new ones" if self.held else said
 
 

@@ -117,8 +117,12 @@ def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:
     return table
 
 
-def listing(rows: Sequence[tuple[str, str]]) -> Table:
-    """Names and values."""
+def listing(rows: Sequence[tuple[str, str]]) -> Table | Text:
+    """Names and values; in a pipe each line ends with its value, not with blanks up to the longest."""
+    if not sys.stdout.isatty():
+        width = max((len(name) for name, _ in rows), default=0)
+        lines = (f"{name:<{width}}  {value}".rstrip() for name, value in rows)
+        return Text("\n".join(lines), overflow="fold")
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column()
     table.add_column(overflow="fold")

@@ -72,6 +72,11 @@ def test_text_in_brackets_is_no_markup(capsys: pytest.CaptureFixture[str]) -> No
     assert capsys.readouterr().out.split() == ["[bold]x", "[red]walk[/red].csv"]
 
 
+def test_lines_of_a_listing_end_with_their_value_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.console().print(terminal.listing([("rate", "200 Hz"), ("note", "word " * 150)]))
+    assert capsys.readouterr().out.splitlines() == ["rate  200 Hz", "note  " + ("word " * 150).rstrip()]
+
+
 @pytest.mark.parametrize("stream", [Screen(), io.StringIO()], ids=["terminal", "pipe"])
 def test_progress_is_for_terminals(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO) -> None:
     monkeypatch.setattr(sys, "stderr", stream)
