@@ -56,17 +56,18 @@ if TYPE_CHECKING:
     from fg_nav.lab.simulation import simulate
     from fg_nav.magnetic.footfall_field import average_footfall_field
     from fg_nav.pipeline import navigate
-    from fg_nav.recording import Fix, FootprintTruth, Recording, TrajectoryTruth
+    from fg_nav.recording import Recording
     from fg_nav.result import Result
     from fg_nav.smoother import GraphNodes, SmoothedWalk, SmootherParameters, smooth, smooth_graph
     from fg_nav.solution import Solution
     from fg_nav.stances import Stances
+    from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
     from fg_nav.walk import Options
 
 _HOME = {
     "FgNavError": "fg_nav.errors",
-    "Fix": "fg_nav.recording",
-    "FootprintTruth": "fg_nav.recording",
+    "Fix": "fg_nav.truth",
+    "FootprintTruth": "fg_nav.truth",
     "GraphNodes": "fg_nav.smoother",
     "Options": "fg_nav.walk",
     "Recording": "fg_nav.recording",
@@ -75,7 +76,7 @@ _HOME = {
     "SmootherParameters": "fg_nav.smoother",
     "Solution": "fg_nav.solution",
     "Stances": "fg_nav.stances",
-    "TrajectoryTruth": "fg_nav.recording",
+    "TrajectoryTruth": "fg_nav.truth",
     "average_footfall_field": "fg_nav.magnetic.footfall_field",
     "detect_stances": "fg_nav.detection",
     "evaluate": "fg_nav.evaluation",

@@ -16,12 +16,13 @@ from fg_nav.detection.mount import measure_turning
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_points_up
-from fg_nav.recording import MIN_SAMPLES, FootprintTruth, RawRecording, Recording, Truth, find_usable_samples
+from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording, find_usable_samples
 from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import GravityTransport
 from fg_nav.samples.saturation import find_saturated
 from fg_nav.samples.timing import fit_clock
 from fg_nav.text import format_count
+from fg_nav.truth import FootprintTruth, Truth
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fg_nav.estimators import Progress, estimate
-from fg_nav.recording import Fix, Recording, Truth
+from fg_nav.recording import Recording
 from fg_nav.result import Result
+from fg_nav.truth import Fix, Truth
 from fg_nav.walk import (
     Options,
     Outcome,

@@ -1,4 +1,4 @@
-"""What a sensor on a walking person recorded, and what is known to be true about the walk.
+"""What a sensor on a walking person recorded.
 
 Symbols and units (frames: see `fg_nav`)
 
@@ -41,6 +41,7 @@ from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import remove_jitter
 from fg_nav.text import format_count
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,46 +60,6 @@ _END_OF_TIME = 1e20
 
 GAP_PERIODS = 2.5
 """A step between stamps of more periods than this is called a gap; transport jitter makes smaller ones."""
-
-
-@dataclass(frozen=True)
-class TrajectoryTruth:
-    """True path of the sensor. `t` (M,) s, `position` (M, 3) m, `nav_R_body` (M, 3, 3) or None, z up.
-
-    Examples
-    --------
-    >>> truth = fg_nav.read_truth("truth.tum")
-    >>> truth.position.shape == (len(truth.t), 3)
-    True
-    """
-
-    t: Floats
-    position: Floats
-    nav_R_body: Floats | None = None
-
-
-@dataclass(frozen=True)
-class FootprintTruth:
-    """Surveyed footprints. `stride` (M,) counts strides (0 = the start), `xy` (M, 2) m, seen from above.
-
-    Azimuth and origin are unknown. `t` (M,) s is an instant within each stance where it is known; without it footprints
-    are matched by stride number. `stride_count` is the number of strides of the whole walk where it is known.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> truth = fg_nav.FootprintTruth(stride=np.array([0, 6, 12]), xy=np.array([[0.0, 0.0], [3.1, 4.2], [8.0, 9.1]]))
-    >>> fg_nav.navigate("walk.csv", "inertial", truth=truth).metrics.points
-    3
-    """
-
-    stride: Ints
-    xy: Floats
-    stride_count: int | None = None
-    t: Floats | None = None
-
-
-Truth = TrajectoryTruth | FootprintTruth
 
 
 @dataclass(frozen=True)
@@ -405,31 +366,3 @@ def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
     senseless = ~(np.abs(mag) < plausibility.LIMIT_UT)
     mag[senseless.any(axis=1)] = np.nan
     return None if np.isnan(mag).all() else mag
-
-
-@dataclass(frozen=True)
-class Fix:
-    """A position known at an instant of the walk: at a surveyed point, or by a receiver.
-
-    In the walk's own navigation frame, m, from where the sensor stood in the first stance: subtract a plan's
-    coordinates of the start.
-
-    Attributes
-    ----------
-    time_s : s, in the recording's own time.
-    position : (3,) m, x east, y north, z up from the start; z does not count where `vertical_sigma_m` is infinite.
-    horizontal_sigma_m : of x, and of y.
-    vertical_sigma_m : of z; infinite where the height is not known.
-
-    Examples
-    --------
-    >>> fixes = [fg_nav.Fix(time_s=18.0, position=np.array([10.3, 7.7, 0.0]), horizontal_sigma_m=0.1)]
-    >>> result = fg_nav.navigate("walk.csv", fixes=fixes)
-    >>> bool(result.stances.position_sigma[-1, 0] < 1.0)
-    True
-    """
-
-    time_s: float
-    position: Floats
-    horizontal_sigma_m: float
-    vertical_sigma_m: float = np.inf

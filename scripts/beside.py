@@ -30,9 +30,9 @@ from fg_nav.arrays import Floats
 from fg_nav.evaluation import Metrics
 from fg_nav.evaluation.comparison import align, fit_scale, interpolate_truth, lift_to_space
 from fg_nav.evaluation.metrics import Consistency
-from fg_nav.recording import FootprintTruth, TrajectoryTruth
 from fg_nav.report.terminal import console
 from fg_nav.solution import Solution
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.verdict import UNUSABLE
 
 STORED = "stored"

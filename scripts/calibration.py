@@ -71,8 +71,8 @@ from fg_nav.lab.simulation.sensors import preset
 from fg_nav.lab.simulation.sensors.triad import TriadPrior
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.detectors import SIGNALS
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -52,8 +52,8 @@ from fg_nav.frames import wrap_angle
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.fields import find_earth_field
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.smoother import smooth
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Walk
 
 SCENARIOS = ("mall", "office", "teaching-building")

@@ -51,7 +51,8 @@ from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
 METHODS = ("iez", "qsf", "iqsf", "ma2018", "aiez", "matched")

@@ -30,8 +30,8 @@ from fg_nav.lab.simulation.scenarios import Route
 from fg_nav.lab.simulation.sensors import SensorPrior, preset
 from fg_nav.lab.simulation.sensors.triad import Drift
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
 CABLES = "cables"

@@ -26,8 +26,9 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.io import read
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pipeline import prepare_walk, run_method
-from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.report.plots import style
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.walk import Walk
 
 PANEL_IN = 3.2

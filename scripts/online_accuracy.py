@@ -36,8 +36,8 @@ from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated, Source
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.recording import Truth
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import Truth
 from fg_nav.walk import Walk
 
 SCENARIOS, FIELDS = ("office", "mall"), ("smooth", "indoor")

@@ -41,8 +41,9 @@ from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk,
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.options import OnlineOptions
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
+from fg_nav.truth import TrajectoryTruth
 
 LOST_S = 1.0
 """A loss of input that must show in the sigmas."""

@@ -46,8 +46,8 @@ from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.options import OnlineOptions
-from fg_nav.recording import FootprintTruth, Truth
 from fg_nav.solution import Solution
+from fg_nav.truth import FootprintTruth, Truth
 from fg_nav.walk import Walk
 
 GDLBIO = "gdlbio"

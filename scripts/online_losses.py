@@ -33,8 +33,9 @@ from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import Choices, Scenario, simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
+from fg_nav.truth import TrajectoryTruth
 
 AROUND_S = 25.0
 """Walked before a loss, and behind it."""

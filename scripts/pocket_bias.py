@@ -55,7 +55,8 @@ from fg_nav.pocket import (
     smooth_pocket,
 )
 from fg_nav.pocket.parameters import GYR_DENSITY_DEG
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 
 NOISE_UT = 0.5
 WITHIN_DEG_S = 0.02

@@ -34,10 +34,10 @@ from walks import Walk
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.evaluation.comparison import align, interpolate_truth
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN, WalkParameters
 from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
 
 ROLLING_RAD_S, ROLLING_M_S = 1.0, 0.3
 """Above these the foot no longer rolls on the ground."""

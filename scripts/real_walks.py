@@ -43,12 +43,13 @@ from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.metrics import compute_stance_nees
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.report.terminal import console
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN, WalkParameters
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.verdict import judge_path
 from fg_nav.walk import Walk as PreparedWalk
 

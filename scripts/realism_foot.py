@@ -23,9 +23,10 @@ from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.detection.stance import shoe
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
 
 STRIDE_S, SHORTEST_M = (0.6, 1.8), 0.8
 """What counts as a stride of walking."""

@@ -48,10 +48,10 @@ from fg_nav.lab.simulation.plan import Section, Stand
 from fg_nav.lab.simulation.plan import Walk as Walking
 from fg_nav.lab.simulation.scenarios import FEET, Feet
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.smoother.batch import smooth_graph
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk
 
 ASKED = 0.88, 0.99

@@ -46,9 +46,10 @@ from fg_nav.errors import OutputError
 from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 
 SCENARIOS, FIELDS = ("teaching-building", "office", "mall"), ("smooth", "indoor")
 FIRST_SEED, MOST_SEEDS = 1, 12

@@ -28,8 +28,9 @@ from fg_nav.errors import FormatError
 from fg_nav.io import read, read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -23,7 +23,8 @@ from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.person import Gait, Person, Shock
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
 from fg_nav.lab.simulation.sensors import SensorPrior, preset
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 
 NO_SHOCK = Shock(0.0, 0.0, 20.0, 0.1)
 

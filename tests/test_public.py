@@ -18,7 +18,8 @@ import fg_nav
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 
 ROOT = Path(__file__).parents[1]
 NAMES = {"fg_nav": fg_nav, "np": np, "pd": pd, "Recording": Recording}

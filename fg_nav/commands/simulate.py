@@ -24,11 +24,11 @@ from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import SIMULATION_FILES
 from fg_nav.report.terminal import console, listing
 from fg_nav.text import find_version, format_count, to_json
+from fg_nav.truth import TrajectoryTruth
 
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 

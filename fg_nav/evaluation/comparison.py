@@ -39,8 +39,8 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.solution import Solution
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 AlignmentMode: TypeAlias = Literal["yaw", "none", "origin", "se3"]
 

@@ -68,8 +68,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Comparison, align, compare, fit_scale, interpolate_truth, yaw_between
 from fg_nav.frames import yaw_rotation
-from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 
 @dataclass(frozen=True)

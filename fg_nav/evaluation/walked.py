@@ -51,8 +51,8 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Alignment, Comparison, compare, fit_scale
 from fg_nav.frames import wrap_angle
-from fg_nav.recording import FootprintTruth, Truth
 from fg_nav.solution import Solution
+from fg_nav.truth import FootprintTruth, Truth
 
 AS_STARTED, BEST_YAW = "origin", "yaw"
 """The two alignments of use."""

@@ -42,7 +42,8 @@ from fg_nav.io.readers import (
     yei,
 )
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
-from fg_nav.recording import RawRecording, Recording, Truth
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.truth import Truth
 
 RATE, SENSOR = "rate", "sensor"
 

@@ -22,7 +22,7 @@ from fg_nav.errors import FormatError
 from fg_nav.frames import quaternion_xyzw
 from fg_nav.io.content import Content, find_column, load_mat, mat_array, read_content, read_table
 from fg_nav.io.readers.canonical import format_rows, write_text
-from fg_nav.recording import Fix, FootprintTruth, TrajectoryTruth
+from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 

@@ -23,9 +23,9 @@ from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.field import OnlineField, Verdict
 from fg_nav.online.floor_number import FloorTrack
 from fg_nav.online.strides import Place, RestLedger
-from fg_nav.recording import Fix
 from fg_nav.smoother.graph import Known
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.truth import Fix
 
 
 class PathNodes(NamedTuple):

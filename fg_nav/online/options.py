@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from fg_nav.recording import Fix
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.truth import Fix
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from fg_nav.online.handover import Handover, Past
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import nodes_of_places
 from fg_nav.online.strides import Place, RestLedger, list_places
-from fg_nav.recording import Fix, Recording
+from fg_nav.recording import Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.constraints import add_constraints
 from fg_nav.smoother.count import count_factors
@@ -38,6 +38,7 @@ from fg_nav.smoother.solved_walk import solve_walk
 from fg_nav.smoother.solver import Solved, linearize, list_positions, marginal_covariances, time_order
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
+from fg_nav.truth import Fix
 
 
 @dataclass(frozen=True)

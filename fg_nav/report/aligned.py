@@ -21,8 +21,8 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.comparison import Comparison
 from fg_nav.evaluation.metrics import pose_covariance
-from fg_nav.recording import Truth
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import Truth
 
 if TYPE_CHECKING:
     from fg_nav.walk import Outcome, Walk

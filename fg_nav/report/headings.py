@@ -11,8 +11,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.aligned import AlignedSolution, has_sure_start
+from fg_nav.truth import TrajectoryTruth
 
 TURNS_UNWRAPPED = 5.0
 """A heading that turns more often than this is shown wrapped."""

@@ -43,13 +43,13 @@ from fg_nav.factors.walk_constraints import (
     straight_triples,
 )
 from fg_nav.frames import yaw_rotation
-from fg_nav.recording import Fix
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes, make_own_factors
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
+from fg_nav.truth import Fix
 
 STRAIGHT_WITHIN_M = 0.15
 """Off the line between its ends within which a stretch may be straight: two sigmas of weaving by 7 cm."""

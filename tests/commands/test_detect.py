@@ -20,9 +20,10 @@ from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.magnetic.disturbance import judge_samples
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.report.folder import DETECT_FILES
 from fg_nav.smoother.count import KINDS
+from fg_nav.truth import TrajectoryTruth
 from tests.command_line import FgNav, names
 
 

@@ -13,7 +13,8 @@ from fg_nav import pipeline
 from fg_nav.commands import name_walk
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Walk
 from tests.command_line import FgNav, in_a_process, names
 

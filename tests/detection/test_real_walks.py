@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.io import read
-from fg_nav.recording import FootprintTruth, Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.real_data import DATA, needs_data
 from tests.simulated import mounted
 

@@ -11,8 +11,9 @@ from fg_nav.ekf.core import filter_walk
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import align, evaluate, fit_scale
 from fg_nav.frames import compute_heading, yaw_rotation
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 from tests.ekf.motion import Walk
 
 WALK = Walk(strides=20, turn=0.1)

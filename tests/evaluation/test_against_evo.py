@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.evaluation import evaluate, fit_scale
-from fg_nav.recording import TrajectoryTruth
+from fg_nav.truth import TrajectoryTruth
 from tests.evaluation.walks import solution, winding_path
 
 trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is not installed: pip install 'fg-nav[checks]'")

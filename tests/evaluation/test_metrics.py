@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import yaw_rotation
-from fg_nav.recording import FootprintTruth, TrajectoryTruth
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.evaluation.walks import solution, winding_path
 
 RNG = np.random.default_rng(11)

@@ -6,7 +6,7 @@ import pytest
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, compare_at_footfalls, measure_walk
 from fg_nav.frames import yaw_rotation
-from fg_nav.recording import FootprintTruth, TrajectoryTruth
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.evaluation.walks import solution
 
 SIDE = 25

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import FORMATS, read, read_raw, write_canonical
-from fg_nav.recording import TrajectoryTruth
+from fg_nav.truth import TrajectoryTruth
 from tests.io.samples import WRITERS, tilting, write_broad, write_openshoe, write_pyshoe, write_xio
 
 RAW = tilting(np.random.default_rng(1))

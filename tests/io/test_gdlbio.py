@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_pyshoe_track, read_raw, read_truth
-from fg_nav.recording import FootprintTruth
+from fg_nav.truth import FootprintTruth
 from tests.io.samples import tilting, write_gdlbio
 from tests.real_data import DATA, needs_data
 

@@ -13,8 +13,8 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.fixes import agrees, find_stride_fixes, select_fixes
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.revision import Revision
-from fg_nav.recording import Fix
 from fg_nav.smoother.constraints import pin_to_times
+from fg_nav.truth import Fix
 from tests.online.walks import worst_difference
 from tests.smoother.test_fixes import demo, errors, fixes_at, truth_from_start, with_fixes
 

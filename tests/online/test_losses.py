@@ -13,9 +13,10 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
 from fg_nav.online.options import OnlineOptions
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import TrajectoryTruth
 from tests.simulated import corridor
 
 LOST_AT_S, LOST_S = 30.2, 5.0

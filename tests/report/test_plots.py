@@ -14,7 +14,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.image import imread
 
 from fg_nav.evaluation import evaluate
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.decimation import envelope, spread_rows
 from fg_nav.report.plots import draw_comparison, draw_result, draw_stances, style
@@ -22,6 +22,7 @@ from fg_nav.report.plots.maps import plot_trajectory
 from fg_nav.report.plots.timeseries import plot_heading
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Outcome, Walk
 from tests.report import walks
 

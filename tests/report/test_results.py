@@ -12,8 +12,8 @@ from fg_nav.estimators import ESTIMATORS
 from fg_nav.frames import compute_heading
 from fg_nav.io import read_truth
 from fg_nav.pipeline import run_method
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.files import write_json, write_result, write_results
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Walk
 from tests.report import walks
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import yaw_rotation
-from fg_nav.recording import FootprintTruth
 from fg_nav.smoother.batch import smooth_graph
+from fg_nav.truth import FootprintTruth
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 from tests.smoother.walks import demo, part

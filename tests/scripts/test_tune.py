@@ -8,7 +8,8 @@ import pytest
 from fg_nav.ekf.presets import PHYSICAL, TUNED, find_parameters, scale_detector
 from fg_nav.errors import OutputError
 from fg_nav.magnetic import DETECTORS
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 from tests.scripts import load_script
 
 tune = load_script("tune_filters")

@@ -13,7 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import RestParameters, find_rests
 from fg_nav.factors.differential_field import BiasInformation
 from fg_nav.magnetic import average_footfall_field
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.smoother import differential_factors, smooth
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.differential_factors import (
@@ -29,6 +29,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
 from tests.smoother.walks import DEFAULT, demo, track_of
 
 EARTH = np.array([1.0, 20.0, -43.0])

@@ -18,13 +18,14 @@ from fg_nav.lab.simulation.fields import magnet
 from fg_nav.lab.simulation.fields.sources import Dipoles
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_detector
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, roughness, smooth
 from fg_nav.smoother import field as smoother_field
 from fg_nav.smoother.field import FEWEST_SEEN
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 from tests.smoother.walks import DEFAULT, demo
 
 STRENGTH, UP = 20.0, -43.0

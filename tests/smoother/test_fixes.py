@@ -13,7 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.recording import Fix, Recording
+from fg_nav.recording import Recording
 from fg_nav.smoother import constraints, smooth
 from fg_nav.smoother.constraints import FIX_SPEED_M_S, add_fixes, pin_fixes
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior
@@ -21,6 +21,7 @@ from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
+from fg_nav.truth import Fix
 from tests.smoother.walks import DEFAULT, Walk, demo
 
 P = WalkParameters()

@@ -12,11 +12,11 @@ from fg_nav.lab.simulation.mount import INSTEP
 from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk
 from fg_nav.lab.simulation.routes import stairs
-from fg_nav.recording import Fix
 from fg_nav.smoother import smooth
 from fg_nav.smoother.floors import DRIFTS_M, estimate_noise, find_floors, judge_ground
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.solution import Solution
+from fg_nav.truth import Fix
 from tests.simulated import PERSON, simulated
 from tests.smoother.walks import DEFAULT, demo
 

@@ -11,9 +11,9 @@ from gtsam.symbol_shorthand import L, X
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
-from fg_nav.recording import Fix
 from fg_nav.smoother import ExtraFactors, GraphNodes, SmoothedWalk, smooth_graph
 from fg_nav.solution import Solution
+from fg_nav.truth import Fix
 from tests.smoother.walks import DEFAULT, demo, part
 
 SIGMA_M = 0.05

@@ -13,13 +13,14 @@ from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.metrics import Consistency, compute_stance_nees
 from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import simulate
-from fg_nav.recording import Fix, Recording
+from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.smoother.problem import LEVELS
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.truth import Fix
 from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor, every_gait
 from tests.smoother.walks import DEFAULT, FREE, Walk, degrees_between, demo, noise_free, part
 

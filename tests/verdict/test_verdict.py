@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from fg_nav.estimators import estimate
 from fg_nav.lab.simulation import simulate
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import Fix, RawRecording, Recording
+from fg_nav.recording import RawRecording, Recording
 from fg_nav.solution import Solution
+from fg_nav.truth import Fix
 from fg_nav.verdict import Verdict, combine, judge_path
 from fg_nav.verdict.seen import LIGHT, NAMING, Reason, Seen, weigh
 from fg_nav.verdict.signs import (

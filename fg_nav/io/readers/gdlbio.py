@@ -23,7 +23,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, load_mat, mat_array, mat_samples, read_content
 from fg_nav.io.truth import pack_footprints
-from fg_nav.recording import FootprintTruth, Provenance, RawRecording
+from fg_nav.recording import Provenance, RawRecording
+from fg_nav.truth import FootprintTruth
 
 _RIGHT_HANDED = np.array([1.0, -1.0])
 

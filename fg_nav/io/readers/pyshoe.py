@@ -21,7 +21,8 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, load_mat, mat_array, mat_samples, read_content
 from fg_nav.io.truth import pack_true_path
-from fg_nav.recording import Provenance, RawRecording, TrajectoryTruth
+from fg_nav.recording import Provenance, RawRecording
+from fg_nav.truth import TrajectoryTruth
 
 _RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
 

@@ -29,7 +29,8 @@ from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, drop_held, find_column, read_content, read_table, scale_values, split_fields
 from fg_nav.io.truth import read_footprint_mat
-from fg_nav.recording import FootprintTruth, Provenance, RawRecording
+from fg_nav.recording import Provenance, RawRecording
+from fg_nav.truth import FootprintTruth
 
 _EXPORTS = (("scaledAccel", "scaledGyro", GRAVITY_M_S2), ("estCompensatedAccel", "estAngularRate", 1.0))
 """Channels of acc and gyr, and the unit of acc in m/s^2; raw ones before those a filter has touched."""

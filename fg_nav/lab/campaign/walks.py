@@ -57,7 +57,8 @@ from fg_nav.lab.simulation.scenario_file import parse_scenario
 from fg_nav.lab.store.files import MARKERS
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 
 LOOP, PERFECT, WALK, RAW, NONE = "loop", "perfect", "walk", "raw", "none"

@@ -37,7 +37,8 @@ from fg_nav.lab.simulation.routes import remove_rests
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
 from fg_nav.lab.simulation.sensors import SensorRun
 from fg_nav.lab.simulation.thigh import Pocket, build_thigh_motion
-from fg_nav.recording import MIN_SAMPLES, Provenance, Recording, TrajectoryTruth
+from fg_nav.recording import MIN_SAMPLES, Provenance, Recording
+from fg_nav.truth import TrajectoryTruth
 
 MAX_SEED = 2**63 - 1
 

@@ -35,8 +35,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError, OutputError
 from fg_nav.frames import yaw_rotation
 from fg_nav.io import read_truth
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.solution import STRIDE_COLUMNS, Solution, tabulate_path
+from fg_nav.truth import TrajectoryTruth
 
 POSITION = ["x_m", "y_m", "z_m"]
 SIGMA = ["sigma_x_m", "sigma_y_m", "sigma_z_m"]

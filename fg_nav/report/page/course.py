@@ -11,7 +11,6 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
-from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.report.aligned import AlignedSolution, has_sure_start
 from fg_nav.report.decimation import spread_rows
 from fg_nav.report.ellipses import REACH, Ellipses, find_ellipses, find_extent
@@ -32,6 +31,7 @@ from fg_nav.report.page.figures import (
     to_meters,
 )
 from fg_nav.solution import StanceTable
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Outcome
 
 MAX_ELLIPSES = 250

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.recording import TrajectoryTruth
 from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.decimation import spread_rows
 from fg_nav.report.headings import Headings, break_line, trace_headings
@@ -30,6 +29,7 @@ from fg_nav.report.page.figures import (
     to_numbers,
     to_seconds,
 )
+from fg_nav.truth import TrajectoryTruth
 
 BAND = 1.96
 """Half width of a 95 % band, in standard deviations."""

@@ -20,12 +20,12 @@ from fg_nav.evaluation.field_survey import SAMPLEWISE, Coverage, FieldSurvey, Sa
 from fg_nav.frames import wrap_angle
 from fg_nav.magnetic.disturbance import WINDOW_S
 from fg_nav.magnetic.quasi_static import OverThreshold
-from fg_nav.recording import FootprintTruth, TrajectoryTruth
 from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.decimation import envelope, spread_rows
 from fg_nav.report.plots import style
 from fg_nav.report.plots.maps import draw_ends
 from fg_nav.report.plots.style import MAX_POINTS
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 
 _DOTS = ((100, 5.0), (400, 3.6))
 """Up to so many footfalls, dots of this size in points; smaller ones for more."""

@@ -17,12 +17,12 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
 from fg_nav.arrays import Floats
-from fg_nav.recording import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.decimation import spread_rows
 from fg_nav.report.ellipses import REACH, find_ellipses, find_extent
 from fg_nav.report.plots import style
 from fg_nav.report.plots.style import MAX_POINTS
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
     from fg_nav.lab.simulation import SimulatedWalk

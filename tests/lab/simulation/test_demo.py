@@ -5,7 +5,7 @@ import pytest
 
 from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.lab.simulation import SimulatedWalk, simulate
-from fg_nav.recording import TrajectoryTruth
+from fg_nav.truth import TrajectoryTruth
 
 SEED = 7
 

@@ -17,7 +17,7 @@ from fg_nav.lab.simulation.path import Pose, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
 from fg_nav.lab.simulation.scenario_file import parse_scenario
-from fg_nav.recording import TrajectoryTruth
+from fg_nav.truth import TrajectoryTruth
 
 AGAIN = straight(20.0).place(Pose(np.array([0.0, 20.0, 0.0]), 0.0))
 COURSE: list[Section] = [Stand(4.0), Walk(straight(20.0)), Stand(6.0), Walk(AGAIN), Stand(4.0)]

@@ -24,7 +24,7 @@ from fg_nav.lab.simulation.fields import Sum
 from fg_nav.lab.simulation.scenarios import Choices
 from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import DETECTORS, FootfallField, average_footfall_field, judge_field
-from fg_nav.recording import TrajectoryTruth
+from fg_nav.truth import TrajectoryTruth
 
 SCENARIO = SCENARIOS["magnet-corridor"]
 STRONGER = 10

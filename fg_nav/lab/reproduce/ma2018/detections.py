@@ -63,8 +63,9 @@ from fg_nav.magnetic.footfall_field import (
     rotate_to_level,
 )
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
 from fg_nav.stances import Stances
+from fg_nav.truth import TrajectoryTruth
 
 WINDOW = 3
 """Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows."""

@@ -42,7 +42,7 @@ from fg_nav.lab.simulation.walk import Streams
 from fg_nav.lab.store.results import Arrays, Measurement
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_level_R_body, rotate_to_level
-from fg_nav.recording import TrajectoryTruth
+from fg_nav.truth import TrajectoryTruth
 
 LOOP = "calibration-loop"
 

@@ -36,7 +36,8 @@ from fg_nav.pocket.dead_reckoning import calibrate_step_length, reckon_path
 from fg_nav.pocket.iterated_smoother import smooth_pocket
 from fg_nav.pocket.online import follow_pocket
 from fg_nav.pocket.steps import estimate_swing, find_steps
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 
 
 @dataclass(frozen=True)

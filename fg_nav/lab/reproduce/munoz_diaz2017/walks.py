@@ -49,7 +49,8 @@ from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
 from fg_nav.pocket import PRESETS, estimate_pocket, level_start
 from fg_nav.pocket.parameters import compute_earth_rate
-from fg_nav.recording import Recording, TrajectoryTruth
+from fg_nav.recording import Recording
+from fg_nav.truth import TrajectoryTruth
 
 BORDER_S = 0.3
 """For so long after a border there is no field."""
