@@ -16,6 +16,11 @@ def format_count(count: int, thing: str) -> str:
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
+def format_ratio(ratio: float) -> str:
+    """Write a ratio with two digits that count, and without an exponent below a million: 0.031, 4.1, 410."""
+    return f"{float(f'{ratio:.2g}'):g}"
+
+
 def to_json(value: object) -> Any:
     """Dataclasses, arrays and tuples become dictionaries and lists; what is not finite, None; all else, text."""
     if is_dataclass(value) and not isinstance(value, type):

@@ -53,6 +53,7 @@ from fg_nav.magnetic.quasi_static import DETECTORS, TOO_LITTLE
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.text import format_ratio
 
 AGREEING = replace(
     DETECTORS["aiez"],
@@ -175,4 +176,4 @@ def _describe(heading: float, steady: float, statistic: float, course: float) ->
     parts = (
         f"compass {np.sqrt(heading):.2g} sigma from the filter's heading, strength {np.sqrt(steady):.2g} from steady"
     )
-    return f"{parts}; {statistic:.2g} times the threshold{held}"
+    return f"{parts}; {format_ratio(statistic)} times the threshold{held}"

@@ -21,7 +21,7 @@ from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap_angle
 from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, HEADING_DRIFT, Channel, Detector
 from fg_nav.magnetic.footfall_field import FootfallField
-from fg_nav.text import format_count
+from fg_nav.text import format_count, format_ratio
 
 __all__ = ["DEFAULT", "DETECTORS", "GATES", "NO_GATE", "Detector", "FieldVerdicts", "find_detector", "judge_field"]
 
@@ -238,7 +238,7 @@ def _explain_verdicts(windows: Floats, parts: Floats, measured: Ints, ends: Ints
         first, *others = (each[c] for c in np.argsort(-part, kind="stable"))
         rest = f" ({', '.join(others)})" if others else ""
         over = f"over {format_count(int(count), 'stride')}" if count else "this stance"
-        reasons.append(f"{over}: {first}{rest}; {part.sum():.2g} times the threshold")
+        reasons.append(f"{over}: {first}{rest}; {format_ratio(part.sum())} times the threshold")
     return reasons
 
 

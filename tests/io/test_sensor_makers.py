@@ -58,7 +58,7 @@ def test_xsens_is_read_whatever_separates_it(separator: str, tmp_path: Path) -> 
     assert raw.row[0] == 8
     remarks = " ".join(raw.provenance.notes)
     assert "time is the packet counter at 100 Hz" in remarks
-    assert "began again at its end 1 times" in remarks
+    assert "began again at its end 1 time" in remarks
     assert "units of the local field (median 0.99), not in uT, and was left out" in remarks
 
 
@@ -114,7 +114,7 @@ def test_dot_says_what_it_took_for_what(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     write_xsens_dot(RAW, path)
     assert read(path).provenance.notes == (
-        "SampleTimeFine began again at its end 1 times: set on",
+        "SampleTimeFine began again at its end 1 time: set on",
         "left out 1 missing sample, the first in row 9",
     )
     write_dot_sdk(RAW, path, rad=True)

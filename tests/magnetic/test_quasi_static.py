@@ -10,6 +10,7 @@ from fg_nav.errors import MagneticError
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import DEFAULT, DETECTORS, Detector, judge_field
 from fg_nav.magnetic.detectors import HEADING_DRIFT, OFFSET, Channel
+from fg_nav.text import format_ratio
 from tests.magnetic.fields import EARTH, footfalls, still, turned
 
 PHYSICAL = [name for name in DETECTORS if not name.endswith("-printed")]
@@ -79,7 +80,7 @@ def test_a_jump_fails_while_it_is_in_the_window_and_is_named(field, who, word):
         verdicts = judge_field(footfalls(field), name)
         np.testing.assert_array_equal(np.flatnonzero(verdicts.judged & ~verdicts.quasi_static), [15, 16, 17])
         assert word in verdicts.reason[16].split("(")[0]
-        assert f"{verdicts.statistic[16]:.2g} times the threshold" in verdicts.reason[16]
+        assert f"{format_ratio(verdicts.statistic[16])} times the threshold" in verdicts.reason[16]
 
 
 def test_a_turn_of_the_field_that_keeps_its_strength_is_lost_on_qsf():

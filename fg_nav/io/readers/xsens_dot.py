@@ -40,6 +40,7 @@ from fg_nav.io.readers.xsens_columns import (
 )
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import measure_gravity_transport, median_period_s
+from fg_nav.text import format_count
 
 _FINE = "SampleTimeFine"
 _CLOCK = (_FINE,)
@@ -115,7 +116,7 @@ def _make_time(fine: Floats, path: Path) -> tuple[Floats, tuple[str, ...]]:
         )
     unit = fitting[0]
     words = (f"{_FINE} is in 0.1 ms, as its steps of {step:g} show",) if unit == "0.1 ms" else ()
-    again = (f"{_FINE} began again at its end {rounds} times: set on",) if rounds else ()
+    again = (f"{_FINE} began again at its end {format_count(rounds, 'time')}: set on",) if rounds else ()
     return ticks * _UNITS_S[unit], (*words, *again)
 
 

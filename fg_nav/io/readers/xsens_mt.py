@@ -26,6 +26,7 @@ from fg_nav.io.counters import PACKETS_16_BIT, TICKS_32_BIT, continue_counter
 from fg_nav.io.delimited import Header, find_header, split_line
 from fg_nav.io.readers.xsens_columns import ACC, GYR, MAG, find_inertial, note_local_field
 from fg_nav.recording import Provenance, RawRecording
+from fg_nav.text import format_count
 
 _COUNTERS = ("PacketCounter", "Counter")
 _FINE = "SampleTimeFine"
@@ -103,7 +104,7 @@ def _make_time(clocks: dict[str, Floats], count: int, content: Content) -> tuple
 
 
 def _note_rounds(what: str, rounds: int) -> tuple[str, ...]:
-    return (f"{what} began again at its end {rounds} times: set on",) if rounds else ()
+    return (f"{what} began again at its end {format_count(rounds, 'time')}: set on",) if rounds else ()
 
 
 def _find_rate_hz(content: Content) -> float:

@@ -23,6 +23,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, drop_held, find_column, read_table, scale_values
 from fg_nav.io.counters import TICKS_32_BIT, continue_counter
 from fg_nav.recording import Provenance, RawRecording
+from fg_nav.text import format_count
 
 _NAMES = re.compile(r"%\w+\(([^)]*)\)")
 _TIME = "ChipTimeUS"
@@ -48,6 +49,7 @@ def read(content: Content) -> RawRecording:
     table, row = read_table(content, names, [find_column(name, names, path) for name in wanted], first_line=2)
     ticks, rounds = continue_counter(table[:, 0], TICKS_32_BIT)
     gyr_rad_s = np.ascontiguousarray(table[:, 4:7])
+    notes = (f"{_TIME} began again at its end {format_count(rounds, 'time')}: set on",) if rounds else ()
     return RawRecording(
         t=ticks * 1e-6,
         acc=scale_values(table[:, 1:4], GRAVITY_M_S2),
@@ -55,7 +57,9 @@ def read(content: Content) -> RawRecording:
         mag=drop_held(scale_values(table[:, 7:10], GAUSS_UT), gyr_rad_s) if mag else None,
         row=row,
         provenance=Provenance(
-            path=path, format="yei", notes=(f"{_TIME} began again at its end {rounds} times: set on",) if rounds else ()
+            path=path,
+            format="yei",
+            notes=notes,
         ),
     )
 
