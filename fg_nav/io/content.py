@@ -4,10 +4,7 @@ A folder, a zip archive and a gzip file are looked into (`fg_nav.io.packed`); no
 are recognized from the content alone, never from a name. scipy's MATLAB reader trusts the file: on a damaged one nearly
 any exception may come out of it. Only this module calls it.
 
-Text is UTF-8, with or without a byte-order mark, UTF-16 with one, or Latin-1. Text tables become float columns, read at
-C speed; what does not parse is named by line and column. Lines are counted from 1 as in an editor. Empty fields are
-NaN; wholly empty lines are left out. Many loggers repeat the last magnetometer sample until there is a new one; an
-estimator would count each repeat as a measurement (`drop_held`).
+Text is UTF-8, with or without a byte-order mark, UTF-16 with one, or Latin-1.
 """
 
 from __future__ import annotations
@@ -16,16 +13,15 @@ import codecs
 import csv
 import io
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
-import pandas as pd
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import Columns
 from fg_nav.errors import FormatError
 from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, list_folder, list_zip, shared_folder
@@ -257,152 +253,3 @@ def _run_reader(content: Content, reader: Callable[[Any], T]) -> T:
     except Exception as error:  # the zoo: zlib, struct, Value, Type, Key, Index, Memory, Overflow ... errors
         reason = type(error).__name__
         raise FormatError(f"{path.name} is a damaged MATLAB file ({reason}): copy or export it again.") from None
-
-
-def find_column(name: str, header: Sequence[str], path: Path) -> int:
-    """Index of the one column of this name.
-
-    Raises `FormatError` if there is none, or more than one.
-    """
-    count = list(header).count(name)
-    if count == 0:
-        raise FormatError(f"{path.name} has no column '{name}': export the recording again with it.")
-    if count > 1:
-        raise FormatError(f"{path.name} has {count} columns '{name}': keep one of them.")
-    return list(header).index(name)
-
-
-def scale_values(values: Floats, unit: Floats | float) -> Floats:
-    """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
-    with np.errstate(over="ignore"):
-        return np.asarray(values * unit)
-
-
-def read_table(
-    content: Content,
-    header: Sequence[str],
-    positions: Sequence[int],
-    first_line: int,
-    separator: str = ",",
-    decimal: str = ".",
-    comment: str | None = None,
-) -> tuple[Floats, Ints]:
-    r"""Read some columns of a text table, and the line of each row.
-
-    Parameters
-    ----------
-    content : of the file.
-    header : (C,) names of all columns of the file, for messages.
-    positions : (K,) indices into `header` of the wanted columns, in the wanted order.
-    first_line : counted from 1, that holds data.
-    separator : one character, or the regular expression `\s+`.
-    decimal : point or comma of the numbers.
-    comment : a character that begins a comment, up to the end of its line.
-
-    Returns
-    -------
-    (N, K) floats and (N,) line numbers.
-
-    Raises `FormatError` if a field is no number, a row has too many fields, or there is no row.
-    """
-    # One column more than the header has: a separator may end each row, and a field too many shows.
-    wanted: list[int] = [*positions, len(header)]
-    options = _table_options(header, first_line, separator) | {"decimal": decimal, "comment": comment}
-    path = content.path
-    values = _parse(content, wanted, options, [*header, "after the last"], first_line)
-    row = np.arange(len(values), dtype=np.int64) + first_line
-    longer = ~np.isnan(values[:, -1])
-    if longer.any():
-        raise FormatError(
-            f"{path.name}, line {row[np.argmax(longer)]} has more fields than the header: correct that line."
-        )
-    filled = ~np.isnan(values).all(axis=1)
-    if not filled.any():
-        raise FormatError(f"{path.name} has a header but no samples: record or export it again.")
-    return np.ascontiguousarray(values[filled, :-1]), row[filled]
-
-
-def read_integers(
-    content: Content, header: Sequence[str], position: int, first_line: int, separator: str = ","
-) -> Ints | None:
-    """Read one column (N,) of a text table exactly, a number for each line from `first_line` on.
-
-    None if one of them is no whole number of 64 bits: a float is as near as one gets then.
-    """
-    options = _table_options(header, first_line, separator) | {"usecols": [position], "names": None}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
-            frame = pd.read_csv(content.source(), dtype={position: np.int64}, **options)
-    except (ValueError, TypeError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
-        return None
-    return np.asarray(frame[position].to_numpy(dtype=np.int64))
-
-
-def _table_options(header: Sequence[str], first_line: int, separator: str) -> dict[str, Any]:
-    return {
-        "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
-        "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
-        "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN", "NAN"], "compression": None,
-    }  # fmt: skip
-
-
-def _parse(
-    content: Content, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
-) -> Floats:
-    path = content.path
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
-            frame = pd.read_csv(content.source(), dtype=dict.fromkeys(wanted, np.float64), **options)
-    except pd.errors.EmptyDataError:
-        return np.empty((0, len(wanted)))
-    except pd.errors.ParserWarning:
-        raise FormatError(f"{path.name} has rows with more fields than the header: correct them.") from None
-    except pd.errors.ParserError as error:
-        reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
-        raise FormatError(f"{path.name} is not a regular table ({reason}): correct that line.") from None
-    except (ValueError, OverflowError):
-        raise _find_bad_cell(content, wanted, options, names, first_line) from None
-    return np.asarray(frame[wanted].to_numpy(dtype=np.float64))
-
-
-def _find_bad_cell(
-    content: Content, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
-) -> FormatError:
-    """Find the first field that is no number. Slow, but only ever run on a broken file."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", pd.errors.ParserWarning)
-        path = content.path
-        text = pd.read_csv(content.source(), dtype=str, **options)[wanted]
-    if options["decimal"] != ".":
-        text = text.apply(lambda cells: cells.str.replace(options["decimal"], ".", regex=False))
-    numbers = text.apply(pd.to_numeric, errors="coerce")
-    bad = np.argwhere((numbers.isna() & text.notna()).to_numpy())
-    if not len(bad):
-        return FormatError(f"{path.name} does not read as numbers: look for odd characters in an editor.")
-    row, column = bad[0]
-    cell, name = str(text.iat[row, column])[:40], names[wanted[column]]
-    return FormatError(
-        f"{path.name}, line {row + first_line}, column '{name}': {cell!r} is not a number; correct or delete that line."
-    )
-
-
-_MOVING_RAD_S = 0.5
-"""Turning this fast, no real magnetometer gives the same three numbers twice by chance."""
-
-_HELD_SHARE = 0.1
-"""More repeats than this in motion are the logger's doing, not the quantization's."""
-
-
-def drop_held(mag: Floats, gyr: Floats) -> Floats:
-    """Set rows of `mag` (N, 3) that repeat the row before exactly to NaN, if the logger holds samples at all.
-
-    `gyr` (N, 3) rad/s shows the motion: repeats at rest alone are quantization, and stay.
-    """
-    repeated = np.concatenate(([False], (mag[1:] == mag[:-1]).all(axis=1)))
-    moving = (np.abs(gyr) > _MOVING_RAD_S).any(axis=1)
-    judged = repeated[moving] if np.count_nonzero(moving) >= 100 else repeated
-    if judged.mean() < _HELD_SHARE:
-        return mag
-    return np.where(repeated[:, None], np.nan, mag)

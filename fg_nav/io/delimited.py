@@ -16,7 +16,8 @@ import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, find_column, read_integers, read_table
+from fg_nav.io.content import Content
+from fg_nav.io.text_columns import find_column, read_integers, read_table
 
 _MOST_LINES = 60
 """The longest block of lines about a session is a third of this."""

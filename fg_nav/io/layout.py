@@ -19,7 +19,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.units import find_quantity
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, read_table
+from fg_nav.io.content import Content
+from fg_nav.io.text_columns import read_table
 
 _FEWEST_NUMBERS = 6
 """Columns of numbers that a table of force and rate has at least."""

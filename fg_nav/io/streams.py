@@ -25,7 +25,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import drop_held
+from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import GAP_PERIODS, Provenance, RawRecording
 from fg_nav.text import format_count
 

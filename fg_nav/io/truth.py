@@ -20,8 +20,9 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import quaternion_xyzw
-from fg_nav.io.content import Content, find_column, load_mat, mat_array, read_content, read_table
+from fg_nav.io.content import Content, load_mat, mat_array, read_content
 from fg_nav.io.readers.canonical import format_rows, write_text
+from fg_nav.io.text_columns import find_column, read_table
 from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")

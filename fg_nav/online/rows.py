@@ -22,7 +22,7 @@ from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, TIME
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
-from fg_nav.io.content import find_column, scale_values
+from fg_nav.io.text_columns import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
 
 LONGEST_LINE = 1 << 16

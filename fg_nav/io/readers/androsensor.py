@@ -13,9 +13,10 @@ import numpy as np
 
 from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.delimited import Header, find_header
 from fg_nav.io.streams import Sensor, Stream, join_streams
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
 
 _COLUMN = re.compile(r"(ACCELEROMETER|LINEAR ACCELERATION|GYROSCOPE|MAGNETIC FIELD) ([XYZ])\b\s*\(?([^)]*)\)?")

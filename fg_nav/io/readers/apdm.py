@@ -20,8 +20,9 @@ from fg_nav.arrays import Floats
 from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content, drop_held, read_table, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.delimited import find_header
+from fg_nav.io.text_columns import drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _QUANTITIES: dict[str, Quantity] = {

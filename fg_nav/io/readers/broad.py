@@ -18,7 +18,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, drop_held, load_mat, mat_array
+from fg_nav.io.content import Content, load_mat, mat_array
+from fg_nav.io.text_columns import drop_held
 from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.truth import TrajectoryTruth

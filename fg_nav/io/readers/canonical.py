@@ -15,7 +15,8 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import ACC, GYR, MAG, TIME
 from fg_nav.errors import OutputError
-from fg_nav.io.content import Content, find_column, read_table
+from fg_nav.io.content import Content
+from fg_nav.io.text_columns import find_column, read_table
 from fg_nav.recording import Provenance, RawRecording, Recording
 
 

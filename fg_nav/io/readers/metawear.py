@@ -18,8 +18,9 @@ import numpy as np
 from fg_nav.columns.units import find_factor, find_quantity
 from fg_nav.errors import FormatError
 from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content, find_column, read_table, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
+from fg_nav.io.text_columns import find_column, read_table, scale_values
 from fg_nav.recording import RawRecording
 
 _EPOCH = ("epoch (ms)", "epoc (ms)")

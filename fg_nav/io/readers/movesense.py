@@ -23,9 +23,10 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.counters import TICKS_32_BIT, continue_counter
 from fg_nav.io.streams import Sensor, Stream, join_streams
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
 from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
 from fg_nav.samples.stamps import LOST_PERIODS

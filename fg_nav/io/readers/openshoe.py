@@ -26,7 +26,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.units import GAUSS_UT
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, drop_held, read_table, scale_values
+from fg_nav.io.content import Content
+from fg_nav.io.text_columns import drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 COLUMNS = (

@@ -27,9 +27,10 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.columns.units import find_factor, find_quantity
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.delimited import Header, find_header, guess_separator, has_rows, split_line
 from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
 
 _TIME = re.compile(r"Time \((\w+)\)")

@@ -18,9 +18,10 @@ import numpy as np
 
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.delimited import Header, find_header
 from fg_nav.io.streams import Sensor, Stream, join_streams, keep_changes
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
 
 _SENSORS: tuple[tuple[Sensor, str, float], ...] = (("acc", "gF", GRAVITY_M_S2), ("gyr", "w", 1.0), ("mag", "B", 1.0))

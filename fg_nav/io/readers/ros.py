@@ -27,8 +27,9 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.streams import Stream, join_streams
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
 from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
 

@@ -26,9 +26,10 @@ import numpy as np
 
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.delimited import find_header, has_rows
 from fg_nav.io.streams import Sensor, Stream, interpolate_rows, join_streams
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
 from fg_nav.samples.plausibility import measure_rest_acc
 

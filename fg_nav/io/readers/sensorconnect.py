@@ -27,7 +27,8 @@ from fg_nav.arrays import Floats
 from fg_nav.columns.units import GAUSS_UT
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, drop_held, find_column, read_content, read_table, scale_values, split_fields
+from fg_nav.io.content import Content, read_content, split_fields
+from fg_nav.io.text_columns import drop_held, find_column, read_table, scale_values
 from fg_nav.io.truth import read_footprint_mat
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.truth import FootprintTruth

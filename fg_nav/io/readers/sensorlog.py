@@ -20,10 +20,11 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.delimited import Header, find_header
 from fg_nav.io.readers.sensor_logger import UNCALIBRATED_FIELD
 from fg_nav.io.streams import Sensor, Stream, join_streams
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
 
 _ACC = ("accelerometerAcceleration", "accelerometer")

@@ -26,8 +26,9 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content, drop_held, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.delimited import Header, find_header, split_line
+from fg_nav.io.text_columns import drop_held, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _NAME = re.compile(

@@ -29,8 +29,9 @@ from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import ACC, GYR, TIME, ColumnMap
 from fg_nav.columns.samples import convert_samples, list_positions
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, drop_held
+from fg_nav.io.content import Content
 from fg_nav.io.layout import find_layout
+from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import Provenance, RawRecording
 
 PARQUET_MARK, ZIP_MARK = b"PAR1", b"PK\x03\x04"

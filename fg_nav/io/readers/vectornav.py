@@ -16,7 +16,8 @@ import numpy as np
 
 from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, drop_held, read_table, scale_values
+from fg_nav.io.content import Content
+from fg_nav.io.text_columns import drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _COLUMN = re.compile(

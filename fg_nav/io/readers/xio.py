@@ -17,8 +17,9 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, drop_held, read_table, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.streams import Stream, join_streams
+from fg_nav.io.text_columns import drop_held, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _QUANTITIES: dict[str, Quantity] = {

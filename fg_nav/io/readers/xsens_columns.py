@@ -14,8 +14,8 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import scale_values
 from fg_nav.io.delimited import Header
+from fg_nav.io.text_columns import scale_values
 from fg_nav.samples.plausibility import median_period_s
 
 if TYPE_CHECKING:

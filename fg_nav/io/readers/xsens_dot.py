@@ -26,7 +26,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.counters import TICKS_32_BIT, continue_counter
 from fg_nav.io.delimited import Header, find_header
 from fg_nav.io.readers.xsens_columns import (
@@ -38,6 +38,7 @@ from fg_nav.io.readers.xsens_columns import (
     find_turns,
     note_local_field,
 )
+from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import measure_gravity_transport, median_period_s
 from fg_nav.text import format_count

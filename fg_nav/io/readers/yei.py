@@ -20,8 +20,9 @@ import numpy as np
 from fg_nav.columns.units import GAUSS_UT
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, drop_held, find_column, read_table, scale_values
+from fg_nav.io.content import Content
 from fg_nav.io.counters import TICKS_32_BIT, continue_counter
+from fg_nav.io.text_columns import drop_held, find_column, read_table, scale_values
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.text import format_count
 
