@@ -145,12 +145,12 @@ def test_a_clock_that_begins_again_is_told_from_a_sensor_that_was_off_by_force_a
     judge, told, taken = judged(rows_with(lost_s, begins_again=True))
     assert judge.counts[kind] == 1
     longest = np.diff(taken[:, 0]).max()
-    assert longest == pytest.approx(1.0 if kind == "restart" else UNKNOWN_GAP_S, abs=0.02)
+    assert longest == pytest.approx(0.01 if kind == "restart" else UNKNOWN_GAP_S, abs=0.02 * (kind != "restart") + 1e-9)
     assert sum("set on by" in words for words in told) == sum("set on by" in words for words in judge.notes) - 1 == 1
 
 
 def test_each_change_of_stamps_is_told_when_it_happens_and_noted():
-    """Those that are left out are told once."""
+    """No row is left out: those that showed that the clock began again are taken too."""
     rows = rows_with(0.0, begins_again=False)
     for first in (1500, 3000, 4500):
         rows[first:, 0] -= rows[first, 0]
@@ -158,6 +158,7 @@ def test_each_change_of_stamps_is_told_when_it_happens_and_noted():
     assert (np.diff(taken[:, 0]) > 0.0).all()
     assert sum("from there on stamps are set on by" in words for words in told) == 3
     assert sum("from there on stamps are set on by" in words for words in judge.notes) == 3
-    assert sum("before the last one" in words for words in told) == 1
+    assert len(taken) == len(rows)
+    assert not any("before the last one" in words for words in told)
     again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
     assert again.notes == judge.notes

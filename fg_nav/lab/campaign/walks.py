@@ -235,9 +235,9 @@ def pack(source: Source) -> Source:
 
 @contextmanager
 def unpack(source: Source) -> Iterator[tuple[Source, str]]:
-    """Yield a source whose packed files are on this machine's disk, and their folder: empty where none are packed."""
+    """Yield a source whose packed files are on this machine's disk, and the folder of its files; empty for none."""
     if not isinstance(source, Recorded) or not source.contents:
-        yield source, ""
+        yield source, f"{source.path.parent}{os.sep}" if isinstance(source, Recorded) else ""
         return
     with tempfile.TemporaryDirectory(prefix="fg-nav-") as name:
         folder = Path(name)

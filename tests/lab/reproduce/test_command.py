@@ -80,7 +80,7 @@ def test_what_is_no_result_is_refused_in_one_sentence(tmp_path, text):
 
 
 def test_a_run_writes_all_and_prints_every_row(papers, tmp_path, capsys):
-    command.reproduce("ma2018", tmp_path / "out", seeds=2, first=7, workers=3)
+    command.print_rows(command.reproduce("ma2018", tmp_path / "out", seeds=2, first=7, workers=3), tmp_path / "out")
     assert papers == [((7, 8), 3, False)]
     assert names(tmp_path / "out") == {".fg-nav-reproduce", "report.html", "results.json", "one.png", "two.png"}
     said = capsys.readouterr().out
