@@ -194,12 +194,12 @@ def check_file_free(out: Path, ours: Callable[[Path], bool], force: bool = False
     """Say now, before long work, whether `out` can be written; raises `OutputError` as `result_file` does."""
     try:
         if out.is_dir():
-            raise OutputError(f"{out} is a folder: name the file to write with --out.")
+            raise OutputError(f"{out} is a folder: name a file to write.")
         if out.parent.exists() and not out.parent.is_dir():
-            raise OutputError(f"{out.parent} is no folder: choose another --out.")
+            raise OutputError(f"{out.parent} is no folder: name another file.")
         if out.exists() and not ours(out):
-            raise OutputError(f"{out} holds what this command does not write: choose another --out.")
+            raise OutputError(f"{out} holds what this command does not write: name another file.")
         if out.exists() and not force:
-            raise OutputError(f"{out} already exists: choose another --out, or replace it with --force.")
+            raise OutputError(f"{out} already exists: name another file, or replace it with --force.")
     except OSError as error:
         raise unwritable(out, error) from None
