@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
 
@@ -30,6 +31,17 @@ def find_column(name: str, header: Sequence[str], path: Path) -> int:
     if count > 1:
         raise FormatError(f"{path.name} has {count} columns '{name}': keep one of them.")
     return list(header).index(name)
+
+
+def require_factor(quantity: Quantity, unit: str, column: str, path: Path) -> float:
+    """Return how much of s, m/s^2, rad/s or uT the unit of a column is; raises `FormatError` if it is not known."""
+    factor = find_factor(quantity, unit)
+    if factor is None or not np.isfinite(factor):
+        raise FormatError(
+            f"{path.name}: column '{column}' has the unit '{unit}', which is not known here: convert it to one of "
+            f"{KNOWN_UNITS[quantity]}."
+        )
+    return factor
 
 
 def scale_values(values: Floats, unit: Floats | float) -> Floats:

@@ -22,7 +22,7 @@ from fg_nav.errors import FormatError
 from fg_nav.io.choice import choose_sensor
 from fg_nav.io.content import Content
 from fg_nav.io.delimited import find_header
-from fg_nav.io.text_columns import drop_held, read_table, scale_values
+from fg_nav.io.text_columns import drop_held, read_table, require_factor, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _QUANTITIES: dict[str, Quantity] = {
@@ -142,17 +142,15 @@ def _read_paths(content: Content) -> tuple[list[_Column], list[str], int, float]
         match = _PATH.match(name)
         quantity = _QUANTITIES.get(match[2].lower()) if match else None
         if match and quantity:
-            scale = _factor(quantity, units[k], name, content.path)
+            scale = require_factor(quantity, units[k] or _USUAL_UNITS[quantity], name, content.path)
             columns.append(_Column(k, match[1] or "sensor", quantity, match[3], scale))
     first_line = header.line + (3 if has_units else 2)
-    return columns, header.names, first_line, _factor("time", units[0], "Time", content.path)
-
-
-def _factor(quantity: Quantity, unit: str, name: str, path: Path) -> float:
-    factor = find_factor(quantity, unit or _USUAL_UNITS[quantity])
-    if factor is None or not np.isfinite(factor):
-        raise FormatError(f"{path.name}: column '{name}' has the unit '{unit}', which is not known here: convert it.")
-    return factor
+    return (
+        columns,
+        header.names,
+        first_line,
+        require_factor("time", units[0] or _USUAL_UNITS["time"], "Time", content.path),
+    )
 
 
 def _find_one(columns: list[_Column], quantity: Quantity, axis: str, sensor: str, path: Path) -> _Column:

@@ -12,12 +12,10 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from fg_nav.columns.units import Quantity, find_factor
+from fg_nav.columns.units import Quantity
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
-from fg_nav.io.text_columns import drop_held, read_table, scale_values
+from fg_nav.io.text_columns import drop_held, read_table, require_factor, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
 _COLUMN = re.compile(
@@ -77,7 +75,7 @@ def _find_clock(header: list[str], path: Path) -> _Axes:
     if len(found) != 1:
         raise FormatError(f"{path.name} has {len(found)} columns 'TimeStartup': export it again with one.")
     position, match = found[0]
-    return _Axes([position], _factor("time", match[1] or "ns", header[position], path), ())
+    return _Axes([position], require_factor("time", match[1] or "ns", header[position], path), ())
 
 
 def _find_axes(header: list[str], quantity: Quantity, path: Path) -> _Axes | None:
@@ -100,11 +98,4 @@ def _find_axes(header: list[str], quantity: Quantity, path: Path) -> _Axes | Non
     if any(not match[4] for _, match in chosen):
         remarks.append(f"an axis of {name} has no unit: that of the others, {unit}, is taken")
     positions = [chosen[axes.index(axis)][0] for axis in "XYZ"]
-    return _Axes(positions, _factor(quantity, unit, header[positions[0]], path), tuple(remarks))
-
-
-def _factor(quantity: Quantity, unit: str, name: str, path: Path) -> float:
-    factor = find_factor(quantity, unit)
-    if factor is None or not np.isfinite(factor):
-        raise FormatError(f"{path.name}: column '{name}' has the unit '{unit}', which is not known here: convert it.")
-    return factor
+    return _Axes(positions, require_factor(quantity, unit, header[positions[0]], path), tuple(remarks))
