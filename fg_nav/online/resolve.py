@@ -152,13 +152,13 @@ def solve_so_far(
     """
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     field = field if field is None or continues is None else field.leave_out(continues)
-    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes, has_ended)
+    solution = _solve_once(recording, stances, heading, field, unseen, p, continues, fixes, has_ended)
     # As in batch: a bias that is too large for its prior is that of a sensor that was not calibrated.
     prior = find_bias_prior(solution.problem, solution.solved)
     if prior is None:
         return solution
     p = replace(p, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    solution = _solve_once(recording, stances, heading, field, unseen, p, fixes, has_ended)
+    solution = _solve_once(recording, stances, heading, field, unseen, p, continues, fixes, has_ended)
     return replace(solution, verdict=replace(solution.verdict, notes=(prior.note, *solution.verdict.notes)))
 
 
@@ -169,12 +169,13 @@ def _solve_once(
     field: FootfallField | None,
     unseen: str,
     p: SmootherParameters,
+    continues: Bools | None,
     fixes: tuple[Fix, ...],
     has_ended: bool,
 ) -> WalkSolution:
     problem = walk_problem(recording, stances, heading, p, in_progress=not has_ended)
     problem = add_fixes_so_far(problem, fixes)
-    found = solve_walk(add_constraints(problem, problem.values), field, unseen)
+    found = solve_walk(add_constraints(problem, problem.values, continues), field, unseen)
     going_on = None if found.field is None or field is None else OnlineField(found.field, field)
     return WalkSolution(found.problem, found.solved, going_on, found.verdict)
 

@@ -32,7 +32,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X, Z
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.walk_constraints import (
@@ -209,8 +209,11 @@ def free_heading(problem: WalkProblem, pinned: ShowsHeading, values: gtsam.Value
     return StartPrior(turn @ nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)))
 
 
-def add_constraints(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
-    """Add the straight stretches and floors found on a first solution, into whose values the floors are put."""
+def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:
+    """Add the straight stretches and floors found on a first solution, into whose values the floors are put.
+
+    `continues` (F,) are the footfalls that are further pieces of a standing: no stride leads to them.
+    """
     p, nodes = problem.parameters, problem.nodes
     position = list_positions(nodes.result, values)
     if p.walk.straight:
@@ -218,11 +221,22 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values) -> WalkProblem:
     if not p.walk.floors:
         return problem
     t, footfall = problem.recording.t, nodes.sample[nodes.result]
-    floor = find_floors(t[footfall], position, p.settling_sigma_m, cross_holes(t, footfall))
+    stepped = np.ones(len(footfall), dtype=np.bool_) if continues is None else ~continues
+    floor = find_floors_of_pieces(t, footfall, position, stepped, p.settling_sigma_m)
     for number in range(floor.max(initial=-1) + 1):
         values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
     heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)
     return replace(problem, constraints=(*problem.constraints, heights), floor=floor)
+
+
+def find_floors_of_pieces(t: Floats, footfall: Ints, position: Floats, stepped: Bools, settling_sigma_m: float) -> Ints:
+    """Return the floor (F,) of each footfall; one that was not stepped to is on that of the footfall before.
+
+    `t` (N,) s are the recording's stamps, `footfall` (F,) samples; the others as of `find_floors`.
+    """
+    first = np.flatnonzero(stepped | (np.arange(len(stepped)) == 0))
+    found = find_floors(t[footfall[first]], position[first], settling_sigma_m, cross_holes(t, footfall[first]))
+    return found[np.searchsorted(first, np.arange(len(stepped)), side="right") - 1]
 
 
 def find_courses(node: Ints, position: Floats) -> ResidualBlock:

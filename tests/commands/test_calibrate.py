@@ -182,7 +182,9 @@ def test_only_an_older_calibration_is_replaced_and_only_with_force(fg_nav: FgNav
     assert fg_nav(*arguments, "--force").code == 0
     assert Path("cal.json").read_text() != first
     Path("mine.csv").write_text("my measurements")
-    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "mine.csv", "--force").refused("mine.csv", "name another file")
+    assert fg_nav("calibrate", files / "tumbled.csv", "--out", "mine.csv", "--force").refused(
+        "mine.csv", "name another file"
+    )
     assert Path("mine.csv").read_text() == "my measurements"
     Path("folder").mkdir()
     assert fg_nav("calibrate", files / "tumbled.csv", "--out", "folder", "--force").refused("folder is a folder")

@@ -13,6 +13,7 @@ from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk
 from fg_nav.lab.simulation.routes import stairs
 from fg_nav.smoother import smooth
+from fg_nav.smoother.constraints import find_floors_of_pieces
 from fg_nav.smoother.floors import DRIFTS_M, estimate_noise, find_floors, judge_ground
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.solution import Solution
@@ -111,6 +112,16 @@ def test_a_floor_is_recognized_by_its_height_after_slopes(higher_m: float, numbe
     assert (floor[5:50] == 0).all()
     assert (floor[65:205] == -1).all()
     assert (floor[-50:] == number).all()
+
+
+def test_pieces_of_a_standing_are_no_strides_and_do_not_hide_a_floor() -> None:
+    """A standing online is told in pieces, all on one spot: they show none of what strides climb in excess."""
+    t, position = walked(SQUARE, drift=-0.012)
+    piece = np.repeat(np.arange(len(t)), np.where(np.arange(len(t)) == len(t) - 1, 5, 1))
+    stepped = np.append(True, np.diff(piece) > 0)
+    t, footfall = 0.01 * np.arange(110 * len(piece)), 110 * np.arange(len(piece))
+    assert (find_floors(t[footfall], position[piece], SETTLING_M) < 0).all()
+    assert (find_floors_of_pieces(t, footfall, position[piece], stepped, SETTLING_M) == 0).all()
 
 
 def test_walks_of_a_few_footfalls_and_of_standing_are_on_no_floor_or_one() -> None:
