@@ -44,8 +44,8 @@ def simulate(scenario: str, seed: int, choices: Choices, out: Path | None, force
     return Answer(content, partial(print_simulation, walk, target.place))
 
 
-def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
-    """Which walk it is: `truth.json` has all that was drawn."""
+def _name_walk(walk: SimulatedWalk) -> dict[str, Any]:
+    """What makes the walk anew."""
     return {
         "scenario": walk.scenario.name,
         "seed": walk.seed,
@@ -56,6 +56,13 @@ def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
         "rests": walk.scenario.rests,
         "feet": walk.scenario.feet,
         "choices": walk.choices,
+    }
+
+
+def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
+    """Which walk it is: `truth.json` has all that was drawn."""
+    return {
+        **_name_walk(walk),
         "samples": len(walk.recording),
         "duration_s": walk.recording.duration_s,
         "strides": len(walk.strides),
@@ -91,15 +98,7 @@ def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
     strides = walk.strides
     return {
         "version": find_version(),
-        "scenario": walk.scenario.name,
-        "seed": walk.seed,
-        "sensor": walk.scenario.prior.name,
-        "worn": walk.scenario.worn,
-        "site": walk.scenario.site,
-        "field": walk.scenario.field,
-        "rests": walk.scenario.rests,
-        "feet": walk.scenario.feet,
-        "choices": walk.choices,
+        **_name_walk(walk),
         "biases": {
             "time_s": walk.biases.t,
             "gyr_rad_s": walk.biases.gyr,

@@ -17,7 +17,7 @@ import pandas as pd
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
-from fg_nav.io.text_columns import find_column, read_integers, read_table
+from fg_nav.io.text_columns import find_column, read_integers, read_table, table_options
 
 _MOST_LINES = 60
 """The longest block of lines about a session is a third of this."""
@@ -65,11 +65,8 @@ class Header:
         position = find_column(name, self.names, content.path)
         first_line = self.line + 2 + skip
         try:
-            frame = pd.read_csv(
-                content.source(), sep=self.separator, header=None, names=range(len(self.names) + 1), index_col=False,
-                dtype=str, skiprows=first_line - 1, skip_blank_lines=False, encoding="utf-8", encoding_errors="replace",
-                compression=None,
-            )  # fmt: skip
+            options = table_options(self.names, first_line, self.separator)
+            frame: pd.DataFrame = pd.read_csv(content.source(), dtype=str, **options)
             return frame[position].iloc[row - first_line]
         except (ValueError, IndexError, pd.errors.ParserError):
             raise FormatError(f"{content.path.name}: column '{name}' cannot be read: export it again.") from None

@@ -20,7 +20,7 @@ from fg_nav.columns.headers import read_header
 from fg_nav.columns.units import find_quantity
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
-from fg_nav.io.text_columns import read_table
+from fg_nav.io.text_columns import read_table, table_options
 
 _FEWEST_NUMBERS = 6
 """Columns of numbers that a table of force and rate has at least."""
@@ -96,11 +96,8 @@ class Layout:
 
     def _read_dates(self, content: Content, position: int) -> Floats:
         """Read a column of dates as s since 1970, one a line; NaN where there is none."""
-        frame = pd.read_csv(
-            content.source(), header=None, names=range(len(self.names) + 1), dtype={position: str},
-            skiprows=self.first_line - 1, sep=self.separator, skip_blank_lines=False, encoding_errors="replace",
-            index_col=False, compression=None, comment=self.comment, low_memory=False,
-        )  # fmt: skip
+        options = table_options(self.names, self.first_line, self.separator)
+        frame = pd.read_csv(content.source(), dtype={position: str}, comment=self.comment, **options)
         text = frame[position]
         dates = pd.to_datetime(text, errors="coerce", utc=True, format="ISO8601")
         other = dates.isna() & text.notna()

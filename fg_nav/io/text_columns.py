@@ -79,7 +79,7 @@ def read_table(
     """
     # One column more than the header has: a separator may end each row, and a field too many shows.
     wanted: list[int] = [*positions, len(header)]
-    options = _table_options(header, first_line, separator) | {"decimal": decimal, "comment": comment}
+    options = table_options(header, first_line, separator) | {"decimal": decimal, "comment": comment}
     path = content.path
     values = _parse(content, wanted, options, [*header, "after the last"], first_line)
     row = np.arange(len(values), dtype=np.int64) + first_line
@@ -101,7 +101,7 @@ def read_integers(
 
     None if one of them is no whole number of 64 bits: a float is as near as one gets then.
     """
-    options = _table_options(header, first_line, separator) | {"usecols": [position], "names": None}
+    options = table_options(header, first_line, separator) | {"usecols": [position], "names": None}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
@@ -111,7 +111,8 @@ def read_integers(
     return np.asarray(frame[position].to_numpy(dtype=np.int64))
 
 
-def _table_options(header: Sequence[str], first_line: int, separator: str) -> dict[str, Any]:
+def table_options(header: Sequence[str], first_line: int, separator: str) -> dict[str, Any]:
+    """How pandas reads the rows from a line on, counted from 1: one name more than the header, for a last separator."""
     return {
         "header": None, "names": range(len(header) + 1), "index_col": False, "skiprows": first_line - 1,
         "sep": separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
