@@ -30,9 +30,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 
 SERIES_BELOW = 0.01
 """Squared angle, rad^2, under which the series below are exact to rounding (and the closed forms are not)."""

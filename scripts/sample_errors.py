@@ -46,10 +46,10 @@ import gtsam
 import harness
 import numpy as np
 from harness import option
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read

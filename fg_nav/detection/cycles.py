@@ -17,9 +17,9 @@ A footfall above `DOUBTFUL_LEVEL` that is not the lowest of its own cycle is a m
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.frames import GRAVITY_M_S2
 
 CYCLE_S = 0.5, 1.2

@@ -6,9 +6,9 @@ At still samples the tilt is nudged towards gravity.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.samples.gaps import LONGEST_HELD_S

@@ -17,9 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances

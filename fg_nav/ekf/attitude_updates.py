@@ -25,9 +25,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 from fg_nav.ekf.covariance import ATTITUDE, SIZE
 from fg_nav.ekf.update import update_component_traced, update_row_traced
 

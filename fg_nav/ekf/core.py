@@ -27,9 +27,9 @@ from functools import cache
 from time import perf_counter
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import Start, find_start, freeze_ends
 from fg_nav.ekf.attitude_updates import (

@@ -39,9 +39,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACC_BIAS = 0, 3, 6, 9, 12
 """First index of each part of the error."""

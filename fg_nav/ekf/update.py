@@ -27,9 +27,9 @@ References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Trackin
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 from fg_nav.ekf.covariance import ACC_BIAS, ATTITUDE, GYRO_BIAS, POSITION, SIZE, VELOCITY
 from fg_nav.mechanisation import NavState, rotation_series
 

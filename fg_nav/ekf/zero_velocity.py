@@ -27,9 +27,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 from fg_nav.ekf.covariance import VELOCITY
 from fg_nav.ekf.update import update_component_traced
 from fg_nav.mechanisation import NavState

@@ -40,9 +40,9 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.detection.rest import find_start
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, compute_heading, wrap_angle

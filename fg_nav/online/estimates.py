@@ -37,9 +37,9 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import Verdict

@@ -9,9 +9,9 @@ Reference: as in `fg_nav.pocket.filter_equations`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 
 LEAST_COSINE = float(np.sin(np.radians(1.0)))
 """Within a degree of a pitch of +-90 deg roll and yaw are not usable."""

@@ -82,9 +82,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 from fg_nav.ekf.attitude_updates import wrap_angle
 from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
 from fg_nav.mechanisation import cross_matrix, multiply, right_jacobian, rotate_in_body, transpose

@@ -30,9 +30,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 from fg_nav.ekf.update import update_component, update_row
 from fg_nav.mechanisation import cross_matrix, multiply, rotation_about, rotation_vector, transpose
 

@@ -29,9 +29,9 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.mechanisation import multiply, right_jacobian, rotate_in_body, rotation_about, transpose
 
 SENSOR = 12

@@ -19,9 +19,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 
 _WINDOW_S = 0.25
 """A burst of delayed stamps is over within this."""

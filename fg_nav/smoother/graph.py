@@ -21,9 +21,9 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, S, V, X
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.factors.residual import ResidualBlock, join_blocks

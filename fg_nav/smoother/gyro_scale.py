@@ -38,9 +38,9 @@ from typing import cast
 
 import gtsam
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.detection.mount import TurnSigns, measure_turning
 from fg_nav.estimators import WITH_FIXES
 from fg_nav.frames import GRAVITY_M_S2

@@ -32,9 +32,9 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, average_over_period
 from fg_nav.lab.simulation.mount import Mount, draw_shocks

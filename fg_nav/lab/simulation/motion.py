@@ -30,9 +30,9 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import fg_nav.report.plots.fonts  # noqa: F401  before matplotlib
 from fg_nav.report.aligned import align_solution
 from fg_nav.report.plots.maps import plot_trajectories, plot_trajectory
 from fg_nav.report.plots.style import save

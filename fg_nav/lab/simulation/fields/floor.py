@@ -30,10 +30,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.spatial import KDTree
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.fields.sources import UP, Dipoles
 

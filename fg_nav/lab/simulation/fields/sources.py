@@ -27,9 +27,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats
+from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 
 SCALE_UT = 0.1

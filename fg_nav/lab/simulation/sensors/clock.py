@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.sensors import checks
 

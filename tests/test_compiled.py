@@ -1,0 +1,93 @@
+"""Where nothing can be written, or what was kept is damaged, functions are compiled and give the same numbers."""
+
+import ast
+import os
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core import caching
+
+from fg_nav import compiled, scratch
+from fg_nav.report.plots import fonts
+
+PACKAGE = Path(compiled.__file__).parent
+
+
+def add(a, b):
+    return a + b
+
+
+@pytest.fixture
+def unwritable(monkeypatch, tmp_path):
+    """Leave numba no place but one that is named: neither the installation nor a home; yield that for ours."""
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [caching.UserProvidedCacheLocator])
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    with pytest.raises(RuntimeError, match="no locator"):
+        numba.njit(cache=True)(add)
+    monkeypatch.setattr(compiled, "find_scratch", lambda: tmp_path)
+    return tmp_path
+
+
+def test_a_read_only_installation_keeps_what_it_compiled_among_temporary_files(unwritable):
+    assert compiled.njit(cache=True)(add)(1, 2) == 3
+    files = [path for path in unwritable.rglob("*") if path.is_file()]
+    assert {path.suffix for path in files} == {".nbi", ".nbc"}
+    assert numba.config.CACHE_DIR == ""
+    for path in files:  # a machine that lost its power
+        path.write_bytes(path.read_bytes()[:9])
+    assert compiled.njit(cache=True)(add)(1, 2) == 3
+
+
+def test_where_nothing_at_all_can_be_written_nothing_is_kept(unwritable, monkeypatch):
+    monkeypatch.setattr(compiled, "find_scratch", lambda: None)
+    function = compiled.njit(cache=True)(add)
+    assert (function(1, 2), function.stats.cache_path) == (3, None)
+
+
+def test_one_module_alone_asks_numba():
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert path.name == "compiled.py" or not any(name.split(".")[0] == "numba" for name in names), path
+
+
+@pytest.mark.parametrize("case", ["ours", "open to others", "a link", "somebody else's", "a file", "no room"])
+def test_a_folder_that_others_may_write_is_not_trusted(case, tmp_path, monkeypatch):
+    monkeypatch.setattr(scratch.tempfile, "gettempdir", lambda: str(tmp_path))
+    place = tmp_path / f"fg-nav-{os.geteuid()}"
+    match case:
+        case "open to others":
+            place.mkdir()
+            place.chmod(0o770)
+        case "a link":
+            (tmp_path / "theirs").mkdir(0o700)
+            place.symlink_to(tmp_path / "theirs")
+        case "somebody else's":
+            uid = os.geteuid()
+            place.mkdir(0o700)
+            monkeypatch.setattr(scratch.os, "geteuid", lambda: uid + 1)
+            place.rename(tmp_path / f"fg-nav-{uid + 1}")
+        case "a file":
+            place.write_text("")
+        case "no room":
+            monkeypatch.setattr(scratch.tempfile, "gettempdir", lambda: str(tmp_path / "none"))
+    found = scratch.find_scratch.__wrapped__()
+    assert found == (place if case == "ours" else None)
+    if case == "ours":
+        assert found.stat().st_mode & 0o777 == 0o700
+        assert scratch.find_scratch.__wrapped__() == place
+
+
+def test_fonts_are_listed_in_the_home_and_else_among_temporary_files(tmp_path, monkeypatch):
+    for name in (fonts.VARIABLE, *fonts.PLACES):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(fonts, "find_scratch", lambda: tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    fonts.choose_place()
+    assert fonts.VARIABLE not in os.environ
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    fonts.choose_place()
+    assert os.environ[fonts.VARIABLE] == str(tmp_path / "matplotlib")
