@@ -1,8 +1,7 @@
 """What a path holds: the first lines of a text, the variables of a MATLAB file, or further files.
 
 A folder, a zip archive and a gzip file are looked into (`fg_nav.io.packed`); nothing is unpacked onto the disk. Formats
-are recognized from the content alone, never from a name. scipy's MATLAB reader trusts the file: on a damaged one nearly
-any exception may come out of it. Only this module calls it.
+are recognized from the content alone, never from a name. MATLAB files are read by `fg_nav.io.matlab`.
 
 Text is UTF-8, with or without a byte-order mark, UTF-16 with one, or Latin-1.
 """
@@ -12,18 +11,19 @@ from __future__ import annotations
 import codecs
 import csv
 import io
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import Columns
 from fg_nav.errors import FormatError
+from fg_nav.io import matlab
 from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, list_folder, list_zip, shared_folder
 
 _HEAD_BYTES = 65536
@@ -184,6 +184,9 @@ def _decode(head: bytes, encoding: str) -> str:
 
 T = TypeVar("T")
 
+Variables: TypeAlias = Mapping[str, NDArray[Any] | None]
+"""Of a MATLAB file, by name: arrays of real numbers, None for all else."""
+
 
 def is_mat(head: bytes) -> bool:
     """Whether a file that begins like this is a MATLAB file (version 5 or later)."""
@@ -195,30 +198,26 @@ def list_variables(content: Content) -> frozenset[str]:
 
     Raises `FormatError` if the file is damaged or of version 7.3.
     """
-    from scipy.io import whosmat  # slow to load
-
-    return frozenset(name for name, _, _ in _run_reader(content, whosmat))
+    return _parse_mat(content, matlab.list_names)
 
 
-def load_mat(content: Content) -> Mapping[str, Any]:
+def load_mat(content: Content) -> Variables:
     """Variables of a MATLAB file by name.
 
     Raises `FormatError` if the file is damaged or of version 7.3.
     """
-    from scipy.io import loadmat
-
-    return _run_reader(content, loadmat)
+    return _parse_mat(content, matlab.load_arrays)
 
 
-def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int | None = None) -> Floats:
+def mat_array(variables: Variables, name: str, path: Path, columns: int | None = None) -> Floats:
     """Take a variable as floats: (M, columns), or (M,) without `columns`.
 
     Raises `FormatError` if the variable is missing, not real numbers, or of another shape.
     """
-    value = variables.get(name)
-    if value is None:
+    if name not in variables:
         raise FormatError(f"{path.name} holds no variable '{name}': export it again with '{name}'.")
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub":
+    value = variables[name]
+    if value is None:
         raise FormatError(f"{path.name}: variable '{name}' is not an array of real numbers: export it again.")
     if columns is None and (value.ndim > 2 or value.size != max(value.shape, default=1)):
         raise FormatError(f"{path.name}: variable '{name}' has shape {value.shape} where a vector is needed.")
@@ -229,7 +228,7 @@ def mat_array(variables: Mapping[str, Any], name: str, path: Path, columns: int 
     return numbers.reshape(-1) if columns is None else numbers
 
 
-def mat_samples(variables: Mapping[str, Any], imu: str, stamps: str, path: Path) -> tuple[Floats, Floats, Floats]:
+def mat_samples(variables: Variables, imu: str, stamps: str, path: Path) -> tuple[Floats, Floats, Floats]:
     """Take stamps (N,), specific force (N, 3) and rates (N, 3) from a vector, and an array of six columns.
 
     Raises `FormatError` if one is missing, damaged, or does not fit the other.
@@ -240,16 +239,13 @@ def mat_samples(variables: Mapping[str, Any], imu: str, stamps: str, path: Path)
     return t, samples[:, :3].copy(), samples[:, 3:].copy()
 
 
-def _run_reader(content: Content, reader: Callable[[Any], T]) -> T:
-    path, source = content.path, content.source()
+def _parse_mat(content: Content, parse: Callable[[bytes], T]) -> T:
+    path = content.path
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # scipy warns of what it then raises or repairs
-            return reader(str(source) if isinstance(source, Path) else source)
-    except NotImplementedError:
+        return parse(content.read_bytes())
+    except matlab.TooNewError:
         raise FormatError(
             f"{path.name} is a MATLAB 7.3 file, which is not read here: save it again with '-v7'."
         ) from None
-    except Exception as error:  # the zoo: zlib, struct, Value, Type, Key, Index, Memory, Overflow ... errors
-        reason = type(error).__name__
-        raise FormatError(f"{path.name} is a damaged MATLAB file ({reason}): copy or export it again.") from None
+    except matlab.DamagedError as error:
+        raise FormatError(f"{path.name} is a damaged MATLAB file ({error}): copy or export it again.") from None

@@ -10,15 +10,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, load_mat, mat_array
+from fg_nav.io.content import Content, Variables, load_mat, mat_array
 from fg_nav.io.text_columns import drop_held
 from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording
@@ -55,14 +53,14 @@ def read(content: Content) -> RawRecording:
     )
 
 
-def _fitting(variables: Mapping[str, Any], name: str, length: int, path: Path, columns: int = 3) -> Floats:
+def _fitting(variables: Variables, name: str, length: int, path: Path, columns: int = 3) -> Floats:
     values = mat_array(variables, name, path, columns=columns)
     if len(values) != length:
         raise FormatError(f"{path.name}: '{name}' has {len(values)} rows, 'imu_acc' {length}: export it again.")
     return values
 
 
-def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTruth | None:
+def _truth(variables: Variables, t: Floats, path: Path) -> TrajectoryTruth | None:
     if not {"opt_quat", "opt_pos"} <= variables.keys():
         return None
     wxyz = _fitting(variables, "opt_quat", len(t), path, columns=4)

@@ -13,15 +13,13 @@ Footprints are surveyed one a stride, and `strideIndex` says when the shoe stood
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, load_mat, mat_array, mat_samples, read_content
+from fg_nav.io.content import Content, Variables, load_mat, mat_array, mat_samples, read_content
 from fg_nav.io.truth import pack_footprints
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.truth import FootprintTruth
@@ -62,7 +60,7 @@ def read_pyshoe_track(path: Path | str) -> Floats:
     return np.asarray(track * _RIGHT_HANDED)
 
 
-def _footprints(variables: Mapping[str, Any], t: Floats, path: Path) -> FootprintTruth | None:
+def _footprints(variables: Variables, t: Floats, path: Path) -> FootprintTruth | None:
     if not {"strideIndex", "GCP"} <= variables.keys():
         return None
     xy = mat_array(variables, "GCP", path, columns=2) * _RIGHT_HANDED
@@ -72,7 +70,7 @@ def _footprints(variables: Mapping[str, Any], t: Floats, path: Path) -> Footprin
     return pack_footprints(np.arange(len(xy), dtype=np.float64), xy, len(xy) - 1, path, t[sample])
 
 
-def _read_samples(variables: Mapping[str, Any], n_samples: int, path: Path) -> Ints:
+def _read_samples(variables: Variables, n_samples: int, path: Path) -> Ints:
     """Samples of the stances, which rise."""
     sample = mat_array(variables, "strideIndex", path)
     whole = ((sample >= 0) & (sample < n_samples) & (sample == np.round(sample))).all()

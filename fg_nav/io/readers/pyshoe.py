@@ -11,15 +11,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, load_mat, mat_array, mat_samples, read_content
+from fg_nav.io.content import Content, Variables, load_mat, mat_array, mat_samples, read_content
 from fg_nav.io.truth import pack_true_path
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.truth import TrajectoryTruth
@@ -62,7 +60,7 @@ def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
     return labels > 0.5
 
 
-def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTruth | None:
+def _truth(variables: Variables, t: Floats, path: Path) -> TrajectoryTruth | None:
     gt = variables.get("gt")
     if not isinstance(gt, np.ndarray) or gt.ndim != 2 or gt.shape[1] != 3:  # the stair trials give one height a landing
         return None
@@ -73,7 +71,7 @@ def _truth(variables: Mapping[str, Any], t: Floats, path: Path) -> TrajectoryTru
     return pack_true_path(t[sample], position)
 
 
-def _read_indices(variables: Mapping[str, Any], n_samples: int, path: Path) -> Ints:
+def _read_indices(variables: Variables, n_samples: int, path: Path) -> Ints:
     index = mat_array(variables, "gt_idx", path)
     if not ((index >= 0) & (index < n_samples)).all():
         raise FormatError(f"{path.name}: 'gt_idx' points outside of the recording: export it again.")
