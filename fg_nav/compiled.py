@@ -10,18 +10,20 @@ What is kept may be damaged, and the disk full: that costs the time of compiling
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 
 from fg_nav.scratch import find_scratch
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+
+def njit(**options: Any) -> Callable[[Function], Function]:
     """Return numba's decorator of this name; with `cache=True` what it compiles is kept where that can be."""
 
-    def decorate(function: Callable[..., Any]) -> Any:
-        compiled = numba.njit(**options | {"cache": False})(function)
+    def decorate(function: Function) -> Function:
+        compiled: Function = numba.njit(**options | {"cache": False})(function)
         if options.get("cache") and hasattr(compiled, "enable_caching") and _keep(compiled):
             _forgive(compiled)
         return compiled
@@ -38,14 +40,15 @@ def _keep(compiled: Any) -> bool:
         folder = find_scratch()
     if folder is None:
         return False
-    chosen, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder / "numba")
+    settings: Any = numba.config
+    chosen, settings.CACHE_DIR = settings.CACHE_DIR, str(folder / "numba")
     try:
         compiled.enable_caching()
         return True
     except RuntimeError:
         return False
     finally:
-        numba.config.CACHE_DIR = chosen
+        settings.CACHE_DIR = chosen
 
 
 def _forgive(compiled: Any) -> None:
