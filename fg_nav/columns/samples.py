@@ -75,7 +75,7 @@ def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, aske
             f"{asker.name}: column '{channel.names[0]}' has the unit '{unit}', which is not known: "
             f"write one of {KNOWN_UNITS[quantity]}."
         )
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # nonsense numbers are found as such later
         return np.ascontiguousarray(values * factor)
 
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,13 +26,15 @@ from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import Columns
 from fg_nav.errors import FormatError
 from fg_nav.io import matlab
-from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, list_folder, list_zip, shared_folder
+from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, fetch_once, list_folder, list_zip, shared_folder
 
 _HEAD_BYTES = 65536
 _GZIP, _ZIP = b"\x1f\x8b", (b"PK\x03\x04", b"PK\x05\x06")
 
 TEXT, MATLAB, MEMBERS, BINARY = "a text file", "a MATLAB file", "a folder or archive", "a binary file"
 """The kinds of content."""
+
+_LINE_END = re.compile("\r\n|\r|\n")
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -105,6 +109,12 @@ class Content:
         return self.path if self.fetch is None else io.BytesIO(self.fetch(None))
 
 
+def split_lines(text: str) -> list[str]:
+    """Lines of a text as the readers of tables count them: by LF, CR LF or CR, no other character ends one."""
+    lines = _LINE_END.split(text)
+    return lines if lines[-1] else lines[:-1]
+
+
 def split_fields(line: str) -> list[str]:
     """Comma-separated fields of a line, quotes and surrounding blanks removed."""
     try:
@@ -119,14 +129,15 @@ def read_content(path: Path) -> Content:
     Raises `FormatError` if there is nothing to read, or it is empty, damaged where packed, or too large.
     """
     path = path.resolve() if path.name in ("", "..") else path
-    if path.is_dir():
+    if os.path.isdir(path):
         return _look_inside(path, list_folder(path), plain=True)
-    fetch = fetch_file(path)
+    is_pipe = os.path.exists(path) and not os.path.isfile(path)
+    fetch = fetch_once(path) if is_pipe else fetch_file(path)
     head = fetch(_HEAD_BYTES)
     if head.startswith(_GZIP):
         fetch = fetch_gzip(path.name, fetch)
         return _look(path, fetch, fetch(_HEAD_BYTES), packed=True)
-    return _look(path, fetch, head, packed=False)
+    return _look(path, fetch, head, packed=is_pipe)
 
 
 def _look(path: Path, fetch: Fetch, head: bytes, packed: bool) -> Content:
@@ -166,7 +177,7 @@ def _look_at_file(path: Path, fetch: Fetch | None, head: bytes) -> Content:
     encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8"
     if is_mat(head) or (b"\0" in head and encoding == "utf-8"):
         return Content(path, head=head, fetch=fetch)
-    lines = tuple(_decode(head, encoding).splitlines())
+    lines = tuple(split_lines(_decode(head, encoding)))
     return Content(path, lines=lines, head=head, encoding=encoding, fetch=fetch)
 
 

@@ -19,7 +19,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.units import find_quantity
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content
+from fg_nav.io.content import Content, split_lines
 from fg_nav.io.text_columns import read_table, table_options
 
 _FEWEST_NUMBERS = 6
@@ -71,7 +71,7 @@ class Layout:
                 values = np.insert(values, place, dates, axis=1)
         if self.comment is None:
             return values, row
-        lines = content.read_text().splitlines()  # lines of comments alone are not among the rows
+        lines = split_lines(content.read_text())  # lines of comments alone are not among the rows
         kept = [n for n, line in enumerate(lines, 1) if n >= self.first_line and not line.startswith(self.comment)]
         return values, np.array([*kept, len(lines)])[np.minimum(row - self.first_line, len(kept))]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import shlex
 
 from fg_nav.columns.headers import read_header
@@ -18,6 +19,13 @@ _MARKS = (
     (b"%PDF", "a PDF: export the samples as CSV"),
     (b"\x89PNG", "a picture: give the recording"),
     (b"\xff\xd8\xff", "a picture: give the recording"),
+    (codecs.BOM_UTF32_LE, "text in UTF-32: save it in UTF-8"),
+    (codecs.BOM_UTF32_BE, "text in UTF-32: save it in UTF-8"),
+    (b"BZh", "packed by bzip2: unpack it"),
+    (b"\xfd7zXZ", "packed by xz: unpack it"),
+    (b"\x28\xb5\x2f\xfd", "packed by zstd: unpack it"),
+    (b"7z\xbc\xaf", "a 7z archive: unpack it"),
+    (b"Rar!", "a RAR archive: unpack it"),
 )
 
 _FIXES = {"time_s", "x_m", "y_m", "sigma_m"}
@@ -69,7 +77,14 @@ def _is_tum(content: Content) -> bool:
 
 
 def _explain_mark(content: Content) -> str | None:
+    if _is_unmarked_utf16(content.head):
+        return "text in UTF-16 without a byte-order mark: save it in UTF-8"
     return next((words for mark, words in _MARKS if content.head.startswith(mark)), None)
+
+
+def _is_unmarked_utf16(head: bytes) -> bool:
+    """Whether every second byte is zero, and no other, as in Latin text."""
+    return any(not any(head[zeros::2]) and all(head[1 - zeros :: 2]) for zeros in (0, 1)) and len(head) > 1
 
 
 def _explain_variables(content: Content) -> str | None:

@@ -1,4 +1,4 @@
-"""Files that hold files: folders, zip archives and gzip. Nothing is unpacked onto the disk.
+"""Files that hold files: folders, zip archives and gzip. Nothing is unpacked onto the disk. Pipes are read once, whole.
 
 A file in a folder or archive is known by its place there, with `/` between. Hidden files, empty ones and what macOS
 adds are left out. Places that lead out of the archive are left out as well; they are names here, never paths.
@@ -14,7 +14,9 @@ import os
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from fg_nav.errors import FormatError
 
@@ -33,6 +35,9 @@ Fetch = Callable[[int | None], bytes]
 _OVERHEAD_BYTES = 4096
 """What does not shrink becomes a little longer by packing."""
 
+_PART_BYTES = 2**20
+"""Read from a pipe at a time."""
+
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
@@ -43,17 +48,40 @@ def fetch_file(path: Path) -> Fetch:
     """
 
     def fetch(size: int | None) -> bytes:
-        try:
-            with path.open("rb") as file:
-                return file.read(size)
-        except FileNotFoundError:
-            raise FormatError(f"{path} does not exist: check the path.") from None
-        except PermissionError:
-            raise FormatError(f"{path} may not be read: check its permissions.") from None
-        except (OSError, ValueError) as error:
-            raise FormatError(f"{path} cannot be opened ({error}): check the path.") from None
+        with _open_file(path) as file:
+            return file.read(size)
 
     return fetch
+
+
+def fetch_once(path: Path) -> Fetch:
+    """Reading of a pipe or a device: all that comes is kept in memory.
+
+    Raises `FormatError` if it cannot be read, or more comes than `MAX_BYTES`.
+    """
+    parts, left = list[bytes](), MAX_BYTES
+    with _open_file(path) as file:
+        while left >= 0 and (part := file.read(_PART_BYTES)):
+            parts.append(part)
+            left -= len(part)
+    if left < 0:
+        raise FormatError(f"{path} gives more than {_words(MAX_BYTES)}: write it into a file, and cut it.")
+    data = b"".join(parts)
+    return lambda size: data[:size]
+
+
+@contextmanager
+def _open_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a file to read; raises `FormatError` if it cannot be opened or read."""
+    try:
+        with path.open("rb") as file:
+            yield file
+    except FileNotFoundError:
+        raise FormatError(f"{path} does not exist: check the path.") from None
+    except PermissionError:
+        raise FormatError(f"{path} may not be read: check its permissions.") from None
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{path} cannot be opened ({error}): check the path.") from None
 
 
 def fetch_gzip(name: str, packed: Fetch) -> Fetch:

@@ -46,7 +46,7 @@ def require_factor(quantity: Quantity, unit: str, column: str, path: Path) -> fl
 
 def scale_values(values: Floats, unit: Floats | float) -> Floats:
     """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(values * unit)
 
 

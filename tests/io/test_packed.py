@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import bz2
+import codecs
 import gzip
+import io
+import itertools
+import lzma
+import os
+import threading
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +21,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fg_nav.errors import FgNavError, FormatError
-from fg_nav.io import packed, read_fixes, read_raw, write_canonical
+from fg_nav.io import packed, read_fixes, read_raw, read_truth, write_canonical
 from fg_nav.io.content import read_content
+from fg_nav.truth import TrajectoryTruth
 from tests.io.foreign_phones import sensor_logger, zip_files
 from tests.io.samples import tilting, write_pyshoe, write_xio
 from tests.io.test_broken_files import RELAXED, damage, is_a_line
@@ -162,3 +171,88 @@ def test_whatever_is_broken_in_an_archive(kind: str, data: st.DataObject, tmp_pa
         read_raw(path)
     except FgNavError as error:
         is_a_line(error)
+
+
+@contextmanager
+def piped(data: bytes, path: Path) -> Iterator[Path]:
+    """A named pipe that gives the data once."""
+    os.mkfifo(path)
+    writer = threading.Thread(target=path.write_bytes, args=(data,), daemon=True)
+    writer.start()
+    yield path
+    writer.join(timeout=5.0)
+    assert not writer.is_alive()
+
+
+def as_it_is(data: bytes) -> bytes:
+    return data
+
+
+def zipped(data: bytes) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("walk.csv", data)
+    return file.getvalue()
+
+
+def encode_utf16(data: bytes) -> bytes:
+    return codecs.BOM_UTF16_BE + data.decode().encode("utf-16-be")
+
+
+@pytest.mark.parametrize("pack", [as_it_is, gzip.compress, zipped, encode_utf16])
+def test_a_pipe_is_read_once_and_whole(pack: Callable[[bytes], bytes], text: bytes, tmp_path: Path) -> None:
+    with piped(pack(text), tmp_path / "pipe") as path:
+        raw = read_raw(path)
+    np.testing.assert_array_equal(raw.acc, RAW.acc)
+    np.testing.assert_array_equal(raw.t, RAW.t)
+
+
+def test_a_pipe_of_a_matlab_file_and_one_of_a_truth(tmp_path: Path) -> None:
+    write_pyshoe(RAW, tmp_path / "walk.mat")
+    with piped((tmp_path / "walk.mat").read_bytes(), tmp_path / "pipe") as path:
+        np.testing.assert_array_equal(read_raw(path).acc, RAW.acc)
+    with piped(gzip.compress(b"0 1 2 3 0 0 0 1\n1 2 2 3 0 0 0 1\n"), tmp_path / "truth") as path:
+        truth = read_truth(path)
+    assert isinstance(truth, TrajectoryTruth)
+    np.testing.assert_array_equal(truth.position[:, 0], [1.0, 2.0])
+
+
+def test_a_pipe_that_gives_nothing_or_too_much(text: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with piped(b"", tmp_path / "pipe") as path, pytest.raises(FormatError, match="pipe is empty"):
+        read_raw(path)
+    monkeypatch.setattr(packed, "MAX_BYTES", 1000)
+    monkeypatch.setattr(packed, "_PART_BYTES", 500)
+    with pytest.raises(FormatError, match=r"/dev/zero gives more than .* write it into a file, and cut it"):
+        read_raw("/dev/zero")
+
+
+def test_line_ends_of_all_kinds_count_as_they_are_read(text: bytes, tmp_path: Path) -> None:
+    lines = text.decode().splitlines()
+    mixed = "".join(line + end for line, end in zip(lines, itertools.cycle(("\n", "\r\n", "\r"))))
+    # an ellipsis of Windows is a line end to some, and none to the reader of tables
+    for k, data in enumerate(
+        (mixed.encode(), b"# caf\xe9 \x85 25 \xb0C\n" + text.replace(b"acc_x_m_s2", b"ax [m/s\xb2]"))
+    ):
+        path = tmp_path / f"{k}.csv"
+        path.write_bytes(data)
+        raw = read_raw(path)
+        np.testing.assert_array_equal(raw.acc, RAW.acc)
+        assert raw.row[0] == 2 + k
+
+
+@pytest.mark.parametrize(
+    ("encode", "words"),
+    [
+        (lambda data: data.decode().encode("utf-16-le"), "UTF-16 without a byte-order mark: save it in UTF-8"),
+        (lambda data: data.decode().encode("utf-32"), "UTF-32: save it in UTF-8"),
+        (bz2.compress, "packed by bzip2: unpack it"),
+        (lzma.compress, "packed by xz: unpack it"),
+    ],
+)
+def test_what_is_not_unpacked_or_decoded_is_named(
+    encode: Callable[[bytes], bytes], words: str, text: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_bytes(encode(text))
+    with pytest.raises(FormatError, match=words):
+        read_raw(path)

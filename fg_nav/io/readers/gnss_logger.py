@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content
+from fg_nav.io.content import Content, split_lines
 from fg_nav.io.streams import Sensor, Stream, join_streams
 from fg_nav.recording import RawRecording
 
@@ -46,7 +46,7 @@ def read(content: Content) -> RawRecording:
 
     Raises `FormatError` if accelerometer or gyroscope are absent, the rate is too low, or a field is no number.
     """
-    lines = content.read_text().splitlines()
+    lines = split_lines(content.read_text())
     rows: dict[str, list[int]] = {prefix: [] for prefix in _PREFIXES}
     for number, line in enumerate(lines):
         prefix = line[: line.find(",") + 1]
