@@ -22,6 +22,7 @@ from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
 from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
+from fg_nav.online.losses import describe_losses
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
@@ -87,7 +88,7 @@ def line_printer() -> Callable[[str], None]:
 def emit_end(walk: StreamedWalk, emit: Say) -> Summary:
     """Emit the past as it is known at the end, one line a footfall; return the summary of it."""
     if _has_lag(walk):
-        solution = walk.navigator.finish()
+        solution = _finish_lagged(walk)
         summary = summarize_lagged(solution)
     else:
         prepared, outcome = finish_stream(walk)
@@ -112,11 +113,21 @@ def write_end(folder: Path, walk: StreamedWalk, plots: Plots) -> Summary:
         with terminal.progress("online") as report:
             prepared, outcome = finish_stream(walk, report)
         return write_run(folder, prepared, outcome, plots)
-    return write_lagged(folder, walk.navigator.finish(), plots)
+    return write_lagged(folder, _finish_lagged(walk), plots)
 
 
 def _has_lag(walk: StreamedWalk) -> bool:
     return walk.navigator.options.lag_s is not None
+
+
+def _finish_lagged(walk: StreamedWalk) -> Solution:
+    """End a walk with a lag."""
+    return _note_losses(walk.navigator.finish(), walk)
+
+
+def _note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
+    """Add what was lost on the way to the notes."""
+    return replace(solution, notes=(*solution.notes, *describe_losses(walk.navigator.source.get("lost", {}))))
 
 
 def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple[Walk, Outcome]:
@@ -143,7 +154,7 @@ def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple
         prepared = replace(prepared, calibration=calibration, applied=calibration.corrects(recording.mag is not None))
     # The path through the graph, and the batch solution next to it where it was asked for.
     solution = finish_walk(navigator, walk.polish, progress, prepared.stances, prepared.field)
-    return prepared, evaluate_solution(prepared, solution)
+    return prepared, evaluate_solution(prepared, _note_losses(solution, walk))
 
 
 def _options(options: OnlineOptions | PocketOptions) -> Options:

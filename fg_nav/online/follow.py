@@ -29,12 +29,14 @@ from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
 from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import open_recorded
 from fg_nav.online.revision import Revision, describe_past, format_revision
 from fg_nav.online.rows import Columns, parse_columns
+from fg_nav.online.silence import Silence
 from fg_nav.online.source_check import SourceCheck
 from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.online.status import StatusReporter, Watcher
@@ -122,15 +124,15 @@ def follow_source(
     walk.tell_past()
     if navigator.source.get("header"):
         source.resume(navigator.source["header"])
-    silence = _Silence(source.name, options, remark)
+    silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
     while not (stop is not None and stop.is_set()):
         rows = source.read(WAIT_S)
         if rows is None or silence.is_over(len(rows)):
             break
         walk.add(rows, source.header)
-        walk.show_status()
+        walk.show_status(source.lost)
     walk.add(source.finish(), source.header)
-    walk.end()
+    walk.end(source.lost)
     return navigator
 
 
@@ -177,6 +179,7 @@ class _Walk:
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
         if "check" in navigator.source:
             self._check.resume(navigator.source["check"])
+        self._losses = LossCounter(remark)
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
@@ -185,6 +188,7 @@ class _Walk:
         if not len(rows):
             return
         self._check.add(rows)
+        self._losses.add(rows[:, 0])
         self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
@@ -195,16 +199,20 @@ class _Walk:
             self._save(self._checkpoint)
         self._emit_lines(found)
 
-    def end(self) -> None:
+    def end(self, lost_datagrams: int) -> None:
+        self._losses.finish()
+        self._navigator.source["lost"] = lost = self._losses.state(lost_datagrams)
+        for words in describe_losses(lost):
+            self._remark(f"{words}.")
         if self._checkpoint is not None:
             self._save(self._checkpoint)
             self._wait()
         self._emit_lines(self._navigator.close())
-        self.show_status(ended=True)
+        self.show_status(lost_datagrams, ended=True)
 
-    def show_status(self, ended: bool = False) -> None:
+    def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
         if self._status is not None:
-            self._status.report(self._navigator, ended)
+            self._status.report(self._navigator, self._losses.state(lost_datagrams), ended)
 
     def tell_past(self) -> None:
         """Tell the path of a walk that was resumed, for who has not seen it."""
@@ -260,30 +268,6 @@ class _Walk:
         if found.accelerometer is not None:
             acc = found.accelerometer.correct(acc)
         return acc, mag
-
-
-class _Silence:
-    """How long no sample has come."""
-
-    def __init__(self, name: str, options: StreamOptions, remark: Say) -> None:
-        self._name, self._options, self._remark = name, options, remark
-        self._since = time.monotonic()
-        self._remarked = False
-
-    def is_over(self, n_samples: int) -> bool:
-        """Note how many samples have come; return whether the silence is so long that the walk is over."""
-        now = time.monotonic()
-        silent = now - self._since
-        if n_samples:
-            if self._remarked:
-                self._remark(f"{self._name} sends again after {silent:.0f} s.")
-            self._since, self._remarked = now, False
-            return False
-        if silent >= self._options.stalled_s and not self._remarked:
-            self._remark(f"no sample has come from {self._name} for {silent:.0f} s: waiting.")
-            self._remarked = True
-        end = self._options.until_silent_s
-        return end is not None and silent >= end
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,6 @@ class LiveSource(ABC):
 
     def __init__(self, name: str, remark: Remark) -> None:
         self.name, self.away_s = name, 0.0
-        self.lost = 0
         self._remark = remark
         self._waiting: deque[tuple[float, bytes]] = deque()
         self._size = 0
@@ -47,6 +46,11 @@ class LiveSource(ABC):
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    @property
+    def lost(self) -> int:
+        """See `ByteSource`: a stream of bytes loses none."""
+        return 0
 
     def read(self, wait_s: float) -> bytes | None:
         """See `ByteSource`: all that waits, up to where the source was away."""
@@ -106,9 +110,15 @@ class Datagrams(LiveSource):
             self._socket.close()
             raise
         self._socket.settimeout(POLL_S)
-        _enlarge_buffer(self._socket)
+        self._buffer = _enlarge_buffer(self._socket)
         self._senders = Senders(name, remark)
+        self._lost_in_system = self._lost_in_queue = 0
         super().__init__(name, remark)
+
+    @property
+    def lost(self) -> int:
+        """Datagrams for which neither the system's buffer nor the queue had room."""
+        return self._lost_in_system + self._lost_in_queue
 
     def close(self) -> None:
         """Close it."""
@@ -132,31 +142,37 @@ class Datagrams(LiveSource):
         """Return whether there is room; a datagram does not wait for it."""
         if self._size + size < MOST_WAITING:
             return True
-        self._note_lost(self.lost + 1)
+        self._note_lost(self._lost_in_system, self._lost_in_queue + 1)
         return False
 
     def _count_lost(self, notes: list[tuple[int, int, bytes]]) -> None:
         """Take the system's count of the datagrams that it had no room for."""
         for level, kind, value in notes:
             if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):
-                self._note_lost(int.from_bytes(value, sys.byteorder))
+                self._note_lost(int.from_bytes(value, sys.byteorder), self._lost_in_queue)
 
-    def _note_lost(self, lost: int) -> None:
-        if lost and not self.lost:
-            self._remark(f"datagrams from {self.name} are lost here: this machine has too much to do.")
-        self.lost = max(lost, self.lost)
+    def _note_lost(self, in_system: int, in_queue: int) -> None:
+        if in_system + in_queue and not self.lost:
+            self._remark(
+                f"datagrams from {self.name} are lost here: this machine has too much to do, or its buffer of "
+                f"{self._buffer >> 10} kB is too small (net.core.rmem_max)."
+            )
+        self._lost_in_system, self._lost_in_queue = in_system, in_queue
 
 
-def _enlarge_buffer(receiver: socket.socket) -> None:
-    """Ask for a large buffer, and for the count of what it has no room for, where the system has them."""
+def _enlarge_buffer(receiver: socket.socket) -> int:
+    """Ask for a large buffer, and for the count of what it has no room for, where the system has them.
+
+    Returns the bytes that the system gave, its own for each datagram among them.
+    """
     if sys.platform == "linux":
         with suppress(OSError):
             receiver.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+    # Without the right to force a buffer, the system gives as much as it allows to anybody.
+    for option in (socket.SO_RCVBUF, *([_SO_RCVBUFFORCE] if sys.platform == "linux" else [])):
         with suppress(OSError):
-            receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, SYSTEM_BUFFER)
-            return
-    with suppress(OSError):
-        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SYSTEM_BUFFER)
+            receiver.setsockopt(socket.SOL_SOCKET, option, SYSTEM_BUFFER)
+    return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 
 class Reconnected(LiveSource):

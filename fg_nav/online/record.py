@@ -204,6 +204,11 @@ class RecordedSource:
         """See `SampleSource`."""
         return self._source.header
 
+    @property
+    def lost(self) -> int:
+        """See `SampleSource`."""
+        return self._source.lost
+
     def resume(self, header: Sequence[str]) -> None:
         """See `SampleSource`."""
         self._source.resume(header)

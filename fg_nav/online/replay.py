@@ -36,6 +36,8 @@ def parse_speed(words: str) -> float:
 class Replay:
     """A `SampleSource` that gives the samples of a recording, `speed` times as fast as they were taken."""
 
+    lost = 0
+
     def __init__(self, recording: Recording, speed: float, name: str) -> None:
         self.name = name
         self._rows = rows_of(recording)

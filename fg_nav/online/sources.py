@@ -45,6 +45,11 @@ class ByteSource(Protocol):
     name: str
     away_s: float
 
+    @property
+    def lost(self) -> int:
+        """Datagrams for which this machine had no room."""
+        ...
+
     def read(self, wait_s: float) -> bytes | None:
         """Return what has come, b"" if nothing came within `wait_s`, None at the end."""
         ...
@@ -62,6 +67,11 @@ class SampleSource(Protocol):
     @property
     def header(self) -> list[str] | None:
         """Names of the columns that it sends; None where it sends none, or before they are known."""
+        ...
+
+    @property
+    def lost(self) -> int:
+        """Datagrams for which this machine had no room."""
         ...
 
     def resume(self, header: Sequence[str]) -> None:
@@ -93,6 +103,11 @@ class TextSource:
     def header(self) -> list[str] | None:
         """See `SampleSource`."""
         return self._reader.header
+
+    @property
+    def lost(self) -> int:
+        """See `SampleSource`."""
+        return self._source.lost
 
     def resume(self, header: Sequence[str]) -> None:
         """See `SampleSource`."""
@@ -168,7 +183,7 @@ def open_source(word: str, baud: int, remark: Callable[[str], None]) -> ByteSour
 class _Descriptor:
     """A pipe."""
 
-    away_s = 0.0
+    away_s, lost = 0.0, 0
 
     def __init__(self, name: str, descriptor: int) -> None:
         self.name, self._descriptor = name, descriptor
@@ -185,7 +200,7 @@ class _Descriptor:
 class _GrowingFile:
     """A file that is being written; it has no end, unless it is cut or removed."""
 
-    away_s = 0.0
+    away_s, lost = 0.0, 0
 
     def __init__(self, path: Path) -> None:
         self.name = path.name

@@ -8,6 +8,8 @@ heading_deg          of the body's x axis, clockwise from north
 floor                of the newest line: 0 where the walk began, +1 the next above; null where not known
 latency_ms           from the arrival of the samples to the newest line
 rate_hz              samples that come in a second
+lost_samples         that the stamps show to be missing, of all so far
+lost_datagrams       for which this machine had no room
 source               "ok", "silent 7 s" or "ended"
 ==================== ============================================================================================
 
@@ -18,6 +20,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -74,15 +77,16 @@ class StatusReporter:
         """Note that a line was just sent."""
         self._latency_ms = 1e3 * (time.monotonic() - self._arrived)
 
-    def report(self, navigator: Navigator, ended: bool = False) -> None:
-        """Send the status, where it is due and somebody watches; at the end always."""
+    def report(self, navigator: Navigator, lost: Mapping[str, int], ended: bool = False) -> None:
+        """Send the status, where it is due and somebody watches; at the end always; `lost` as of `LossCounter`."""
         now = time.monotonic()
         while self._counts and self._counts[0][0] < now - RATE_S:
             self._counts.popleft()
         if ended or (now >= self._due and self._watcher.viewers):
             self._due = now + self._watcher.status_s
             source = "ended" if ended else self._describe_source(now)
-            self._watcher.send_status({**self._describe(navigator), "source": source})
+            counts = {"lost_samples": lost["samples"], "lost_datagrams": lost["datagrams"]}
+            self._watcher.send_status({**self._describe(navigator), **counts, "source": source})
 
     def _describe_source(self, now: float) -> str:
         silent_s = 0.0 if self._silent_since is None else now - self._silent_since

@@ -18,8 +18,10 @@ import pytest
 from fg_nav import cli
 from fg_nav.calibration import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
+from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import EstimationError, FormatError
 from fg_nav.io import write_canonical
+from fg_nav.io.readers.canonical import format_rows
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.estimates import format_table
@@ -57,7 +59,7 @@ class Pieces:
     """A source of pieces that were put together before; None is silence, and at the end it ends."""
 
     def __init__(self, *pieces: bytes) -> None:
-        self.name, self.away_s = "a test", 0.0
+        self.name, self.away_s, self.lost = "a test", 0.0, 0
         self._pieces = list(pieces)
 
     def read(self, wait_s: float) -> bytes | None:
@@ -112,6 +114,17 @@ def of_now(lines: list[dict]) -> list[dict]:
 def cut(data: bytes, n: int) -> list[bytes]:
     edges = np.sort(np.random.default_rng(n).integers(0, len(data), n)).tolist()
     return [data[a:b] for a, b in zip([0, *edges], [*edges, len(data)], strict=True)]
+
+
+def test_what_is_lost_on_the_way_stands_in_the_notes():
+    """Of datagrams and samples; the walk is too short for a footfall."""
+    rows = np.delete(rows_of(short_walk())[:300], [50, 120, 121], axis=0)
+    source = Pieces(",".join(CANONICAL).encode() + b"\n" + "".join(format_rows(rows, "%r", ",")).encode())
+    source.lost = 2
+    navigator, _, remarks = followed(source)
+    assert navigator.source["lost"] == {"samples": 3, "came": 297, "datagrams": 2}
+    assert any("3 samples of 300" in words for words in remarks)
+    assert any("2 datagrams" in words for words in remarks)
 
 
 def test_a_line_for_each_footfall(csv, whole):

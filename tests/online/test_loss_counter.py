@@ -1,0 +1,49 @@
+"""Samples that were lost on the way are counted by the stamps, and a rate that changes is said."""
+
+import numpy as np
+import pytest
+
+from fg_nav.online.losses import LossCounter, describe_losses
+
+
+def count(t, block):
+    said: list[str] = []
+    counter = LossCounter(said.append)
+    for start in range(0, len(t), block):
+        counter.add(t[start : start + block])
+    counter.finish()
+    return counter, said
+
+
+@pytest.mark.parametrize("block", [1, 37, 10_000])
+def test_each_sample_that_is_missing_is_counted_whatever_the_blocks(block):
+    """At the stamps of a clock that is 200 ppm off, jitters by 20 us, and counts from 1970."""
+    rng = np.random.default_rng(3)
+    t = 1.7e9 + np.arange(2000) * 0.0025 * 1.0002 + rng.normal(0.0, 2e-5, 2000)
+    lost = np.zeros(2000, dtype=bool)
+    lost[rng.choice(np.arange(1, 1999), 150, replace=False)] = True
+    lost[700:720] = True
+    counter, said = count(t[~lost], block)
+    assert (counter.samples, counter.came) == (lost.sum(), (~lost).sum())
+    assert len(said) == 1
+    assert describe_losses(counter.state(3))[0].startswith(f"by the stamps {lost.sum()} samples of 2000")
+    assert "3 datagrams" in describe_losses(counter.state(3))[1]
+
+
+def test_nothing_is_lost_of_stamps_of_arrival_of_a_clock_that_restarts_or_of_a_sensor_that_was_off():
+    rng = np.random.default_rng(4)
+    late = np.sort(np.arange(3000) * 0.005 + rng.uniform(0.0, 0.006, 3000))
+    even = np.arange(3000) * 0.01
+    for t in (late, np.concatenate([even, even]), np.concatenate([even, even + 60.0]), np.zeros(500), even[:1]):
+        counter, said = count(t, 61)
+        assert counter.samples == 0
+        assert said == []
+        assert describe_losses(counter.state(0)) == ()
+
+
+def test_a_rate_that_changes_is_said_once():
+    t = np.concatenate([np.arange(1500) * 0.01, 15.0 + np.arange(1500) * 0.02])
+    _, said = count(t, 100)
+    changes = [words for words in said if "rate" in words]
+    assert len(changes) == 1
+    assert "from 100 to 50 Hz" in changes[0]
