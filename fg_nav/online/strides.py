@@ -22,7 +22,8 @@ from fg_nav.online.buffer import WalkSoFar
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, place_nodes, preintegrate, strides_of
+from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, place_nodes, strides_of
 from fg_nav.stances import Stances
 
 CONTEXT_S = 10.0

@@ -33,6 +33,7 @@ from fg_nav.smoother.dense_path import fill_path
 from fg_nav.smoother.differential_factors import DifferentialFactors
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import (
     CONVERGENCE,
     GtsamFactors,
@@ -41,7 +42,7 @@ from fg_nav.smoother.solver import (
     minimize,
     time_order,
 )
-from fg_nav.smoother.strides import Nodes, add_start, add_stride, place_nodes, preintegrate, strides_of, velocity_block
+from fg_nav.smoother.strides import Nodes, add_start, add_stride, place_nodes, strides_of, velocity_block
 from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
 

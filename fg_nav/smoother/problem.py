@@ -56,9 +56,10 @@ from fg_nav.smoother.bias_walk import choose_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS, log_root
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.refused_stances import weaken_refused_stances
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, compute_error
-from fg_nav.smoother.strides import INERTIAL_KEYS, preintegrate
+from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
 

@@ -19,25 +19,12 @@ all strides between have the profit.
 
 The first footfall has in place of the swing a prior on the bias, and the gauge: position and heading by definition,
 tilt from gravity.
-
-Preintegration is Galilean: each sample is held over its own period, and a constant body rate and specific force are
-integrated exactly; the default preintegration of GTSAM is first order in the period, and its error on a swinging foot
-looks like a yaw bias. The noise of an interval is the mean over its samples of
-
-    s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
-
-and the interval gets the same total as from a noise set sample by sample. What is less certain, on an axis at the end
-of its range and before a gap (`fg_nav.sample_noise`), is so at its own sample: a force that was hidden when the foot
-pushed off moves the end of its swing, and one that was hidden when it came down does not. A gap is integrated in steps
-of the sample period: within a step, what turns does not yet move.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -45,13 +32,12 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import Rest
-from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
+from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.factors.unseen_walk import UnseenWalk
 from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.recording import Recording
-from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.unseen import find_unseen_walks
+from fg_nav.smoother.preintegration import Measurement
 from fg_nav.stances import Stances
 
 LONG_STANCE_S = 0.5
@@ -137,9 +123,6 @@ def _apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> Ints:
 INERTIAL_KEYS = 5
 """Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many."""
 
-POSITION_DENSITY = 1e-3
-"""White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
-
 VELOCITY_SIGMA = 0.004
 """Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011)."""
 
@@ -157,9 +140,6 @@ ACC_BIAS_WALK = 1e-4
 
 UNREST_REACH_S = 0.01
 """On either side of a node, over which rate and specific force are averaged; not beyond the stance."""
-
-Measurement: TypeAlias = gtsam.PreintegratedImuMeasurementsG | UnseenWalk
-"""From one node to the next: of the inertial sensor, or where its samples are missing what a person does."""
 
 
 @dataclass(frozen=True)
@@ -327,61 +307,3 @@ def _by_footfall(rests: tuple[Rest, ...], nodes: Nodes) -> dict[int, list[Rest]]
     for rest, footfall in zip(rests, nodes.footfall[nearest], strict=True):
         found.setdefault(int(footfall), []).append(rest)
     return found
-
-
-def preintegrate(
-    recording: Recording,
-    sample: Ints,
-    bias: gtsam.imuBias.ConstantBias,
-    p: SmootherParameters,
-    progress: Callable[[float], None] | None = None,
-) -> Iterator[Measurement]:
-    """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
-    acc_noise, gyr_noise = _interval_variances(recording, sample, p)
-    extra = [size**2 for size in find_extra_sigmas(recording, p.saturated_share)]
-    uncertain = np.concatenate([[0], np.cumsum((extra[0] + extra[1]).any(axis=1))])[sample]
-    period = np.diff(recording.t).tolist()
-    force, rate = recording.integrable
-    params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
-    params.setIntegrationCovariance(np.eye(3) * POSITION_DENSITY**2)
-    unseen = find_unseen_walks(recording, sample, p.magnetic.compass)
-    for k, (i, j) in enumerate(pairwise(sample)):
-        if unseen.unseen[k]:
-            yield one_of(unseen.walk, k)
-            continue
-        params.setAccelerometerCovariance(np.diag(acc_noise[k]))
-        params.setGyroscopeCovariance(np.diag(gyr_noise[k]))
-        measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
-        integrate = measurement.integrateMeasurement
-        samples = zip(force[i:j], rate[i:j], period[i:j], strict=True)
-        if uncertain[k] == uncertain[k + 1]:
-            for acc, gyr, h in samples:
-                integrate(acc, gyr, h)
-        else:
-            for (acc, gyr, h), acc_extra, gyr_extra in zip(samples, extra[0][i:j], extra[1][i:j], strict=True):
-                params.setAccelerometerCovariance(np.diag(acc_noise[k] + acc_extra * h))
-                params.setGyroscopeCovariance(np.diag(gyr_noise[k] + gyr_extra * h))
-                steps = max(1, round(h / recording.period_s))
-                for _ in range(steps):
-                    integrate(acc, gyr, h / steps)
-        if progress is not None and k % 64 == 0:
-            progress(k / len(sample))
-        yield measurement
-
-
-def _interval_variances(recording: Recording, sample: Ints, p: SmootherParameters) -> tuple[Floats, Floats]:
-    """Squared noise densities (M-1, 3) of specific force and rate in each interval, without the extra variances."""
-    off_gravity = np.linalg.norm(recording.acc, axis=1) - p.gravity
-    rate_squared = (recording.gyr**2).sum(axis=1)
-    acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2
-    gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * rate_squared
-    h = np.append(np.diff(recording.t), recording.period_s)
-    acc, gyr = (np.repeat(variance[:, None], 3, axis=1) for variance in (acc, gyr))
-    return _means(acc, h, sample), _means(gyr, h, sample)
-
-
-def _means(values: Floats, h: Floats, sample: Ints) -> Floats:
-    """Mean (M-1, 3) over the time from each node to the next of values (N, 3), each held for `h` (N,) seconds."""
-    total = np.vstack([np.zeros(3), np.cumsum(values * h[:, None], axis=0)])
-    elapsed = np.concatenate([[0.0], np.cumsum(h)])
-    return np.asarray(np.diff(total[sample], axis=0) / np.diff(elapsed[sample])[:, None])

@@ -11,8 +11,9 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturated, rebuild_peaks
-from fg_nav.smoother import strides
-from fg_nav.smoother.strides import preintegrate
+from fg_nav.smoother import compounding, preintegration
+from fg_nav.smoother.compounding import compound_samples
+from fg_nav.smoother.preintegration import preintegrate
 from tests.smoother.walks import DEFAULT, demo
 
 NO_BIAS = gtsam.imuBias.ConstantBias()
@@ -22,7 +23,7 @@ QUIET = replace(DEFAULT, acc_relative_density=0.0, gyr_relative_density=0.0)
 @pytest.fixture(autouse=True)
 def exact_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     """No noise but that of the samples."""
-    monkeypatch.setattr(strides, "POSITION_DENSITY", 1e-9)
+    monkeypatch.setattr(preintegration, "POSITION_DENSITY", 1e-9)
 
 
 def measurements(recording: Recording, sample: list[int], p=DEFAULT, bias=NO_BIAS) -> list:
@@ -209,3 +210,22 @@ def test_progress_is_told(recording: Recording) -> None:
     assert len(list(preintegrate(recording, sample, NO_BIAS, DEFAULT, told.append))) == len(sample) - 1
     assert len(told) > 2
     assert all(0 <= a < b <= 1 for a, b in pairwise(told))
+
+
+def test_few_samples_stand_for_many(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(preintegration, "POSITION_DENSITY", 1e-3)
+    sample, bias = [600, 790, 800, 1200], np.array([[0.1, -0.2, 0.05], [0.01, 0.02, -0.03]])
+    h, samples = np.diff(recording.t), recording.integrable
+    few = compound_samples(*samples, h, np.array(sample), *bias)
+    assert few.first[-1] == len(few.h) < 0.35 * (sample[-1] - sample[0])
+    # Their motion the first test compares; what is left is how it changes with the bias, and its covariance.
+    compounded = measurements(recording, sample, bias=gtsam.imuBias.ConstantBias(*bias))
+    other = gtsam.imuBias.ConstantBias(bias[0] + 0.02, bias[1] + 0.002)
+    monkeypatch.setattr(preintegration, "compound_samples", compound_samples.py_func)
+    monkeypatch.setattr(compounding, "_end_block", lambda rate, h, first, last, bias: first + 1)
+    one_by_one = measurements(recording, sample, bias=gtsam.imuBias.ConstantBias(*bias))
+    for one, exact in zip(compounded, one_by_one, strict=True):
+        L = np.linalg.inv(np.linalg.cholesky(exact.preintMeasCov()))
+        np.testing.assert_allclose(L @ one.preintMeasCov() @ L.T, np.eye(9), atol=0.01)
+        moved, expected = (m.predict(gtsam.NavState(), other) for m in (one, exact))
+        np.testing.assert_allclose(L @ expected.localCoordinates(moved), 0.0, atol=0.01)

@@ -22,6 +22,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.parameters import WalkParameters
+from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
 from fg_nav.smoother.strides import (
     Nodes,
@@ -29,7 +30,6 @@ from fg_nav.smoother.strides import (
     add_start,
     add_stride,
     place_nodes,
-    preintegrate,
     strides_of,
     velocity_block,
 )

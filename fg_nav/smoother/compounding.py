@@ -1,0 +1,129 @@
+"""Many samples as two: the same motion, in fewer calls.
+
+Every call of GTSAM's preintegration takes Python some microseconds, and what a foot does in a dozen samples fits into
+two. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds, exactly (`mechanisation`,
+without gravity). The two that stand for it hold one rate w for all of T, and a specific force each for half of it:
+
+    theta = w h,    h = T / 2,    Exp(2 theta) = R,
+    v = h Gamma_1 (f_1 + g),      p = h^2 ((Gamma_1 + Gamma_2) f_1 + Gamma_2 g),      g = Exp(theta) f_2,
+
+and as all functions of [theta] commute, with s = Gamma_1^-1 v / h,
+
+    f_1 = Gamma_1^-1 (p / h^2 - Gamma_2 s),    f_2 = Exp(theta)^T (s - f_1).
+
+So R, v and p between two nodes are those of the samples, coning and sculling with them. How they change with the bias
+and the covariance of their noise are those of the two: they differ by the square of what turns in a block, which ends
+before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which it is below a thousandth.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
+
+MOST_TURN_RAD = 0.2
+"""Of the body in a block, along its way."""
+
+LONGEST_S = 0.04
+
+SHORTEST = 3
+"""Samples in a block: fewer stand for themselves."""
+
+
+class Compound(NamedTuple):
+    """Samples that stand for those between nodes: `force` (K, 3) m/s^2 and `rate` (K, 3) rad/s, held for `h` (K,) s.
+
+    Those from node k to the next are `first[k]` to `first[k + 1]`, (M,).
+    """
+
+    force: Floats
+    rate: Floats
+    h: Floats
+    first: Ints
+
+
+@njit(cache=True)
+def compound_samples(
+    force: Floats, rate: Floats, h: Floats, sample: Ints, acc_bias: Floats, gyro_bias: Floats
+) -> Compound:
+    """Compound samples (N, 3) held for `h` (N,) s between nodes at `sample` (M,), for these biases (3,)."""
+    most = sample[-1] - sample[0]
+    out = Compound(np.empty((most, 3)), np.empty((most, 3)), np.empty(most), np.zeros(len(sample), np.int64))
+    count = 0
+    for k in range(len(sample) - 1):
+        i = sample[k]
+        while i < sample[k + 1]:
+            stop = _end_block(rate, h, i, sample[k + 1], gyro_bias)
+            if stop - i < SHORTEST:
+                write_sample(out, count, force[i], rate[i], h[i])
+                i, count = i + 1, count + 1
+            else:
+                _halve(out, count, force, rate, h, i, stop, acc_bias, gyro_bias)
+                i, count = stop, count + 2
+        out.first[k + 1] = count
+    return Compound(out.force[:count].copy(), out.rate[:count].copy(), out.h[:count].copy(), out.first)
+
+
+@njit(cache=True)
+def write_sample(out: Compound, row: int, force: Floats, rate: Floats, h: float) -> None:
+    """Write one sample."""
+    out.h[row] = h
+    for axis in range(3):
+        out.force[row, axis], out.rate[row, axis] = force[axis], rate[axis]
+
+
+@njit(cache=True)
+def _end_block(rate: Floats, h: Floats, first: int, last: int, gyro_bias: Floats) -> int:
+    """Sample after the last of the block that begins with `first`, at most `last`."""
+    turned, elapsed, i = 0.0, 0.0, first
+    while i < last:
+        square = 0.0
+        for axis in range(3):
+            square += (rate[i, axis] - gyro_bias[axis]) ** 2
+        turned += np.sqrt(square) * h[i]
+        elapsed += h[i]
+        if i > first and (turned > MOST_TURN_RAD or elapsed > LONGEST_S):
+            break
+        i += 1
+    return i
+
+
+@njit(cache=True)
+def _halve(
+    out: Compound,
+    row: int,
+    force: Floats,
+    rate: Floats,
+    h: Floats,
+    first: int,
+    stop: int,
+    acc_bias: Floats,
+    gyro_bias: Floats,
+) -> None:
+    """Write the two samples that stand for the block from `first` to `stop`."""
+    state = NavState(np.zeros(3), np.zeros(3), np.eye(3), gyro_bias, acc_bias)
+    turn, push, T = np.empty((3, 3)), np.empty(3), 0.0
+    for i in range(first, stop):
+        strapdown(state, force[i], rate[i], h[i], 0.0, turn, push)
+        T += h[i]
+    half, theta = 0.5 * T, 0.5 * rotation_vector(state.nav_R_body)
+    x = (theta**2).sum()
+    a, b, c = rotation_series(x)
+    to_mean = (1.0 - (1.0 - b * x) / (2.0 * a)) / x if x > 1e-12 else 1.0 / 12.0
+    total = _apply(theta, 1.0, -0.5, to_mean, state.velocity / half)
+    one = _apply(theta, 1.0, -0.5, to_mean, state.position / half**2 - _apply(theta, 0.5, b, c, total))
+    other = _apply(theta, 1.0, b * x - 1.0, a, total - one)
+    write_sample(out, row, one + acc_bias, theta / half + gyro_bias, half)
+    write_sample(out, row + 1, other + acc_bias, theta / half + gyro_bias, half)
+
+
+@njit(cache=True)
+def _apply(theta: Floats, by_itself: float, by_one: float, by_two: float, v: Floats) -> Floats:
+    """(by_itself I + by_one [theta] + by_two [theta]^2) v."""
+    once = np.cross(theta, v)
+    return by_itself * v + by_one * once + by_two * np.cross(theta, once)
