@@ -30,6 +30,7 @@ from functools import partial
 
 import harness
 import numpy as np
+from fuzz_mutations import SAMPLE_MUTATIONS
 from harness import FIRST_SEED, Figure, option
 
 from fg_nav.arrays import Floats
@@ -127,73 +128,9 @@ def spoil(recording: Recording, rng: np.random.Generator) -> tuple[Floats, tuple
     return rows, tuple(chosen)
 
 
-def _span(rows: Floats, rng: np.random.Generator, shortest_s: float, longest_s: float) -> slice:
-    period = float(np.median(np.diff(rows[:, 0])))
-    count = int(np.exp(rng.uniform(np.log(shortest_s), np.log(longest_s))) / period)
-    start = int(rng.integers(0, max(1, len(rows) - count)))
-    return slice(start, start + max(1, count))
-
-
-def _gap(rows: Floats, rng: np.random.Generator) -> Floats:
-    for _ in range(rng.integers(1, 4)):
-        rows = np.delete(rows, _span(rows, rng, 0.05, 5.0), axis=0)
-    return rows
-
-
-def _burst(rows: Floats, rng: np.random.Generator) -> Floats:
-    for _ in range(rng.integers(1, 4)):
-        columns = [slice(1, 4), slice(4, 7), slice(1, 7)][rng.integers(3)]
-        rows[_span(rows, rng, 0.02, 3.0), columns] = rng.choice([np.nan, np.inf, 1e9])
-    return rows
-
-
-def _single(rows: Floats, rng: np.random.Generator) -> Floats:
-    rows[rng.integers(0, len(rows), rng.integers(1, 6)), rng.integers(1, 7)] = np.nan
-    return rows
-
-
-def _clipped(rows: Floats, rng: np.random.Generator) -> Floats:
-    rate, force = np.radians(rng.uniform(250.0, 600.0)), rng.uniform(30.0, 80.0)
-    rows[:, 4:7] = np.clip(rows[:, 4:7], -rate, rate)
-    rows[:, 1:4] = np.clip(rows[:, 1:4], -force, force)
-    return rows
-
-
-def _magnet(rows: Floats, rng: np.random.Generator) -> Floats:
-    for _ in range(rng.integers(1, 4)):
-        middle = rng.uniform(rows[0, 0], rows[-1, 0])
-        shape = np.exp(-(((rows[:, 0] - middle) / rng.uniform(0.15, 1.5)) ** 2))
-        rows[:, 7:] += shape[:, None] * rng.normal(0.0, 1.0, 3) * rng.uniform(10.0, 300.0)
-    return rows
-
-
-def _no_field(rows: Floats, rng: np.random.Generator) -> Floats:
-    everywhere = rng.random() < 0.3
-    rows[slice(None) if everywhere else _span(rows, rng, 0.5, 20.0), 7:] = np.nan
-    return rows
-
-
-def _stamps(rows: Floats, rng: np.random.Generator) -> Floats:
-    at = int(rng.integers(10, len(rows) - 10))
-    kind = rng.choice(["repeated", "backward", "ahead", "restart"])
-    if kind == "repeated":
-        return np.repeat(rows, np.where(np.arange(len(rows)) % 41 == 3, 2, 1), axis=0)
-    if kind == "backward":
-        return np.concatenate([rows[:at], rows[max(0, at - 30) : at], rows[at:]])
-    if kind == "ahead":
-        return np.insert(rows, at, rows[at] + 1e5 * np.eye(10)[0], axis=0)
-    rows[at:, 0] -= rows[at, 0] - rows[0, 0]
-    return rows
-
-
-def _cut(rows: Floats, rng: np.random.Generator) -> Floats:
-    return rows[rng.integers(0, len(rows) // 3) :]
-
-
-DEFECTS = {
-    "clipped": _clipped, "magnet": _magnet, "no field": _no_field, "gap": _gap, "burst": _burst, "single": _single,
-    "cut": _cut, "stamps": _stamps,
-}  # fmt: skip
+NAMES = ("clipped", "magnet", "no field", "gap", "burst", "single", "cut", "stamps")
+DEFECTS = {name: SAMPLE_MUTATIONS[name] for name in NAMES}
+"""What can go wrong with samples, in this order."""
 
 
 def blocks(rows: Floats, rng: np.random.Generator) -> Iterator[Floats]:

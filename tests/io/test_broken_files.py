@@ -14,6 +14,9 @@ from fg_nav.errors import FgNavError
 from fg_nav.inspection import inspect
 from fg_nav.io import FORMATS, read, read_pyshoe_labels, read_raw, read_truth, write_tum
 from tests.io.samples import WRITERS, tilting
+from tests.scripts import load_script
+
+mutations = load_script("fuzz_mutations")
 
 RELAXED = settings(
     max_examples=60,
@@ -22,60 +25,19 @@ RELAXED = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
-CELLS = st.one_of(
-    st.sampled_from(["", "nan", "inf", "-inf", "1e308", "-1e200", "1e400", "0x1", "1,2", '"', "\0", "NaN", "١", "-"]),
-    st.text(max_size=8),
-    st.floats().map(repr),
-)
+SEEDS = st.integers(0, 2**32 - 1)
 
 
-@st.composite
-def damage(draw: st.DrawFn, whole: bytes) -> bytes:
-    """Break a file in one to three ways."""
-    data = bytearray(whole)
-    for _ in range(draw(st.integers(1, 3))):
-        way = draw(st.sampled_from(["cut", "flip", "insert", "remove", "repeat"]))
-        at = draw(st.integers(0, max(0, len(data) - 1)))
-        length = draw(st.sampled_from([1, 4, 64, 1024]))
-        if way == "cut":
-            del data[at:]
-        elif way == "flip":
-            for k in range(at, min(at + draw(st.integers(1, 8)), len(data))):
-                data[k] ^= draw(st.integers(1, 255))
-        elif way == "insert":
-            data[at:at] = draw(st.binary(max_size=64))
-        elif way == "remove":
-            del data[at : at + length]
-        else:
-            data[at:at] = data[at : at + length]
-    return bytes(data)
+def damage(whole: bytes) -> st.SearchStrategy[bytes]:
+    """Break a file in one to three ways, as `scripts/fuzz.py` does."""
+    return SEEDS.map(lambda seed: mutations.mutate_bytes(whole, np.random.default_rng(seed))[0])
 
 
-@st.composite
-def scrambled(draw: st.DrawFn, whole: str, separator: str = "") -> bytes:
+def scrambled(whole: str, separator: str = "") -> st.SearchStrategy[bytes]:
     """Break a table: drop columns and lines, swap lines, replace fields."""
-    separator = separator or ("," if "," in whole else "   ")
-    table = [line.split(separator) for line in whole.splitlines()]
-    for _ in range(draw(st.integers(1, 6))):
-        way = draw(st.sampled_from(["field", "column", "fill", "swap", "drop", "double"]))
-        row = draw(st.integers(0, len(table) - 1))
-        column = draw(st.integers(0, max(0, len(table[row]) - 1)))
-        if way == "field" and table[row]:
-            table[row][column] = draw(CELLS)
-        elif way == "column":
-            table = [line[:column] + line[column + 1 :] for line in table]
-        elif way == "fill":
-            value = draw(CELLS)
-            table = table[:1] + [[*line[:column], value, *line[column + 1 :]] for line in table[1:]]
-        elif way == "swap":
-            other = draw(st.integers(0, len(table) - 1))
-            table[row], table[other] = table[other], table[row]
-        elif way == "drop" and len(table) > 1:
-            del table[row : row + draw(st.integers(1, 40))]
-        else:
-            table.insert(row, table[row])
-        table = table or [[""]]
-    return "\n".join(separator.join(line) for line in table).encode("utf-8", "surrogatepass")
+    return SEEDS.map(
+        lambda seed: mutations.scramble_table(whole, np.random.default_rng(seed), separator).encode("utf-8", "replace")
+    )
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,579 @@
+"""Cases of the fuzz campaign: an input of a kind, the command that is given it, and what is held against its answer.
+
+A case is drawn from its seed, kind and number alone, and run by the command line's own entry point in this process
+(`fg_nav.cli.main`), in a folder of its own. What it must do:
+
+========== ===========================================================================================================
+refused    exit code 1, one sentence, and no result left behind
+accepted   exit code 0; every number of the result finite, stamps rising, sigmas above zero, a verdict
+never      another exit code, a traceback, a warning of Python's, or a path faster than `FASTEST_M_S` or with a stride
+           over `LONGEST_STRIDE_M` that is not called "not to be used"
+========== ===========================================================================================================
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import threading
+import time
+import warnings
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import fuzz_mutations as wrong
+import numpy as np
+import pandas as pd
+from fuzz_inputs import HEADER, Store, raw_of
+from fuzz_mutations import Rng, draw
+
+from fg_nav import cli
+from fg_nav.arrays import Floats
+from fg_nav.online import follow
+from fg_nav.online.checkpoint import VERSION
+from fg_nav.online.record_log import read_records, write_records
+from fg_nav.recording import RawRecording
+from fg_nav.verdict import UNUSABLE
+
+FASTEST_M_S, LONGEST_STRIDE_M = 12.0, 3.0
+"""Beyond these a path is no walk, and must be called not to be used."""
+
+MEMORY_BYTES = 8 << 30
+"""Of address space that a case may take."""
+
+LEAST_STEP_S = 1e-3
+"""Over which a speed is measured: less is the digits of a file."""
+
+Words: TypeAlias = list[str]
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # the tests have a writer for each format
+
+
+@dataclass(frozen=True)
+class Case:
+    """One input: `seed`, `kind` and `number` are all that it is drawn from."""
+
+    kind: str
+    seed: int
+    number: int
+
+    @property
+    def rng(self) -> Rng:
+        """What it is drawn with."""
+        return np.random.default_rng([self.seed, zlib.crc32(self.kind.encode()), self.number])
+
+
+@dataclass
+class Fate:
+    """What became of a case: refused with the sentence `said`, or accepted with that verdict; seconds of processor."""
+
+    case: Case
+    what: str = ""
+    command: str = ""
+    outcome: str = ""
+    said: str = ""
+    faults: Words = field(default_factory=list)
+    seconds: float = 0.0
+
+
+@dataclass
+class Input:
+    """What a kind makes: words of the command line, text for standard input, and what was done to it."""
+
+    words: Words
+    what: str
+    stdin: bytes | None = None
+    has_result: bool = True
+
+
+# --- recordings ------------------------------------------------------------------------------------------------------
+
+SHORTEST_S, LONGEST_S = 3.0, 25.0
+"""Of a piece."""
+
+METHODS = ("smoother",) * 6 + ("inertial", "iez", "iez", "iez-rts", "qsf", "iqsf-rts", "ma2018", "aiez", "matched")
+ONLINE = ("online",) * 3
+POCKET = ("pocket", "munoz-diaz2017", "online")
+
+
+def cut_piece(store: Store, rng: Rng, longest_s: float = LONGEST_S, with_field: bool = False) -> tuple[Floats, str]:
+    """Cut a piece out of a recording; its rows and its name."""
+    name = draw(rng, store.recordings)
+    rows = store.rows(name)
+    if with_field and np.isnan(rows[:, 7:]).all():
+        rows[:, 7:] = [20.0, 0.0, -43.0]
+    duration = np.exp(rng.uniform(np.log(SHORTEST_S), np.log(longest_s)))
+    start = rng.uniform(rows[0, 0], max(rows[0, 0], rows[-1, 0] - duration))
+    kept = rows[(rows[:, 0] >= start) & (rows[:, 0] < start + duration)]
+    return kept, f"{name} from {start - rows[0, 0]:.1f} s, {duration:.1f} s"
+
+
+def choose_method(rng: Rng, of_thigh: bool) -> Words:
+    """Draw a method, mostly one for where the sensor was worn, and options."""
+    in_pocket = rng.random() < (0.7 if of_thigh else 0.05)
+    words = ["--plots", "none" if rng.random() < 0.95 else "html"]
+    if in_pocket:
+        words += ["--mount", "pocket", "--method", str(rng.choice(POCKET))]
+    else:
+        words += ["--method", str(rng.choice(METHODS + ONLINE))]
+    if rng.random() < 0.15:
+        words += ["--no-mag"] if rng.random() < 0.5 else [f"--heading={rng.choice(HEADINGS)}"]
+    return words
+
+
+HEADINGS = ("0", "90", "-7200", "1e9", "361.5")
+
+
+def make_samples(store: Store, rng: Rng, folder: Path) -> Input:
+    """Samples that are wrong, in a canonical file."""
+    rows, name = cut_piece(store, rng)
+    rows, what = wrong.mutate_samples(rows, rng)
+    write_rows(rows, folder / "walk.csv")
+    return Input(["run", "walk.csv", *choose_method(rng, _is_thigh(name))], f"{name}: {what}")
+
+
+def _is_thigh(name: str) -> bool:
+    return name.startswith(("thigh", "ridi"))
+
+
+def write_rows(rows: Floats, path: Path) -> None:
+    """Write canonical rows, whatever they hold."""
+    pd.DataFrame(rows, columns=HEADER).to_csv(path, index=False)
+
+
+def make_format(store: Store, rng: Rng, folder: Path) -> Input:
+    """A file in one of the formats, damaged as bytes or as a table."""
+    rows, name = cut_piece(store, rng, 12.0, with_field=True)
+    kind, path = write_format(raw_of(rows), rng, folder)
+    what = damage_file(path, rng)
+    format_words = ["--format", str(rng.choice(FORMAT_NAMES))] if rng.random() < 0.1 else []
+    return Input(["run", "walk.dat", *format_words, *choose_method(rng, _is_thigh(name))], f"{kind} of {name}: {what}")
+
+
+FORMAT_NAMES = ("canonical", "table", "xio", "pyshoe", "openshoe", "sensorlog", "xsens-dot", "ros")
+
+
+def write_format(raw: RawRecording, rng: Rng, folder: Path) -> tuple[str, Path]:
+    """Write `walk.dat`, a file or a folder, in a format that is drawn; its name, and the file to be damaged."""
+    from tests.io.foreign_phones import PHONES, write_files
+    from tests.io.foreign_sensors import FOREIGN, write_bag, write_metawear, write_ximu3
+    from tests.io.samples import WRITERS
+
+    of_files: dict[str, Callable[[RawRecording, Path], Any]] = {
+        **{name: writer for name, (_, writer) in WRITERS.items()},
+        **{name: how.write for name, how in FOREIGN.items()},
+        **{name: lambda raw, path, app=app: write_files(app.files(raw), path) for name, app in PHONES.items()},
+        "metawear": write_metawear,
+        "x-imu3": write_ximu3,
+        "bag 1": lambda raw, path: _rename(path, ".bag", raw, write_bag),
+        "bag 2": lambda raw, path: write_bag(raw, path),
+    }
+    path = folder / "walk.dat"
+    kind = str(rng.choice(list(of_files)))
+    of_files[kind](raw, path)
+    files = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
+    return kind, draw(rng, files)
+
+
+def _rename(path: Path, suffix: str, raw: RawRecording, write: Callable[[RawRecording, Path], None]) -> None:
+    write(raw, path.with_suffix(suffix))
+    path.with_suffix(suffix).rename(path)
+
+
+def damage_file(path: Path, rng: Rng) -> str:
+    """Damage a file in place; in words how."""
+    data, what = damage(path.read_bytes(), rng)
+    path.write_bytes(data)
+    return what
+
+
+def damage(data: bytes, rng: Rng) -> tuple[bytes, str]:
+    """Damage what a file holds: its bytes, and of a text its rows, fields and numbers."""
+    kind = draw(rng, ("bytes", "bytes", "table", "numbers", "columns")) if b"\0" not in data[:1000] else "bytes"
+    if kind == "bytes":
+        return wrong.mutate_bytes(data, rng)
+    text = data.decode("latin-1")
+    separator = max(",;\t ", key=text[:2000].count)
+    change = {"table": wrong.scramble_table, "columns": wrong.scale_columns}.get(kind)
+    text = wrong.change_numbers(text, rng) if change is None else change(text, rng, separator)
+    return text.encode("utf-8", "replace"), kind
+
+
+REAL_BYTES = 1_500_000
+"""Of a real file; more is cut off a text, or not taken."""
+
+
+def make_real(store: Store, rng: Rng, folder: Path) -> Input:
+    """A real file, damaged."""
+    if store.data is None:
+        return make_format(store, rng, folder)
+    path = draw(rng, _list_files(store.data))
+    data = path.read_bytes()
+    data, what = damage(data if b"\0" in data[:4000] else data[: int(rng.choice([20_000, 200_000]))], rng)
+    target = folder / path.name
+    target.write_bytes(data)
+    return Input(["run", path.name, *choose_method(rng, False)], f"{path.relative_to(store.data)}: {what}")
+
+
+def _list_files(data: Path) -> list[Path]:
+    files = [path for path in sorted(data.rglob("*")) if path.is_file() and path.suffix not in (".md", ".tsv")]
+    return [path for path in files if path.suffix != ".mat" or path.stat().st_size < REAL_BYTES]
+
+
+# --- streams and checkpoints -----------------------------------------------------------------------------------------
+
+
+def make_stream(store: Store, rng: Rng, folder: Path) -> Input:
+    """Rows on standard input: wrong samples, wrong text, or both."""
+    rows, name = cut_piece(store, rng)
+    what, kind = "", rng.integers(3)
+    if kind != 1:
+        rows, what = wrong.mutate_samples(rows, rng)
+    write_rows(rows, folder / "rows")
+    data = (folder / "rows").read_bytes()
+    if kind != 0:
+        data, how = damage(data, rng)
+        what = ", ".join(filter(None, (what, how)))
+    words = ["stream", "-", "--plots", "none"]
+    if _is_thigh(name) and rng.random() < 0.7:
+        words += ["--mount", "pocket"]
+    elif rng.random() < 0.3:
+        words += ["--lag", "10"]
+    if rng.random() < 0.15:
+        words += [draw(rng, ("--no-mag", "--polish", "--heading=90", "--record=record.csv"))]
+    return Input(words, f"{name}: {what}", data)
+
+
+CHECKPOINTS: Mapping[str, tuple[str, Words]] = {
+    "foot": ("foot-rest.csv", []),
+    "lagged": ("foot-rest.csv", ["--lag", "12"]),
+    "thigh": ("thigh-rest.csv", ["--mount", "pocket"]),
+}
+"""Rows that follow, and the options of the walk."""
+
+
+def make_checkpoint(store: Store, rng: Rng, folder: Path) -> Input:
+    """A checkpoint that is damaged, as bytes or in what it holds, with checks that are right."""
+    kind = draw(rng, list(CHECKPOINTS))
+    data = store.companion(f"{kind}.checkpoint")
+    path = folder / "walk.checkpoint"
+    if rng.random() < 0.3:
+        data, what = wrong.mutate_bytes(data, rng)
+        path.write_bytes(data)
+    else:
+        path.write_bytes(data)
+        records = [record for record, _ in read_records(path, VERSION)]
+        one = int(rng.integers(len(records)))
+        records[one], what = tamper(records[one], rng)
+        write_records(path, VERSION, records)
+    rest, words = CHECKPOINTS[kind]
+    given = ["stream", "-", "--checkpoint", path.name, "--every", "1e6", "--plots", "none", *words]
+    return Input(given, f"{kind}: {what}", store.companion(rest))
+
+
+def tamper(record: bytes, rng: Rng) -> tuple[bytes, str]:
+    """Change what a record holds (`fg_nav.online.packing`): its tree, the shapes of its arrays, or their numbers."""
+    behind = 8 + int.from_bytes(record[:8], "little")
+    head, numbers = json.loads(record[8:behind]), bytearray(record[behind:])
+    part = draw(rng, ("tree", "tree", "arrays", "numbers"))
+    if part == "numbers" and len(numbers) >= 8:
+        for _ in range(rng.integers(1, 4)):
+            at = 8 * int(rng.integers(len(numbers) // 8))
+            numbers[at : at + 8] = np.float64(draw(rng, NUMBERS)).tobytes()
+    else:
+        head[part if part != "numbers" else "tree"] = wrong.mutate_tree(head[part], rng)
+    try:
+        text = json.dumps(head).encode("utf-8", "replace")
+    except RecursionError:
+        text = b"[" * 1000 + b"]" * 1000
+    return len(text).to_bytes(8, "little") + text + bytes(numbers), part
+
+
+NUMBERS = (np.nan, np.inf, 0.0, -1.0, 1e300, -1e9, 5e-324)
+
+
+# --- companions ------------------------------------------------------------------------------------------------------
+
+
+def _make_companion(
+    name: str, words: Callable[[Rng], Words], change: Callable[[bytes, Rng], tuple[bytes, str]]
+) -> Callable[[Store, Rng, Path], Input]:
+    def make(store: Store, rng: Rng, folder: Path) -> Input:
+        (folder / "walk.csv").write_bytes(store.companion("walk.csv"))
+        data, what = change(store.companion(name), rng)
+        (folder / name).write_bytes(data)
+        return Input(["run", "walk.csv", *words(rng), "--plots", "none"], f"{name}: {what}")
+
+    return make
+
+
+def change_json(data: bytes, rng: Rng) -> tuple[bytes, str]:
+    """Change the tree of a JSON file, or its text."""
+    if rng.random() < 0.3:
+        return damage(data, rng)
+    try:
+        return json.dumps(wrong.mutate_tree(json.loads(data), rng)).encode("utf-8", "replace"), "tree"
+    except RecursionError:
+        return b"[" * 100_000, "nested"
+
+
+def _draw_truth(store: Store, rng: Rng, folder: Path) -> Input:
+    name = draw(rng, ("truth.tum", "footprints.csv"))
+    more = ["--alignment", draw(rng, ("yaw", "none", "origin", "se3"))]
+    return _make_companion(name, lambda rng: ["--truth", name, *_fast(rng), *more], damage)(store, rng, folder)
+
+
+def _fast(rng: Rng) -> Words:
+    return ["--method", draw(rng, ("iez", "iez", "smoother"))]
+
+
+def _graph(rng: Rng) -> Words:
+    return ["--method", draw(rng, ("smoother", "inertial", "online"))]
+
+
+def make_scenario(store: Store, rng: Rng, folder: Path) -> Input:
+    """A scenario file that is damaged, for the simulator."""
+    data, what = damage(store.companion("scenario.toml"), rng)
+    (folder / "scenario.toml").write_bytes(data)
+    return Input(["simulate", "scenario.toml", "--seed", str(rng.integers(100))], what, has_result=False)
+
+
+def make_options(store: Store, rng: Rng, folder: Path) -> Input:
+    """Words of the command line that cannot be meant."""
+    (folder / "walk.csv").write_bytes(store.companion("walk.csv"))
+    words: Words = ["--method", draw(rng, ("smoother", "iez", "online"))]
+    for _ in range(rng.integers(1, 4)):
+        name, values = draw(rng, list(OPTION_VALUES.items()))
+        words += [f"{name}={draw(rng, values)}"]
+    return Input(["run", "walk.csv", "--plots", "none", *words], " ".join(words)[:200])
+
+
+_NUMBERS_GIVEN = ("nan", "inf", "-inf", "1e300", "-1e300", "0", "-1", "1e-300", "x", "", "9" * 400, "45")
+OPTION_VALUES: Mapping[str, tuple[str, ...]] = {
+    "--heading": _NUMBERS_GIVEN,
+    "--rate": _NUMBERS_GIVEN,
+    "--mag-axes": ("x,y,z", "x,x,z", "-y,x,z", "x,y", "", ",,", "-x,-y,-z", "y,x,z", "--x,y,z", "x,y,z,x"),
+    "--columns": ("time=1,acc=2:3:4,gyr=5:6:7", "acc=2", "time=1[ms],acc=2:3:4[g],gyr=5:6:7[deg/s]", "=", "time=99",
+                  "time=1,acc=2:2:2,gyr=5:6:7", "time=-1,acc=0:0:0,gyr=5:6:7", "time=time_s[parsec]", "[", "a=b=c"),
+    "--set": ("smoother.magnetic.rounds=-1", "smoother.node_spacing_s=0", "smoother.node_spacing_s=1e300", "x=1",
+              "smoother.gravity=nan", "smoother.acc_density=0", "smoother.gyr_density_deg_s=1e300", "=", "smoother",
+              "detector.threshold=0", "detector.threshold=-1", "detector.threshold=1e300", "iez.x=1",
+              "smoother.acc_density=1e-300", "smoother.magnetic=3", "detector.window_s=0", "detector.window_s=1e9"),
+    "--format": ("canonical", "table", "pyshoe", "ros", "", "x"),
+    "--gate": ("qsf", "none", "x", ""),
+    "--preset": ("tuned", "physical", "as-printed", "x"),
+    "--sensor": ("", "x", "\0"),
+    "--mount": ("pocket", "foot", "x"),
+    "--known-distance": _NUMBERS_GIVEN,
+    "--step-constant": _NUMBERS_GIVEN,
+    "--fixes": ("missing.csv", ".", "walk.csv", "/dev/null"),
+    "--truth": ("missing.csv", ".", "walk.csv", "/dev/null"),
+    "--calibration": ("missing.json", ".", "walk.csv", "/dev/null"),
+    "--config": ("missing.json", ".", "walk.csv", "/dev/null"),
+}  # fmt: skip
+"""Words for options, most of which cannot be meant."""
+
+KINDS: Mapping[str, tuple[int, Callable[[Store, Rng, Path], Input]]] = {
+    "samples": (35, make_samples),
+    "format": (16, make_format),
+    "real": (7, make_real),
+    "stream": (12, make_stream),
+    "checkpoint": (9, make_checkpoint),
+    "truth": (4, _draw_truth),
+    "fixes": (4, _make_companion("fixes.csv", lambda rng: ["--fixes", "fixes.csv", *_graph(rng)], damage)),
+    "calibration": (
+        4,
+        _make_companion("sensor.json", lambda rng: ["--calibration", "sensor.json", *_fast(rng)], change_json),
+    ),
+    "config": (4, _make_companion("config.json", lambda rng: ["--config", "config.json"], change_json)),
+    "scenario": (2, make_scenario),
+    "options": (3, make_options),
+}
+"""Share of the campaign in percent, and what makes an input."""
+
+
+# --- running ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def prepare_process() -> None:
+    """Make this process one that runs cases: no more memory than `MEMORY_BYTES`, no processes of a walk's own."""
+    with suppress(ValueError):
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, resource.RLIM_INFINITY))
+    whole = follow.StreamOptions
+    # The answers of a walk that is solved again in this process are the same, and it needs no second to start.
+    follow.StreamOptions = lambda **given: whole(**{**given, "beside": False})  # type: ignore[assignment,misc]
+
+
+def run_case(case: Case, store: Store, keep: Path | None = None) -> Fate:
+    """Draw a case, run it, and judge its answer; its folder is kept where that is asked for."""
+    fate, rng = Fate(case), case.rng
+    folder = Path(tempfile.mkdtemp(prefix="fg-nav-fuzz-")) if keep is None else keep
+    folder.mkdir(exist_ok=True)
+    try:
+        given = KINDS[case.kind][1](store, rng, folder)
+        given.words += ["--out", "out"]
+        fate.what, fate.command = given.what, " ".join(["fg-nav", *given.words])
+        if given.stdin is not None and keep is not None:
+            (folder / "stdin").write_bytes(given.stdin)
+        _run(given, folder, fate)
+    finally:
+        if keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    return fate
+
+
+def _run(given: Input, folder: Path, fate: Fate) -> None:
+    began = time.process_time()
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        code, out, err = call(given.words, folder, given.stdin)
+    fate.seconds = time.process_time() - began
+    fate.faults += sorted({f"warning: {one.category.__name__}: {one.message}" for one in warned})
+    judge_answer(fate, code, out, err, folder / "out", given)
+
+
+def call(words: Words, folder: Path, stdin: bytes | None = None) -> tuple[int, str, str]:
+    """Call the entry point of the command line in a folder; its exit code and what it printed."""
+    out, err = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.StringIO()
+    before, arguments = Path.cwd(), sys.argv
+    os.chdir(folder)
+    sys.argv = ["fg-nav", *words]
+    try:
+        with redirect_stdout(out), redirect_stderr(err), feed(stdin):
+            cli.main()
+    except SystemExit as left:
+        code = left.code if isinstance(left.code, int) else 0 if left.code is None else 1
+    finally:
+        os.chdir(before)
+        sys.argv = arguments
+    out.flush()
+    return code, out.buffer.getvalue().decode("utf-8", "replace"), err.getvalue()  # type: ignore[attr-defined]
+
+
+@contextmanager
+def feed(stdin: bytes | None) -> Iterator[None]:
+    """Give these bytes on standard input, in pieces as a pipe does."""
+    if stdin is None:
+        yield
+        return
+    reading, writing = os.pipe()
+    before, sys.stdin = sys.stdin, os.fdopen(reading)
+    feeder = threading.Thread(target=_write_all, args=(writing, stdin), daemon=True)
+    feeder.start()
+    try:
+        yield
+    finally:
+        sys.stdin.close()  # the feeder, where it still writes, ends by that
+        sys.stdin = before
+        feeder.join()
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    with suppress(BrokenPipeError), os.fdopen(descriptor, "wb", buffering=0) as pipe:
+        for start in range(0, len(data), 50_000):
+            pipe.write(data[start : start + 50_000])
+
+
+# --- judging ---------------------------------------------------------------------------------------------------------
+
+USAGE = 2
+"""Exit code of words that the command line does not understand."""
+
+
+def judge_answer(fate: Fate, code: int, out: str, err: str, result: Path, given: Input) -> None:
+    """Say what became of a case and what is wrong with that."""
+    lines = [line for line in err.splitlines() if line.strip()]
+    fate.said = lines[-1].removeprefix("fg-nav: ") if lines else ""
+    if "Traceback" in err:
+        fate.faults.append(f"exception: {_last_frame(lines)}")
+    elif code == cli.EXIT_USER:
+        fate.outcome = "refused"
+        fate.faults += _judge_refusal(lines, result, given)
+    elif code == USAGE and fate.case.kind in ("options", "config"):
+        fate.outcome = "refused"
+    elif code != 0:
+        fate.faults.append(f"exit code {code}")
+    else:
+        fate.outcome = "accepted"
+        if given.has_result:
+            _judge_lines(fate, out)
+            _judge_result(fate, result)
+
+
+def _last_frame(lines: Words) -> str:
+    """The exception, and the last place of this package that it passed."""
+    places = [line.strip() for line in lines if line.lstrip().startswith("File ") and "/fg_nav/" in line]
+    raised = [line for line in lines if line and not line[0].isspace() and not line.startswith(("fg-nav", "Traceback"))]
+    where = places[-1].split("/fg_nav/")[-1].replace('", line ', ":").replace(", in ", " ") if places else "?"
+    return f"{raised[-1][:200] if raised else '?'} [{where}]"
+
+
+def _judge_refusal(lines: Words, result: Path, given: Input) -> Words:
+    faults = []
+    if not lines or not lines[-1].startswith("fg-nav: ") or (given.stdin is None and len(lines) != 1):
+        faults.append(f"refused in {len(lines)} lines: {' | '.join(lines)[:300]}")
+    if result.exists():
+        faults.append("a result of what was refused")
+    return faults
+
+
+def _judge_lines(fate: Fate, out: str) -> None:
+    for line in out.splitlines():
+        if line.startswith("{") and ("NaN" in line or "Infinity" in line):
+            fate.faults.append(f"not finite: line {line[:200]}")
+            return
+
+
+def _judge_result(fate: Fate, result: Path) -> None:
+    summary = json.loads((result / "summary.json").read_text())
+    fate.said = str(summary.get("verdict"))
+    path = np.loadtxt(result / "trajectory.tum", ndmin=2)
+    strides = pd.read_csv(result / "strides.csv")
+    fate.faults += [*_judge_numbers(path, strides), *_judge_summary(summary)]
+    if len(path) > 1 and fate.said != UNUSABLE:
+        fate.faults += _judge_motion(path, strides)
+
+
+def _judge_numbers(path: Floats, strides: pd.DataFrame) -> Iterator[str]:
+    numbers = strides.select_dtypes("number")
+    if not np.isfinite(path).all():
+        yield "not finite: trajectory.tum"
+    elif len(path) > 1 and (np.diff(path[:, 0]) <= 0).any():
+        yield "stamps do not rise: trajectory.tum"
+    for name in numbers.columns[~np.isfinite(numbers.to_numpy(dtype=float)).all(axis=0)]:
+        yield f"not finite: strides.csv, {name}"
+    for name in [name for name in numbers.columns if name.startswith("sigma")]:
+        # The first row is where coordinates begin, in a pocket without an error.
+        zero = (numbers[name] <= 0) & ((numbers.index > 0) | (numbers[name] < 0))
+        if zero.any():
+            yield f"sigma not above zero: strides.csv, {name}, row {int(np.argmax(zero))} of {len(numbers)}"
+
+
+def _judge_summary(summary: Mapping[str, Any]) -> Iterator[str]:
+    if summary.get("verdict") is None and "lag_s" not in summary:
+        yield "no verdict"
+    for name in ("distance_m", "duration_s"):
+        if summary.get(name) is None:
+            yield f"not finite: summary.json, {name}"
+
+
+def _judge_motion(path: Floats, strides: pd.DataFrame) -> Iterator[str]:
+    moves = np.linalg.norm(np.diff(path[:, 1:4], axis=0), axis=1)
+    fastest = float((moves / np.maximum(np.diff(path[:, 0]), LEAST_STEP_S)).max())
+    if fastest > FASTEST_M_S:
+        yield f"absurd: {fastest:.1f} m/s"
+    if len(strides) > 1:
+        longest = float(np.hypot(np.diff(strides["x_m"]), np.diff(strides["y_m"])).max())
+        if longest > LONGEST_STRIDE_M:
+            yield f"absurd: a stride of {longest:.1f} m"

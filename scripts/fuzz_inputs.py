@@ -1,0 +1,257 @@
+"""Clean inputs of the fuzz campaign: pieces of real and simulated walks, and the files that go with one.
+
+Each is made by whoever needs it first, and stored in a folder that all workers share. Recordings are rows (n, 10) of
+t s, acc m/s^2, gyr rad/s, mag uT, NaN where there is no sample; all else is bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+from online_fuzz import draw_walk
+from walks import LOOPS, gdin_path, gdlbio_path
+
+from fg_nav.arrays import Floats
+from fg_nav.calibration.of_recording import calibrate, write_calibration
+from fg_nav.io import read, write_canonical, write_tum
+from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.checkpoint import Checkpoint
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.pocket import PocketOptions, begin_walk
+from fg_nav.pipeline import navigate
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.report.files import write_run
+from fg_nav.truth import TrajectoryTruth
+
+LONGEST_S = 90.0
+"""Of a recording from which pieces are cut."""
+
+BASE_S, BASE_HZ, SAVED_S = 30.0, 100.0, 22.0
+"""The walk that companions and checkpoints are of: its duration, its rate, and when it was saved last."""
+
+SIMULATED = 8
+"""Random walks (`online_fuzz`)."""
+
+SCENARIO = b"""like = "office"
+field = "smooth"
+rests = "none"
+feet = "moving"
+magnets = [[1.5, 10.0, 0.0]]
+
+[course]
+points_m = [[0, 0], [0, 7], [6, 7]]
+corner_radius_m = 1.2
+laps = 1
+rest_s = 2.0
+pace = 1.0
+run = false
+
+[sensor]
+rate_hz = 100
+[sensor.gyr]
+noise_density = 1e-4
+"""
+
+
+def list_real(data: Path | None) -> dict[str, Path]:
+    """Return the real recordings from which pieces are cut, by name; none without their folder."""
+    if data is None:
+        return {}
+    vicon = sorted((data / "vicon").glob("*.mat"))[::9]
+    found = {
+        **{f"gdin {number}": gdin_path(data, number) for number in (15, 31, 43)},
+        **{f"gdlbio {number}": gdlbio_path(data, number) for number in (48, 52, 64)},
+        **{f"vicon {path.stem}": path for path in vicon},
+        **{name: data / place for name, place in LOOPS.items() if name in ("openshoe 13", "xio short")},
+        "ridi leg": data / "ridi_leg" / "zhicheng_leg2.csv",
+        "broad": data / "broad" / "24_disturbed_tapping_A.mat",
+    }
+    return {name: path for name, path in found.items() if path.exists()}
+
+
+class Store:
+    """Clean inputs in a folder; `data` holds the real recordings, None where they are not at hand."""
+
+    def __init__(self, folder: Path, data: Path | None) -> None:
+        self._folder, self._data, self._real = folder, data, list_real(data)
+        thighs = {"pocket-street": "thigh"}
+        self._simulated = {f"simulated {k}": partial(draw_random, k) for k in range(SIMULATED)}
+        self._simulated |= {name: partial(draw_scenario, scenario) for scenario, name in thighs.items()}
+
+    @property
+    def recordings(self) -> list[str]:
+        """Names of the recordings."""
+        return [*self._real, *self._simulated]
+
+    @property
+    def data(self) -> Path | None:
+        """Folder of the real recordings."""
+        return self._data
+
+    def rows(self, name: str) -> Floats:
+        """Return a recording by its name, as rows (n, 10)."""
+        path = self._folder / f"{name.replace(' ', '_')}.npy"
+        if not path.exists():
+            rows = rows_of(self._read(name) if name in self._real else self._simulated[name]())
+            write_whole(path, lambda fresh: np.save(fresh, rows))
+        return np.asarray(np.load(path))
+
+    def _read(self, name: str) -> Recording:
+        recording = read(self._real[name])
+        return recording.slice(0, int(np.searchsorted(recording.t, recording.t[0] + LONGEST_S)))
+
+    def companion(self, name: str) -> bytes:
+        """Return the file of this name that goes with the base walk; see `COMPANIONS`."""
+        path = self._folder / name
+        if not path.exists():
+            content = COMPANIONS[name](self._folder)
+            write_whole(path, lambda fresh: fresh.write_bytes(content))
+        return path.read_bytes()
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file that is there as a whole or not at all, whoever else writes it."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        fresh = Path(folder) / path.name
+        write(fresh)
+        os.replace(fresh, path)
+
+
+def draw_random(seed: int) -> Recording:
+    """Simulate a random walk."""
+    return draw_walk(seed, np.random.default_rng(seed))
+
+
+def draw_scenario(name: str) -> Recording:
+    """Simulate the first minute and a half of a scenario."""
+    whole = simulate(SCENARIOS[name], 1, Choices(rate_hz=BASE_HZ)).recording
+    return whole.slice(0, round(LONGEST_S * BASE_HZ))
+
+
+# --- the files that go with the base walk ----------------------------------------------------------------------------
+
+
+@cache
+def simulate_base() -> SimulatedWalk:
+    """Simulate the base walk."""
+    return simulate(SCENARIOS["demo"], 1, Choices(rate_hz=BASE_HZ))
+
+
+def base_recording() -> Recording:
+    """Return its recording."""
+    return simulate_base().recording.slice(0, round(BASE_S * BASE_HZ))
+
+
+def base_thigh() -> Recording:
+    """Return a recording in a pocket."""
+    return draw_scenario("pocket-street")
+
+
+def raw_of(rows: Floats) -> RawRecording:
+    """Rows (n, 10) as a recording that was not judged; without a magnetometer where it has no sample."""
+    mag = None if np.isnan(rows[:, 7:]).all() else rows[:, 7:]
+    return RawRecording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag, row=np.arange(2, len(rows) + 2))
+
+
+def _write_walk(folder: Path) -> bytes:
+    return _written(lambda path: write_canonical(raw_of(rows_of(base_recording())), path))
+
+
+def _write_rest(saved: Callable[[], Recording], folder: Path) -> bytes:
+    """A walk from somewhat before the last save on."""
+    rows = rows_of(saved())[round((SAVED_S - 1.0) * BASE_HZ) : round(BASE_S * BASE_HZ)]
+    return _written(lambda path: write_canonical(raw_of(rows), path))
+
+
+def _write_truth(folder: Path) -> bytes:
+    truth = base_recording().truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    t, position, nav_R_body = truth.t[::10], truth.position[::10], truth.nav_R_body[::10]
+    return _written(lambda path: write_tum(path, t, position, nav_R_body))
+
+
+def _write_footprints(folder: Path) -> bytes:
+    places = simulate_base().strides.footprint[:20]
+    rows = [f"{k},{place[0]:.3f},{place[1]:.3f}" for k, place in enumerate(places)]
+    return "\n".join(["stride,x_m,y_m", *rows, ""]).encode()
+
+
+def _write_fixes(folder: Path) -> bytes:
+    truth = base_recording().truth
+    assert isinstance(truth, TrajectoryTruth)
+    rows = [
+        f"{truth.t[k]:.2f},{x:.2f},{y:.2f},{'' if k % 900 else f'{z:.2f}'},0.3"
+        for k in range(300, 2900, 300)
+        for x, y, z in [truth.position[k] - truth.position[0]]
+    ]
+    return "\n".join(["time_s,x_m,y_m,z_m,sigma_m", *rows, ""]).encode()
+
+
+def _write_calibration(folder: Path) -> bytes:
+    walk = simulate(SCENARIOS["calibration-loop"], 1, Choices(rate_hz=BASE_HZ))
+    found = calibrate(walk.recording, "levelled").calibration
+    return _written(lambda path: write_calibration(path, found))
+
+
+def _write_config(folder: Path) -> bytes:
+    result = navigate(base_recording(), "smoother", heading_deg=10.0)
+    with tempfile.TemporaryDirectory() as name:
+        write_run(Path(name), result.walk, result.outcome, "none")
+        return (Path(name) / "config.json").read_bytes()
+
+
+def _write_checkpoint(options: OnlineOptions | PocketOptions, folder: Path) -> bytes:
+    """Two saves of the base walk, or of a thigh."""
+    rows = rows_of(base_thigh() if isinstance(options, PocketOptions) else base_recording())
+    navigator = begin_walk(options, lambda words: None)
+    navigator.source.update(header=HEADER, calibration=None, columns=None, mag_axes=None)
+    first, last = round(SAVED_S / 2 * BASE_HZ), round(SAVED_S * BASE_HZ)
+
+    def save(path: Path) -> None:
+        checkpoint = Checkpoint(path)
+        for part in (rows[:first], rows[first:last]):
+            navigator.push(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:])
+            checkpoint.write(checkpoint.collect(navigator))
+
+    return _written(save)
+
+
+def _written(write: Callable[[Path], object]) -> bytes:
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "file"
+        write(path)
+        return path.read_bytes()
+
+
+HEADER = [
+    "time_s",
+    *(f"acc_{axis}_m_s2" for axis in "xyz"),
+    *(f"gyr_{axis}_rad_s" for axis in "xyz"),
+    *(f"mag_{axis}_uT" for axis in "xyz"),
+]
+"""Of canonical rows."""
+
+FOOT, LAGGED = OnlineOptions(heading_rad=None), OnlineOptions(heading_rad=None, lag_s=12.0)
+
+COMPANIONS: dict[str, Callable[[Path], bytes]] = {
+    "walk.csv": _write_walk,
+    "foot-rest.csv": partial(_write_rest, base_recording),
+    "thigh-rest.csv": partial(_write_rest, base_thigh),
+    "truth.tum": _write_truth,
+    "footprints.csv": _write_footprints,
+    "fixes.csv": _write_fixes,
+    "sensor.json": _write_calibration,
+    "config.json": _write_config,
+    "scenario.toml": lambda folder: SCENARIO,
+    "foot.checkpoint": partial(_write_checkpoint, FOOT),
+    "lagged.checkpoint": partial(_write_checkpoint, LAGGED),
+    "thigh.checkpoint": partial(_write_checkpoint, PocketOptions(None)),
+}
+"""Clean files by name, and how each is made."""
