@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.compiled import njit
 
 SERIES_BELOW = 0.01
@@ -96,6 +96,24 @@ def strapdown(state: NavState, acc: Floats, gyr: Floats, h: float, gravity: floa
         R[i, 0], R[i, 1], R[i, 2] = r0 + t1 * wz - t2 * wy, r1 + t2 * wx - t0 * wz, r2 + t0 * wy - t1 * wx
     position[2] -= 0.5 * gravity * h * h
     velocity[2] -= gravity * h
+
+
+@njit(cache=True)
+def integrate_strides(
+    acc: Floats, gyr: Floats, h: Floats, start: Ints, stop: Ints, nav_R_body: Floats, bias: Floats, gravity: float
+) -> Floats:
+    """Velocity (K, 3) m/s after strides of samples `start` to `stop` (K,) that begin at rest.
+
+    `nav_R_body` (K or more, 3, 3) at their starts is moved on to their ends; `bias` (K or more, 3) rad/s is taken off.
+    """
+    count = len(start)
+    velocity, position, acc_bias = np.zeros((count, 3)), np.zeros(3), np.zeros(3)
+    turn, push = np.zeros((3, 3)), np.zeros(3)
+    for k in range(count):
+        state = NavState(position, velocity[k], nav_R_body[k], bias[k], acc_bias)
+        for i in range(start[k], stop[k]):
+            strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+    return velocity
 
 
 @njit(cache=True)

@@ -18,6 +18,7 @@ import numpy as np
 
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, compare
@@ -257,11 +258,14 @@ def find_stances(walk: Walk) -> Walk:
     ------
     EstimationError
         If the sensor is said to be on a foot and was clearly in a pocket.
+    RecordingError
+        If it is said to be on a foot, and its strides show other axes than those given.
     DetectionError
         Where there are no stances.
     """
     if walk.options.mount == "foot":
         refuse_pocket(walk.recording)
+        refuse_wrong_axes(walk.recording)
     detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
     return replace(walk, stances=detect_stances(walk.recording, detection), detection=detection)
 

@@ -19,11 +19,15 @@ turning              rad/s    0.8       1.2     rate in the stillest moment of a
 shaking              rad/s    0.3       0.9     the rate faster than 6 Hz in stances, where a shoe on the ground has
                                                 come to rest: twice as much is let pass in a run. Median
 no footfall          share    0.05      0.1     time in which the foot moved on without a stance where one was due:
-                                                after 1.6 usual swings, and 1.2 s
+                                                after 1.6 usual swings, and 1.2 s; 2 s in any case
 standing still       1/m      1/0.15    1/0.1   the median stride is shorter: no walk, or on the spot
-longest stride       m        3.5       7       a sprinter's is 4.7 m; a missed stance makes two of one
-speed                m/s      9         12      of the foot; a walking one reaches 6, a running one 9 to 12
+speed, longest       -        -         -       limits and why: `fg_nav.verdict.limits`; of all of the path,
+stride, height rate                             before the first and after the last footfall too
 climbing             m        0.5       1       height of a stride, of which one in twenty is above: stairs make 0.36
+gravity              share    0.03      0.08    by which the vertical force of a stride, from rest to rest, is not
+                                                that of gravity: of sensors 0.005 to 0.03. Median
+axes                 -        3         7       log of the odds of other axes of the gyroscope than those given
+                                                (`detection.handedness`); a recording is refused from the second on
 clipping             share    0.05      0.15    time in which a sensor is at the end of its range, of that in which the
                                                 foot swings: what is rebuilt there is a guess
 gyro bias            deg/s    1         3       of sensors that were calibrated once, 0.1 to 0.5
@@ -33,7 +37,7 @@ heading              deg      30        90      the solution's own sigma at the 
 hidden turning       sigma    2         3       of the heading, and 2 deg: what clipped peaks of the rate may hide of
                                                 the turning about up, one error in all peaks to the left and one in all
                                                 to the right; where neither field nor fixes show the heading
-position             share    0.1       0.3     the same over the distance, horizontally
+position             -        -         -       the same over the distance (`fg_nav.verdict.limits`)
 worn                 -        -         -       the turning is not that of a foot (`detection.mount`): names what it is
                                                 like; a thigh is of no use
 magnetometer         -        -         -       its axes contradict the gyroscope's: weight 0.8, as it is left out
@@ -41,52 +45,26 @@ height               sigma    -         -       the walk ends where it began, bu
                                                 weight 0.8 from 3 on, as it may be another floor
 ==================== ======== ========= ======= =====================================================================
 
-Of a sensor in a pocket only those count that need no footfalls.
+Of a sensor in a pocket only those count that need no footfalls, its speed and the sigmas of place and heading.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 from fg_nav.solution import Solution
-from fg_nav.verdict.seen import LIGHT, NAMING, NO_USE, Reason, Seen
-from fg_nav.verdict.signs import SIGNS, SIGNS_WITHOUT_FOOTFALLS, count_footfalls
+from fg_nav.verdict.reason import UNUSABLE, Verdict, Word, combine
+from fg_nav.verdict.seen import Seen
+from fg_nav.verdict.signs import SIGNS, SIGNS_IN_POCKET, SIGNS_WITHOUT_FOOTFALLS, count_footfalls
 from fg_nav.walk import Walk
 
-Word = Literal["trusted", "doubtful", "not to be used"]
-
-UNUSABLE: Word = "not to be used"
-
-MANY = 4.0
-"""Sum of the weights, of those of 1 and more, that spoils a path."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """The word, and what speaks against the path, the heaviest first; a trusted path may have light reasons."""
-
-    word: Word
-    reasons: tuple[str, ...]
+__all__ = ["UNUSABLE", "Verdict", "Word", "combine", "judge_path"]
 
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
     """Judge what a method made of a walk."""
     seen = Seen(walk, solution)
     if walk.options.mount == "pocket":
-        signs = SIGNS_WITHOUT_FOOTFALLS
+        signs = SIGNS_IN_POCKET
     else:
         signs = SIGNS if len(solution.stances) else (count_footfalls, *SIGNS_WITHOUT_FOOTFALLS)
     found = [reason for reason in (measure(seen) for measure in signs) if reason is not None]
     return combine(found)
-
-
-def combine(found: list[Reason]) -> Verdict:
-    """Combine reasons by their weight."""
-    heavy = sorted((reason for reason in found if reason.weight >= 1.0), key=lambda reason: -reason.weight)
-    light = [reason for reason in found if reason.weight in (LIGHT, NAMING)]
-    words = tuple(reason.words for reason in (*heavy, *light))
-    if not heavy:
-        return Verdict("trusted", tuple(reason.words for reason in light if reason.weight == LIGHT))
-    spoiled = heavy[0].weight >= NO_USE or sum(min(reason.weight, NO_USE) for reason in heavy) >= MANY
-    return Verdict(UNUSABLE if spoiled else "doubtful", words)

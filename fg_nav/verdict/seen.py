@@ -1,45 +1,23 @@
-"""What several signs need of a walk and its solution, and how what is measured becomes a reason."""
+"""What several signs need of a walk and its solution."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
+from fg_nav.arrays import Floats
+from fg_nav.detection.handedness import AxesEvidence, measure_axes
 from fg_nav.detection.mount import TurnSigns, measure_turning
 from fg_nav.estimators import WITH_FIXES
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
-from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.mechanisation import integrate_strides
 from fg_nav.solution import Solution
 from fg_nav.walk import Walk, ignores_field
 
-NO_USE = 2.0
-"""Weight of a sign that spoils a path alone."""
-
-LIGHT = 0.8
-"""Weight of a sign that makes no path doubtful, but is named."""
-
-NAMING = 0.0
-"""Weight of words that say what others may come from."""
-
-
-@dataclass(frozen=True)
-class Reason:
-    """A sign that was seen: its weight, and words with what was measured."""
-
-    weight: float
-    words: str
-
-
-def weigh(value: float, doubtful: float, no_use: float) -> float:
-    """Weight of a value: 1 at the first limit, 2 at the second, linear in the logarithm; nothing is as bad as NaN."""
-    if np.isnan(value):
-        return NO_USE
-    return 1.0 + float(np.log(max(value, 1e-12) / doubtful) / np.log(no_use / doubtful))
+SPAN_S = 0.1
+"""Over which the speed is taken from the places."""
 
 
 class Seen:
@@ -70,6 +48,25 @@ class Seen:
         return np.maximum.reduceat(speed[: sample[-1]], sample[:-1]) if len(sample) > 1 else np.zeros(0)
 
     @cached_property
+    def gravity(self) -> Floats:
+        """(K,) m/s^2, the mean force along the vertical in each stride, which begins and ends at rest."""
+        return np.asarray(GRAVITY_M_S2 + self.ends[0][:, 2] / np.diff(self.solution.stances.t))
+
+    @cached_property
+    def speed(self) -> Floats:
+        """(N,) m/s, of the whole path, by its velocity and by its places `SPAN_S` apart; the greater of the two."""
+        solution, over = self.solution, max(1, round(SPAN_S / self.recording.period_s))
+        speed = np.linalg.norm(solution.velocity, axis=1)
+        moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
+        speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
+        return speed
+
+    @cached_property
+    def axes(self) -> AxesEvidence:
+        """What strides show of the axes of gyroscope and accelerometer."""
+        return measure_axes(self.recording.t, self.recording.acc, self.recording.gyr)
+
+    @cached_property
     def swings(self) -> Floats:
         """(K,) s without a stance, from footfall to footfall."""
         stances, t = self.walk.stances, self.recording.t
@@ -88,7 +85,8 @@ class Seen:
         h = np.append(np.diff(self.recording.t), self.recording.period_s)
         attitude = np.array(table.nav_R_body, order="C")
         bias = np.ascontiguousarray(table.gyro_bias)
-        velocity = _integrate_strides(acc, gyr, h, table.sample, attitude, bias, GRAVITY_M_S2)
+        strides = table.sample[:-1], table.sample[1:]
+        velocity = integrate_strides(acc, gyr, h, *strides, attitude, bias, GRAVITY_M_S2)
         return velocity, attitude[: len(velocity), 2]
 
     @property
@@ -108,18 +106,3 @@ class Seen:
     def turning(self) -> TurnSigns:
         """How the sensor turns."""
         return measure_turning(self.recording)
-
-
-@njit(cache=True)
-def _integrate_strides(
-    acc: Floats, gyr: Floats, h: Floats, sample: Ints, nav_R_body: Floats, bias: Floats, gravity: float
-) -> Floats:
-    """Velocity (K, 3) after each stride that begins at rest; the attitudes (K, 3, 3) are taken along."""
-    count = len(sample) - 1
-    velocity, position, acc_bias = np.zeros((count, 3)), np.zeros(3), np.zeros(3)
-    turn, push = np.zeros((3, 3)), np.zeros(3)
-    for k in range(count):
-        state = NavState(position, velocity[k], nav_R_body[k], bias[k], acc_bias)
-        for i in range(sample[k], sample[k + 1]):
-            strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
-    return velocity

@@ -7,11 +7,23 @@ from collections.abc import Callable
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.handedness import DECISIVE
 from fg_nav.detection.mount import remove_fast
-from fg_nav.verdict.seen import LIGHT, NAMING, NO_USE, Reason, Seen, weigh
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.verdict.limits import (
+    find_height_rate,
+    judge_height_rate,
+    judge_lost_time,
+    judge_position,
+    judge_speed,
+    judge_stride,
+)
+from fg_nav.verdict.reason import LIGHT, NAMING, NO_USE, Reason, weigh
+from fg_nav.verdict.seen import Seen
 
-DUE_SWINGS, DUE_S = 1.6, 1.2
-"""A stance is due when a swing has lasted for so many usual ones, and so long."""
+DUE_SWINGS, DUE_S, LATEST_S = 1.6, 1.2, 2.0
+"""A stance is due when a swing has lasted for so many usual ones, and so long; and at the latest then, for where most
+stances were missed no swing is usual."""
 
 MOVING_RAD_S = 1.0
 """A foot that turns by less is not in a swing; on average over the time before or behind all footfalls."""
@@ -71,14 +83,13 @@ def measure_time_without_footfall(seen: Seen) -> Reason | None:
     stances, t = seen.walk.stances, seen.recording.t
     if len(stances) == 0:
         return None
-    due_s = max(DUE_S, DUE_SWINGS * _median(seen.swings)) if len(seen.swings) else DUE_S
+    due_s = float(np.clip(DUE_SWINGS * _median(seen.swings), DUE_S, LATEST_S)) if len(seen.swings) else DUE_S
     rate = np.linalg.norm(seen.recording.gyr, axis=1)
     ends = [np.s_[: stances.start[0]], np.s_[stances.stop[-1] :]]
     outside = [float(np.ptp(t[end])) for end in ends if len(t[end]) and rate[end].mean() > MOVING_RAD_S]
     missed = np.concatenate([seen.swings, outside])
     lost_s = float(missed[missed > due_s].sum())
-    share = lost_s / seen.recording.duration_s
-    return Reason(weigh(share, 0.05, 0.1), f"{lost_s:.1f} s of motion without a footfall: strides were missed")
+    return judge_lost_time(lost_s, seen.recording.duration_s)
 
 
 def measure_clipping(seen: Seen) -> Reason | None:
@@ -166,14 +177,42 @@ def measure_stride(seen: Seen) -> Reason | None:
 
 def measure_longest_stride(seen: Seen) -> Reason | None:
     """A stride longer than a foot makes."""
-    longest = float(seen.lengths.max(initial=0.0))
-    return Reason(weigh(longest, 3.5, 7.0), f"a stride of {longest:.1f} m: stances were missed, or it drifted")
+    if not len(seen.strides):
+        return None
+    length = np.linalg.norm(seen.strides, axis=1)
+    longest = _find_worst(length)
+    return judge_stride(float(length[longest]), float(seen.solution.stances.t[longest + 1]))
 
 
 def measure_speed(seen: Seen) -> Reason | None:
-    """A speed that no foot has."""
-    fastest = float(seen.fastest.max(initial=0.0))
-    return Reason(weigh(fastest, 9.0, 12.0), f"the foot reaches {fastest:.0f} m/s")
+    """A speed that no foot has, anywhere on the path."""
+    fastest = _find_worst(seen.speed)
+    return judge_speed(float(seen.speed[fastest]), float(seen.solution.t[fastest]))
+
+
+def _find_worst(values: Floats) -> int:
+    """Index of the largest; of the first that is NaN, if one is."""
+    return int(np.argmax(np.where(np.isnan(values), np.inf, values)))
+
+
+def measure_height_rate(seen: Seen) -> Reason | None:
+    """A height that changes faster than on stairs, for long."""
+    table = seen.solution.stances
+    return judge_height_rate(*find_height_rate(table.t, table.position[:, 2]))
+
+
+def measure_gravity(seen: Seen) -> Reason | None:
+    """The vertical force from rest to rest that is not gravity's."""
+    if not len(seen.strides):
+        return None
+    gravity = _median(seen.gravity)
+    words = f"gravity is {gravity:.2f} m/s^2 in the strides, not {GRAVITY_M_S2:.2f}: the accelerometer's scale or unit"
+    return Reason(weigh(abs(gravity / GRAVITY_M_S2 - 1.0), 0.03, 0.08), words)
+
+
+def contradict_axes(seen: Seen) -> Reason | None:
+    """Axes of the gyroscope that are not the accelerometer's."""
+    return Reason(weigh(seen.axes.against, 3.0, DECISIVE), seen.axes.problem)
 
 
 def measure_climbing(seen: Seen) -> Reason | None:
@@ -218,10 +257,7 @@ def measure_position_sigma(seen: Seen) -> Reason | None:
     table = seen.solution.stances
     if len(table) < 2:
         return None
-    sigma = float(np.hypot(*table.position_sigma[-1, :2]))
-    distance = max(float(seen.lengths.sum()), 1.0)
-    words = f"the end is known to {sigma:.1f} m only, after {distance:.0f} m"
-    return Reason(weigh(sigma / distance, 0.1, 0.3), words)
+    return judge_position(float(np.hypot(*table.position_sigma[-1, :2])), float(seen.lengths.sum()))
 
 
 def compare_heights(seen: Seen) -> Reason | None:
@@ -252,6 +288,8 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
     name_wearing,
 )
 
+SIGNS_IN_POCKET = (measure_speed, measure_heading_sigma, measure_position_sigma, *SIGNS_WITHOUT_FOOTFALLS)
+
 SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     count_footfalls,
     measure_velocity_closure,
@@ -264,6 +302,9 @@ SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     measure_longest_stride,
     measure_speed,
     measure_climbing,
+    measure_height_rate,
+    measure_gravity,
+    contradict_axes,
     measure_bias,
     measure_heading_sigma,
     measure_hidden_turning,

@@ -14,12 +14,16 @@ from fg_nav.recording import RawRecording, Recording
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix
 from fg_nav.verdict import Verdict, combine, judge_path
-from fg_nav.verdict.seen import LIGHT, NAMING, Reason, Seen, weigh
+from fg_nav.verdict.limits import find_height_rate
+from fg_nav.verdict.reason import LIGHT, NAMING, Reason, weigh
+from fg_nav.verdict.seen import Seen
 from fg_nav.verdict.signs import (
     compare_heights,
+    contradict_axes,
     count_open_strides,
     measure_bias,
     measure_clipping,
+    measure_gravity,
     measure_hidden_turning,
     measure_tilt_closure,
     measure_time_without_footfall,
@@ -297,3 +301,65 @@ def test_a_recording_that_was_moved_by_hand_is_not_to_be_used() -> None:
     noise = np.random.default_rng(1).normal(0.0, 0.01, (len(t), 3))
     by_hand = Recording(t, nav_R_body.inv().apply([0.0, 0.0, 9.80665]) + noise, gyr + 0.1 * noise)
     assert judged(by_hand).word == "not to be used"
+
+
+# --- limits of a person ----------------------------------------------------------------------------------------------
+
+
+def test_a_path_that_runs_off_before_or_behind_all_footfalls_is_not_to_be_used() -> None:
+    walk, solution = good().walk, good().solution
+    for sample in (3, -3):
+        velocity, position = solution.velocity.copy(), solution.position.copy()
+        velocity[sample, 0] = 12.5
+        position[sample:] += [2.0, 0.0, 0.0]
+        for spoiled in (replace(solution, velocity=velocity), replace(solution, position=position)):
+            found = judge_path(walk, spoiled)
+            assert found.word == "not to be used"
+            (words,) = (reason for reason in found.reasons if "the foot reaches" in reason)
+            assert float(words.split(" at ")[1].split()[0]) == pytest.approx(demo().t[sample], abs=0.15)
+
+
+def test_a_stride_of_three_metres_is_not_to_be_used_and_says_when() -> None:
+    walk, solution = good().walk, good().solution
+    table = solution.stances
+    position = table.position.copy()
+    position[7:] += (3.01 - np.linalg.norm(position[7] - position[6])) * np.array([0.0, 0.0, 1.0])
+    position[7] = position[6] + [0.0, 3.01, 0.0]
+    found = judge_path(walk, replace(solution, stances=replace(table, position=position)))
+    assert found.word == "not to be used"
+    assert any(f"a stride of 3.0 m, at {table.t[7]:.1f} s" in reason for reason in found.reasons)
+
+
+def test_height_that_changes_like_in_a_fall_for_ten_seconds() -> None:
+    t = np.arange(0.0, 40.0, 1.2)
+    assert find_height_rate(t, 0.4 * t)[0] == pytest.approx(0.4)
+    jump = np.where(t > 20.0, 4.0, 0.0)
+    assert find_height_rate(t, jump)[0] < 0.4
+    rate, when = find_height_rate(t, np.where(t > 20.0, 1.6 * (t - 20.0), 0.0))
+    assert rate == pytest.approx(1.6)
+    assert when > 30.0
+    assert find_height_rate(t[:3], 9.0 * t[:3])[0] == 0.0
+
+
+def test_a_scale_of_the_accelerometer_shows_in_the_strides() -> None:
+    for scale, low, high in ((1.0, -10.0, 0.5), (1.04, 1.0, 2.0), (0.9, 2.0, 9.0)):
+        seen = Seen(replace(good().walk, recording=samples(acc=scale * demo().acc)), good().solution)
+        assert low < measure_gravity(seen).weight < high
+        assert np.median(seen.gravity) == pytest.approx(scale * np.median(good().gravity), rel=0.02)
+
+
+def test_swings_without_end_are_none_though_they_are_the_usual_ones() -> None:
+    """Two footfalls in a minute of walking: the median swing is half a minute."""
+    walk, solution = good().walk, good().solution
+    kept = np.isin(walk.stances.footfall, [0, 30, 59])
+    stances = replace(walk.stances, start=walk.stances.start[kept], stop=walk.stances.stop[kept],
+                      footfall=np.searchsorted([0, 30, 59], walk.stances.footfall[kept]))  # fmt: skip
+    assert measure_time_without_footfall(Seen(replace(walk, stances=stances), solution)).weight > 2
+
+
+def test_wrong_axes_spoil_a_path_of_any_method() -> None:
+    mirrored = replace(good().walk, recording=samples(gyr=-demo().gyr))
+    reason = contradict_axes(Seen(mirrored, good().solution))
+    assert reason.weight > 2
+    assert "negate gyr" in reason.words
+    assert contradict_axes(good()).weight < 1

@@ -1,0 +1,68 @@
+"""Limits that no person on foot passes, and the words for what does: of a path at its end, and of each line online.
+
+============== ======= ========= ======= ==============================================================================
+quantity       unit    doubtful  no use  what it rests on
+============== ======= ========= ======= ==============================================================================
+speed          m/s     9         12      of the foot; a walking one reaches 6, a running one 9 to 12
+stride         m       2.6       3       from footfall to footfall: 1.5 walked, 2.5 run; a missed stance doubles one
+height rate    m/s     0.8       1.5     over 10 s and more: 0.5 is to run up stairs, 1 to run down
+position       share   0.1       0.3     its own sigma at the end over the distance, horizontally
+time           share   0.05      0.1     in which the foot moved on without a footfall where one was due
+============== ======= ========= ======= ==============================================================================
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.verdict.reason import Reason, weigh
+
+SPEED_M_S = 9.0, 12.0
+STRIDE_M = 2.6, 3.0
+HEIGHT_RATE_M_S = 0.8, 1.5
+POSITION_SHARE = 0.1, 0.3
+LOST_SHARE = 0.05, 0.1
+
+CLIMBED_S = 10.0
+"""Over which the height rate is measured: a jump, or a pole slid down, is shorter."""
+
+
+def judge_speed(speed: float, t: float) -> Reason:
+    """Judge the highest speed, m/s, at time t, s."""
+    return Reason(weigh(speed, *SPEED_M_S), f"the foot reaches {speed:.0f} m/s, at {t:.1f} s")
+
+
+def judge_stride(length: float, t: float) -> Reason:
+    """Judge the longest stride, m, that ends at time t, s."""
+    words = f"a stride of {length:.1f} m, at {t:.1f} s: stances were missed, or it drifted"
+    return Reason(weigh(length, *STRIDE_M), words)
+
+
+def judge_height_rate(rate: float, t: float) -> Reason:
+    """Judge the highest rate of the height, m/s, over `CLIMBED_S` up to time t, s."""
+    words = f"it climbs or falls by {rate:.1f} m/s for {CLIMBED_S:.0f} s and more, up to {t:.1f} s"
+    return Reason(weigh(rate, *HEIGHT_RATE_M_S), words)
+
+
+def judge_position(sigma: float, distance: float) -> Reason:
+    """Judge the sigma of the end, m, after a distance, m."""
+    words = f"the end is known to {sigma:.1f} m only, after {distance:.0f} m"
+    return Reason(weigh(sigma / max(distance, 1.0), *POSITION_SHARE), words)
+
+
+def judge_lost_time(lost_s: float, duration_s: float) -> Reason:
+    """Judge the time without a footfall, s, of a recording, s."""
+    words = f"{lost_s:.1f} s of motion without a footfall: strides were missed"
+    return Reason(weigh(lost_s / max(duration_s, 1e-9), *LOST_SHARE), words)
+
+
+def find_height_rate(t: Floats, height: Floats) -> tuple[float, float]:
+    """Highest rate, m/s, of a height (K,) m at stamps (K,) s over the first that is `CLIMBED_S` back, and when."""
+    since = np.searchsorted(t, t - CLIMBED_S, side="right") - 1
+    known = since >= 0
+    if not known.any():
+        return 0.0, float(t[-1]) if len(t) else 0.0
+    rate = np.abs(height[known] - height[since[known]]) / (t[known] - t[since[known]])
+    worst = int(np.argmax(rate))
+    return float(rate[worst]), float(t[known][worst])
