@@ -16,6 +16,7 @@ A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` i
 wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility`)
 stamps that repeat or fall      spread, sorted, set on, or left out, with a note (`fg_nav.samples.stamps`)
 missing (non-finite) samples    left out, with a note; refused if they are many
+bad samples of acc or gyr       left out where those around exclude them, with a note (`fg_nav.samples.outliers`)
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
 magnetometer without a sample   no magnetometer
 =============================== =======================================================================
@@ -37,6 +38,7 @@ from fg_nav.columns.samples import Samples
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
+from fg_nav.samples.outliers import find_outliers, note_outliers
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import remove_jitter
@@ -276,13 +278,18 @@ def _admit(raw: RawRecording) -> Recording:
     _check_count(len(kept))
     missing = _judge_missing(raw, find_usable_samples(raw), int(kept.min()), int(kept.max()))
     t, remarks = _even_stamps(found.t)
-    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks]
+    outliers = find_outliers(t, raw.acc[kept], raw.gyr[kept])
+    told = note_outliers(outliers, t, raw.row[kept])
+    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks, *told]
+    truth, good = _move_to_clock(raw.truth, raw.t[kept], t), ~outliers.any
+    kept, t = kept[good], t[good]
+    _check_count(len(kept))
     return Recording(
         t=t,
         acc=raw.acc[kept],
         gyr=raw.gyr[kept],
         mag=_clean_magnetometer(raw, kept),
-        truth=_move_to_clock(raw.truth, raw.t[kept], t),
+        truth=truth,
         provenance=replace(raw.provenance, notes=tuple(notes)),
     )
 
@@ -359,10 +366,10 @@ def _note_gaps(raw: RawRecording, kept: Ints, t: Floats) -> list[str]:
 
 
 def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
-    """Magnetometer with whole rows only: a row with one bad axis is no sample. None if there is no sample."""
+    """Magnetometer with whole rows only: one with a bad axis is no sample, nor one of zeros. None if there is none."""
     if raw.mag is None:
         return None
     mag = raw.mag[kept]
-    senseless = ~(np.abs(mag) < plausibility.LIMIT_UT)
-    mag[senseless.any(axis=1)] = np.nan
+    senseless = ~(np.abs(mag) < plausibility.LIMIT_UT).all(axis=1) | ~mag.any(axis=1)
+    mag[senseless] = np.nan
     return None if np.isnan(mag).all() else mag

@@ -1,0 +1,202 @@
+"""Bad samples: what a sensor on a person cannot have read between what it read before and after.
+
+A bit that flips, a byte that is lost, a connector that shakes: a sample or a few stand far off, and those around go on
+as if nothing had been. One sample of 30 rad/s at 200 Hz turns all that follows by 8 deg.
+
+A run of `LONGEST` samples or fewer leaves and returns where its first and its last one are both off by more than the
+samples around allow. Off: the least of what it differs by from the sample next to the run, from the line between the
+two next to it, and from the curve of third order through the four next to it. How well one can foresee a motion shows
+on either side of the run: with c the largest second difference, x_j - (x_j-1 + x_j+1) / 2, of gyroscope or
+accelerometer among the `AROUND` samples before and as many behind, what they allow is
+
+    gyroscope        f (1 rad/s + 2 c_gyr + c_acc 0.1 rad/s / (m/s^2))
+    accelerometer    f (20 m/s^2 + 6 c_acc)
+
+since a shoe that is struck turns, and its accelerometer tells. With a sample every T s f = 2.2 sqrt(T / 5 ms), and no
+less than 2.2; where samples are missing it is larger by the square of how much longer the run with its neighbors lasts.
+No sample of the real recordings at hand, of feet, legs and hands at 50 to 400 Hz, is found before f is lowered to 0.75
+of that (`scripts/sample_faults.py clean`).
+
+A run is sought from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD` samples later.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.text import format_count
+
+LONGEST = 6
+"""Samples of a run; a longer one is a motion, or a sensor that has failed."""
+
+AROUND = 4
+"""Samples on either side that show how shaken the motion is; two less than `LONGEST`, so that two runs which are near
+each other are either one run, or not in what is around the other."""
+
+LOOK_AHEAD = LONGEST + AROUND + 1
+"""Samples that must be there behind one at which a run may begin."""
+
+FACTOR = 2.2
+PERIOD_S = 5e-3
+"""f up to this period: twice what the recordings of 190 Hz and more need."""
+
+GYR_RAD_S, GYR_SHAKEN, GYR_STRUCK = 1.0, 2.0, 0.1
+ACC_M_S2, ACC_SHAKEN = 20.0, 6.0
+
+ACC_OUT, GYR_OUT = 1, 2
+"""Of which sensor a run was found; the sum where it is of both."""
+
+
+class Outliers(NamedTuple):
+    """Which samples (N,) the accelerometer and the gyroscope cannot have read."""
+
+    acc: Bools
+    gyr: Bools
+
+    @property
+    def any(self) -> Bools:
+        """Those of either."""
+        return np.asarray(self.acc | self.gyr)
+
+
+def find_outliers(t: Floats, acc: Floats, gyr: Floats, factor: float = FACTOR) -> Outliers:
+    """Find bad samples among specific forces and rates (N, 3), m/s^2 and rad/s, at rising stamps (N,) s.
+
+    `factor` is f up to `PERIOD_S`; a smaller one shows how near to it the samples of a recording come.
+    """
+    found, _ = scan_outliers(t, np.hstack([acc, gyr]), 0, True, factor)
+    return Outliers((found & ACC_OUT) > 0, (found & GYR_OUT) > 0)
+
+
+def note_outliers(found: Outliers, t: Floats, row: Ints) -> list[str]:
+    """Say which samples (N,) are left out as bad, by stamps and rows (N,); nothing where there are none."""
+    number = int(found.any.sum())
+    if not number:
+        return []
+    sensors = [name for name, bad in (("gyroscope", found.gyr), ("accelerometer", found.acc)) if bad.any()]
+    first = int(np.argmax(found.any))
+    where = f"row {row[first]} (t = {t[first]:.3f} s)"
+    words = f"{format_count(number, 'bad sample')} of the {' and '.join(sensors)}"
+    return [f"left out {words}, far off what the samples around allow, the first in {where}"]
+
+
+@njit(cache=True)
+def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float = FACTOR) -> tuple[Ints, int]:
+    """Judge the samples x (N, 6), acc and gyr, from `begin` on, behind good ones; what is found (N,), and up to where.
+
+    Unless it is `at_end`, a sample at which a run may begin is judged once `LOOK_AHEAD` samples are behind it.
+    """
+    count = len(x)
+    found = np.zeros(count, np.int64)
+    good = np.arange(max(begin, AROUND + 1))  # the last of them, up to the place `last`
+    last = begin
+    kept = np.empty(count + len(good), np.int64)
+    kept[:last] = good[:last]
+    i = begin
+    while i < count:
+        # Most samples go on from the one before.
+        if last > 0 and not _leaves(x[kept[last - 1]], x[i], factor):
+            kept[last] = i
+            last += 1
+            i += 1
+            continue
+        if i + LOOK_AHEAD >= count and not at_end:
+            break
+        # A run that leaves here and returns?
+        length, which = _find_run(t, x, kept[max(last - AROUND - 1, 0) : last], i, factor)
+        for j in range(i, i + length):
+            found[j] = which
+        if length == 0:
+            kept[last] = i
+            last += 1
+        i += max(length, 1)
+    return found, i
+
+
+@njit(cache=True)
+def _leaves(before: Floats, after: Floats, factor: float) -> bool:
+    """Whether a step is larger than the least that is allowed anywhere."""
+    for axis in range(6):
+        least = ACC_M_S2 if axis < 3 else GYR_RAD_S
+        if abs(after[axis] - before[axis]) > factor * least:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tuple[int, int]:
+    """Length of the shortest run that begins with sample i, behind good ones, and of which sensor it is."""
+    shaken = _measure_shaking(x, before)
+    for length in range(1, LONGEST + 1):
+        behind = np.arange(i + length, min(i + length + AROUND + 1, len(x)))
+        if len(behind) < 2:
+            return 0, 0
+        acc, gyr = np.maximum(shaken, _measure_shaking(x, behind))
+        f = factor * _find_coarseness(t, before, behind, length)
+        which = 0
+        if _measure_run(x, before, behind, i, 0) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
+            which += ACC_OUT
+        if _measure_run(x, before, behind, i, 3) > f * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc):
+            which += GYR_OUT
+        if which:
+            return length, which
+    return 0, 0
+
+
+@njit(cache=True)
+def _measure_shaking(x: Floats, samples: Ints) -> Floats:
+    """Largest second difference of acc and of gyr, of any axis, among some samples that follow each other."""
+    largest = np.zeros(2)
+    for j in range(1, len(samples) - 1):
+        for axis in range(6):
+            middle = (x[samples[j - 1], axis] + x[samples[j + 1], axis]) / 2
+            largest[axis // 3] = max(largest[axis // 3], abs(x[samples[j], axis] - middle))
+    return largest
+
+
+@njit(cache=True)
+def _find_coarseness(t: Floats, before: Ints, behind: Ints, length: int) -> float:
+    """By how much f is larger for a run of this length between samples before and behind it."""
+    steps = np.concatenate((np.diff(t[before]), np.diff(t[behind])))
+    period = float(np.median(steps))
+    stretch = 1.0
+    if len(before):
+        stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
+    return max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2
+
+
+@njit(cache=True)
+def _measure_run(x: Floats, before: Ints, behind: Ints, i: int, first_axis: int) -> float:
+    """By how much both ends of a run are off that begins with sample i, on the worst of three axes each."""
+    most_first, most_last = 0.0, 0.0
+    for axis in range(first_axis, first_axis + 3):
+        first, last = x[i, axis], x[behind[0] - 1, axis]
+        right = x[behind[0], axis]
+        if len(before) == 0:  # a run at the very beginning
+            most_first, most_last = max(most_first, abs(first - right)), max(most_last, abs(last - right))
+            continue
+        left, width = x[before[-1], axis], behind[0] - i + 1.0
+        off_first = min(abs(first - left), abs(first - (left + (right - left) / width)))
+        off_last = min(abs(last - right), abs(last - (right + (left - right) / width)))
+        if len(before) > 1:
+            left2, right2 = x[before[-2], axis], x[behind[1], axis]
+            off_first = min(off_first, abs(first - _interpolate(left2, left, right, right2, width)))
+            off_last = min(off_last, abs(last - _interpolate(right2, right, left, left2, width)))
+        most_first, most_last = max(most_first, off_first), max(most_last, off_last)
+    return min(most_first, most_last)
+
+
+@njit(cache=True)
+def _interpolate(near2: float, near: float, far: float, far2: float, width: float) -> float:
+    """Third order through samples at -1, 0, `width` and `width` + 1, at 1."""
+    w = width
+    return (
+        near2 * (1 - w) * -w / ((-1) * (-1 - w) * (-2 - w))
+        + near * 2 * (1 - w) * -w / (-w * (-w - 1))
+        + far * 2 * -w / ((w + 1) * w * -1)
+        + far2 * 2 * (1 - w) / ((w + 2) * (w + 1))
+    )

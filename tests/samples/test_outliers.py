@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.samples.outliers import AROUND, LONGEST, find_outliers
+
+PERIOD_S = 0.005
+N = 600
+STANDS = 450
+"""From then on."""
+STRUCK = range(200, 210)
+"""A heel strikes: 100 m/s^2 within two samples, and the shoe rings."""
+
+
+def striding() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stamps, forces and rates of a foot that swings at up to 8 rad/s, and strikes once."""
+    t = PERIOD_S * np.arange(N)
+    rng = np.random.default_rng(1)
+    swing = np.where(np.arange(N) < STANDS, np.sin(2 * np.pi * np.arange(N) / 200), 0.0)[:, None]
+    gyr = 8 * swing * [0.1, 1.0, 0.2] + rng.normal(0, 0.02, (N, 3))
+    acc = [0, 0, GRAVITY_M_S2] + 15 * swing * [1, 0, 0.5] + rng.normal(0, 0.2, (N, 3))
+    ring = np.exp(-0.25 * np.arange(len(STRUCK))) * np.cos(1.2 * np.arange(len(STRUCK)))
+    acc[STRUCK, 2] += 100 * ring
+    gyr[STRUCK, 1] += 4 * ring
+    return t, acc, gyr
+
+
+def test_a_heel_that_strikes_is_no_bad_sample():
+    assert not find_outliers(*striding()).any.any()
+
+
+@pytest.mark.parametrize("at", [0, 1, 30, 100, 199, 201, 206, 400, N - 3])
+@pytest.mark.parametrize("length", [1, 5])
+def test_far_samples_are_found_wherever_they_are_and_no_others(at, length):
+    t, acc, gyr = striding()
+    gyr[at : at + length, 2] += 100.0
+    found = find_outliers(t, acc, gyr)
+    expected = np.arange(N)[at : at + length] if at + length <= N - 2 else []
+    assert np.flatnonzero(found.gyr[1:]).tolist() == [i - 1 for i in expected if i]  # the first may be either
+    assert not found.acc.any()
+
+
+def test_what_lasts_longer_than_a_run_is_a_motion():
+    t, acc, gyr = striding()
+    gyr[100 : 100 + LONGEST + AROUND, 0] += 30.0
+    assert not find_outliers(t, acc, gyr).any.any()
+
+
+def test_two_bad_samples_near_each_other_are_found_at_any_distance():
+    for apart in range(1, 15):
+        t, acc, gyr = striding()
+        acc[[350, 350 + apart], 1] = 300.0, -300.0
+        found = np.flatnonzero(find_outliers(t, acc, gyr).acc)
+        assert {350, 350 + apart} <= set(found.tolist()) <= set(range(350, 351 + apart))
+
+
+def test_a_recording_leaves_bad_samples_out_and_says_which():
+    t, acc, gyr = striding()
+    gyr[300, 0] = 30.0
+    acc[400:403, 1] = -400.0
+    mag = np.tile([20.0, 0.0, -40.0], (N, 1))
+    mag[500] = 0.0
+    recording = Recording.from_raw(RawRecording(t, acc, gyr, np.arange(1, N + 1) + 1, mag))
+    np.testing.assert_array_equal(np.flatnonzero(np.isin(t, recording.t, invert=True)), [300, 400, 401, 402])
+    words = "left out 4 bad samples of the gyroscope and accelerometer, far off what the samples around allow"
+    assert recording.provenance.notes == (f"{words}, the first in row 302 (t = 1.500 s)",)
+    assert np.isnan(recording.mag[recording.t == t[500]]).all()
+    assert recording.gaps.sample.tolist() == [299, 398]
