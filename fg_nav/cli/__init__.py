@@ -12,8 +12,10 @@ from __future__ import annotations
 import gc
 import io
 import json
+import os
 import sys
 import traceback
+from contextlib import suppress
 from typing import Annotated, NoReturn
 
 import typer
@@ -40,6 +42,7 @@ for group in (walks, sensors, live, laboratory):  # in the order of the help
 def main() -> NoReturn:
     """Run the command line and exit."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    _open_outputs()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug
     try:
@@ -67,11 +70,23 @@ def _program(version: Annotated[bool, typer.Option("--version", help="Show the v
         raise typer.Exit
 
 
+def _open_outputs() -> None:
+    """Lead standard streams that are closed nowhere: the next file that is opened would take the place of one."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
+
+
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
 def _leave(words: str, code: int) -> NoReturn:
     as_json = "--json" in sys.argv[1:]  # the command line may have failed before it was understood
-    print(json.dumps({"error": words}) if as_json else f"fg-nav: {words}", file=sys.stderr)  # noqa: T201
+    with suppress(OSError):  # the terminal may be gone
+        print(json.dumps({"error": words}) if as_json else f"fg-nav: {words}", file=sys.stderr)  # noqa: T201
     sys.exit(code)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fg_nav.errors import MagneticError, OutputError, SimulationError
-from fg_nav.report.folder import RESULT_FILES, check_free, claim_folder, result_folder
+from fg_nav.report.folder import RESULT_FILES, claim_folder, fill_folder, hold_folder
 from fg_nav.report.terminal import progress
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class Answer:
 
 @dataclass
 class Target:
-    """The folder of a result; it is checked at once, and made when the result is there.
+    """The folder of a result, to be entered before the work: it is checked, and locked until the result is there.
 
     Attributes
     ----------
@@ -86,11 +86,16 @@ class Target:
     name: str
     ours: frozenset[str] = RESULT_FILES
 
-    def __post_init__(self) -> None:
+    def __enter__(self) -> Target:
+        self._held = ExitStack()
         if self.out is not None:
-            check_free(self.out, self.force, self.ours)
+            self._held.enter_context(hold_folder(self.out, self.force, self.ours))
         elif self.force:
             raise OutputError("--force replaces the result in a folder: name the folder with --out.")
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._held.close()
 
     @property
     def place(self) -> Path:
@@ -101,9 +106,9 @@ class Target:
     @contextmanager
     def open(self) -> Iterator[Path]:
         """Yield the folder to write into; at the end of the block its content becomes that of `place`."""
-        claimed = self.out is None
-        self.out = claim_folder(RESULTS, self.name) if self.out is None else self.out
-        with result_folder(self.out, self.force, self.ours, claimed) as folder:
+        if self.out is None:
+            self.out = self._held.enter_context(claim_folder(RESULTS, self.name))
+        with fill_folder(self.out, self.force, self.ours) as folder:
             yield folder
 
 

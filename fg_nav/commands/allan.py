@@ -29,10 +29,10 @@ from fg_nav.text import find_version
 
 def allan(file: Path, reading: Reading, out: Path | None, force: bool) -> Answer:
     """Measure the noise in a recording of a sensor lying still, and write it into a folder."""
-    target = Target(out, force, f"{name_walk(file)}-allan", ALLAN_FILES)
-    noise = measure_recording_noise(reading.read(file))
-    with target.open() as folder:
-        write_allan(folder, noise, file)
+    with Target(out, force, f"{name_walk(file)}-allan", ALLAN_FILES) as target:
+        noise = measure_recording_noise(reading.read(file))
+        with target.open() as folder:
+            write_allan(folder, noise, file)
     content = {"folder": str(target.place), **describe_noise(noise, file)}
     return Answer(content, partial(print_allan, noise, target.place))
 

@@ -20,6 +20,7 @@ from rich.table import Table
 
 from fg_nav.arrays import Floats
 from fg_nav.commands import Answer, Target, find_earth_field, name_walk, run_methods
+from fg_nav.earth import EarthField
 from fg_nav.errors import MagneticError
 from fg_nav.evaluation.field_survey import (
     SAMPLEWISE,
@@ -62,13 +63,16 @@ def detect(
 ) -> Answer:
     """Judge the field by the detectors of a list with commas, and write what they find into a folder."""
     names = parse_detectors(detectors)
-    target = Target(out, force, f"{name_walk(file)}-detect", DETECT_FILES)
-    if names == [SAMPLEWISE]:
-        if place is not None or options.truth_path is not None:
-            raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
-        return _detect_in_samples(file, options, reading, target)
-    earth = find_earth_field(place)
-    walk = prepare_walk(read_walk(file, options, reading))
+    if names == [SAMPLEWISE] and (place is not None or options.truth_path is not None):
+        raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
+    with Target(out, force, f"{name_walk(file)}-detect", DETECT_FILES) as target:
+        if names == [SAMPLEWISE]:
+            return _detect_in_samples(file, options, reading, target)
+        earth = find_earth_field(place)
+        return _detect_at_footfalls(names, prepare_walk(read_walk(file, options, reading)), earth, target)
+
+
+def _detect_at_footfalls(names: list[str], walk: Walk, earth: EarthField | None, target: Target) -> Answer:
     field = walk.require_field()
     outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
     survey = survey_field(walk.recording, field, names, outcome.solution, earth)

@@ -89,12 +89,12 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
 
 def _run_one(request: RunRequest, recording: Path) -> Answer:
     method, strict, options = request.method, request.strict, request.options
-    target = Target(request.out, request.force, f"{name_walk(recording)}-{method}")
     if request.config is not None:
         from fg_nav.commands.config import bind_to_recording
 
         options = bind_to_recording(options, request.config, recording)
-    with progress(method) as report:
+    target = Target(request.out, request.force, f"{name_walk(recording)}-{method}")
+    with target, progress(method) as report:
         result = navigate(read_walk(recording, options, request.reading), method, progress=report)
         with target.open() as folder:
             summary = write_run(folder, result.walk, result.outcome, request.plots)
@@ -152,11 +152,11 @@ def compare(
     """Run several methods on a recording, and return their summaries."""
     for name in names:
         find_estimator(name)
-    target = Target(out, force, f"{name_walk(recording)}-compare")
-    walk = prepare_walk(read_walk(recording, options, reading))
-    outcomes = run_methods(walk, names)
-    with target.open() as folder:
-        summaries = write_comparison(folder, walk, outcomes, plots)
+    with Target(out, force, f"{name_walk(recording)}-compare") as target:
+        walk = prepare_walk(read_walk(recording, options, reading))
+        outcomes = run_methods(walk, names)
+        with target.open() as folder:
+            summaries = write_comparison(folder, walk, outcomes, plots)
     return answer_comparison(recording, summaries, target.place)
 
 
@@ -170,9 +170,8 @@ def demo(seed: int, plots: Plots, out: Path | None, force: bool) -> Answer:
     """Simulate one minute of walking, and compare the methods on it."""
     from fg_nav.commands.simulate import write_simulation  # loads the simulator, which no other of these needs
 
-    target = Target(out, force, "demo", DEMO_FILES)
-    simulated = simulate_walk("demo", seed)
-    with target.open() as folder:
+    with Target(out, force, "demo", DEMO_FILES) as target, target.open() as folder:
+        simulated = simulate_walk("demo", seed)
         # the recording as it will be read from the folder
         provenance = replace(simulated.recording.provenance, path=target.place / "recording.csv", format="canonical")
         walk = prepare_walk(Walk.of(replace(simulated.recording, provenance=provenance)))

@@ -35,11 +35,11 @@ LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
 def simulate(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> Answer:
     """Simulate a scenario into a folder."""
-    target = Target(out, force, Path(scenario).stem, SIMULATION_FILES)
-    walk = simulate_walk(scenario, seed, choices)
-    target.name = walk.scenario.name
-    with target.open() as folder:
-        write_simulation(folder, walk)
+    with Target(out, force, Path(scenario).stem, SIMULATION_FILES) as target:
+        walk = simulate_walk(scenario, seed, choices)
+        target.name = walk.scenario.name
+        with target.open() as folder:
+            write_simulation(folder, walk)
     content = describe_simulation(walk) | {"folder": str(target.place)}
     return Answer(content, partial(print_simulation, walk, target.place))
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
-from dataclasses import replace
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import numpy as np
 import typer
 
 from fg_nav.commands import Answer, Target
+from fg_nav.errors import OutputError
 from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
@@ -30,7 +32,8 @@ from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Provenance
 from fg_nav.report import Plots, terminal
-from fg_nav.report.files import Summary, summarize, summarize_lagged, write_lagged, write_run
+from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
+from fg_nav.report.folder import describe_reason, result_folder
 from fg_nav.solution import Solution
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
@@ -38,19 +41,25 @@ from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, lines: bool = True) -> Answer:
     """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder.
 
-    Without `lines` none are printed on standard output.
+    Without `lines` none are printed on standard output. Where the lines cannot be printed any more, and no folder was
+    named, the result is written into a fresh one.
     """
     target = Target(out, force and (out is not None or request.record is None), "stream")
-    with open_outlets(request.serve, request.view, line_printer() if lines else drop_line, remark) as outlets:
+    printer = LinePrinter()
+    with target, open_outlets(request.serve, request.view, printer if lines else drop_line, remark) as outlets:
         walk = run_stream(request, outlets)
+        if out is None and outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
+            return Answer({}, say_nothing)
+        end = find_end(walk)
+        content = {"source": request.source, **end.summary}
         if out is None:
-            if outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
-                return Answer({}, say_nothing)
-            summary = emit_end(walk, outlets.emit_end or drop_line)
-            return Answer({"source": request.source, **summary}, say_nothing)
-        with target.open() as folder:
-            summary = write_end(folder, walk, plots)
-    content = {"source": request.source, "folder": str(target.place), **summary}
+            emit_solution(end.solution, end.sensor_time, outlets.emit_end or drop_line, end.in_pocket)
+            if not printer.has_failed:
+                return Answer(content, say_nothing)
+        failure = save_end(end, target, plots)
+    if failure is not None:
+        return Answer(content, say_nothing, failure)
+    content = {"source": request.source, "folder": str(target.place), **end.summary}
     return Answer(content, partial(remark, terminal.describe_place(target.place)))
 
 
@@ -67,39 +76,63 @@ def say_nothing() -> None:
     """Add nothing to the lines, which said it all."""
 
 
-def line_printer() -> Callable[[str], None]:
-    """Return what prints a line at once; when its reader has gone it says so, and the walk goes on."""
-    listened = True
+class LinePrinter:
+    """Prints lines, each at once; where that fails it says so, and the walk goes on without.
 
-    def print_line(line: str) -> None:
-        nonlocal listened
-        if not listened:
+    Attributes
+    ----------
+    has_failed : whether lines were lost.
+    """
+
+    def __init__(self) -> None:
+        self.has_failed = False
+
+    def __call__(self, line: str) -> None:
+        """Print a line."""
+        if self.has_failed:
             return
         try:
             typer.echo(line)
-        except BrokenPipeError:
-            listened = False
+        except OSError as error:
+            self.has_failed = True
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that the exit is quiet
-            remark("the lines have no reader any more: the walk goes on without them.")
+            gone = isinstance(error, BrokenPipeError)
+            why = "have no reader any more" if gone else f"cannot be written any more ({describe_reason(error)})"
+            remark(f"the lines {why}: the walk goes on without them, and its result comes into a folder.")
 
-    return print_line
+
+@dataclass(frozen=True)
+class End:
+    """What a stream comes to: its solution, summary, and, where the samples were kept, the walk and its outcome."""
+
+    solution: Solution
+    summary: Summary
+    sensor_time: SensorTime
+    in_pocket: bool
+    whole: tuple[Walk, Outcome] | None
+
+    def write(self, folder: Path, plots: Plots) -> None:
+        """Write what `fg-nav run` writes; with a lag, what needs no samples."""
+        if self.whole is None:
+            write_lagged(folder, self.solution, plots)
+        else:
+            write_run(folder, *self.whole, plots)
 
 
-def emit_end(walk: StreamedWalk, emit: Say) -> Summary:
-    """Emit the past as it is known at the end, one line a footfall; return the summary of it."""
+def find_end(walk: StreamedWalk) -> End:
+    """Return what a walk that was followed comes to."""
+    sensor_time = walk.navigator.judge.sensor_time
+    in_pocket = isinstance(walk.navigator.options, PocketOptions)
     if _has_lag(walk):
         solution = _finish_lagged(walk)
-        summary = summarize_lagged(solution)
-    else:
-        prepared, outcome = finish_stream(walk)
-        solution, summary = outcome.solution, summarize(prepared, outcome)
-    in_pocket = isinstance(walk.navigator.options, PocketOptions)
-    emit_solution(solution, walk.navigator.judge.sensor_time, emit, in_pocket)
-    return summary
+        return End(solution, summarize_lagged(solution), sensor_time, in_pocket, None)
+    with terminal.progress("online") as report:
+        prepared, outcome = finish_stream(walk, report)
+    return End(outcome.solution, summarize(prepared, outcome), sensor_time, in_pocket, (prepared, outcome))
 
 
 def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say, in_pocket: bool = False) -> None:
-    """Emit the lines of a solution, and those of its batch solution where there is one."""
+    """Emit one line a footfall, and those of the batch solution where there is one."""
     for kind, known in ((SMOOTHED, solution), (POLISHED, solution.polished)):
         if known is not None:
             heading = compute_stride_headings(known.stances) if in_pocket else None
@@ -107,13 +140,31 @@ def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say, in_poc
                 emit(line)
 
 
-def write_end(folder: Path, walk: StreamedWalk, plots: Plots) -> Summary:
-    """Write what `fg-nav run` writes; with a lag, what needs no samples. Return the summary."""
-    if not _has_lag(walk):
-        with terminal.progress("online") as report:
-            prepared, outcome = finish_stream(walk, report)
-        return write_run(folder, prepared, outcome, plots)
-    return write_lagged(folder, _finish_lagged(walk), plots)
+def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:
+    """Write the end into its folder; where that cannot be, the footfalls, there or among the temporary files.
+
+    Returns what to say then; raises `OutputError` where nothing can be written at all.
+    """
+    try:
+        with target.open() as folder:
+            end.write(folder, plots)
+        return None
+    except OutputError as error:
+        failure = str(error)
+    with suppress(OutputError):
+        with target.open() as folder:
+            write_footfalls(folder, end.solution, end.summary)
+        return _say_what_is_left(failure, f"the footfalls alone are in {target.place}")
+    with suppress(OutputError, OSError):
+        place = Path(tempfile.mkdtemp(prefix="fg-nav-stream-")) / "result"
+        with result_folder(place) as folder:
+            write_footfalls(folder, end.solution, end.summary)
+        return _say_what_is_left(failure, f"the footfalls alone are in {place}")
+    raise _say_what_is_left(failure, "the result of the walk is lost")
+
+
+def _say_what_is_left(failure: str, words: str) -> OutputError:
+    return OutputError(f"{failure.rstrip('.')}; {words}.")
 
 
 def _has_lag(walk: StreamedWalk) -> bool:

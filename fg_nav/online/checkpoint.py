@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.locks import PathLock
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import NavigatorState, OnlineNavigator
@@ -100,10 +101,29 @@ class Checkpoint:
 
     def __init__(self, path: Path | str) -> None:
         self._path = Path(path)
+        self._lock: PathLock | None = None
         self._size = self._stop = 0
         self._state: NavigatorState | None = None
         self._begun_at = -1
         self._state_bytes = 0
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Keep other streams out of the file while the block runs; raises `OutputError` where one saves in it."""
+        self._lock = PathLock(self._path)
+        try:
+            self._renew_lock()
+            yield
+        finally:
+            self._lock.release()
+            self._lock = None
+
+    def _renew_lock(self) -> None:
+        try:
+            if self._lock is not None:
+                self._lock.renew()
+        except BlockingIOError:
+            raise OutputError(f"another stream saves its walk in {self._path}: name another checkpoint.") from None
 
     def collect(self, navigator: Navigator) -> Snapshot:
         """Return what is new of a walk, to be written while it goes on."""
@@ -137,7 +157,10 @@ class Checkpoint:
         packed = pack(record)
         try:
             if record.frame is not None:
+                if self._lock is not None and not self._lock.is_held:
+                    self._renew_lock()
                 self._size = write_records(self._path, VERSION, [packed])
+                self._renew_lock()
             else:
                 self._size = append_record(self._path, self._size, packed)
             # All of it is on the disk: the next save begins behind it.
@@ -148,6 +171,7 @@ class Checkpoint:
             # What is superseded is left out once it is more than half.
             if self._size > max(2 * self._count_needed(record.kept_from), LEAST_BYTES):
                 self._size = _write_again(self._path)
+                self._renew_lock()
         except OSError as error:
             reason = (error.strerror or type(error).__name__).lower()
             raise OutputError(

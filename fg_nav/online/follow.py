@@ -14,7 +14,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -43,6 +43,9 @@ from fg_nav.online.status import StatusReporter, Watcher
 from fg_nav.signals import catch_signals
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from fg_nav.text import to_json
+
+ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+"""Signals that end the walk: Ctrl-C, a service that is stopped, a terminal or connection that is gone."""
 
 WAIT_S = 0.2
 """For bytes, before the stop signal is checked."""
@@ -118,6 +121,19 @@ def follow_source(
         Where the rows are of another format or unit, or a checkpoint cannot be resumed.
     """
     checkpoint = None if options.checkpoint is None else Checkpoint(options.checkpoint)
+    with nullcontext() if checkpoint is None else checkpoint.hold():
+        return _follow(source, options, checkpoint, emit, remark, stop, watcher)
+
+
+def _follow(
+    source: SampleSource,
+    options: StreamOptions,
+    checkpoint: Checkpoint | None,
+    emit: Say,
+    remark: Say,
+    stop: threading.Event | None,
+    watcher: Watcher | None,
+) -> Navigator:
     navigator = _open_navigator(options, checkpoint, remark)
     status = None if watcher is None else StatusReporter(watcher)
     walk = _Walk(navigator, options, checkpoint, emit, remark, status)
@@ -334,7 +350,7 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
         beside=True,
     )
     with (
-        catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
+        catch_signals(*ENDING) as stop,
         closing(_open_samples(request, options.columns, outlets.remark)) as source,
     ):
         navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)

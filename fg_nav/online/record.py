@@ -25,6 +25,7 @@ from fg_nav.errors import FgNavError, FormatError, OutputError
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
 from fg_nav.io.readers.canonical import format_rows
+from fg_nav.locks import lock
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns
@@ -72,12 +73,15 @@ class Recorder:
             raise OutputError(f"{path} is there already: name another file to record into, or replace it by --force.")
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            lock(self._file)
             if is_old and goes_on:
                 self._refuse_foreign()
             self._good = self._cut_last_line() if is_old and goes_on else 0
             if self._good:
                 known = _read_recorded(path)
                 self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
+        except BlockingIOError:
+            raise OutputError(f"another stream records into {path}: name another file to record into.") from None
         except OSError as error:
             reason = (error.strerror or type(error).__name__).lower()
             raise OutputError(f"{path} cannot be written ({reason}): name another file to record into.") from None

@@ -101,6 +101,12 @@ def write_lagged(folder: Path, solution: Solution, plots: Plots = "html") -> Sum
     return summary
 
 
+def write_footfalls(folder: Path, solution: Solution, summary: Summary) -> None:
+    """Write the least that is worth having: footfalls and summary, some hundred bytes a stride."""
+    _write_strides(folder / "strides.csv", solution.stances)
+    write_json(folder / "summary.json", summary)
+
+
 def summarize_lagged(solution: Solution) -> Summary:
     """Figures of merit that need no samples."""
     metrics = evaluate(solution)

@@ -3,7 +3,13 @@
 New files are written into a hidden folder inside the target and moved to their places when all are there,
 `summary.json`, `comparison.json` or `detect.json` last: a folder with a summary is complete. With `force` the
 files of an older result are kept aside until then, and put back if anything fails. Only names that this
-program writes are ever replaced; hidden files are left alone.
+program writes are ever replaced; hidden files are left alone, but for those of a process that was killed:
+
+    .fg-nav-new-*    what it wrote: removed; moved on, if it was being moved to its place already
+    .fg-nav-old-*    an older result that was being taken aside: put back
+    .fg-nav-past-*   one that had been: removed, once the new one is in its place
+
+A folder is locked (`fg_nav.locks`) from before the work until the result is there: of two runs the second is refused.
 """
 
 from __future__ import annotations
@@ -13,9 +19,11 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from fg_nav.errors import OutputError
+from fg_nav.locks import lock_folder
 
 _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 
@@ -42,10 +50,12 @@ DEMO_FILES = RESULT_FILES | SIMULATION_FILES
 """And the demonstration, which does both."""
 
 
+NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")
+"""How names of hidden folders begin."""
+
+
 @contextmanager
-def result_folder(
-    out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES, claimed: bool = False
-) -> Iterator[Path]:
+def result_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[Path]:
     """Yield an empty folder to write into; at the end of the block its content becomes that of `out`.
 
     Parameters
@@ -53,37 +63,92 @@ def result_folder(
     out : the folder to make, or an empty one, or with `force` one that holds an older result.
     force : replace an older result.
     ours : file names that may be replaced.
-    claimed : `out` was made for this result (`claim_folder`), and goes away with it if it fails.
 
     Raises
     ------
     OutputError
-        If `out` holds a result and `force` is not set, if it holds anything else, or cannot be written.
+        If `out` holds a result and `force` is not set, if it holds anything else, cannot be written, or if another
+        process is at work in it.
     """
-    check_free(out, force, ours)
-    try:
-        temporary = claimed or not out.exists()
-        out.mkdir(parents=True, exist_ok=True)
-        fresh = Path(tempfile.mkdtemp(prefix=".fg-nav-new-", dir=out))
-    except OSError as error:
-        raise unwritable(out, error) from None
-    try:
+    with hold_folder(out, force, ours), fill_folder(out, force, ours) as fresh:
         yield fresh
-        _take_over(fresh, out)
+
+
+@contextmanager
+def hold_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[None]:
+    """Keep others out of a folder while the block runs, and mend what a process that was killed left in it.
+
+    Raises `OutputError` as `result_folder` does. A folder that was made for the block is removed if it is empty then.
+    """
+    _refuse_file(out)
+    made = not out.exists()
+    try:
+        descriptor, locks = lock_folder(out)
+    except BlockingIOError:
+        raise OutputError(f"another run is at work in {out}: wait until it is done, or choose another --out.") from None
     except OSError as error:
         raise unwritable(out, error) from None
+    try:
+        if locks:
+            _mend(out)
+        check_free(out, force, ours)
+        yield
     finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-        if temporary:
+        if made:
             with suppress(OSError):  # it is not empty: all went well
                 out.rmdir()
+        os.close(descriptor)
+
+
+@contextmanager
+def fill_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[Path]:
+    """Yield an empty folder to write into; at the end its content becomes that of `out`, which is held."""
+    check_free(out, force, ours)
+    try:
+        with _open_fresh(out) as fresh:
+            yield fresh
+            _take_over(fresh, out)
+    except OSError as error:
+        raise unwritable(out, error) from None
+
+
+@contextmanager
+def _open_fresh(parent: Path) -> Iterator[Path]:
+    """Yield a hidden folder, which is locked, and removed at the end of the block."""
+    with tempfile.TemporaryDirectory(prefix=NEW, dir=parent, ignore_cleanup_errors=True) as name:
+        descriptor, _ = lock_folder(Path(name))
+        try:
+            yield Path(name)
+        finally:
+            os.close(descriptor)
+
+
+def _list_left(parent: Path) -> list[Path]:
+    """Hidden folders that no process holds any more; none where there are no locks."""
+    left = []
+    for folder in sorted(parent.glob(f"{NEW}*")):
+        with suppress(OSError):  # somebody writes there
+            descriptor, locks = lock_folder(folder)
+            os.close(descriptor)
+            left += [folder] * locks
+    return left
+
+
+def _mend(out: Path) -> None:
+    """Put a folder right that a process was killed in: with the lock, no other is at work there."""
+    new, old, past = _list_left(out), sorted(out.glob(f"{OLD}*")), sorted(out.glob(f"{PAST}*"))
+    moved = old + new if past else old
+    with suppress(OSError):
+        for entry in sorted((one for folder in moved for one in _visible(folder)), key=_is_summary):
+            os.replace(entry, out / entry.name)
+        for folder in (*new, *old, *past):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def check_free(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> None:
     """Say now, before long work, whether `out` can be used; raises `OutputError` as `result_folder` does."""
     try:
-        if out.exists() and not out.is_dir():
-            raise OutputError(f"{out} is a file, not a folder: choose another --out.")
+        _refuse_file(out)
         present = _visible(out) if out.exists() else []
         foreign = _foreign(present, ours)
     except OSError as error:
@@ -94,26 +159,61 @@ def check_free(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FIL
         raise OutputError(f"{out} already holds a result: choose another --out, or replace it with --force.")
 
 
-def claim_folder(parent: Path, name: str) -> Path:
-    """Make and return the first of `parent/name-1`, `-2`, ... that does not exist; raises `OutputError`."""
-    number = 1
-    while True:
-        try:
-            parent.mkdir(parents=True, exist_ok=True)
-            (parent / f"{name}-{number}").mkdir()
-            return parent / f"{name}-{number}"
-        except FileExistsError as error:
-            if not parent.is_dir():
-                raise unwritable(parent, error) from None
-            number += 1
-        except OSError as error:
-            raise unwritable(parent, error) from None
+def _refuse_file(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"{out} is a file, not a folder: choose another --out.")
+
+
+@contextmanager
+def claim_folder(parent: Path, name: str) -> Iterator[Path]:
+    """Make, hold and yield the first of `parent/name-1`, `-2`, ... that is new, or was left by a killed process.
+
+    It is removed if it is empty at the end. Raises `OutputError` if there can be none.
+    """
+    for number in count(1):
+        out = parent / f"{name}-{number}"
+        if _is_new(out) or _was_left(out):
+            break
+    try:
+        with hold_folder(out):
+            yield out
+    finally:
+        with suppress(OSError):
+            out.rmdir()
+
+
+def _is_new(out: Path) -> bool:
+    """Make a folder; return whether it was not there."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.mkdir()
+    except FileExistsError as error:
+        if not out.parent.is_dir():
+            raise unwritable(out.parent, error) from None
+        return False
+    except OSError as error:
+        raise unwritable(out.parent, error) from None
+    return True
+
+
+def _was_left(out: Path) -> bool:
+    """Whether a process was killed before its first result was there."""
+    with suppress(OSError, OutputError):
+        if not _visible(out) and any(out.glob(f"{NEW}*")):
+            with hold_folder(out):
+                return True
+    return False
 
 
 def unwritable(out: Path, error: OSError) -> OutputError:
     """Return the sentence for a folder that the system does not let us write."""
-    reason = (error.strerror or type(error).__name__).lower()
+    reason = describe_reason(error)
     return OutputError(f"{out} cannot be written ({reason}): choose another --out, or make room for it.")
+
+
+def describe_reason(error: OSError) -> str:
+    """Return why the system refused, in its words."""
+    return (error.strerror or type(error).__name__).lower()
 
 
 def _visible(folder: Path) -> list[Path]:
@@ -135,8 +235,11 @@ def _foreign(entries: list[Path], ours: frozenset[str]) -> list[str]:
 
 def _take_over(fresh: Path, out: Path) -> None:
     """Move the new files to their places; undo everything if one cannot be moved."""
-    aside = Path(tempfile.mkdtemp(prefix=".fg-nav-old-", dir=out))
+    aside = Path(tempfile.mkdtemp(prefix=OLD, dir=out))
+    past = aside.with_name(aside.name.replace(OLD, PAST))
+    # The name of the folder aside says how far this is come, should the process be killed now.
     moves = [(entry, aside / entry.name) for entry in sorted(_visible(out), key=_is_summary, reverse=True)]
+    moves += [(aside, past)]
     moves += [(entry, out / entry.name) for entry in sorted(_visible(fresh), key=_is_summary)]
     done: list[tuple[Path, Path]] = []
     try:
@@ -148,7 +251,7 @@ def _take_over(fresh: Path, out: Path) -> None:
             os.replace(place, origin)
         aside.rmdir()
         raise
-    shutil.rmtree(aside, ignore_errors=True)
+    shutil.rmtree(past, ignore_errors=True)
 
 
 def _is_summary(entry: Path) -> bool:
@@ -181,13 +284,40 @@ def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool 
         check_file_free(file, ours, force)
     try:
         out[0].parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".fg-nav-new-", dir=out[0].parent) as folder:
-            fresh = [Path(folder) / file.name for file in out]
+        for left in _list_left(out[0].parent):
+            shutil.rmtree(left, ignore_errors=True)
+        with _open_fresh(out[0].parent) as folder:
+            fresh = [folder / file.name for file in out]
             yield fresh
-            for made, file in zip(fresh, out, strict=True):
-                os.replace(made, file)
+            _take_places(fresh, out, ours, force)
     except OSError as error:
         raise unwritable(out[0], error) from None
+
+
+def _take_places(fresh: Sequence[Path], out: Sequence[Path], ours: Callable[[Path], bool], force: bool) -> None:
+    """Move files to their places; without `force` into none that another process has filled meanwhile."""
+    done: list[Path] = []
+    try:
+        for made, file in zip(fresh, out, strict=True):
+            check_file_free(file, ours, force)
+            if force:
+                os.replace(made, file)
+            else:
+                _move_if_free(made, file)
+                done.append(file)
+    except BaseException:
+        for file in done:
+            file.unlink(missing_ok=True)
+        raise
+
+
+def _move_if_free(made: Path, file: Path) -> None:
+    try:
+        os.link(made, file)
+    except FileExistsError:
+        raise OutputError(f"{file} was made by another meanwhile: name another file.") from None
+    except OSError:  # a disk without links
+        os.replace(made, file)
 
 
 def check_file_free(out: Path, ours: Callable[[Path], bool], force: bool = False) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import cast
 
@@ -36,9 +36,10 @@ def hush(quiet: bool) -> Iterator[None]:
 
 
 def remark(words: str) -> None:
-    """Print a sentence for people on standard error, apart from what is asked for."""
+    """Print a sentence for people on standard error, apart from what is asked for; where that is gone, go on."""
     if not _hushed:
-        print(words, file=sys.stderr, flush=True)  # noqa: T201
+        with suppress(OSError):
+            print(words, file=sys.stderr, flush=True)  # noqa: T201
 
 
 def console() -> Console:

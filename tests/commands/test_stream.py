@@ -294,7 +294,7 @@ def test_the_end_is_written_as_by_run(fg_nav, csv, tmp_path):
     assert again.refused("--force")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, number):
     """The pipe stays open: only the signal ends it, and no earlier than most of the walk was read."""
     pipe = tmp_path / "pipe"

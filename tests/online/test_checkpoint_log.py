@@ -186,3 +186,19 @@ def test_values_come_back_to_the_last_bit():
     assert again["options"] == NORTH
     with pytest.raises(TypeError):
         pack(Path())
+
+
+def test_two_streams_into_one_checkpoint_are_refused_whichever_was_there_first(tmp_path):
+    path, rows = tmp_path / "walk", rows_of(short_walk())[:300]
+    navigator = OnlineNavigator(NORTH)
+    push(navigator, rows)
+    first, second = Checkpoint(path), Checkpoint(path)
+    with first.hold(), second.hold():  # neither has saved yet
+        first.write(first.collect(navigator))
+        with pytest.raises(OutputError, match="another stream saves its walk in"):
+            second.write(second.collect(navigator))
+        first.write(first.collect(navigator))
+        with pytest.raises(OutputError, match="another stream"), Checkpoint(path).hold():
+            pass
+    with Checkpoint(path).hold():
+        assert load(path).buffer.stop == 300

@@ -177,3 +177,14 @@ def test_a_replay_takes_its_time():
         came += rows[:, 0].tolist()
         assert came == [] or (came[-1] - walk.t[0]) / 20.0 <= time.monotonic() - began
     assert np.array_equal(came, walk.t)
+
+
+def test_two_streams_into_one_file_are_refused(rows, tmp_path):
+    path, said = tmp_path / "walk.csv", []
+    first = Recorder(path, False, False, said.append)
+    for force in (False, True):
+        with pytest.raises(OutputError, match="another stream records into"):
+            Recorder(path, False, force, said.append)
+    first.add(rows)
+    first.close()
+    np.testing.assert_array_equal(recorded(path), rows)

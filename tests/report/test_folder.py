@@ -7,7 +7,15 @@ import pytest
 
 from fg_nav.errors import OutputError
 from fg_nav.report import folder as folder_module
-from fg_nav.report.folder import check_free, claim_folder, result_folder
+from fg_nav.report.folder import (
+    check_free,
+    claim_folder,
+    fill_folder,
+    hold_folder,
+    result_file,
+    result_files,
+    result_folder,
+)
 
 
 def fill(folder: Path, words: str = "new") -> None:
@@ -98,7 +106,7 @@ def test_summary_comes_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         fill(folder)
         (folder / "trajectory.tum").write_text("new")
     assert order[-1] == "summary.json"
-    assert len(order) == 3
+    assert len([name for name in order if not name.startswith(".")]) == 3
 
 
 @pytest.mark.parametrize("name", ["thesis.tex", "recording.csv", "data/walk.csv", "iez/notes.txt"])
@@ -121,19 +129,93 @@ def test_file_in_place_of_the_folder(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("mine")
     with pytest.raises(OutputError, match="is a file"):
         check_free(tmp_path / "out", force=True)
-    with pytest.raises(OutputError, match="cannot be written"):
-        claim_folder(tmp_path / "out", "walk")
+    with pytest.raises(OutputError, match="cannot be written"), claim_folder(tmp_path / "out", "walk"):
+        pass
     with pytest.raises(OutputError, match="cannot be written"), result_folder(tmp_path / "out" / "deeper"):
         pass
 
 
 def test_claimed_folders_never_clash_and_go_away_on_failure(tmp_path: Path) -> None:
-    first, second = (claim_folder(tmp_path / "results", "walk-iez") for _ in range(2))
-    assert [first.name, second.name] == ["walk-iez-1", "walk-iez-2"]
-    with pytest.raises(RuntimeError), result_folder(second, claimed=True):
-        raise RuntimeError
+    with claim_folder(tmp_path / "results", "walk-iez") as first:
+        fill(first)
+        with claim_folder(tmp_path / "results", "walk-iez") as second:
+            assert [first.name, second.name] == ["walk-iez-1", "walk-iez-2"]
     assert not second.exists()
     assert first.exists()
+
+
+class Killed(BaseException):
+    """A process that ends where it stands."""
+
+
+def kill_while_moving(out: Path, monkeypatch: pytest.MonkeyPatch, successes: int) -> None:
+    """Write a result with `force`, and end at some move, with nothing cleaned up."""
+    replace, done = os.replace, []
+
+    def move(origin: Path, place: Path) -> None:
+        if len(done) == successes:
+            raise Killed
+        done.append(replace(origin, place))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(folder_module.os, "replace", move)
+        patched.setattr(folder_module, "reversed", lambda moves: [], raising=False)  # who is dead undoes nothing
+        patched.setattr(folder_module.Path, "rmdir", lambda self: None)
+        patched.setattr(folder_module.tempfile.TemporaryDirectory, "cleanup", lambda self: self._finalizer.detach())
+        with pytest.raises(Killed), result_folder(out, force=True) as folder:
+            fill(folder)
+
+
+@pytest.mark.parametrize("successes", range(5))
+def test_what_a_process_killed_amid_the_moves_left_becomes_one_whole_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, successes: int
+) -> None:
+    make(tmp_path / "out", "old")
+    kill_while_moving(tmp_path / "out", monkeypatch, successes)
+    assert len(list((tmp_path / "out").glob(".fg-nav-*"))) == 2
+    with pytest.raises(OutputError, match="already holds a result"):
+        make(tmp_path / "out", "newer")
+    words = "old" if successes < 3 else "new"
+    assert content(tmp_path / "out") == {"summary.json": words, "config.json": words}
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["config.json", "summary.json"]
+
+
+def test_of_two_runs_into_one_folder_the_second_is_refused_before_its_work(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with result_folder(out) as folder:
+        fill(folder)
+        for force in (False, True):
+            with pytest.raises(OutputError, match=r"another run is at work in .*out"), hold_folder(out, force):
+                pass
+    assert content(out) == {"summary.json": "new", "config.json": "new"}
+
+
+def test_a_fresh_folder_that_a_killed_run_left_is_used_again(tmp_path: Path) -> None:
+    (tmp_path / "walk-1" / ".fg-nav-new-x").mkdir(parents=True)
+    (tmp_path / "walk-1" / ".fg-nav-new-x" / "trajectory.tum").write_text("half")
+    with claim_folder(tmp_path, "walk") as out, fill_folder(out) as folder:
+        fill(folder)
+    assert out.name == "walk-1"
+    assert content(out) == {"summary.json": "new", "config.json": "new"}
+
+
+def write_two(folder: Path) -> None:
+    """Write d.csv and c.csv, of which another makes the second meanwhile."""
+    with result_files([folder / "d.csv", folder / "c.csv"], Path.is_file) as made:
+        for file in made:
+            file.write_text("second")
+        (folder / "c.csv").write_text("first")
+
+
+def test_a_file_that_another_made_meanwhile_is_not_replaced_and_what_was_left_is_swept(tmp_path: Path) -> None:
+    (tmp_path / ".fg-nav-new-dead").mkdir()
+    with result_file(tmp_path / "a.csv", Path.is_file) as mine, result_file(tmp_path / "b.csv", Path.is_file) as other:
+        assert len(list(tmp_path.glob(".fg-nav-new-*"))) == 2  # the dead one is gone, neither of these is
+        mine.write_text("mine")
+        other.write_text("other")
+    with pytest.raises(OutputError, match=r"c\.csv already exists"):
+        write_two(tmp_path)
+    assert content(tmp_path) == {"a.csv": "mine", "b.csv": "other", "c.csv": "first"}
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

@@ -31,6 +31,7 @@ from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.store.files import CAMPAIGN_MARKER, PART, atomic_write, find_foreign, list_visible
 from fg_nav.lab.store.results import USED, Key, Result
+from fg_nav.locks import lock
 from fg_nav.text import format_count, to_json
 
 RESULTS, RESULTS_CSV, TIMINGS = "results.parquet", "results.csv", "timings.parquet"
@@ -206,18 +207,11 @@ def _find_foreign_result(out: Path) -> str:
 def _lock(file: IO[str], out: Path) -> bool:
     """Lock a file until it is closed; False if there are no locks."""
     try:
-        import fcntl
-    except ImportError:
-        return False
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock(file.fileno())
     except BlockingIOError:
         raise CampaignError(
             f"another campaign is at work in {out}: wait until it is done, or choose another --out."
         ) from None
-    except OSError:  # a disk without locks
-        return False
-    return True
 
 
 def _remove_parts(out: Path) -> None:

@@ -15,9 +15,9 @@ import base64
 import json
 import os
 import platform
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from importlib import import_module, metadata
@@ -42,6 +42,7 @@ from fg_nav.lab.reproduce.results import (
     write_reproduction,
 )
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
+from fg_nav.locks import lock_folder
 from fg_nav.report.folder import unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
 from fg_nav.text import find_version, to_json
@@ -91,15 +92,15 @@ def reproduce(
         If the folder holds something else, or a result and `force` is not set, or cannot be written.
     """
     number = (QUICK_SEEDS if quick else SEEDS) if seeds is None else seeds
-    claim_folder(out, paper, force)
-    with progress(f"{paper}, {number} seeds") as show_done:
-        try:
-            made = _load_paper(paper)(out, range(first, first + number), workers or count_cores(), show_done, quick)
-        except BrokenProcessPool:
-            raise OutputError(_ENDED) from None
-    command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
-    found = replace(made, command=command, versions=list_versions(), parameters=to_json(made.parameters))
-    write_folder(found, out)
+    with claim_folder(out, paper, force):
+        with progress(f"{paper}, {number} seeds") as show_done:
+            try:
+                made = _load_paper(paper)(out, range(first, first + number), workers or count_cores(), show_done, quick)
+            except BrokenProcessPool:
+                raise OutputError(_ENDED) from None
+        command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
+        found = replace(made, command=command, versions=list_versions(), parameters=to_json(made.parameters))
+        write_folder(found, out)
     return found
 
 
@@ -122,12 +123,26 @@ def list_versions() -> dict[str, str]:
     }
 
 
-def claim_folder(out: Path, paper: str, force: bool) -> None:
-    """Make the folder ours, or refuse; with `force` take the old report out of it."""
+@contextmanager
+def claim_folder(out: Path, paper: str, force: bool) -> Iterator[None]:
+    """Make the folder ours while the block runs, or refuse; with `force` take the old report out of it."""
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"{out} is a file, not a folder: choose another --out.")
     try:
-        if out.exists() and not out.is_dir():
-            raise OutputError(f"{out} is a file, not a folder: choose another --out.")
-        out.mkdir(parents=True, exist_ok=True)
+        descriptor, _ = lock_folder(out)
+    except BlockingIOError:
+        raise OutputError(f"another run is at work in {out}: wait until it is done, or choose another --out.") from None
+    except OSError as error:
+        raise unwritable(out, error) from None
+    try:
+        _mark_folder(out, paper, force)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _mark_folder(out: Path, paper: str, force: bool) -> None:
+    try:
         held, *stale = read_marker(out, MARK) or [""]
         present = list_visible(out)
         if held != paper and present:

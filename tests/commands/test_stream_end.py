@@ -1,0 +1,121 @@
+"""The end of a stream where the disk is full, or nobody reads: what can be written is, and what is lost is said."""
+
+import errno
+import io
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from fg_nav import cli
+from fg_nav.commands import Target, stream
+from fg_nav.commands.stream import End, LinePrinter, save_end
+from fg_nav.errors import OutputError
+from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.follow import ENDING
+from fg_nav.report.files import summarize_lagged
+from tests.command_line import names
+from tests.online.walks import NORTH, push, short_walk
+
+
+@pytest.fixture(scope="module")
+def end():
+    navigator = OnlineNavigator(NORTH)
+    push(navigator, rows_of(short_walk()))
+    navigator.close()
+    solution = navigator.finish()
+    return End(solution, summarize_lagged(solution), navigator.judge.sensor_time, False, None)
+
+
+def fill_disk(monkeypatch, *functions):
+    """Let these functions of the module find no room."""
+
+    def fail(*given, **named):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for name in functions:
+        monkeypatch.setattr(stream, name, fail)
+
+
+def save(end, out) -> OutputError | None:
+    with Target(out, False, "stream") as target:
+        return save_end(end, target, "none")
+
+
+def test_where_there_is_room_all_is_written(end, tmp_path):
+    assert save(end, tmp_path / "out") is None
+    assert names(tmp_path / "out") == {"online.csv", "strides.csv", "summary.json", "trajectory.tum"}
+
+
+def test_on_a_full_disk_the_footfalls_are_saved_where_there_is_room_and_it_says_where(end, tmp_path, monkeypatch):
+    monkeypatch.setattr(stream.tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    out = tmp_path / "out"
+    fill_disk(monkeypatch, "write_lagged")
+    failure = str(save(end, out))
+    assert failure.startswith(f"{out} cannot be written (no space left on device)")
+    assert failure.endswith(f"the footfalls alone are in {out}.")
+    assert len(pd.read_csv(out / "strides.csv")) == len(end.solution.stances)
+    assert names(out) == {"strides.csv", "summary.json"}
+    # No room for them either: among the temporary files.
+    with Target(tmp_path / "other", False, "stream") as target:
+        monkeypatch.setattr(Target, "open", lambda self: stream.result_folder(Path(os.devnull) / "none"))
+        words = str(save_end(end, target, "none"))
+    (place,) = (tmp_path / "tmp").glob("fg-nav-stream-*/result")
+    assert words.endswith(f"the footfalls alone are in {place}.")
+    fill_disk(monkeypatch, "write_footfalls")
+    with pytest.raises(OutputError, match="the result of the walk is lost"), Target(out, True, "stream") as target:
+        save_end(end, target, "none")
+
+
+def test_lines_that_cannot_be_written_do_not_end_the_walk(monkeypatch, capsys):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        printer = LinePrinter()
+        printer("{}")
+        printer("{}")
+        monkeypatch.undo()
+    assert printer.has_failed
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "the lines cannot be written any more (no space left on device)" in said
+
+
+def test_remarks_that_cannot_be_said_do_not_end_the_walk(monkeypatch):
+    with open(os.devnull) as unwritable:
+        monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(io.FileIO(unwritable.fileno(), closefd=False)))
+        stream.remark("nobody hears this")
+
+
+def test_a_walk_whose_lines_were_lost_is_written_into_a_fresh_folder(end, fg_nav, monkeypatch):
+    monkeypatch.setattr(stream, "run_stream", lambda request, outlets: None)
+    monkeypatch.setattr(stream, "find_end", lambda walk: end)
+    monkeypatch.setattr(stream.typer, "echo", lambda line: (_ for _ in ()).throw(BrokenPipeError))
+    monkeypatch.setattr(stream.os, "dup2", lambda *descriptors: None)
+    monkeypatch.setattr(sys.stdout, "fileno", lambda: 1, raising=False)
+    ran = fg_nav("stream", "walk.csv", "--plots", "none")
+    assert (ran.code, ran.out) == (0, "")
+    assert "no reader any more" in ran.err
+    summary = json.loads(Path("results/stream-1/summary.json").read_text())
+    assert summary["strides"] >= 5
+
+
+def test_a_terminal_that_is_gone_ends_the_walk_as_ctrl_c_does():
+    assert set(ENDING) == {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+
+
+def test_standard_streams_that_are_closed_are_led_nowhere(monkeypatch):
+    opened = []
+    with monkeypatch.context() as closed:
+        closed.setattr(cli.os, "fstat", lambda number: (_ for _ in ()).throw(OSError) if number == 1 else None)
+        closed.setattr(cli.os, "open", lambda path, flags: opened.append(path))
+        closed.setattr(cli, "open", lambda path, mode: io.StringIO(), raising=False)
+        closed.setattr(sys, "stdout", None)
+        cli._open_outputs()
+        written = sys.stdout.write("goes nowhere")
+    assert (opened, written) == ([os.devnull], 12)
