@@ -11,10 +11,11 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.buffer import COLUMNS, SampleBuffer
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.revision import Revision
+from fg_nav.online.unit_watch import UnitWatch
 from fg_nav.recording import Recording
 
 
@@ -24,14 +25,16 @@ class SampleIntake(ABC):
     Attributes
     ----------
     buffer, judge : the samples so far, and what was left out of them.
+    units : in which they are.
     source : what a checkpoint keeps of the source for its reader, as JSON values.
     """
 
     def __init__(self, remark: Callable[[str], None], judge: SampleJudge | None) -> None:
         self.buffer = SampleBuffer()
         self.judge = SampleJudge(remark) if judge is None else judge
+        self.units = UnitWatch(remark)
         self.source: dict[str, Any] = {}
-        self._closed, self._busy_s = False, 0.0
+        self._closed, self._busy_s, self._has_begun = False, 0.0, False
 
     def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
         """Add samples and return the estimates that they complete, and what they take back, in order.
@@ -52,7 +55,7 @@ class SampleIntake(ABC):
         if self._closed:
             raise EstimationError("this walk has ended: begin a new one for more samples.")
         began = perf_counter()
-        rows = self.judge.admit(t, acc, gyr, mag)
+        rows = self._admit(np.column_stack([t, acc, gyr, np.full((len(t), 3), np.nan) if mag is None else mag]))
         self._busy_s += perf_counter() - began
         if len(rows):
             self._prepare()
@@ -79,6 +82,25 @@ class SampleIntake(ABC):
     def takeovers(self) -> tuple[int, ...]:
         """Lines before which a solution made beside was taken over, since the walk goes on from the newest of them."""
         return ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out or odd, in words."""
+        return (*self.judge.notes, *self.units.notes)
+
+    def _admit(self, sent: Floats, at_end: bool = False) -> Floats:
+        """Return the rows (m, 10) to take, of these as they were sent and of what waited."""
+        if "units" in self.source and not self._has_begun:
+            self.units.resume(self.source["units"])
+        self._has_begun = True
+        rows = self.units.admit(sent, at_end)
+        self.source["units"] = self.units.state()
+        rows = self.judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        return np.concatenate([rows, self.judge.flush()]) if at_end else rows
+
+    def _admit_rest(self) -> Floats:
+        """Return the rows (m, 10) to take of those that wait, at the end."""
+        return self._admit(np.empty((0, COLUMNS)), at_end=True)
 
     @abstractmethod
     def _prepare(self) -> None:

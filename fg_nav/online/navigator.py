@@ -123,7 +123,7 @@ class OnlineNavigator(SampleIntake):
         if self._closed:
             return []
         self._closed = True
-        found = self._add_rows(self.judge.flush())
+        found = self._add_rows(self._admit_rest())
         if self.buffer.stop >= MIN_SAMPLES:
             # A stance of the very last sample alone is none.
             found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
@@ -157,7 +157,7 @@ class OnlineNavigator(SampleIntake):
             stances=table,
             runtime_s=self._busy_s + perf_counter() - began,
             parameters=asdict(p),
-            notes=(*self._smoother.notes, *ends, *self.judge.notes),
+            notes=(*self._smoother.notes, *ends, *self.notes),
             graph=self._smoother.counts,
             moment=_select_rows(self.causal(), ~np.array(self.told_continues, dtype=np.bool_)),
             recording=recording,

@@ -142,7 +142,7 @@ class PocketNavigator(SampleIntake):
         if self._closed:
             return []
         self._closed = True
-        self.buffer.append(self.judge.flush())
+        self.buffer.append(self._admit_rest())
         found = self._add_blocks(at_end=True)
         return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
 
@@ -208,7 +208,7 @@ class PocketNavigator(SampleIntake):
             solution,
             method=METHOD,
             runtime_s=self._busy_s + perf_counter() - began,
-            notes=(*thigh.notes, *notes, *self.judge.notes),
+            notes=(*thigh.notes, *notes, *self.notes),
             moment=self.causal(),
         )
 
