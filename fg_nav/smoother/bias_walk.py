@@ -5,7 +5,8 @@ q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold, and a shoe that war
 the sigmas of bias, heading and position too small, too large a q loses what the minutes before have shown.
 
 Only the noise S_i(q) of these changes depends on q, so the graph is linearized once, at the minimum with the q that is
-assumed, and eliminated for each level. With all that does not depend on q left out,
+assumed. What lies between the nodes at which the bias changes is eliminated once, and what is left, a chain of the
+biases and these nodes, for each level. With all that does not depend on q left out,
 
     -log p(z | q) = E(q) + log|R(q)| + 1/2 sum_i log|S_i(q)|                 (Laplace; MacKay 2003, section 27)
 
@@ -25,12 +26,14 @@ from typing import cast
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.strides import Nodes
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
 """deg/s/sqrt(s), half a decade apart: 0.04 to 0.4 deg/s in an hour. None is below the walk assumed: a bias that may
@@ -53,11 +56,12 @@ def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
     # The linear graph without the changes of the bias, at the minimum.
     linear = linearize(unchanging, problem.blocks, problem.values)
+    between, ordering = _split_order(problem.nodes)
+    _, chain = linear.eliminatePartialMultifrontal(between, gtsam.EliminateQR)
     # The evidence of each level.
     levels = np.union1d(LEVELS_DEG_S, assumed)
     graphs = [_scale_changes(changes, level / assumed) for level in levels]
-    ordering = time_order(problem.nodes)
-    error, volume = np.transpose([_eliminate(linear, graph, problem.values, ordering) for graph in graphs])
+    error, volume = np.transpose([_eliminate(chain, graph, problem.values, ordering) for graph in graphs])
     level = choose_level(levels, error, volume, assumed)
     # The problem with the level chosen.
     unchanging.push_back(graphs[int(np.searchsorted(levels, level))])
@@ -65,6 +69,21 @@ def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
     problem = replace(problem, graph=unchanging, parameters=chosen)
     why = "as assumed" if level == assumed else f"the evidence of {len(changes)} changes of the bias"
     return _with_note(problem, f"gyro bias walk {_write(level)}, {why}")
+
+
+def _split_order(nodes: Nodes) -> tuple[gtsam.Ordering, gtsam.Ordering]:
+    """Split the order of time: nodes within the time of one bias, and the rest, the nodes where a new one begins."""
+    begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
+    at_change = {key(int(j)) for j in begins for key in (X, V)}
+    between, rest = gtsam.Ordering(), gtsam.Ordering()
+    order = time_order(nodes)
+    for key in map(order.at, range(order.size())):
+        is_node = gtsam.Symbol(key).chr() in _NODE_LETTERS
+        (between if is_node and key not in at_change else rest).push_back(key)
+    return between, rest
+
+
+_NODE_LETTERS = (ord("x"), ord("v"))
 
 
 def choose_level(levels: Floats, error: Floats, volume: Floats, assumed: float) -> float:
@@ -104,14 +123,14 @@ def _sigmas(factor: Change) -> Floats:
 
 
 def _eliminate(
-    unchanging: gtsam.GaussianFactorGraph,
+    chain: gtsam.GaussianFactorGraph,
     changes: gtsam.NonlinearFactorGraph,
     values: gtsam.Values,
     ordering: gtsam.Ordering,
 ) -> tuple[float, float]:
     """Error and volume of a linear graph with these changes of the bias."""
     linear = gtsam.GaussianFactorGraph()
-    linear.push_back(unchanging)
+    linear.push_back(chain)
     linear.push_back(changes.linearize(values))
     error, root = eliminate(linear, ordering)
     factors = map(changes.at, range(changes.size()))
