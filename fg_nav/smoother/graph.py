@@ -26,7 +26,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.compiled import njit
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
-from fg_nav.factors.residual import ResidualBlock, join_blocks
+from fg_nav.factors.residual import ResidualBlock, join_blocks, read_variables
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense_path import fill_path
@@ -39,6 +39,7 @@ from fg_nav.smoother.solver import (
     GtsamFactors,
     LinearizableBlock,
     Solved,
+    list_poses,
     minimize,
     time_order,
 )
@@ -276,14 +277,14 @@ class Trajectory(NamedTuple):
 
 def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
     """Return the trajectory of a solved walk at the recording's rate."""
-    poses = [values.atPose3(X(j)) for j in range(len(nodes))]
+    poses = list_poses(range(len(nodes)), values)
     bias = biases_of(nodes, values)[nodes.bias[nodes.footfall]]
     return dense_trajectory(
         recording,
         nodes.sample,
-        np.array([pose.translation() for pose in poses]),
-        np.array([values.atVector(V(j)) for j in range(len(nodes))]),
-        np.array([pose.rotation().matrix() for pose in poses]),
+        poses[:, :3, 3].copy(),
+        read_variables(values, [V(j) for j in range(len(nodes))], 3),
+        poses[:, :3, :3].copy(),
         np.ascontiguousarray(bias[:, 3:]),
         np.ascontiguousarray(bias[:, :3]),
         gravity,

@@ -32,6 +32,7 @@ from scipy.linalg.lapack import dtrtri
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
+from fg_nav.factors.residual import LETTER_SHIFT, POSE, read_variables
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import StanceTable
 
@@ -238,13 +239,10 @@ def _descend(
 DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, ord("z"): 1}
 """Of the tangent space of pose, velocity, bias, settling, state of the field and floor, by the letter in the key."""
 
-_LETTER_SHIFT = 56
-"""A gtsam key carries its letter in the highest byte."""
-
 
 def dimension_of(key: int) -> int:
     """Dimension of the tangent space of a variable of the walk."""
-    return DIMENSION[key >> _LETTER_SHIFT]
+    return DIMENSION[key >> LETTER_SHIFT]
 
 
 def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dict[int, Floats]:
@@ -325,12 +323,17 @@ def _joint(R: Floats, S: Floats, parent: Floats, known: Ints) -> Floats:
 
 def list_attitudes(nodes: Iterable[int], values: gtsam.Values) -> Floats:
     """List the attitudes (n, 3, 3) at some nodes."""
-    return np.array([values.atPose3(X(int(j))).rotation().matrix() for j in nodes])
+    return list_poses(nodes, values)[:, :3, :3].copy()
 
 
 def list_positions(nodes: Iterable[int], values: gtsam.Values) -> Floats:
     """List the positions (n, 3) m at some nodes."""
-    return np.array([values.atPose3(X(int(j))).translation() for j in nodes])
+    return list_poses(nodes, values)[:, :3, 3].copy()
+
+
+def list_poses(nodes: Iterable[int], values: gtsam.Values) -> Floats:
+    """List the poses (n, 4, 4) at some nodes."""
+    return read_variables(values, [X(int(j)) for j in nodes], POSE).reshape(-1, 4, 4)
 
 
 def pose_in_nav(nav_R_body: Floats) -> Floats:
@@ -358,10 +361,9 @@ def stance_table(
     covariance = marginal_covariances(solved.tree, {*pose_keys, *bias_keys})
     if shared:
         covariance = {key: own + shared[key] @ shared[key].T for key, own in covariance.items()}
-    poses = [solved.values.atPose3(key) for key in pose_keys]
-    attitude = np.array([pose.rotation().matrix() for pose in poses])
+    poses = list_poses(nodes.result, solved.values)
+    attitude, position = poses[:, :3, :3].copy(), poses[:, :3, 3].copy()
     body = np.array([covariance[key] for key in pose_keys])
-    position = np.array([pose.translation() for pose in poses])
     pose_cov = in_nav(attitude, body)
     bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
     sample = nodes.sample[nodes.result]

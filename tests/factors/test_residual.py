@@ -3,7 +3,7 @@
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import M, S, V, X, Z
+from gtsam.symbol_shorthand import L, M, S, V, X, Z
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors import (
@@ -17,6 +17,7 @@ from fg_nav.factors import (
     StraightWalk,
     factor_of,
     linear_factor_of,
+    residual,
 )
 from fg_nav.factors.magnetic_field import SIZE
 from fg_nav.factors.residual import join_blocks, one_of
@@ -141,3 +142,31 @@ def test_a_block_of_none_has_no_error():
     empty = ResidualBlock(blocks["floor height"].residuals, [])
     assert empty.error(values) == 0.0
     assert list(empty.linearize(values)) == []
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["walk", "poses of another letter"])
+def test_many_variables_are_read_as_one_by_one(own: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where numbers are left out, and those wanted are in another order."""
+    rng, values = np.random.default_rng(0), gtsam.Values()
+    numbers = [*range(3, 40, 2), 300]
+    for j in numbers:
+        values.insert(X(j), gtsam.Pose3.Expmap(rng.standard_normal(6)))
+        values.insert(V(j), rng.standard_normal(3))
+    if own:
+        values.insert(L(0), gtsam.Pose3())
+    wanted = rng.permutation(numbers)
+    poses = [X(int(j)) for j in wanted]
+    velocities = [V(int(j)) for j in wanted]
+    one_by_one = [values.atPose3(key).matrix() for key in poses], [values.atVector(key) for key in velocities]
+    read_one = residual._read
+    monkeypatch.setattr(residual, "_read", lambda *args: pytest.fail("one by one") if not own else read_one(*args))
+    np.testing.assert_array_equal(residual.read_variables(values, poses, residual.POSE), one_by_one[0])
+    np.testing.assert_array_equal(residual.read_variables(values, velocities, 3), one_by_one[1])
+
+
+def test_a_variable_that_is_not_there_is_not_read_as_another() -> None:
+    values = gtsam.Values()
+    for j in range(residual.FEW):
+        values.insert(V(j), np.zeros(3))
+    with pytest.raises(RuntimeError):
+        residual.read_variables(values, [V(j + 1) for j in range(residual.FEW)], 3)
