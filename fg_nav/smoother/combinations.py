@@ -25,13 +25,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.sensitivity import SharedColumns
 from fg_nav.smoother.solver import Solved, list_attitudes, pose_in_nav
+from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 
 
@@ -41,13 +41,13 @@ class FootfallCovariance:
 
     Attributes
     ----------
-    tree : of the walk, eliminated by QR.
+    root : of the walk, eliminated by QR.
     keys : of the poses of the F footfalls.
     nav_T_body : (F, 4, 6), from their tangent spaces to east, north, up and yaw.
     shared : L (d, n) of each variable of the walk; empty where the tree holds all.
     """
 
-    tree: gtsam.GaussianBayesTree
+    root: SquareRoot
     keys: tuple[int, ...]
     nav_T_body: Floats
     shared: Mapping[int, Floats]
@@ -56,14 +56,15 @@ class FootfallCovariance:
     def of(cls, solved: Solved, nodes: Nodes, shared: Mapping[int, Floats]) -> FootfallCovariance:
         """Take that of a walk's footfalls, each at its stillest node."""
         keys = tuple(X(int(j)) for j in nodes.result)
-        return cls(solved.tree, keys, pose_in_nav(list_attitudes(nodes.result, solved.values)), shared)
+        return cls(solved.root, keys, pose_in_nav(list_attitudes(nodes.result, solved.values)), shared)
 
     def combine(self, weights: Floats) -> tuple[Floats, Floats]:
         """Return cov(c) (n, n), and cov(e_k, c) (F, 4, n) with each footfall, of weights (F, 4, n)."""
         g = np.swapaxes(self.nav_T_body, 1, 2) @ weights
-        columns = SharedColumns(self.tree, dict(zip(self.keys, g, strict=True)), g.shape[2])
-        moved = columns.solve()
-        covariance, cross = columns.explained, np.array([moved[key] for key in self.keys])
+        at, products = self.root.find_columns([(key,) for key in self.keys]), np.zeros((self.root.total, g.shape[2]))
+        products[at] = g
+        columns = SharedColumns(self.root, products)
+        covariance, cross = columns.explained, columns.solve()[at]
         if self.shared:
             L = np.array([self.shared[key] for key in self.keys])
             pull = np.einsum("kds,kdn->sn", L, g)

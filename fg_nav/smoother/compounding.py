@@ -106,24 +106,42 @@ def _halve(
     gyro_bias: Floats,
 ) -> None:
     """Write the two samples that stand for the block from `first` to `stop`."""
-    state = NavState(np.zeros(3), np.zeros(3), np.eye(3), gyro_bias, acc_bias)
+    state = NavState(np.zeros(3), np.zeros(3), np.zeros((3, 3)), gyro_bias, acc_bias)
     turn, push, T = np.empty((3, 3)), np.empty(3), 0.0
+    for axis in range(3):
+        state.nav_R_body[axis, axis] = 1.0
     for i in range(first, stop):
         strapdown(state, force[i], rate[i], h[i], 0.0, turn, push)
         T += h[i]
-    half, theta = 0.5 * T, 0.5 * rotation_vector(state.nav_R_body)
-    x = (theta**2).sum()
+    half, theta = 0.5 * T, rotation_vector(state.nav_R_body)
+    x = 0.0
+    for axis in range(3):
+        theta[axis] *= 0.5
+        x += theta[axis] ** 2
     a, b, c = rotation_series(x)
     to_mean = (1.0 - (1.0 - b * x) / (2.0 * a)) / x if x > 1e-12 else 1.0 / 12.0
-    total = _apply(theta, 1.0, -0.5, to_mean, state.velocity / half)
-    one = _apply(theta, 1.0, -0.5, to_mean, state.position / half**2 - _apply(theta, 0.5, b, c, total))
-    other = _apply(theta, 1.0, b * x - 1.0, a, total - one)
-    write_sample(out, row, one + acc_bias, theta / half + gyro_bias, half)
-    write_sample(out, row + 1, other + acc_bias, theta / half + gyro_bias, half)
+    total, one, other = np.empty(3), np.empty(3), np.empty(3)
+    _apply(theta, 1.0, -0.5, to_mean, state.velocity, total)
+    _apply(theta, 0.5, b, c, total, other)
+    for axis in range(3):
+        other[axis] = (state.position[axis] / half - other[axis]) / half
+    _apply(theta, 1.0, -0.5, to_mean, other, one)
+    for axis in range(3):
+        other[axis] = total[axis] / half - one[axis]
+    _apply(theta, 1.0, b * x - 1.0, a, other, total)
+    for axis in range(3):
+        one[axis] += acc_bias[axis]
+        total[axis] += acc_bias[axis]
+        theta[axis] = theta[axis] / half + gyro_bias[axis]
+    write_sample(out, row, one, theta, half)
+    write_sample(out, row + 1, total, theta, half)
 
 
 @njit(cache=True)
-def _apply(theta: Floats, by_itself: float, by_one: float, by_two: float, v: Floats) -> Floats:
-    """(by_itself I + by_one [theta] + by_two [theta]^2) v."""
-    once = np.cross(theta, v)
-    return by_itself * v + by_one * once + by_two * np.cross(theta, once)
+def _apply(theta: Floats, by_itself: float, by_one: float, by_two: float, v: Floats, out: Floats) -> None:
+    """Write (by_itself I + by_one [theta] + by_two [theta]^2) v: in numbers, which are compiled sooner than arrays."""
+    x, y, z = theta[0], theta[1], theta[2]
+    c0, c1, c2 = y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
+    out[0] = by_itself * v[0] + by_one * c0 + by_two * (y * c2 - z * c1)
+    out[1] = by_itself * v[1] + by_one * c1 + by_two * (z * c0 - x * c2)
+    out[2] = by_itself * v[2] + by_one * c2 + by_two * (x * c1 - y * c0)

@@ -115,7 +115,7 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     moved = _columns(problem, solved.linearized_at)
     by_scale = -(A[:, :, POSE_END] @ moved[:, :6] + A[:, :, VELOCITY_END] @ moved[:, 6:])
     # The walk is eliminated, and what it says of the scale is weighed.
-    columns, information, pull = weigh_shared(solved.tree, A, b, keys, by_scale)
+    columns, information, pull = weigh_shared(solved.root, A, b, keys, by_scale)
     return WalkScale(compare_models(information, pull), columns)
 
 

@@ -52,7 +52,7 @@ def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColum
     block = problem.velocities
     residual, jacobians = block.evaluate(solved.linearized_at)
     by_share = -jacobians[1] @ find_motion(problem, solved.values)
-    return weigh_shared(solved.tree, np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
+    return weigh_shared(solved.root, np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:

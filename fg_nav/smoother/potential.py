@@ -131,7 +131,7 @@ def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
         return statistic
     residual, jacobians = block.evaluate(solved.linearized_at)
     jacobian = np.concatenate(jacobians, axis=2)
-    left = residuals_at_minimum(solved.tree, block.keys, residual, jacobian)[:, 0]
+    left = residuals_at_minimum(solved.root, block.keys, residual, jacobian)[:, 0]
     row_of = {keys[0]: k for k, keys in enumerate(block.keys)}
     for rows, covariance in clique_covariances(solved.tree):
         for k in (row_of[key] for key in rows if key in row_of):
@@ -159,7 +159,7 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     residual, jacobians = block.evaluate(solved.linearized_at)
     # One number to each integral, by which it may be off.
     own = np.eye(len(those))
-    columns, _, pull = weigh_shared(solved.tree, np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
+    columns, _, pull = weigh_shared(solved.root, np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
     share, axes = np.linalg.eigh(own + sign * columns.explained)
     return float(((axes.T @ pull) ** 2 / np.maximum(share, LEAST_VARIANCE)).sum())
 

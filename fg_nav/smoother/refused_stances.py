@@ -9,8 +9,8 @@ Jacobian and P the covariance of their variables,
     M_k = I - J P J^T,     F_k = H_k^T M_k H_k,     d_k = F_k^-1 H_k^T e_k,     T_k = d_k^T F_k d_k
 
 T_k is by how much twice the error falls at the minimum where d_k is free (a deletion diagnostic; Cook 1977), chi^2 of
-three degrees of freedom where the stance is one. It costs one pass down the Bayes tree, as the jumps of the potential
-do (`potential`), with all nodes of a footfall kept together.
+three degrees of freedom where the stance is one. It costs one pass down the Bayes tree (`square_root`), each footfall a
+group with G = J^T H.
 
 A stance is refused where T is above `LEAST_STATISTIC` (of a mid-swing `LEAST_OF_SWING`) and the largest within
 `NEIGHBORS` footfalls, for a wrong tie spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are
@@ -19,19 +19,18 @@ not dropped: their sigma grows to |d_k|. Then the walk is solved again, until no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import V, X
 from scipy.ndimage import maximum_filter1d
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, Rows, Solved, clique_covariances, residuals_at_minimum
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, residuals_at_minimum
+from fg_nav.smoother.square_root import Groups, SquareRoot
+from fg_nav.smoother.strides import Nodes
 from fg_nav.text import format_count
 
 LEAST_STATISTIC = 40.0
@@ -109,19 +108,31 @@ def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceSta
     """Measure T and d of every footfall, at the minimum of the last linearization."""
     nodes, block = problem.nodes, problem.velocities
     residual, jacobians = block.evaluate(solved.linearized_at)
-    jacobian = np.concatenate(jacobians, axis=2)
-    left = residuals_at_minimum(solved.tree, block.keys, residual, jacobian)
-    found = StanceStatistics(np.zeros(len(nodes.result)), np.zeros((len(nodes.result), 3)))
-    for footfall, rows, covariance in footfall_covariances(solved.tree, nodes.footfall, nodes.first):
-        ties = np.arange(nodes.first[footfall], nodes.first[footfall + 1])
-        J = np.zeros((3 * len(ties), len(covariance)))
-        for i, k in enumerate(ties):
-            of_keys = np.concatenate([np.arange(*rows[key]) for key in block.keys[k]])
-            J[3 * i : 3 * i + 3, of_keys] = jacobian[k]
-        H = jacobians[1][ties].reshape(-1, 3)
-        F = H.T @ H - (H.T @ J) @ covariance @ (J.T @ H)
-        found.velocity[footfall], found.statistic[footfall] = _solve_shift(F, H.T @ left[ties].ravel())
+    jacobian, root = np.concatenate(jacobians, axis=2), solved.root
+    left = residuals_at_minimum(root, block.keys, residual, jacobian)
+    # H^T H and H^T e of each footfall, and what the walk explains of the first.
+    H, begins = jacobians[1], nodes.first[:-1]
+    seen = np.add.reduceat(np.swapaxes(H, 1, 2) @ H, begins)
+    by = np.add.reduceat((np.swapaxes(H, 1, 2) @ left[..., None])[..., 0], begins)
+    F = seen - root.quadratic_forms(_group_ties(root, block, nodes, np.swapaxes(jacobian, 1, 2) @ H))
+    found = StanceStatistics(np.zeros(len(F)), np.zeros((len(F), 3)))
+    for footfall in range(len(F)):
+        found.velocity[footfall], found.statistic[footfall] = _solve_shift(F[footfall], by[footfall])
     return found
+
+
+def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: Floats) -> Groups:
+    """Group the variables of ties by footfall, with J^T H (M, d, 3) of each tie; the last, settling, is in common."""
+    columns, begins = root.find_columns(block.keys), nodes.first[:-1]
+    groups = Groups(
+        np.full(root.total, -1),
+        np.zeros((root.total, 3)),
+        columns[begins, -1],
+        np.add.reduceat(products[:, -1], begins),
+    )
+    groups.of_column[columns[:, :-1]] = nodes.footfall[:, None]
+    groups.G[columns[:, :-1]] = products[:, :-1]
+    return groups
 
 
 def _solve_shift(F: Floats, by: Floats) -> tuple[Floats, float]:
@@ -131,17 +142,3 @@ def _solve_shift(F: Floats, by: Floats) -> tuple[Floats, float]:
     along = axes[:, seen].T @ by / strength[seen]
     d = axes[:, seen] @ along
     return d, float(d @ by)
-
-
-def footfall_covariances(
-    tree: gtsam.GaussianBayesTree, footfall: Ints, first: Ints
-) -> Iterator[tuple[int, Rows, Floats]]:
-    """Yield each footfall with the rows and the joint covariance of all variables of its ties.
-
-    `footfall` (M,) of each node, `first` (F+1,) node of each: with this one, eliminated first, the others are known.
-    """
-    of_key = {key(j): int(f) for j, f in enumerate(footfall) for key in (X, V)}
-    begins = {X(int(j)): f for f, j in enumerate(first[:-1])}
-    for rows, covariance in clique_covariances(tree, of_key):
-        for key in [key for key in rows if key in begins]:
-            yield begins.pop(key), rows, covariance

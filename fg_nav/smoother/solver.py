@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import gtsam
@@ -33,6 +33,7 @@ from scipy.linalg.lapack import dtrtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, read_variables
+from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import StanceTable
 
@@ -133,6 +134,11 @@ class Solved:
     tree: gtsam.GaussianBayesTree
     steps: int
     linearized_at: gtsam.Values
+
+    @cached_property
+    def root(self) -> SquareRoot:
+        """What the tree holds, as arrays."""
+        return SquareRoot(self.tree, DIMENSION)
 
 
 def minimize(
@@ -255,41 +261,29 @@ def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dic
     return found
 
 
-def residuals_at_minimum(
-    tree: gtsam.GaussianBayesTree, keys: Sequence[Sequence[int]], residual: Floats, jacobian: Floats
-) -> Floats:
+def residuals_at_minimum(root: SquareRoot, keys: Sequence[Sequence[int]], residual: Floats, jacobian: Floats) -> Floats:
     """Return the residuals (K, r) of K factors at the minimum of a tree.
 
     `residual` (K, r) and `jacobian` (K, r, d), by the variables `keys`, are those where the tree was linearized.
     """
-    step = tree.optimize()
-    steps = np.array([np.concatenate([step.at(key) for key in one]) for one in keys])
-    return np.asarray(residual + (jacobian @ steps[..., None])[..., 0])
+    return np.asarray(residual + (jacobian @ root.step[root.find_columns(keys)][..., None])[..., 0])
 
 
 Rows = dict[int, tuple[int, int]]
 """First row and row after the last of each key."""
 
 
-def clique_covariances(
-    tree: gtsam.GaussianBayesTree, together: Mapping[int, int] = MappingProxyType({})
-) -> Iterator[tuple[Rows, Floats]]:
-    """Yield the rows of each key and the joint covariance of every clique, parents first.
-
-    `together` has the group of some keys. With a clique come all of a group above it that has a frontal variable in it,
-    and in all cliques between: where what is known of the parent is A, P_FA = W P_SA.
-    """
+def clique_covariances(tree: gtsam.GaussianBayesTree) -> Iterator[tuple[Rows, Floats]]:
+    """Yield the rows of each key and the joint covariance of every clique, parents first."""
     nothing: Rows = {}
     stack = [(root, nothing, np.zeros((1, 1))) for root in tree.roots()]
     while stack:
         clique, above, covariance = stack.pop()
         conditional = clique.conditional()
         keys = conditional.keys()
-        groups = {together[key] for key in keys if key in together and key not in above}
-        carried = [key for key in above if together.get(key) in groups and key not in keys] if groups else []
-        known = _rows_of([*(key for key in keys if key in above), *carried], above)
+        known = _rows_of([key for key in keys if key in above], above)
         covariance = _joint(conditional.R(), conditional.S(), covariance, known)
-        rows = _stacked([*keys, *carried])
+        rows = _stacked(keys)
         yield rows, covariance
         stack += [(clique[i], rows, covariance) for i in range(clique.nrChildren())]
 
@@ -309,15 +303,15 @@ def _rows_of(keys: list[int], rows: Rows) -> Ints:
 
 
 def _joint(R: Floats, S: Floats, parent: Floats, known: Ints) -> Floats:
-    """Covariance of the frontal variables and of those at rows `known` of the parent's, the separator first of them."""
-    f, s = S.shape
+    """Covariance of the frontal variables and of the separator, at rows `known` of the parent's."""
+    f = len(S)
     joint = np.empty((f + len(known), f + len(known)))
     joint[f:, f:] = parent[known[:, None], known]
     R_inverse = dtrtri(R)[0]
     W = -R_inverse @ S
-    cross = W @ joint[f : f + s, f:]
+    cross = W @ joint[f:, f:]
     joint[:f, f:], joint[f:, :f] = cross, cross.T
-    joint[:f, :f] = R_inverse @ R_inverse.T + cross[:, :s] @ W.T
+    joint[:f, :f] = R_inverse @ R_inverse.T + cross @ W.T
     return joint
 
 
@@ -358,7 +352,7 @@ def stance_table(
     """
     pose_keys = [X(j) for j in nodes.result]
     bias_keys = [B(k) for k in nodes.bias]
-    covariance = marginal_covariances(solved.tree, {*pose_keys, *bias_keys})
+    covariance = solved.root.covariances({*pose_keys, *bias_keys})
     if shared:
         covariance = {key: own + shared[key] @ shared[key].T for key, own in covariance.items()}
     poses = list_poses(nodes.result, solved.values)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
@@ -14,8 +13,8 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.refused_stances import (
     LEAST_STATISTIC,
+    _group_ties,
     compute_stance_statistics,
-    footfall_covariances,
     weaken_refused_stances,
 )
 from fg_nav.smoother.solver import compute_error, linearize, time_order
@@ -64,16 +63,17 @@ def test_the_covariances_are_those_of_the_inverse(problem):
     ends = np.cumsum([0] + [size[chr(key >> 56)] for key in keys])
     column = {key: np.arange(a, b) for key, a, b in zip(keys, ends[:-1], ends[1:], strict=True)}
     whole = np.linalg.inv(hessian)
-    seen = []
-    for footfall, rows, covariance in footfall_covariances(solved.tree, nodes.footfall, nodes.first):
-        seen.append(footfall)
-        ties = range(nodes.first[footfall], nodes.first[footfall + 1])
-        of_ties = [key for j in ties for key in (X(j), V(j))] + [S(int(nodes.bias[footfall]))]
-        at = np.concatenate([np.arange(*rows[key]) for key in of_ties])
-        expected = whole[np.ix_(*[np.concatenate([column[key] for key in of_ties])] * 2)]
-        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-        np.testing.assert_allclose(covariance[np.ix_(at, at)] / scale, expected / scale, atol=1e-4)
-    assert sorted(seen) == list(range(len(nodes.result)))
+    # The forms of random sums over the variables of each footfall.
+    rng, root = np.random.default_rng(0), solved.root
+    products = rng.standard_normal((len(nodes), 10, 3)) * np.repeat([1.0, 1e-3], [9, 1])[:, None]
+    forms = root.quadratic_forms(_group_ties(root, problem.velocities, nodes, products))
+    for footfall, found in enumerate(forms):
+        G = np.zeros((len(whole), 3))
+        for j in range(nodes.first[footfall], nodes.first[footfall + 1]):
+            at = np.concatenate([column[key] for key in problem.velocities.keys[j]])
+            G[at] += products[j]
+        np.testing.assert_allclose(found, G.T @ whole @ G, rtol=1e-4)
+    assert len(forms) == len(nodes.result)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.1])

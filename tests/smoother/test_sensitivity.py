@@ -18,11 +18,13 @@ def test_tree_gives_what_the_dense_matrix_does() -> None:
     keys = [ordering.at(i) for i in range(ordering.size())]
     C = np.random.default_rng(0).standard_normal((len(A), 3))
     ends = np.cumsum([dimension_of(key) for key in keys])[:-1]
-    found = SharedColumns(solved.tree, dict(zip(keys, np.split(A.T @ C, ends), strict=True)), 3)
+    products = np.zeros((solved.root.total, 3))
+    products[np.concatenate([solved.root.find_columns([(key,)])[0] for key in keys])] = A.T @ C
+    found = SharedColumns(solved.root, products)
     # Columns of one size, as poses, velocities and biases are of many.
     size = np.linalg.norm(A, axis=0)
     Q, R = np.linalg.qr(A / size)
-    X, moved = np.linalg.solve(R, Q.T @ C) / size[:, None], found.solve()
+    X, moved = np.linalg.solve(R, Q.T @ C) / size[:, None], solved.root.split(found.solve())
     expected = dict(zip(keys, np.split(X, ends), strict=True))
     assert found.explained == pytest.approx(C.T @ Q @ Q.T @ C, rel=1e-7)
     for key in keys:
