@@ -27,7 +27,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -111,6 +111,9 @@ class Recording:
     truth: Truth | None = None
     provenance: Provenance = field(default_factory=Provenance)
 
+    _is_cut: ClassVar[bool] = False
+    """Whether it is a slice, whose samples are prepared as those of the whole recording."""
+
     def __post_init__(self) -> None:
         for name in ("t", "acc", "gyr", "mag"):
             value = getattr(self, name)
@@ -186,6 +189,11 @@ class Recording:
         acc, gyr = self.peaks
         return prepare_samples(acc.whole, gyr.whole, h, self.gaps)
 
+    def release(self) -> None:
+        """Let go of `integrable`, which is made again when it is asked for: as large as force and rate themselves."""
+        if not self._is_cut:
+            self.__dict__.pop("integrable", None)
+
     @cached_property
     def peaks(self) -> tuple[Peaks, Peaks]:
         """Specific force and rate with the peaks rebuilt that the sensor cut."""
@@ -243,6 +251,7 @@ class Recording:
         cut = replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag)
         acc, gyr = self.integrable
         cut.__dict__.update(
+            _is_cut=True,
             gaps=self.gaps.within(start, stop),
             period_s=self.period_s,
             integrable=(acc[part], gyr[part]),

@@ -19,7 +19,7 @@ def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Flo
     """Find the standard deviations (N, 3) of single samples on top of the densities: zero for most.
 
     `saturated_share` is what a clipped peak may hide beyond what is rebuilt, as a share of the range, one sigma; 0 for
-    no extra sigma of peaks. Returns those of specific forces, m/s^2, and of rates, rad/s.
+    no extra sigma of peaks. Returns those of specific forces, m/s^2, and of rates, rad/s; not to be written to.
     """
     gaps = recording.gaps
     held_s = recording.t[gaps.sample + 1] - recording.t[gaps.sample]
@@ -27,7 +27,13 @@ def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Flo
     found = []
     sensors = (recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)
     for (samples, unseen), peaks in zip(sensors, recording.peaks, strict=True):
-        sigma = np.hypot(peaks.sigma, saturated_share * np.abs(samples) * np.sqrt(peaks.run)) * (saturated_share > 0)
+        cut = np.flatnonzero(peaks.run.any(axis=1)) if saturated_share > 0 else gaps.sample[:0]
+        if not len(cut) and not len(gaps.sample):
+            found.append(np.broadcast_to(0.0, samples.shape))
+            continue
+        sigma = np.zeros(samples.shape)
+        hidden = saturated_share * np.abs(samples[cut]) * np.sqrt(peaks.run[cut])
+        sigma[cut] = np.hypot(peaks.sigma[cut], hidden)
         sigma[gaps.sample] = np.hypot(sigma[gaps.sample], share * unseen)
         found.append(sigma)
     return found[0], found[1]

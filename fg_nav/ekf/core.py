@@ -105,7 +105,8 @@ def filter_walk(
     n, k, back = len(recording), len(rows), parameters.smoothed
     track, tape = allocate_track(n, k), allocate_tape(n, int(stands[start.row :].sum()), k, back)
     h = np.append(np.diff(recording.t), recording.period_s)
-    samples = Samples(h, *recording.integrable, *find_extra_sigmas(recording, parameters.saturated_share))
+    extra = map(np.ascontiguousarray, find_extra_sigmas(recording, parameters.saturated_share))
+    samples = Samples(h, *recording.integrable, *extra)
     state, P = make_initial_state(start, parameters, heading_sigma)
     noise, stance = make_noise_models(parameters)
     gravity = parameters.gravity

@@ -224,12 +224,30 @@ def _fit_line(x: Floats, y: Floats) -> _Line:
     return _Line(y_mean - x_mean @ slopes, slopes, float(1.0 + 1.0 / len(x) + x_mean @ unlike), strange.mean(axis=0))
 
 
+BLOCK = 1 << 16
+"""Samples that are prepared at once: more need memory, and no longer fit a processor's cache."""
+
+
 def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
     """Specific forces and rates (N, 3), from rebuilt ones, that integrate to the motion when held over `h` (N,) s."""
-    share = (gaps.unseen_s / h[gaps.sample])[:, None]
-    acc, gyr = acc.copy(), gyr.copy()
-    acc[gaps.sample] += share * (gaps.acc - acc[gaps.sample])
-    gyr[gaps.sample] += share * (gaps.gyr - gyr[gaps.sample])
+    force, rate = np.empty_like(acc), np.empty_like(gyr)
+    for start in range(0, len(h), BLOCK):
+        stop = min(start + BLOCK, len(h))
+        # A sample's change is known from both of its neighbors.
+        first, last = max(start - 1, 0), min(stop + 1, len(h))
+        inside = np.s_[start - first : stop - first]
+        found = _prepare_block(acc[first:last].copy(), gyr[first:last].copy(), h[first:last], gaps, first)
+        force[start:stop], rate[start:stop] = found[0][inside], found[1][inside]
+    return force, rate
+
+
+def _prepare_block(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps, first: int) -> tuple[Floats, Floats]:
+    """Prepare the samples from `first` on; they are written over."""
+    inside = (gaps.sample >= first) & (gaps.sample < first + len(h))
+    sample = gaps.sample[inside] - first
+    share = (gaps.unseen_s[inside] / h[sample])[:, None]
+    acc[sample] += share * (gaps.acc[inside] - acc[sample])
+    gyr[sample] += share * (gaps.gyr[inside] - gyr[sample])
     return compensate_coning(acc, gyr, h)
 
 

@@ -77,7 +77,7 @@ def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
     (N, 3) True where an axis is clipped, at either end of its range.
     """
     upper, lower = find_clipping_levels(samples) if levels is None else levels
-    return np.asarray((samples >= upper) | (-samples >= lower))
+    return np.asarray((samples >= upper) | (samples <= -lower))
 
 
 def find_clipping_levels(samples: Floats) -> Floats:
@@ -169,10 +169,14 @@ class Peaks(NamedTuple):
 def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None) -> Peaks:
     """Rebuild the peaks of rates or specific forces (N, 3), one sample every `period_s`.
 
-    `levels` (2, 3) from which on they are clipped, as in `find_saturated`.
+    `levels` (2, 3) from which on they are clipped, as in `find_saturated`. Where nothing was cut the samples are
+    returned as they are, and the zeros take no memory.
     """
-    peaks = Peaks(samples.copy(), np.zeros(samples.shape), np.zeros(samples.shape))
     clipped = find_saturated(samples, levels)
+    if not clipped.any():
+        nothing = np.broadcast_to(0.0, samples.shape)
+        return Peaks(samples, nothing, nothing)
+    peaks = Peaks(samples.copy(), np.zeros(samples.shape), np.zeros(samples.shape))
     for axis in np.flatnonzero(clipped.any(axis=0)):
         for sign in (1.0, -1.0):
             cut = clipped[:, axis] & (sign * samples[:, axis] > 0)

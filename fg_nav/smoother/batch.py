@@ -261,6 +261,7 @@ def _fit_gyro_scale(
     if not (parameters.gyro_scale and shows_heading(walk.problem)):
         return walk, {}, ()
     scale = estimate_gyro_scale(walk.problem, walk.solved)
+    walk.problem.recording.release()
     if not scale.found.is_shown:
         return walk, scale.columns.spread(scale.found.second_moment), ()
     walk = solve_again(scale.found.remove_from(recording), parameters)
@@ -275,6 +276,7 @@ def _solution_of(walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, 
     table = stance_table(recording.t, problem.nodes, solved, verdict, joint.shared)
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
     position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
+    recording.release()
     tails = freeze_ends(recording.t, stances, position, velocity)
     floors = write_floor_note(problem.floor)
     steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"

@@ -167,14 +167,14 @@ def _solve_first(walk: FieldWalk, p: FieldParameters) -> _Round:
 
 
 def _look_again(field: FootfallField, last: _Round, p: FieldParameters) -> _Round:
-    """Make the factors again, of the field along the last solution."""
+    """Make the factors again, of the field along the last solution, whose tree is let go of."""
     problem, values, path = last.problem, last.solved.values, last.field.path
     residuals = compare_field(problem, field, values, path, last.field.states(values), p)
     direction = last.direction
     if not problem.heading_known:
         direction = expect_direction(problem, field, residuals, path, p)
     problem = add_field_factors(problem, field, residuals, path, direction, p)
-    return replace(last, problem=problem, residuals=residuals, direction=direction)
+    return replace(last, problem=problem, solved=last.solved.forget_tree(), residuals=residuals, direction=direction)
 
 
 def _assume_path_noise(current: _Round, noise: PathNoise) -> _Round:

@@ -23,29 +23,27 @@ import numpy as np
 from gtsam.symbol_shorthand import X, Z
 
 from fg_nav.factors.rotation import turn_about_up
-from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.evidence import MOST_NATS, eliminate
-from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_for_north, solve_with_field
+from fg_nav.smoother.field_rounds import FieldSolution, FieldWalk, solve_for_north, solve_with_field
 from fg_nav.smoother.floors import count_floors
-from fg_nav.smoother.graph import Trajectory, WalkProblem
 from fg_nav.smoother.solver import compute_error, compute_excess, linearize, list_attitudes, time_order
 
 SHAPE_SIGMA_DEG = 0.1
 """Within which a footfall has the heading that it has without the field: of a still rest and a good gyroscope."""
 
 
-def solve_where_field_tells(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
-    """Smooth a walk, whose values are near its minimum without the field, with it; `track` is theirs."""
-    walk = look_along(problem, field, track)
-    found = solve_with_field(walk)
+def solve_where_field_tells(walk: FieldWalk, without: gtsam.Values) -> FieldSolution:
+    """Smooth a walk with its field; `without` is its minimum without."""
+    found, problem = solve_with_field(walk), walk.problem
     # Without a rest the shape is not known; with a heading that is given the direction of the field is looked for.
     if not problem.known.rests or problem.heading_known:
         return found
     # Is a walk of the shape without the field less likely?
-    nats = refute_shape(found, problem.values)
+    nats = refute_shape(found, without)
     if nats > MOST_NATS:
         return found
     # It is not: the field shows north.
+    del found
     kept = solve_for_north(walk)
     note = (
         f"the path keeps the shape that it has without the field, which shows north alone: it speaks against that "

@@ -73,17 +73,17 @@ def preintegrate(
 
 @dataclass(frozen=True)
 class _ExtraNoise:
-    """The `variance` (N, 3) of single samples, of force and rate, and which intervals (M-1,) have such samples."""
+    """The `sigma` (N, 3) of single samples, of force and rate, and which intervals (M-1,) have such samples."""
 
     recording: Recording
-    variance: tuple[Floats, Floats]
+    sigma: tuple[Floats, Floats]
     uncertain: Bools
 
     @classmethod
     def of(cls, recording: Recording, sample: Ints, p: SmootherParameters) -> _ExtraNoise:
         acc, gyr = find_extra_sigmas(recording, p.saturated_share)
-        count = np.append(0, np.cumsum((acc + gyr).any(axis=1)))
-        return cls(recording, (acc**2, gyr**2), np.diff(count[sample]) > 0)
+        count = np.append(0, np.cumsum(acc.any(axis=1) | gyr.any(axis=1)))
+        return cls(recording, (acc, gyr), np.diff(count[sample]) > 0)
 
     def integrate(
         self,
@@ -94,9 +94,9 @@ class _ExtraNoise:
     ) -> None:
         """Integrate a part of the samples one by one, each with its variance and the noise (3, 3) of the interval."""
         force, rate = self.recording.integrable
-        held, (acc_extra, gyr_extra) = np.diff(self.recording.t[part.start : part.stop + 1]), self.variance
+        held, (acc_extra, gyr_extra) = np.diff(self.recording.t[part.start : part.stop + 1]), self.sigma
         for acc, gyr, h, more, more_gyr in zip(
-            force[part], rate[part], held.tolist(), acc_extra[part], gyr_extra[part], strict=True
+            force[part], rate[part], held.tolist(), acc_extra[part] ** 2, gyr_extra[part] ** 2, strict=True
         ):
             params.setAccelerometerCovariance(noise[0] + np.diag(more * h))
             params.setGyroscopeCovariance(noise[1] + np.diag(more_gyr * h))

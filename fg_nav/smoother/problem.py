@@ -253,10 +253,16 @@ def walk_problem(
     recording, known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
+    recording.release()
+    problem = _solve_first(problem, p)
+    return choose_bias_walk(problem) if p.choose_bias_walk else problem
+
+
+def _solve_first(problem: WalkProblem, p: SmootherParameters) -> WalkProblem:
+    """Return the problem with values near its minimum; its tree is let go of."""
     solved = solve(problem, FIRST_CONVERGENCE)
     problem = replace(problem, values=solved.values)
-    problem = weaken_refused_stances(problem, solved) if p.refuse_stances else problem
-    return choose_bias_walk(problem) if p.choose_bias_walk else problem
+    return weaken_refused_stances(problem, solved) if p.refuse_stances else problem
 
 
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.differential import add_differential_field
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
-from fg_nav.smoother.field_rounds import FieldSolution
+from fg_nav.smoother.field_rounds import FieldSolution, look_along
 from fg_nav.smoother.field_shape import solve_where_field_tells
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.solver import Solved
@@ -31,8 +31,12 @@ def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = 
     # While the foot stands the field shows the gyro bias, also where it shows no heading.
     track = trajectory_of(problem.recording, problem.nodes, problem.values, problem.parameters.gravity)
     problem = add_differential_field(problem, problem.values, track)
+    problem.recording.release()
     # The field is compared along the solution, and joins it.
     if obstacle:
+        del track
         return SolvedWalk(problem, solve(problem), ignore_field(problem, obstacle))
-    found = solve_where_field_tells(problem, field, track)
+    walk = look_along(problem, field, track)
+    del track  # as large as the recording
+    found = solve_where_field_tells(walk, problem.values)
     return SolvedWalk(found.problem, found.solved, found.verdict, found)

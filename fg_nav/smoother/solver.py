@@ -21,7 +21,7 @@ milliseconds.)
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -140,6 +140,10 @@ class Solved:
         """What the tree holds, as arrays."""
         return SquareRoot(self.tree, DIMENSION)
 
+    def forget_tree(self) -> Solved:
+        """Return it without the tree, which is larger than all else, before another is made."""
+        return replace(self, tree=gtsam.GaussianBayesTree())
+
 
 def minimize(
     graph: gtsam.NonlinearFactorGraph,
@@ -170,6 +174,7 @@ def minimize(
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * ordering.size():
             return Solved(values, tree, steps, linearized_at)
+        del tree, step  # as large as all else: not kept beside the next one
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
         "units of the recording are wrong; look at it with 'fg-nav inspect'."

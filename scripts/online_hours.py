@@ -1,0 +1,258 @@
+"""A day through `fg-nav stream --lag`: how fast, how much memory, how long it is ever held up, and killed again.
+
+    python scripts/online_hours.py [--hours N] [--lag SECONDS] [--rate HZ] [--kills N] [--seed N] [--json FILE]
+
+A simulated walk with a magnetometer, repeated as long as it takes (`walks.RepeatedWalk`), is written to the standard
+input of the command as fast as it reads. With `--kills` the same walk goes through a second process with
+`--checkpoint`, which is killed (SIGKILL) at random instants and begun again, with the samples of the last half hour
+before it once more.
+
+A row an hour of walking:
+
+=============== ====================================================================================================
+took, s         of the clock on the wall
+faster          than it was walked
+memory, MB      of the command and of the process beside it that solves the walk again, at its end and highest so far
+longest wait, s for which the command did not read
+=============== ====================================================================================================
+
+The lines of the walk that was killed are compared with those of the other as in `online_kills`.
+"""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+
+import harness
+import numpy as np
+from benchmark_online import memory_mb
+from harness import FIRST_SEED, Figure, option
+from online_kills import compare_lines, read_lines
+from walks import RepeatedWalk, simulate_long_walk
+
+from fg_nav.columns.mapping import CANONICAL
+from fg_nav.io.readers.canonical import format_rows
+
+HOUR_S = 3600.0
+BLOCK_S = 1.0
+"""Of samples, written at once: a pipe holds some three of them."""
+
+AGAIN_S = 1800.0
+"""Of samples, sent again after a kill: more than came since the last save."""
+
+EVERY_S = 5.0
+"""Between two saves."""
+
+MINUTES = 60.0
+"""Of the walk that is repeated."""
+
+HEADER = ",".join(CANONICAL).encode() + b"\n"
+EXACT = 1e-9
+
+
+class Rows:
+    """The lines of a repeated walk by number, stamped evenly."""
+
+    def __init__(self, walk: RepeatedWalk) -> None:
+        recording = walk.recording
+        samples = np.column_stack([recording.acc, recording.gyr, recording.mag])
+        text = "".join(format_rows(samples, "%.9g", ",")).encode()
+        self._tails = text.splitlines(keepends=True)
+        self._walk, self.period_s = walk, recording.period_s
+
+    def format(self, start: int, stop: int) -> bytes:
+        """Return the lines of samples `start <= i < stop`."""
+        number = self._walk.number(np.arange(start, stop)).tolist()
+        tails = self._tails
+        return b"".join(
+            b"%.6f,%b" % (i * self.period_s, tails[k]) for i, k in zip(range(start, stop), number, strict=True)
+        )
+
+
+@dataclass
+class Hour:
+    """What became of an hour of walking."""
+
+    took_s: float
+    memory: list[float]
+    highest: float
+    wait_s: float
+
+
+@dataclass
+class Follower:
+    """A running command: its lines, and its memory as it goes."""
+
+    command: Sequence[str]
+    lines: list[str] = field(default_factory=list)
+    highest: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=False)
+        self._reader = threading.Thread(target=self._collect, daemon=True)
+        self._reader.start()
+
+    def _collect(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append(line.decode())
+
+    def write(self, piece: bytes) -> float:
+        """Hand it bytes; returns how long it did not take them, s."""
+        assert self.process.stdin is not None
+        began = perf_counter()
+        self.process.stdin.write(piece)
+        self.process.stdin.flush()
+        return perf_counter() - began
+
+    def memory(self) -> list[float]:
+        """Return MB of the command and of the process beside it."""
+        pids = [self.process.pid, *list_children(self.process.pid)]
+        found = [memory_mb(pid) for pid in pids]
+        self.highest = max(self.highest, float(np.nansum(found)))
+        return found
+
+    def end(self) -> None:
+        """Close its input and wait for it."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        self.process.wait()
+        self._reader.join()
+
+    def kill(self) -> None:
+        """End it without a warning."""
+        self.process.kill()
+        self.process.wait()
+        self._reader.join()
+
+
+def list_children(pid: int) -> list[int]:
+    """Return the processes that a process began."""
+    try:
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def stream_command(lag_s: float, checkpoint: Path | None = None) -> list[str]:
+    """Return the command that follows standard input."""
+    words = [sys.executable, "-m", "fg_nav.cli", "stream", "-", "--lag", f"{lag_s:g}"]
+    return words if checkpoint is None else [*words, "--checkpoint", str(checkpoint), "--every", f"{EVERY_S:g}"]
+
+
+def follow(rows: Rows, samples: int, command: Sequence[str], label: str) -> tuple[list[str], list[Hour]]:
+    """Send a whole walk, an hour after the other; return the lines and what each hour took."""
+    follower = Follower(command)
+    follower.write(HEADER)
+    hours, hour, block = [], round(HOUR_S / rows.period_s), round(BLOCK_S / rows.period_s)
+    for begin in range(0, samples, hour):
+        began, wait_s, end = perf_counter(), 0.0, min(begin + hour, samples)
+        for start in range(begin, end, block):
+            wait_s = max(wait_s, follower.write(rows.format(start, min(start + block, end))))
+            if start // block % 20 == 0:
+                follower.memory()
+        hours.append(Hour(perf_counter() - began, follower.memory(), follower.highest, wait_s))
+        print_hour(label, len(hours), (end - begin) * rows.period_s, hours[-1])
+    began = perf_counter()
+    follower.end()
+    print(f"{label}: closed in {perf_counter() - began:.1f} s, {len(follower.lines)} lines", flush=True)
+    return follower.lines, hours
+
+
+def print_hour(label: str, number: int, walked_s: float, hour: Hour) -> None:
+    """Print a row."""
+    memory = " + ".join(f"{one:.0f}" for one in hour.memory)
+    print(
+        f"{label}: hour {number}: took {hour.took_s:.1f} s, {walked_s / hour.took_s:.1f} times faster, "
+        f"memory {memory} MB, highest {hour.highest:.0f} MB, longest wait {hour.wait_s:.2f} s",
+        flush=True,
+    )
+
+
+def follow_killed(rows: Rows, samples: int, command: Sequence[str], kills: Sequence[int], label: str) -> list[str]:
+    """Send a walk and kill the command at these samples; return the lines of all processes."""
+    lines: list[str] = []
+    begin, block, again = 0, round(BLOCK_S / rows.period_s), round(AGAIN_S / rows.period_s)
+    for end in [*kills, samples]:
+        follower = Follower(command)
+        follower.write(HEADER)
+        for start in range(begin, end, block):
+            follower.write(rows.format(start, min(start + block, end)))
+        if end == samples:
+            follower.end()
+        else:
+            follower.kill()
+            print(f"{label}: killed behind sample {end}, {len(follower.lines)} lines", flush=True)
+        lines += follower.lines
+        begin = max(end - again, 0)
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the figures of the script."""
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        hours=option(24.0, "of walking", metavar="N"),
+        lag=option(60.0, "fixed lag", metavar="SECONDS"),
+        rate=option(200.0, "of the samples", metavar="HZ"),
+        kills=option(0, "how often a second process is killed", metavar="N"),
+        seed=FIRST_SEED,
+        json=None,
+    )
+    walk = RepeatedWalk.of(simulate_long_walk(min(MINUTES, 60 * chosen.hours), chosen.seed, chosen.rate, "indoor"))
+    rows = Rows(walk)
+    samples = round(HOUR_S * chosen.hours / rows.period_s)
+    lines, hours = follow(rows, samples, stream_command(chosen.lag), "whole")
+    figures = judge_hours(hours, samples * rows.period_s)
+    if chosen.kills:
+        figures += measure_kills(rows, samples, lines, chosen.kills, chosen.lag, chosen.seed)
+    harness.print_figures(figures)
+    harness.print_verdict(figures, chosen.json, hours=[vars(hour) for hour in hours])
+
+
+def judge_hours(hours: Sequence[Hour], walked_s: float) -> list[Figure]:
+    """Return the figures of a walk that was not killed."""
+    name = f"{walked_s / HOUR_S:.3g} hours"
+    speed = walked_s / sum(hour.took_s for hour in hours)
+    early = hours[min(1, len(hours) - 1)].memory
+    growth = float(np.nansum(hours[-1].memory) / np.nansum(early))
+    return [
+        Figure(name, "times faster than walked", "stream", speed, low=1.0, pattern="{:.1f}"),
+        Figure(name, "longest wait (s)", "stream", max(hour.wait_s for hour in hours)),
+        Figure(name, "memory, highest (MB)", "stream", max(hour.highest for hour in hours), pattern="{:.0f}"),
+        Figure(name, "memory at the end over that of hour 2", "stream", growth),
+    ]
+
+
+def measure_kills(rows: Rows, samples: int, whole: Sequence[str], kills: int, lag_s: float, seed: int) -> list[Figure]:
+    """Return how far the lines of a walk that is killed are from those of one that is not."""
+    rng = np.random.default_rng(seed)
+    at = np.sort(rng.integers(samples // 20, samples, kills)).tolist()
+    with tempfile.TemporaryDirectory() as name:
+        found = follow_killed(rows, samples, stream_command(lag_s, Path(name) / "walk.save"), at, "killed")
+    missing, differences = compare_lines(_parse(whole), _parse(found))
+    different = sum(one > EXACT for one in differences)
+    mode = f"{kills} kills"
+    return [
+        Figure(mode, "lines missing", "stream", float(missing), high=0.0, pattern="{:.0f}"),
+        Figure(mode, "tellings", "stream", float(len(differences)), pattern="{:.0f}"),
+        Figure(mode, "different", "stream", float(different), high=0.0, pattern="{:.0f}"),
+        Figure(mode, "largest difference", "stream", max(differences, default=math.inf), high=EXACT, pattern="{:.1e}"),
+    ]
+
+
+def _parse(lines: Sequence[str]) -> Iterator[dict[str, object]]:
+    return read_lines("".join(lines))
+
+
+if __name__ == "__main__":
+    harness.run(main)

@@ -1,0 +1,43 @@
+"""What a long recording holds besides its samples: nothing that can be made again, and no zeros."""
+
+import numpy as np
+import pytest
+
+from fg_nav.detection import detect_stances
+from fg_nav.recording import Recording
+from fg_nav.sample_noise import find_extra_sigmas
+from fg_nav.samples import gaps
+from fg_nav.smoother import smooth
+from tests.smoother.walks import demo
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    whole = demo().recording
+    return Recording(whole.t[:2400], whole.acc[:2400], whole.gyr[:2400])
+
+
+def test_samples_are_prepared_in_blocks_as_in_one(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    there = np.r_[0:698, 703:2400]  # a gap, which begins at the end of a block
+    t, acc, gyr = (samples[there] for samples in (recording.t, recording.acc, recording.gyr))
+    whole = Recording(t, acc, gyr).integrable
+    monkeypatch.setattr(gaps, "BLOCK", 100)
+    for one, blocks in zip(whole, Recording(t, acc, gyr).integrable, strict=True):
+        np.testing.assert_allclose(blocks, one, rtol=1e-9, atol=1e-11)
+
+
+def test_what_was_not_cut_takes_no_memory(recording: Recording) -> None:
+    whole = Recording(recording.t, recording.acc, recording.gyr)
+    for peaks, samples in zip(whole.peaks, (whole.acc, whole.gyr), strict=True):
+        assert np.shares_memory(peaks.whole, samples)
+        assert peaks.sigma.strides == peaks.run.strides == (0, 0)
+    assert all(sigma.strides == (0, 0) for sigma in find_extra_sigmas(whole, 0.3))
+
+
+def test_a_smoothed_walk_lets_go_of_what_can_be_made_again(recording: Recording) -> None:
+    whole = Recording(recording.t, recording.acc, recording.gyr)
+    smooth(whole, detect_stances(whole))
+    assert "integrable" not in vars(whole)
+    cut = whole.slice(100, 900)
+    cut.release()  # a slice could not make it again as the whole recording does
+    np.testing.assert_array_equal(cut.integrable[0], whole.integrable[0][100:900])
