@@ -23,6 +23,7 @@ from fg_nav.walk import (
     Outcome,
     Walk,
     add_known,
+    check_known,
     correct_walk,
     evaluate_solution,
     find_stances,
@@ -95,6 +96,8 @@ def navigate(
 
 def prepare_walk(walk: Walk) -> Walk:
     """Correct a recording, find its stances, measure its field and judge it for the report: once, for all methods."""
+    # are truth and fixes of this walk?
+    check_known(walk)
     # magnetometer and accelerometer by their calibration
     walk = correct_walk(walk)
     if walk.options.mount == "pocket":

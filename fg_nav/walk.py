@@ -21,8 +21,9 @@ from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.evaluation.comparison import Comparison, compare
+from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
+from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.evaluation.walked import WalkErrors, measure_walk
 from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
@@ -31,7 +32,7 @@ from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVe
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.truth import Fix, Truth
+from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
@@ -220,6 +221,20 @@ def add_known(
         truth = read_truth(truth)
     truth = walk.truth if truth is None else truth
     return replace(walk, options=options, truth=truth, fixes=(*walk.fixes, *fixes), extra=extra or walk.extra)
+
+
+def check_known(walk: Walk) -> None:
+    """Refuse a truth that the user named and fixes, where they cannot be of this walk, before it is solved.
+
+    Raises
+    ------
+    EvaluationError, EstimationError
+        What is wrong with the truth, or with which fix.
+    """
+    if walk.options.truth_path is not None and walk.truth is not None:
+        check_truth(walk.truth, walk.recording.t)
+        if isinstance(walk.truth, TrajectoryTruth):
+            share_truth(walk.truth, walk.recording.t)
 
 
 def correct_walk(walk: Walk) -> Walk:

@@ -38,6 +38,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
+from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.frames import yaw_rotation
 from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
@@ -167,8 +168,10 @@ class Comparison:
 def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
     """Lay a solution on a truth with alignment `mode` (`fg_nav.evaluation.comparison`).
 
-    Raises `EvaluationError` where the two share no time, no footprint, or the mode does not fit the truth.
+    Raises `EvaluationError` where the two share no time, no footprint, or the mode does not fit the truth, and where
+    the truth cannot be that of a walk.
     """
+    check_truth(truth, solution.t)
     if isinstance(truth, FootprintTruth):
         return _compare_footprints(solution, truth, mode)
     return _compare_trajectory(solution, truth, mode)
@@ -207,9 +210,7 @@ def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats, mode:
 
 
 def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -> Comparison:
-    row, true_position = interpolate_truth(truth, solution.t)
-    if len(row) < LEAST_SHARED:
-        raise EvaluationError(f"truth and solution share only {len(row)} samples: that is too little to compare.")
+    row, true_position = share_truth(truth, solution.t)
     alignment = align(solution.position[row], true_position, mode)
     return Comparison(
         alignment,
@@ -221,6 +222,16 @@ def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -
         yaw_error=_yaw_error(solution, truth, alignment),
         notes=_overlap_note(row, solution),
     )
+
+
+def share_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
+    """Return what `interpolate_truth` does; raises `EvaluationError` where that is too little to compare."""
+    row, position = interpolate_truth(truth, t)
+    if len(row) < LEAST_SHARED:
+        raise EvaluationError(
+            f"the truth and the solution share only {len(row)} of {len(t)} samples: that is too little to compare."
+        )
+    return row, position
 
 
 def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
@@ -287,6 +298,9 @@ def _span(t: Floats) -> str:
 MIN_FOOTPRINTS = 3
 """Two footprints can nearly always be fitted by a rotation and a shift: they test only their distance."""
 
+MOST_SHIFTS = 10
+"""Stances too many or too few, or half of the walk's: with more, where the numbers are shifted is a guess."""
+
 MISSED = -1
 """In place of a stance index: this footprint has no stance."""
 
@@ -310,6 +324,11 @@ def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch
     Raises `EvaluationError` where fewer than `MIN_FOOTPRINTS` footprints have a stance.
     """
     surplus = 0 if truth.stride_count is None else len(stance_xy) - 1 - truth.stride_count
+    if truth.stride_count is not None and abs(surplus) > max(MOST_SHIFTS, truth.stride_count / 2):
+        raise EvaluationError(
+            f"the truth counts {truth.stride_count} strides, and {len(stance_xy) - 1} were found, too many apart "
+            "to match footprints by number: check that it is of this recording."
+        )
     stance, notes = truth.stride.astype(np.int64), []
     for _ in range(abs(surplus)):
         options = list(_shift_tails(stance, int(np.sign(surplus))))

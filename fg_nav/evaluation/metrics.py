@@ -165,13 +165,22 @@ def _add_errors(path: Metrics, found: Comparison) -> Metrics:
         max_error_m=float(size.max()),
         heading_rmse_deg=None if found.yaw_error is None else float(np.degrees(_rms(found.yaw_error))),
         scale=scale if np.isfinite(scale) else None,
-        notes=found.notes,
+        notes=(*found.notes, *_remark_on_size(scale)),
     )
+
+
+def _remark_on_size(scale: float) -> tuple[str, ...]:
+    if 1 / OTHER_SIZE <= scale <= OTHER_SIZE or not np.isfinite(scale):
+        return ()
+    return (f"the truth is {scale:.2g} times as large as the path: check its unit, and that it is of this walk",)
 
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
+
+OTHER_SIZE = 2.0
+"""Truth over path beyond which one of them is of no use: feet are 3.3, and a filter that works is within some %."""
 
 DEGREES_OF_FREEDOM = 3
 
