@@ -277,8 +277,7 @@ def find_usable_samples(raw: RawRecording) -> Bools:
 def _admit(raw: RawRecording) -> Recording:
     _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
     _check_count(len(raw.t))
-    for problem in plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag):
-        raise RecordingError(f"{problem}.")
+    _check_units(raw)
     usable = np.flatnonzero(find_usable_samples(raw))
     _check_count(len(usable))
     samples = np.column_stack([raw.acc, raw.gyr])[usable]
@@ -301,6 +300,21 @@ def _admit(raw: RawRecording) -> Recording:
         truth=truth,
         provenance=replace(raw.provenance, notes=tuple(notes)),
     )
+
+
+def _check_units(raw: RawRecording) -> None:
+    """Refuse samples in a wrong unit; a few bad ones among them show none."""
+    problems = plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag)
+    if not problems:
+        return
+    # Bad samples hide how gravity turns: what is wrong without them too?
+    usable = np.flatnonzero(find_usable_samples(raw))
+    acc, gyr = raw.acc[usable], raw.gyr[usable]
+    period = plausibility.median_period_s(raw.t)
+    good = usable[~find_outliers(np.arange(len(usable)) * (period if period > 0.0 else 1.0), acc, gyr).any]
+    mag = None if raw.mag is None else raw.mag[good]
+    for problem in plausibility.find_unit_problems(raw.t[good], raw.acc[good], raw.gyr[good], mag):
+        raise RecordingError(f"{problem}.")
 
 
 def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:
@@ -374,11 +388,15 @@ def _note_gaps(raw: RawRecording, kept: Ints, t: Floats) -> list[str]:
     return noted if gaps.any() else []
 
 
+def find_field_samples(mag: Floats) -> Bools:
+    """(N,) True where mag (N, 3) uT is a sample: no bad axis, and not zeros, which say that there was none."""
+    return np.asarray((np.abs(mag) < plausibility.LIMIT_UT).all(axis=1) & mag.any(axis=1))
+
+
 def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
-    """Magnetometer with whole rows only: one with a bad axis is no sample, nor one of zeros. None if there is none."""
+    """Magnetometer with whole rows only; None if there is no sample."""
     if raw.mag is None:
         return None
     mag = raw.mag[kept]
-    senseless = ~(np.abs(mag) < plausibility.LIMIT_UT).all(axis=1) | ~mag.any(axis=1)
-    mag[senseless] = np.nan
+    mag[~find_field_samples(mag)] = np.nan
     return None if np.isnan(mag).all() else mag

@@ -2,6 +2,7 @@
 
 ================================= ==========================================================================
 missing (NaN, empty, no range)    left out
+bad samples of acc or gyr         left out, as in a file (`outlier_gate`)
 stamp as the one before           left out
 stamp before the last one         waits, and is left out; but after `RESTART` of them in order the clock has restarted,
                                   and its stamps are shifted: where force and rate go on (a counter that began again)
@@ -33,13 +34,14 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.errors import RecordingError
 from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.outlier_gate import OutlierGate
 from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows
-from fg_nav.online.unit_check import find_unit_problems
-from fg_nav.recording import MAX_GAP_S, RawRecording, find_usable_samples
+from fg_nav.online.remarks import REMARKS, UNKNOWN_GAP_S
+from fg_nav.online.unit_check import UnitCheck
+from fg_nav.recording import MAX_GAP_S, RawRecording, find_field_samples, find_usable_samples
+from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 from fg_nav.samples.stamps import AROUND, goes_on
-from fg_nav.text import format_count
 
 JUMP_S = 1.0
 """A step ahead that is accepted only if the next stamp goes on from there."""
@@ -54,32 +56,11 @@ RESTART = 100
 LONGEST_GAP_S = 86400.0
 """A longer step is that of a clock that was set, from 1970 or from when the sensor was switched on."""
 
-UNKNOWN_GAP_S = 60.0
-"""A gap of unknown length is taken for so long: a sensor is switched off and on, or starts again, in less. The heading
-is lost in it."""
-
 MOST_CHANGES = 20
 """Changes of the stamps that the notes name one by one."""
 
 MOST_LEFT = 4096
 """Rows left out for their stamps that a checkpoint recognizes."""
-
-CHECKED = 1000
-"""Samples, some seconds, that show in which unit they are."""
-
-REMARKS = {
-    "missing": "samples are missing (empty, NaN or out of any range) and left out",
-    "repeated": "stamps repeat the one before, and their samples are left out",
-    "backward": "stamps are before the last one, and their samples are left out",
-    "ahead": "stamps are far ahead of those around them, and their samples are left out",
-    "restart": "the clock of the sensor restarted with nothing missing, and its stamps are shifted to go on",
-    "rebooted": f"the clock of the sensor restarted, after a time unknown: a gap of {UNKNOWN_GAP_S:g} s is assumed",
-    "gap": f"there is a gap of more than {MAX_GAP_S:g} s: the track goes on with larger sigmas",
-    "set": f"the clock of the sensor was set by more than a day: a gap of {UNKNOWN_GAP_S:g} s is assumed",
-    "known": "samples are in the checkpoint already and left out",
-    "late": "samples that the checkpoint does not hold come before its last one, and are left out",
-}
-"""For each kind; what happens to samples is said the first time, what happens to stamps each time."""
 
 
 class SampleJudge:
@@ -113,8 +94,8 @@ class SampleJudge:
         self._left: deque[int] = deque(maxlen=MOST_LEFT)
         self._head = np.empty((0, COLUMNS))
         self._overlap: Overlap | None = None
-        self._first: list[Floats] = []
-        self._to_check = CHECKED
+        self._units = UnitCheck()
+        self._gate = OutlierGate()
 
     def admit(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> Floats:
         """Return the rows (m, 10) to take, of this block and of what waited: t, acc, gyr, mag.
@@ -124,7 +105,10 @@ class SampleJudge:
         t, acc, gyr, mag
             (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT; whatever a sensor may deliver.
         """
-        field = np.full((len(t), 3), np.nan) if mag is None else mag
+        field = np.full((len(t), 3), np.nan)
+        if mag is not None:
+            sensed = find_field_samples(mag)
+            field[sensed] = mag[sensed]
         usable = find_usable_samples(RawRecording(t, acc, gyr, np.arange(len(t)), field))
         new = self._drop_known(np.column_stack([t, acc, gyr, field])[usable])
         self._count_missing(usable, len(new))
@@ -156,7 +140,8 @@ class SampleJudge:
             "tail": self._tail.tolist(),
             "held": held.tolist(),
             "left": list(self._left),
-            "to_check": self._to_check,
+            "to_check": self._units.left,
+            "gate": self._gate.held.tolist(),
             "missing_last": self._missing_last,
         }
 
@@ -173,16 +158,17 @@ class SampleJudge:
         judge._last, judge._before, judge._offset = (float(state[name]) for name in ("last", "before", "offset"))
         judge._clocks = [(int(first), float(offset)) for first, offset in state["clocks"]]
         judge._changes = list(state["changes"])
-        judge._taken = first + sum(map(len, blocks))
+        gate = _rows(state["gate"])
+        judge._taken = first + sum(map(len, blocks)) + len(gate)
         judge._behind = list(_rows(state["behind"]))
         for rows in blocks[-AROUND:]:
             judge._recent.extend(rows[-AROUND:])
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
-        judge._to_check = int(state["to_check"])
-        judge._head, judge._first = _rows(state["head"]), [*blocks] if judge._to_check > 0 else []
+        judge._head, judge._units = _rows(state["head"]), UnitCheck(int(state["to_check"]), blocks)
+        judge._gate = OutlierGate(np.array([*judge._recent]).reshape(-1, COLUMNS), gate)
         judge._missing_last = judge._missing_again = int(state["missing_last"])
         judge._left.extend(state["left"])
-        undecided = judge._waits, judge._restore(judge._behind)
+        undecided = judge._waits, judge._restore(judge._behind), judge._restore_samples(gate, judge._taken - len(gate))
         left = [*judge._left, *(one for rows in undecided for one in fingerprint_rows(rows).tolist())]
         judge._overlap = Overlap(blocks, judge._clocks, left, judge._tail, held, first, judge._head[:first])
         return judge
@@ -250,7 +236,7 @@ class SampleJudge:
         rows = self._put_in_order(np.concatenate([self._waits, sent]), at_end)
         self._head = np.concatenate([self._head, rows[: HEAD - len(self._head)]])
         self._count_gaps(rows)
-        self._check_units(rows)
+        self._units.see(rows)
         return rows
 
     def _put_in_order(self, sent: Floats, at_end: bool) -> Floats:
@@ -259,10 +245,8 @@ class SampleJudge:
         rows = sent.copy()
         rows[:, 0] += self._offset
         if self._all_go_on(rows[:, 0]):
-            self._taken += len(rows)
             self._last = float(rows[-1, 0]) if len(rows) else self._last
-            self._recent.extend(rows[-AROUND:])
-            return rows
+            return self._pass(rows, at_end)
         taken: list[Floats] = []
         for i, stamp in enumerate(sent[:, 0].tolist()):
             following = float(sent[i + 1, 0]) if i + 1 < len(sent) else None
@@ -271,12 +255,26 @@ class SampleJudge:
                 break
             row = np.append(stamp + self._offset, sent[i, 1:])
             for one in self._select(row, following is not None and following > stamp):
-                self._last, self._taken = float(one[0]), self._taken + 1
-                self._recent.append(one)
-                taken.append(one)
+                self._last = float(one[0])
+                taken.append(self._pass(one[None]))
         if at_end:
             self._drop_behind()
-        return np.array(taken).reshape(-1, COLUMNS)
+            taken.append(self._pass(rows[:0], at_end))
+        return np.concatenate([rows[:0], *taken])
+
+    def _pass(self, rows: Floats, at_end: bool = False) -> Floats:
+        """Return the good ones of rows in order, and of those that were held; leave the bad ones out."""
+        first = self._taken - len(self._gate.held)
+        good, bad, place, sensor = self._gate.judge(rows, at_end)
+        self._taken += len(rows) - len(bad)
+        self._recent.extend(good[-AROUND:])
+        # From the last one on, so that the number of each is that before any was left out.
+        for row, at, which in reversed([*zip(bad, (first + place).tolist(), sensor, strict=True)]):
+            self._left.extend(fingerprint_rows(self._restore_samples(row[None], at)).tolist())
+            self._clocks = [(begins - (begins > at), offset) for begins, offset in self._clocks]
+            for kind, of_it in (("gyr", GYR_OUT), ("acc", ACC_OUT)):
+                self._count(kind, int(which & of_it > 0), f"at t = {row[0]:.3f} s")
+        return good
 
     def _all_go_on(self, t: Floats) -> bool:
         """Whether stamps (n,) go on from the last one, as they nearly always do."""
@@ -313,8 +311,8 @@ class SampleJudge:
             return []
         t, first = float(row[0]), float(self._behind[0][0])
         where = f"at t = {t:.3f} s, after {self._last:.3f} s"
-        around = np.array([*self._recent, *self._behind])[:, 1:7]
-        if goes_on(around, len(self._recent), LEAP):
+        recent = [*self._recent, *self._gate.held][-AROUND:]
+        if goes_on(np.array([*recent, *self._behind])[:, 1:7], len(recent), LEAP):
             kind, shift = "restart", self._last + (t - first) / (RESTART - 1) - first
             taken, self._behind = self._behind, []
         else:
@@ -338,6 +336,12 @@ class SampleJudge:
     def _restore(self, rows: list[Floats]) -> Floats:
         """Rows (n, 10) on the clock of now as the sensor sent them."""
         return np.array([_shift_stamps(row, -self._offset) for row in rows]).reshape(-1, COLUMNS)
+
+    def _restore_samples(self, rows: Floats, first: int) -> Floats:
+        """Rows (n, 10) that are the samples from number `first` on as the sensor sent them."""
+        return np.array(
+            [np.append(self.sensor_time(first + i, float(row[0])), row[1:]) for i, row in enumerate(rows)]
+        ).reshape(-1, COLUMNS)
 
     def _detect_set_clock(self, t: float) -> float:
         """Set the clock back where a step is too long for a gap; by how much it was set on."""
@@ -366,20 +370,6 @@ class SampleJudge:
         if gap.any():
             i = int(np.argmax(gap))
             self._count("gap", int(gap.sum()), f"of {step[i]:.2f} s before t = {rows[i, 0]:.3f} s")
-
-    def _check_units(self, rows: Floats) -> None:
-        """Refuse samples whose first ones show a wrong unit."""
-        if self._to_check <= 0:
-            return
-        self._first.append(rows[: self._to_check])
-        self._to_check -= len(rows)
-        if self._to_check > 0:
-            return
-        seen = np.concatenate(self._first)
-        self._first = []
-        for problem in find_unit_problems(seen[:, 0], seen[:, 1:4], seen[:, 7:10]):
-            if problem is not None:
-                raise RecordingError(f"{problem} (seen in the first {format_count(CHECKED, 'sample')}).")
 
 
 def _shift_stamps(row: Floats, shift: float) -> Floats:

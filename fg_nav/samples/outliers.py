@@ -104,10 +104,12 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
             last += 1
             i += 1
             continue
-        if i + LOOK_AHEAD >= count and not at_end:
+        before = kept[max(last - AROUND - 1, 0) : last]
+        may_begin = _may_begin(x, before, i, factor)
+        if may_begin and i + LOOK_AHEAD >= count and not at_end:
             break
         # A run that leaves here and returns?
-        length, which = _find_run(t, x, kept[max(last - AROUND - 1, 0) : last], i, factor)
+        length, which = _find_run(t, x, before, i, factor) if may_begin else (0, 0)
         for j in range(i, i + length):
             found[j] = which
         if length == 0:
@@ -125,6 +127,19 @@ def _leaves(before: Floats, after: Floats, factor: float) -> bool:
         if abs(after[axis] - before[axis]) > factor * least:
             return True
     return False
+
+
+@njit(cache=True)
+def _may_begin(x: Floats, before: Ints, i: int, factor: float) -> bool:
+    """Whether a run may begin with sample i, by the good ones `before`: by what is behind it even less is a run."""
+    if len(before) == 0:
+        return True
+    acc, gyr = _measure_shaking(x, before)
+    step = np.abs(x[i] - x[before[-1]])
+    return bool(
+        step[:3].max() > factor * (ACC_M_S2 + ACC_SHAKEN * acc)
+        or step[3:].max() > factor * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc)
+    )
 
 
 @njit(cache=True)

@@ -71,6 +71,9 @@ def odd_rows():
     """Rows with all that a judge leaves out, and two restarts of the clock, with as many rows before as after."""
     rows = rows_of(short_walk()).copy()
     rows[200:203, 2] = np.nan
+    rows[250, 5] = 80.0
+    rows[502:507, 1] -= 900.0
+    rows[652, 4] = rows[549, 4] = 100.0
     rows[300:310] = rows[299]
     rows[400:420, 0] -= 0.5
     rows[450, 0] = 1e6
@@ -79,7 +82,7 @@ def odd_rows():
     return rows
 
 
-@pytest.mark.parametrize("saved", [20, 203, 305, 410, 451, 550, 600, 649, 650, 700, 950, 1300])
+@pytest.mark.parametrize("saved", [20, 203, 252, 305, 410, 451, 503, 508, 550, 600, 649, 654, 700, 950, 1300])
 @pytest.mark.parametrize("block", [1, 7, 5000])
 def test_a_replay_is_known_up_to_the_checkpoint_whatever_the_clock_did(saved, block):
     """The rows before a restart have the stamps of those after it; only their values tell them apart."""

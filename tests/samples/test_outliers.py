@@ -4,6 +4,7 @@ import pytest
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.outliers import AROUND, LONGEST, find_outliers
+from fg_nav.samples.plausibility import find_unit_problems
 
 PERIOD_S = 0.005
 N = 600
@@ -67,3 +68,12 @@ def test_a_recording_leaves_bad_samples_out_and_says_which():
     assert recording.provenance.notes == (f"{words}, the first in row 302 (t = 1.500 s)",)
     assert np.isnan(recording.mag[recording.t == t[500]]).all()
     assert recording.gaps.sample.tolist() == [299, 398]
+
+
+def test_one_bad_sample_shows_no_wrong_unit():
+    """300 rad/s while the foot stands: gravity does not turn with it."""
+    t, acc, gyr = striding()
+    t, acc, gyr = np.arange(4 * N) * PERIOD_S, np.tile(acc, (4, 1)), np.tile(gyr, (4, 1))
+    gyr[550, 1] = 300.0
+    assert "gyr" in "".join(find_unit_problems(t, acc, gyr, None))
+    assert len(Recording.from_raw(RawRecording(t, acc, gyr, np.arange(4 * N)))) == 4 * N - 1
