@@ -311,7 +311,8 @@ def _check_units(raw: RawRecording) -> None:
     usable = np.flatnonzero(find_usable_samples(raw))
     acc, gyr = raw.acc[usable], raw.gyr[usable]
     period = plausibility.median_period_s(raw.t)
-    good = usable[~find_outliers(np.arange(len(usable)) * (period if period > 0.0 else 1.0), acc, gyr).any]
+    even = np.arange(len(usable), dtype=np.float64) * (period if period > 0.0 else 1.0)
+    good = usable[~find_outliers(even, acc, gyr).any]
     mag = None if raw.mag is None else raw.mag[good]
     for problem in plausibility.find_unit_problems(raw.t[good], raw.acc[good], raw.gyr[good], mag):
         raise RecordingError(f"{problem}.")

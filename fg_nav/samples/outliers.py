@@ -181,7 +181,7 @@ def _find_coarseness(t: Floats, before: Ints, behind: Ints, length: int) -> floa
     stretch = 1.0
     if len(before):
         stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
-    return max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2
+    return float(max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
 
 
 @njit(cache=True)
