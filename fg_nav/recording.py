@@ -280,8 +280,9 @@ def _admit(raw: RawRecording) -> Recording:
     _check_units(raw)
     usable = np.flatnonzero(find_usable_samples(raw))
     _check_count(len(usable))
-    samples = np.column_stack([raw.acc, raw.gyr])[usable]
+    samples = np.column_stack([raw.acc[usable], raw.gyr[usable]])
     found = order_stamps(raw.t[usable], samples, raw.row[usable])
+    del samples
     kept = usable[found.kept]
     _check_count(len(kept))
     missing = _judge_missing(raw, find_usable_samples(raw), int(kept.min()), int(kept.max()))

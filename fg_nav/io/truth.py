@@ -13,6 +13,7 @@ each axis that is given.
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -64,8 +65,13 @@ def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats)
 
     Raises `OutputError` if the file cannot be written.
     """
-    table = np.concatenate([t[:, None], position, quaternion_xyzw(nav_R_body)], axis=1)
-    write_text(Path(path), "", format_rows(table, "%.9f", " "))
+    blocks = (np.s_[start : start + _BLOCK_ROWS] for start in range(0, len(t), _BLOCK_ROWS))
+    tables = (np.column_stack([t[b], position[b], quaternion_xyzw(nav_R_body[b])]) for b in blocks)
+    write_text(Path(path), "", chain.from_iterable(format_rows(table, "%.9f", " ") for table in tables))
+
+
+_BLOCK_ROWS = 20_000
+"""Of which the quaternions are in memory together."""
 
 
 CSV_COLUMNS = ("stride", "x_m", "y_m")

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2
 
 LIMIT_M_S2 = 5000.0
@@ -29,6 +29,9 @@ LIMIT_RAD_S = 350.0
 
 LIMIT_UT = 1e5
 """No magnetometer that is still of use reads more (0.1 T)."""
+
+MOST_JUDGED, BLOCK = 2_000_000, 20_000
+"""Samples by which units are judged, hours of them, and those of a block, more than a minute."""
 
 _SLOWEST_PERIOD_S, _FASTEST_PERIOD_S = 0.1, 2e-4
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
@@ -83,12 +86,21 @@ def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) 
 
     `t` (N,) s, `acc` (N, 3) m/s^2, `gyr` (N, 3) rad/s, `mag` (N, 3) uT or None, as claimed; NaN is ignored.
     """
-    period = median_period_s(t)
+    period, judged = median_period_s(t), _spread_blocks(len(t))
+    acc, gyr, mag = acc[judged], gyr[judged], None if mag is None else mag[judged]
     stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)
     # Gravity turns at the right rate only if both its unit and that of time are right.
     rate = find_gyr_problem(acc, gyr, np.nan if stamps or force else period)
     field = None if mag is None else find_mag_problem(mag)
     return tuple(problem for problem in (stamps, force, rate, field) if problem is not None)
+
+
+def _spread_blocks(n: int) -> slice | Ints:
+    """Choose which of n samples are judged: all, or blocks of them spread evenly over a long recording."""
+    if n <= MOST_JUDGED:
+        return np.s_[:]
+    starts = np.linspace(0, n - BLOCK, MOST_JUDGED // BLOCK).astype(np.int64)
+    return (starts[:, None] + np.arange(BLOCK)).ravel()
 
 
 def median_period_s(t: Floats) -> float:

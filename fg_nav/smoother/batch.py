@@ -37,7 +37,7 @@ from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import write_note
 from fg_nav.smoother.floors import write_floor_note
-from fg_nav.smoother.graph import solve, trajectory_of
+from fg_nav.smoother.graph import Trajectory, prepare_trajectory, solve
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.moving_foot import spread_moving_foot
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
@@ -98,7 +98,10 @@ def smooth(
     >>> solution.position.shape == (len(recording), 3)  # m
     True
     """
-    return smooth_graph(recording, stances, parameters, heading, progress, field, fixes, extra).solution
+    _compile()
+    _check(recording, stances, field)
+    draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra)[-1]
+    return draft.finish()
 
 
 def smooth_graph(
@@ -123,7 +126,8 @@ def smooth_graph(
     """
     _compile()
     _check(recording, stances, field)
-    return _smooth(recording, stances, parameters, heading, progress, field, fixes, extra)
+    walk, joint, draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra)
+    return SmoothedWalk(draft.finish(), walk, joint)
 
 
 @dataclass(frozen=True)
@@ -187,7 +191,7 @@ def _smooth(
     field: FootfallField | None,
     fixes: Sequence[Fix],
     extra: ExtraFactors | None,
-) -> SmoothedWalk:
+) -> tuple[SolvedWalk, FootfallCovariance, _Draft]:
     began = perf_counter()
     solve_again = partial(
         _solve_from_samples,
@@ -206,10 +210,10 @@ def _smooth(
     walk = replace(walk, verdict=replace(walk.verdict, notes=(*of_bias, *of_scale, *walk.verdict.notes)))
     shared = join_shared(by_scale, spread_moving_foot(walk.problem, walk.solved) if parameters.moving_foot else {})
     joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, shared)
-    solution = _solution_of(walk, joint, stances, began)
+    draft = _Draft.of(walk, joint, stances, began)
     if progress is not None:
         progress(1.0)
-    return SmoothedWalk(solution, walk, joint)
+    return walk, joint, draft
 
 
 def _solve_from_samples(
@@ -269,31 +273,55 @@ def _fit_gyro_scale(
     return walk, left.columns.spread(left.found.covariance), (scale.found.note,)
 
 
-def _solution_of(walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, began: float) -> Solution:
-    """Return the dense trajectory, and the stances with their sigmas; the clock showed `began` at the start."""
-    problem, solved, verdict = walk.problem, walk.solved, walk.verdict
-    recording, p = problem.recording, problem.parameters
-    table = stance_table(recording.t, problem.nodes, solved, verdict, joint.shared)
-    path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
-    position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
-    recording.release()
-    tails = freeze_ends(recording.t, stances, position, velocity)
-    floors = write_floor_note(problem.floor)
-    steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
-    return Solution(
-        method="smoother",
-        t=recording.t,
-        position=position,
-        velocity=velocity,
-        nav_R_body=nav_R_body,
-        stances=table,
-        runtime_s=perf_counter() - began,
-        parameters=asdict(p),
-        notes=(*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes, *tails),
-        graph=count_factors(problem),
-        recording=recording,
-        distance_sigma_m=float(np.sqrt(path_variance[0, 0])),
-    )
+@dataclass(frozen=True)
+class _Draft:
+    """A solution without its dense path, of arrays alone: its graph can be let go of before `finish`.
+
+    `known` makes the solution of what is still missing; the clock showed `began` at the start.
+    """
+
+    known: Callable[..., Solution]
+    trajectory: Callable[[], Trajectory]
+    recording: Recording
+    stances: Stances
+    notes: tuple[str, ...]
+    began: float
+
+    @classmethod
+    def of(cls, walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, began: float) -> _Draft:
+        """Return that of a solved walk, with the sigmas of its footfalls."""
+        problem, solved, verdict = walk.problem, walk.solved, walk.verdict
+        recording, p = problem.recording, problem.parameters
+        table = stance_table(recording.t, problem.nodes, solved, verdict, joint.shared)
+        path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
+        floors = write_floor_note(problem.floor)
+        steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
+        known = partial(
+            Solution,
+            method="smoother",
+            t=recording.t,
+            stances=table,
+            parameters=asdict(p),
+            graph=count_factors(problem),
+            recording=recording,
+            distance_sigma_m=float(np.sqrt(path_variance[0, 0])),
+        )
+        trajectory = prepare_trajectory(recording, problem.nodes, solved.values, p.gravity)
+        notes = (*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes)
+        return cls(known, trajectory, recording, stances, notes, began)
+
+    def finish(self) -> Solution:
+        """Return the solution with its dense path."""
+        position, velocity, nav_R_body = self.trajectory()
+        self.recording.release()
+        tails = freeze_ends(self.recording.t, self.stances, position, velocity)
+        return self.known(
+            position=position,
+            velocity=velocity,
+            nav_R_body=nav_R_body,
+            runtime_s=perf_counter() - self.began,
+            notes=(*self.notes, *tails),
+        )
 
 
 def _check(recording: Recording, stances: Stances, field: FootfallField | None) -> None:
@@ -314,4 +342,4 @@ def _compile() -> None:
     t = np.arange(200) / 100.0
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
     stances = Stances.from_mask(np.ones(200, dtype=np.bool_))
-    _smooth(rest, stances, SmootherParameters(), 0.0, None, None, (), None)
+    _smooth(rest, stances, SmootherParameters(), 0.0, None, None, (), None)[-1].finish()

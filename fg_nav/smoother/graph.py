@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import gtsam
@@ -277,9 +278,17 @@ class Trajectory(NamedTuple):
 
 def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
     """Return the trajectory of a solved walk at the recording's rate."""
+    return prepare_trajectory(recording, nodes, values, gravity)()
+
+
+def prepare_trajectory(
+    recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float
+) -> Callable[[], Trajectory]:
+    """Return what makes the trajectory, of arrays alone, so that the graph can be let go of before."""
     poses = list_poses(range(len(nodes)), values)
     bias = biases_of(nodes, values)[nodes.bias[nodes.footfall]]
-    return dense_trajectory(
+    return partial(
+        dense_trajectory,
         recording,
         nodes.sample,
         poses[:, :3, 3].copy(),
