@@ -86,7 +86,7 @@ class Command:
         """Wait for its end."""
         peak_mb = float("nan")
         while self.process.poll() is None:
-            peak_mb = _read_peak_mb(self.process.pid, peak_mb)
+            peak_mb = read_peak_mb(self.process.pid, peak_mb)
             time.sleep(0.02)
         kinds = [json.loads(line)["kind"] for line in self._lines.read_text().splitlines()]
         raw = read_raw(self.record)
@@ -97,7 +97,7 @@ class Command:
         return Streamed(rows, kinds.count("smoothed"), peak_mb, remarks)
 
 
-def _read_peak_mb(process: int, before: float) -> float:
+def read_peak_mb(process: int, before: float) -> float:
     """Return the memory of a process at its highest so far, where the system tells it and the process is there."""
     try:
         words = Path(f"/proc/{process}/status").read_text()

@@ -87,6 +87,7 @@ class Seen:
         bias = np.ascontiguousarray(table.gyro_bias)
         strides = table.sample[:-1], table.sample[1:]
         velocity = integrate_strides(acc, gyr, h, *strides, attitude, bias, GRAVITY_M_S2)
+        self.recording.release()
         return velocity, attitude[: len(velocity), 2]
 
     @property

@@ -68,7 +68,7 @@ def measure_turning_at_stances(seen: Seen) -> Reason | None:
 def measure_shaking(seen: Seen) -> Reason | None:
     """How a sensor rings on the shoe where the foot stands."""
     gyr, stances = seen.recording.gyr, seen.walk.stances
-    power = ((gyr - remove_fast(gyr, seen.recording.period_s)) ** 2).sum(axis=1)
+    power = sum((axis - remove_fast(axis, seen.recording.period_s)) ** 2 for axis in gyr.T)  # a third of the memory
     mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
     shaking = _median(np.sqrt(mean / (stances.stop - stances.start)))
     gait = 2.0 if seen.cycle_s < RUN_CYCLE_S else 1.0
@@ -97,7 +97,7 @@ def measure_clipping(seen: Seen) -> Reason | None:
     swings = ~seen.walk.stances.mask if len(seen.walk.stances) else np.ones(len(seen.recording), dtype=np.bool_)
     if not swings.any():
         return None
-    shares = [float((peaks.run[swings] > 0).any(axis=1).mean()) for peaks in seen.recording.peaks]
+    shares = [float((peaks.run > 0).any(axis=1)[swings].mean()) for peaks in seen.recording.peaks]
     share, sensor = max(zip(shares, ("accelerometer", "gyroscope"), strict=True))
     words = f"the {sensor} is at the end of its range in {100 * share:.0f} % of the swings, and rebuilt there"
     return Reason(weigh(share, 0.05, 0.15), words)
