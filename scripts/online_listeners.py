@@ -10,6 +10,7 @@ its own, says when they arrive. Besides, in another process:
 nobody      none: what the machine itself does
 readers     N clients on each server, that read
 deaf        N on each, that never read
+most deaf   N on each, of which a tenth read and the others never do
 garbage     fifty connections that are opened again and again with random bytes, a line of 100 MB without an end, a
             frame that claims 2^40 bytes, a handshake that is never finished
 descriptors N readers on each, while the process that serves them may open 150 files only
@@ -25,6 +26,7 @@ import multiprocessing
 import resource
 import selectors
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -125,6 +127,14 @@ def stay_deaf(ports: Ports, clients: int, done: Event) -> None:
     read_all(ports, clients, done, reads=False)
 
 
+def stay_mostly_deaf(ports: Ports, clients: int, done: Event) -> None:
+    """Connect many, of which a tenth read."""
+    readers = threading.Thread(target=read_all, args=(ports, clients // 10, done))
+    readers.start()
+    stay_deaf(ports, clients - clients // 10, done)
+    readers.join()
+
+
 def send_garbage(ports: Ports, clients: int, done: Event) -> None:
     """Say what is not asked for, as fast as it is taken."""
     rng = np.random.default_rng(1)
@@ -152,6 +162,7 @@ CROWDS: dict[str, Callable[[Ports, int, Event], None] | None] = {
     "nobody": None,
     "readers": read_all,
     "deaf": stay_deaf,
+    "most deaf": stay_mostly_deaf,
     "garbage": send_garbage,
     "descriptors": read_all,
 }
@@ -247,6 +258,7 @@ def judge_all(found: Sequence[Measured]) -> list[Figure]:
     for one in found:
         figures += [
             Figure(one.name, "held up, most (ms)", "walk", float(one.held_up.max()), high=HELD_UP_MS),
+            Figure(one.name, "longest delay of a line (ms)", "lines", float(one.lines.max())),
             Figure(one.name, "lines arrive, 99 % (ms)", "lines", _late(one.lines), high=HELD_UP_MS),
             Figure(one.name, "lines arrive, 99 % (ms)", "page", _late(one.page), high=HELD_UP_MS),
         ]

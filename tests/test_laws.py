@@ -96,6 +96,19 @@ def test_gtsam_and_matplotlib_each_have_their_place():
     assert importers_of("matplotlib") <= {"fg_nav.report", "fg_nav.lab.reproduce"}
 
 
+RUNS_CODE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "code", "runpy"}
+OWN_CHILDREN = {ROOT / "fg_nav" / "online" / name for name in ("beside.py", "worker.py")}
+
+
+def test_what_could_run_code_of_a_file_is_not_there():
+    """`docs/security.md`: only what goes over pipes between our own two processes is unpickled."""
+    for path, units in IMPORTS.items():
+        assert path in OWN_CHILDREN or not units & RUNS_CODE, path.name
+        text = path.read_text()
+        assert not re.search(r"\b(eval|exec)\(|allow_pickle=True|shell=True|os\.system\(", text), path.name
+        assert "verify=False" not in text, path.name
+
+
 def test_imports_run_one_way():
     """Between packages there is no circle; the package itself, which only names its public parts, is left out."""
     graph = {}

@@ -71,7 +71,11 @@ def campaign(
         typer.Option("--out", metavar="DIR", help="Folder of the campaign. \\[default: results/ and the file's name]"),
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Of a Dask cluster. \\[default: one of our own]")
+        str | None,
+        typer.Option(
+            metavar="tcp://HOST:PORT",
+            help="Of a Dask cluster, which runs code for all who reach it. \\[default: one of our own]",
+        ),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Processes of our own. \\[default: one a core]")

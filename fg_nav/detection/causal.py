@@ -73,6 +73,12 @@ class Sliding:
         found._rows = self._rows[found._first - self._first : self.stop - self._first].copy()
         return found
 
+    def is_sound(self, fresh: Sliding) -> bool:
+        """Whether it can have come of one that was fresh."""
+        kept = len(self._rows) >= self.stop - self._first
+        same = self._keep == fresh._keep and self._rows.shape[1:] == fresh._rows.shape[1:]
+        return same and kept and 0 <= self._first <= self.stop
+
     def between(self, start: int, stop: int) -> Floats:
         """Return the rows `start <= i < stop` as a view that is good until the next `append`.
 
@@ -158,6 +164,10 @@ class CausalStances:
         self._waiting: deque[tuple[Floats, Floats, Floats]] = deque()
         self._n_waiting = 0
         self._search: _Search | None = None
+
+    def is_sound(self) -> bool:
+        """Whether its numbers fit each other."""
+        return self._search is None or self._search.is_sound()
 
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
         """Add samples and return the footfalls that they complete; see `search`."""
@@ -248,6 +258,16 @@ class _Search:
         stop = self._level.stop
         goes_on = self._stands and not self._has_swung(self._reported, stop)
         return goes_on or self._last_end > stop - self.step
+
+    def is_sound(self) -> bool:
+        """Whether its numbers fit each other."""
+        fresh = _Search(max(self.period_s, 1e-4), self._p)
+        names = "step", "_shoe_window", "_reach", "_window", "_settle", "_edge"
+        same = all(getattr(self, name) == getattr(fresh, name) for name in names)
+        return same and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
+
+    def _windows(self) -> list[Sliding]:
+        return [self._t, self._acc, self._gyr, self._level, *self._velocity]
 
     def copy(self) -> _Search:
         """Return a copy that goes on in the same way."""

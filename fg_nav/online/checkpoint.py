@@ -36,6 +36,7 @@ from fg_nav.online.navigator import NavigatorState, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.packing import pack, unpack
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
+from fg_nav.online.record_check import is_in_order, refuse_damaged, say_damaged
 from fg_nav.online.record_log import append_record, read_records, write_records
 from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.text import format_count, to_json
@@ -188,14 +189,16 @@ class Checkpoint:
     ) -> Navigator:
         """Resume the walk that the file holds, see `load`; what is saved from then on goes into the same file."""
         name = self._path.name
-        content = _Content(self._path)
+        with say_damaged(self._path):
+            content = _Content(self._path)
+            self._state = content.state()
         frame = content.frame
         compared = (options, frame.options, "other options"), (detection, frame.detection, "another detection")
         for given, known, other in compared:
             if given is not None and to_json(given) != to_json(known):
                 raise EstimationError(f"{name} was made with {other}: give the same, or name another checkpoint.")
-        self._state = content.state()
-        navigator = _resume(content, self._state, remark, progress, beside)
+        with say_damaged(self._path):
+            navigator = _resume(content, self._state, remark, progress, beside)
         if len(navigator.told_continues) != content.newest.n_told:
             raise EstimationError(f"{name} is of a version that found other footfalls: begin the walk again.")
         self._size, self._stop = content.size, content.stop
@@ -284,7 +287,9 @@ class _Content:
         self._reader = StateReader()
         self._frame: Frame | None = None
         self._newest: Record | None = None
+        records: list[Record] = []
         for record, size in _read(path):
+            records += [record] * with_samples
             self.size, self._frame, self._newest = size, self._frame or record.frame, record
             if record.first > self.stop:
                 self.blocks, self.first = [], record.first
@@ -295,7 +300,8 @@ class _Content:
                 self._reader.add(record.changes)
         if self._frame is None:
             raise FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
-        if with_samples:
+        if with_samples:  # to be resumed; else the program itself wrote them
+            refuse_damaged(path, records, self.stop)
             self._leave_out(self.newest.kept_from)
 
     @property
@@ -365,8 +371,7 @@ def _read(path: Path) -> Iterator[tuple[Record, int]]:
             record = unpack(content)
         except FormatError:
             record = None
-        rows = record.rows if isinstance(record, Record) else None
-        if not (isinstance(rows, np.ndarray) and rows.ndim == 2 and rows.shape[1] == COLUMNS and rows.dtype == float):
+        if not (isinstance(record, Record) and is_in_order(record.rows, COLUMNS)):
             raise FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
         yield record, size
 

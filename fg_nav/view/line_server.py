@@ -10,7 +10,7 @@ import asyncio
 import socket
 from typing import cast
 
-from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, run_there, start_loop
+from fg_nav.view.loop import AT_ONCE, BACKLOG, call_there, is_last_descriptor, run_there, start_loop
 
 MOST_WAITING = 1 << 18
 """Bytes; ten minutes of walking, and what the system holds comes on top."""
@@ -26,8 +26,9 @@ class LineServer:
         self.port = int(door.getsockname()[1])
         self._listeners: set[asyncio.Transport] = set()
         self._server = run_there(
-            start_loop().create_server(lambda: _Listener(self._listeners), sock=door, backlog=BACKLOG)
+            start_loop().create_server(lambda: _Listener(self._listeners), sock=door, backlog=AT_ONCE)
         )
+        door.listen(BACKLOG)  # again: asyncio has one number for both
 
     @property
     def listeners(self) -> int:

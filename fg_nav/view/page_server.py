@@ -38,7 +38,7 @@ from websockets.http11 import Request, Response
 
 from fg_nav.text import to_json
 from fg_nav.view.history import History, turn_ellipse, turn_row
-from fg_nav.view.loop import BACKLOG, call_there, is_last_descriptor, run_there, start_loop
+from fg_nav.view.loop import AT_ONCE, BACKLOG, call_there, is_last_descriptor, run_there, start_loop
 
 LIVE = "/live"
 
@@ -107,6 +107,7 @@ class PageServer:
         self._redraws: asyncio.TimerHandle | None = None
         self._status_s = STATUS_S
         self._server = run_there(self._open(door))
+        door.listen(BACKLOG)  # again: asyncio has one number for both
 
     @property
     def viewers(self) -> int:
@@ -140,7 +141,7 @@ class PageServer:
         return await serve(
             self._follow,
             sock=door,
-            backlog=BACKLOG,
+            backlog=AT_ONCE,
             process_request=self._answer,
             compression=None,
             max_size=LONGEST_MESSAGE,

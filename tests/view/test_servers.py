@@ -6,8 +6,10 @@ import os
 import re
 import resource
 import socket
+import threading
 import time
 from contextlib import closing, suppress
+from itertools import pairwise
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -265,3 +267,22 @@ def test_the_last_descriptors_are_left_to_the_walk_by_pages_too(page, monkeypatc
 )
 def test_the_address_is_one_that_a_browser_can_open(host, address):
     assert format_address(host, 7) == address
+
+
+def test_many_who_come_at_once_are_let_in_a_few_at_a_time(lines):
+    """Between them the loop sees to the lines."""
+    counts, hold = [], threading.Event()
+
+    def count():
+        counts.append(lines.listeners)
+        if counts[-1] < 60:
+            loop.start_loop().call_soon(count)
+
+    loop.call_there(hold.wait, WAIT_S)
+    callers = [socket.create_connection((HOST, lines.port)) for _ in range(60)]
+    loop.call_there(count)
+    hold.set()
+    wait_for(lambda: counts and counts[-1] == 60)
+    assert max(b - a for a, b in pairwise(counts)) <= loop.AT_ONCE
+    for caller in callers:
+        caller.close()

@@ -1,0 +1,157 @@
+"""A checkpoint that somebody changed is refused in one sentence, whatever was changed; one of ours never is."""
+
+import json
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.detection.causal import CausalStances
+from fg_nav.errors import FormatError
+from fg_nav.factors.differential_field import Iron
+from fg_nav.online import OnlineNavigator, load
+from fg_nav.online.anchor import Anchor
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.checkpoint import VERSION, Checkpoint
+from fg_nav.online.handover import PathNodes
+from fg_nav.online.packing import pack
+from fg_nav.online.record_check import find_fault
+from fg_nav.online.record_log import write_records
+from fg_nav.online.saved_state import FootfallTable, RowTable
+from tests.online.walks import NORTH, push, short_walk
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    navigator = OnlineNavigator(NORTH)
+    push(navigator, rows_of(short_walk())[:400])
+    return Checkpoint(tmp_path_factory.mktemp("saved") / "walk").collect(navigator).record
+
+
+def refuse(path, *records):
+    write_records(path, VERSION, [one if isinstance(one, bytes) else pack(one) for one in records])
+    with pytest.raises(FormatError, match=r"checkpoint.*: name another(, or| file, or) remove it\.$"):
+        load(path)
+
+
+def test_what_was_saved_is_sound(record, tmp_path):
+    write_records(tmp_path / "walk", VERSION, [pack(record)])
+    assert load(tmp_path / "walk").buffer.stop == 400
+
+
+def turned_back(rows):
+    return rows[::-1].copy()
+
+
+def unknown_stamp(rows):
+    return np.where(np.arange(rows.size).reshape(rows.shape) == 50, np.nan, rows)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"kept_from": -1},
+        {"kept_from": 10**12},
+        {"first": -5},
+        {"n_told": -1},
+        {"n_told": "7"},
+        {"n_told": 1.5},
+        {"has_ended": 0},
+        {"takeovers": (1, None)},
+        {"judge": {}},
+        {"judge": None},
+        {"source": []},
+        {"frame": None},
+        {"rows": turned_back},
+        {"rows": unknown_stamp},
+        {"changes": 3},
+    ],
+    ids=str,
+)
+def test_a_field_that_was_changed_is_refused(record, changes, tmp_path):
+    made = {name: value(record.rows) if callable(value) else value for name, value in changes.items()}
+    refuse(tmp_path / "walk", replace(record, **made))
+
+
+def test_each_number_of_the_judge_may_be_anything(record, tmp_path):
+    for name, value in record.judge.items():
+        for other in (None, 2**62 if isinstance(value, int) else [[]]):
+            write_records(tmp_path / "walk", VERSION, [pack(replace(record, judge={**record.judge, name: other}))])
+            with suppress(FormatError):
+                load(tmp_path / "walk")
+
+
+def test_records_that_do_not_follow_each_other_are_refused(record, tmp_path):
+    later = replace(record, frame=None, first=400)
+    refuse(tmp_path / "walk", record, later)  # the same stamps again
+    refuse(tmp_path / "walk", record, replace(later, first=300))
+
+
+def test_a_size_is_checked_before_anything_is_allocated(record, tmp_path):
+    content = pack(record)
+    stop = 8 + int.from_bytes(content[:8], "little")
+    head = json.loads(content[8:stop])
+    for shape in ([10**12, 10], [0, 10**12], [-1, 10], [2**63, 10]):
+        head["arrays"][0]["shape"] = shape
+        text = json.dumps(head).encode()
+        refuse(tmp_path / "walk", len(text).to_bytes(8, "little") + text + content[stop:])
+
+
+NODES = PathNodes(
+    np.array([3, 9]),
+    *(np.zeros((2, 3)) for _ in range(2)),
+    np.stack([np.eye(3)] * 2),
+    *(np.zeros((2, 3)) for _ in range(2)),
+)
+ROW = np.concatenate([[3.0, 0.1], np.zeros(6), np.eye(3).ravel(), np.zeros(3), np.eye(4).ravel(), np.zeros(3)])
+ROWS = RowTable(0, np.stack([ROW, ROW + np.eye(39)[1]]), [("none", "")], np.zeros(2, dtype=np.int64))
+LATER = np.array([5, 30])
+FALLS = FootfallTable(0, np.array([1, 1]), np.array([2, 20]), LATER, np.ones(2), LATER - 1, LATER, LATER, LATER)
+BENT = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
+ANCHOR = Anchor((2**60,), (np.zeros(3),), np.eye(3), np.zeros(3))
+IRON = Iron(np.zeros(3), np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("sound", "changed"),
+    [
+        (NODES, {"sample": np.array([9, 3])}),
+        (NODES, {"sample": np.array([3, 40])}),
+        (NODES, {"sample": np.array([3.0, 9.0])}),
+        (NODES, {"position": np.zeros((1, 3))}),
+        (NODES, {"velocity": np.full((2, 3), np.nan)}),
+        (NODES, {"velocity": np.full((2, 3), 1e300)}),
+        (NODES, {"nav_R_body": BENT}),
+        (ROWS, {"which": np.array([0, 1])}),
+        (ROWS, {"numbers": ROWS.numbers[::-1]}),
+        (ROWS, {"numbers": -ROWS.numbers}),
+        (ROWS, {"numbers": ROWS.numbers[:, :30]}),
+        (ROWS, {"words": "none"}),
+        (FALLS, {"counts": np.array([1, 2])}),
+        (FALLS, {"stop": np.array([1, 30])}),
+        (FALLS, {"start": np.array([-2, 20])}),
+        (FALLS, {"stillest": np.array([4, 100])}),
+        (FALLS, {"told": np.array([4])}),
+        (ANCHOR, {"keys": (None,)}),
+        (ANCHOR, {"A": np.full((3, 3), np.nan)}),
+        (IRON, {"covariance": -np.eye(3)}),
+        (IRON, {"covariance": np.triu(np.ones((3, 3)))}),
+    ],
+    ids=lambda value: type(value).__name__ if not isinstance(value, dict) else next(iter(value)),
+)
+def test_tables_and_matrices_are_sound_and_changed_ones_are_not(sound, changed):
+    assert find_fault(sound, stop=40) == ""
+    other = sound._replace(**changed) if isinstance(sound, tuple) else replace(sound, **changed)
+    assert find_fault(other, stop=40) != ""
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("_keep", 10**12), ("_first", -1), ("_rows", np.zeros((3, 3))), ("stop", 9999)]
+)
+def test_windows_of_the_search_fit_each_other(name, value):
+    stances, rows = CausalStances(), rows_of(short_walk())[:300]
+    stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+    assert stances.is_sound()
+    setattr(stances._search._acc, name, value)
+    assert not stances.is_sound()
