@@ -87,7 +87,8 @@ def _end_block(rate: Floats, h: Floats, first: int, last: int, gyro_bias: Floats
             square += (rate[i, axis] - gyro_bias[axis]) ** 2
         turned += np.sqrt(square) * h[i]
         elapsed += h[i]
-        if i > first and (turned > MOST_TURN_RAD or elapsed > LONGEST_S):
+        # A quarter of a sample more: the rounding of stamps, as that of the hour, decides nothing.
+        if i > first and (turned > MOST_TURN_RAD or elapsed > LONGEST_S + 0.25 * h[i]):
             break
         i += 1
     return i
