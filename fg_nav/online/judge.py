@@ -202,7 +202,11 @@ class SampleJudge:
         missing = int((np.cumsum(usable) >= known)[~usable].sum())
         again = min(missing, self._missing_again)
         self._missing_again = 0 if new else self._missing_again - again
-        self._count("missing", missing - again + self._missing_unsure, f"near t = {self._last:.3f} s")
+        self._count(
+            "missing",
+            missing - again + self._missing_unsure,
+            f"near t = {self._last:.3f} s" if np.isfinite(self._last) else "of all",
+        )
         self._missing_unsure = 0
 
     def _drop_known(self, rows: Floats, at_end: bool = False) -> Floats:

@@ -9,6 +9,7 @@ A block of lines is taken apart column by column; where that fails, line by line
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -24,6 +25,7 @@ from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.text_columns import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.header_lines import is_header, is_number
 
 LONGEST_LINE = 1 << 16
 """Bytes; a longer one has lost its end."""
@@ -108,7 +110,8 @@ class RowReader:
     last line waits for its end.
 
     A line that names columns again is a header too: the rows behind it are in its order, in the units of its names.
-    One that lacks a column is left out, and the order stays.
+    Behind one of other names, as where a sensor restarts with other software, rows are left out until one names those
+    of before again. Where only its end is missing, or one name is damaged, the order stays.
 
     Parameters
     ----------
@@ -135,6 +138,8 @@ class RowReader:
         self._line = self._counted = self._waited = 0
         self._cut_header: FormatError | None = None
         self._columns: Columns | None = None
+        self._names: tuple[str, ...] | None = None
+        self._is_foreign = False
         self._positions: list[int] = []
         self._is_confirmed = True
         self._wanted = columns
@@ -147,7 +152,7 @@ class RowReader:
         A source that begins again sends it again, and it must name the same columns, in any order.
         """
         if self._columns is None and self._wanted is None:
-            self._use(Columns(tuple(header)))
+            self._use(Columns(tuple(header)), header)
             self._is_confirmed = False
 
     @property
@@ -197,7 +202,7 @@ class RowReader:
     def _read_block(self, lines: list[bytes]) -> Floats | None:
         """Return the samples of lines that are plain rows, headers or empty; None where one is not, or they are few."""
         columns = self._columns
-        if columns is None or len(lines) < SMALLEST_BLOCK:
+        if columns is None or self._is_foreign or len(lines) < SMALLEST_BLOCK:
             return None
         header, commas = ",".join(columns.names).encode(), len(columns.names) - 1
         filled = [line for line in (line.rstrip(b"\r") for line in lines) if line and line != header]
@@ -236,7 +241,7 @@ class RowReader:
     def _find_columns(self, fields: list[str], given: Columns) -> list[float] | None:
         """Find what the user maps in a line: the names of a header, or numbers of fields in a first row."""
         wanted = mapping.parse_columns(given.mapping or "")
-        is_row = any(map(_is_number, fields))
+        is_row = any(map(is_number, fields))
         try:
             names = [str(k + 1) for k in range(len(fields))] if is_row else fields
             columns = _place_columns(wanted, names, given.rate_hz, self._name)
@@ -244,7 +249,7 @@ class RowReader:
             self._cut_header = self._cut_header if is_row and self._cut_header else error
             self._wait_for_header()
             return None
-        self._use(columns)
+        self._use(columns, None if is_row else fields)
         return self._read_row(fields, columns) if is_row else None
 
     def _read_row(self, fields: list[str], columns: Columns) -> list[float] | None:
@@ -252,7 +257,9 @@ class RowReader:
         if len(fields) == width + 1 and not fields[-1]:
             fields.pop()  # a separator at the end of the row
         problem = f"it has {len(fields)} fields and the header {width}"
-        if len(fields) == width:
+        if self._is_foreign:
+            problem = "it follows a header that names other columns"
+        elif len(fields) == width:
             try:
                 row = [
                     float(fields[i]) * unit if i >= 0 and fields[i] else np.nan
@@ -263,6 +270,8 @@ class RowReader:
                 problem = "a field is not a number"
         if not set(CANONICAL[:7]).isdisjoint(fields):
             problem = self._take_header_again(fields)
+        elif is_header(fields):
+            problem = self._take_own_header(fields)
         if problem:
             self._leave_out(problem)
         return None
@@ -275,7 +284,7 @@ class RowReader:
     def _take_first_header(self, fields: list[str]) -> bool:
         """Take the header; return False for one in the first line that lacks columns: its beginning may be cut off."""
         try:
-            self._use(_columns_of(fields))
+            self._use(columns := _columns_of(fields), columns.names)
             return True
         except FormatError as error:
             if self._line > 1:
@@ -297,8 +306,9 @@ class RowReader:
         """Take a header behind the first one, or behind a resume; return why not, if it lacks columns."""
         before = self._columns
         try:
-            self._use(_columns_of(fields))
+            self._use(columns := _columns_of(fields), columns.names)
         except FormatError as error:
+            self._leave_out_foreign(fields)
             return f"it is no header ({str(error).partition(':')[0]})"
         assert before is not None
         if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
@@ -308,17 +318,52 @@ class RowReader:
         self._is_confirmed = True
         return ""
 
-    def _use(self, columns: Columns) -> None:
+    def _take_own_header(self, fields: list[str]) -> str:
+        """Take a header whose names are not ours, where the user maps them; return why not."""
+        if self._wanted is not None and self._wanted.mapping is not None:
+            with suppress(FormatError):
+                wanted = mapping.parse_columns(self._wanted.mapping)
+                columns = _place_columns(wanted, fields, self._wanted.rate_hz, self._name)
+                if not _are_numbers(wanted):
+                    self._use(columns, fields)
+                    return ""
+        if self._names is None:
+            self._names = tuple(fields)
+        self._leave_out_foreign(fields)
+        return "it names other columns" if self._is_foreign else ""
+
+    def _leave_out_foreign(self, fields: list[str]) -> None:
+        """Leave out the rows behind a header of other names than those known; not if it is damaged, or has no end."""
+        known = self._names
+        if known is None or (self._columns is not None and len(fields) < len(self._columns.names)):
+            return
+        fields = fields if fields[-1] else fields[:-1]
+        is_known = len(fields) == len(known) and sum(map(str.__ne__, fields, known)) <= 1
+        if not is_known and not self._is_foreign:
+            self._remark(
+                f"the header in line {self._line} of {self._name} names other columns "
+                f"({mapping.shorten_names(fields, 12)}): rows are left out until one names those of before."
+            )
+        self._is_foreign = not is_known
+
+    def _use(self, columns: Columns, names: Sequence[str] | None = None) -> None:
+        """Read rows by these columns, and by the names of the header that they are from."""
         place = Path(self._name)
-        names = (() if columns.rate_hz else TIME) + ACC + GYR + (() if set(MAG).isdisjoint(columns.names) else MAG)
-        self._positions = [find_column(name, columns.names, place) if name in names else -1 for name in CANONICAL]
-        self._columns = columns
+        wanted = (() if columns.rate_hz else TIME) + ACC + GYR + (() if set(MAG).isdisjoint(columns.names) else MAG)
+        self._positions = [find_column(name, columns.names, place) if name in wanted else -1 for name in CANONICAL]
+        self._columns, self._is_foreign = columns, False
+        self._names = self._names if names is None else tuple(names)
 
     def _leave_out(self, why: str) -> None:
         if self.bad == 0:
             self._remark(f"rows that cannot be read are left out, the first in line {self._line}: {why}.")
         self.bad += 1
         self._counted += 1
+
+
+def _are_numbers(wanted: mapping.Columns) -> bool:
+    """Whether columns are given by their numbers, which any header has."""
+    return all(word.isdigit() for words in wanted.words.values() for word in words)
 
 
 def _columns_of(fields: list[str]) -> Columns:
@@ -335,11 +380,3 @@ def _parse_plain(text: bytes, width: int) -> Floats | None:
     except (ValueError, OverflowError):
         return None
     return np.asarray(frame.to_numpy(dtype=np.float64))
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True

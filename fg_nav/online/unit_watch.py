@@ -91,10 +91,10 @@ class StampWatch:
         """Whether the period is known by stamps (n,); refuse those of another unit."""
         known = t[np.isfinite(t)][: NOT_ADVANCING if len(t) >= NOT_ADVANCING else FIRST]
         period_s = median_period_s(known)
+        if len(known) >= NOT_ADVANCING and np.isnan(period_s):
+            raise RecordingError(f"{find_stamp_problem(period_s)}.")
         if len(known) < FIRST or np.isnan(period_s):
-            if len(known) >= NOT_ADVANCING:
-                raise RecordingError(f"{find_stamp_problem(period_s)}.")
-            return False
+            return len(t) >= NOT_ADVANCING  # of which hardly any has a stamp: they are missing
         if find_time_unit(period_s) not in ("s", None):
             raise RecordingError(f"{find_stamp_problem(period_s)}, or say it in --columns, time=...[ms].")
         self.period_s = period_s

@@ -26,7 +26,10 @@ numbers = st.one_of(
     st.floats().map(repr), st.floats(-100, 100).map("{:.6f}".format), st.integers().map(str), st.sampled_from(ODD)
 )
 plain = st.lists(numbers, min_size=10, max_size=10).map(",".join)
-headers = ("time_s,acc_x_m_s2", ",".join(CANONICAL), ",".join(reversed(CANONICAL)))
+headers = (
+    "time_s,acc_x_m_s2", ",".join(CANONICAL), ",".join(reversed(CANONICAL)), "time_s,a,b,c,d,e,f,g,h,i",
+    "t,a,b,c,d,e,f,g,h,i",
+)  # fmt: skip
 lines = st.one_of(
     plain, plain, plain.map(lambda row: row + "\r"), plain.map(lambda row: row + ","),
     st.sampled_from(["", "\r", " ", ",", "\ufeff", *headers]), st.text(max_size=30),
@@ -76,6 +79,46 @@ def test_a_header_midway_without_its_end_changes_nothing():
     assert len(reader.read(HEADER + ROW + HEADER[:50] + b"\n" + ROW)) == 2
     assert reader.bad == 1
     assert "no header" in said[0]
+
+
+FOREIGN = b"ts_ms,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps,mx,my,mz\n"
+
+
+@pytest.mark.parametrize("other", [FOREIGN, HEADER.replace(b"acc_z_m_s2", b"t_C").replace(b"gyr_x_rad_s", b"wx")])
+@pytest.mark.parametrize("rows", [1, 1000])
+def test_behind_a_header_of_other_names_rows_are_left_out_until_it_is_one_of_before(other, rows):
+    """A logger that was restarted with other software: its columns are in another order, in other units."""
+    said = []
+    reader = RowReader("a test", said.append)
+    assert len(reader.read(HEADER + ROW + other + ROW * rows)) == 1
+    assert len(reader.read(ROW * 3 + other + HEADER + ROW * rows)) == rows
+    assert "names other columns" in said[0]
+    assert reader.bad == rows + 5
+
+
+def test_a_damaged_header_or_a_message_of_the_device_changes_nothing():
+    rng = np.random.default_rng(1)
+    reader = RowReader("a test")
+    for odd in (HEADER.replace(b"acc_x", b"acc_q"), b"restarted, version 1.2\n", HEADER[:90] + b"\n", rng.bytes(10**5)):
+        assert np.array_equal(reader.read(HEADER + ROW + odd + b"\n" + ROW), [SAMPLE] * 2)
+
+
+def test_a_mapped_header_midway_in_another_order_is_used_from_there_on():
+    reader = RowReader("a test", columns=parse_columns("time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"))
+    row, header = b"10,1,2,3,4,5,6\n", b"t,ax,ay,az,gx,gy,gz\n"
+    turned, turned_header = b"4,5,6,10,1,2,3\n", b"gx,gy,gz,t,ax,ay,az\n"
+    found = reader.read(header + row + turned_header + turned + b"gx,gy,gz,when,bx,by,bz\n" + turned + header + row)
+    assert len(found) == 3
+    assert np.array_equal(found, found[[0, 0, 0]], equal_nan=True)
+
+
+@pytest.mark.parametrize("words", [SHORT_ROW, "time=1,acc=2:3:4,gyr=5:6:7"])
+def test_where_columns_are_numbered_a_header_in_another_order_is_not_read_by_them(words):
+    reader = RowReader("a test", columns=parse_columns(words))
+    header, row = b"t,ax,ay,az,gx,gy,gz\n", b"1,0,0,9,1,2,3\n"
+    assert len(reader.read(header + row + header + row)) == 2
+    assert len(reader.read(b"t,gx,gy,gz,ax,ay,az\n" + row)) == 0
+    assert len(reader.read(header + row)) == 1
 
 
 @pytest.mark.parametrize("cut", [1, 7, 30])

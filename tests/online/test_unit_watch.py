@@ -52,6 +52,13 @@ def test_seconds_since_1970_are_taken(rows):
     assert np.array_equal(admit(sent)[0], sent, equal_nan=True)
 
 
+def test_rows_without_stamps_do_not_wait_for_ever(rows):
+    watch = UnitWatch(print)
+    sent = change(rows[:1500], STAMP, np.nan)
+    assert sum(len(watch.admit(sent[k : k + 100])) for k in range(0, 1500, 100)) == 1000
+    assert len(watch.admit(rows[:0], at_end=True)) == 500
+
+
 @pytest.mark.parametrize("factor", [0.0, -1.0])
 def test_stamps_that_never_rise_are_refused(rows, factor):
     with pytest.raises(RecordingError, match="do not advance"):
