@@ -165,11 +165,20 @@ def _build(
                 front_of_row[rows_before], place[rows_before] = front_of[first[members[k]]], d
                 rows_before += 1
         begin = end
-    columns = columns[:filled].copy()
-    rows, right, where, shown = np.zeros(at[count]), np.zeros(total), np.full(total, -1), -1
+    shape = Fronts(size[variable_of], first[variable_of], parent, begins, columns[:filled].copy(), at, np.empty(0))
+    return _fill_rows(shape, front_of_row, place, row, column, value)
+
+
+@njit(cache=True)
+def _fill_rows(
+    shape: Fronts, front_of_row: Ints, place: Ints, row: Ints, column: Ints, value: Floats
+) -> tuple[Fronts, Floats]:
+    """Put the entries of R into the rows of fronts, and those of r (N,): rows by their front and place in it."""
+    size, first, parent, begins, columns, at, _ = shape
+    rows, right, where, shown = np.zeros(at[len(size)]), np.zeros(len(place)), np.full(len(place), -1), -1
     for e in range(len(row)):
         i = front_of_row[row[e]]
-        if column[e] >= total:
+        if column[e] >= len(place):
             right[columns[begins[i] + place[row[e]]]] = value[e]
             continue
         if i != shown:
@@ -178,7 +187,7 @@ def _build(
             shown = i
         width = begins[i + 1] - begins[i]
         rows[at[i] + place[row[e]] * width + where[column[e]]] = value[e]
-    return Fronts(size[variable_of], first[variable_of], parent, begins, columns, at, rows), right
+    return Fronts(size, first, parent, begins, columns, at, rows), right
 
 
 @njit(cache=True)
