@@ -16,7 +16,7 @@ A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` i
 wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility`)
 stamps that repeat or fall      spread, sorted, set on, or left out, with a note (`fg_nav.samples.stamps`)
 missing (non-finite) samples    left out, with a note; refused if they are many
-bad samples of acc or gyr       left out where those around exclude them, with a note (`fg_nav.samples.outliers`)
+bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.outliers`)
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
 magnetometer without a sample   no magnetometer
 =============================== =======================================================================
@@ -38,7 +38,7 @@ from fg_nav.columns.samples import Samples
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
-from fg_nav.samples.outliers import find_outliers, note_outliers
+from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, note_outliers
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import remove_jitter
@@ -277,15 +277,17 @@ def find_usable_samples(raw: RawRecording) -> Bools:
 def _admit(raw: RawRecording) -> Recording:
     _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
     _check_count(len(raw.t))
-    _check_units(raw)
-    usable = np.flatnonzero(find_usable_samples(raw))
+    is_usable = find_usable_samples(raw)
+    for problem in plausibility.find_lasting_problems(raw.t, raw.acc, raw.gyr, raw.mag, is_usable):
+        raise RecordingError(f"{problem}.")
+    usable = np.flatnonzero(is_usable)
     _check_count(len(usable))
     samples = np.column_stack([raw.acc[usable], raw.gyr[usable]])
     found = order_stamps(raw.t[usable], samples, raw.row[usable])
     del samples
     kept = usable[found.kept]
     _check_count(len(kept))
-    missing = _judge_missing(raw, find_usable_samples(raw), int(kept.min()), int(kept.max()))
+    missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
     t, remarks = _even_stamps(found.t)
     outliers = find_outliers(t, raw.acc[kept], raw.gyr[kept])
     told = note_outliers(outliers, t, raw.row[kept])
@@ -293,30 +295,19 @@ def _admit(raw: RawRecording) -> Recording:
     truth, good = _move_to_clock(raw.truth, raw.t[kept], t), ~outliers.any
     kept, t = kept[good], t[good]
     _check_count(len(kept))
+    mag = _clean_magnetometer(raw, kept)
+    if mag is not None:
+        bad = find_mag_outliers(t, mag)
+        mag[bad] = np.nan
+        notes += note_bad(bad, "magnetometer", t, raw.row[kept])
     return Recording(
         t=t,
         acc=raw.acc[kept],
         gyr=raw.gyr[kept],
-        mag=_clean_magnetometer(raw, kept),
+        mag=mag,
         truth=truth,
         provenance=replace(raw.provenance, notes=tuple(notes)),
     )
-
-
-def _check_units(raw: RawRecording) -> None:
-    """Refuse samples in a wrong unit; a few bad ones among them show none."""
-    problems = plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag)
-    if not problems:
-        return
-    # Bad samples hide how gravity turns: what is wrong without them too?
-    usable = np.flatnonzero(find_usable_samples(raw))
-    acc, gyr = raw.acc[usable], raw.gyr[usable]
-    period = plausibility.median_period_s(raw.t)
-    even = np.arange(len(usable), dtype=np.float64) * (period if period > 0.0 else 1.0)
-    good = usable[~find_outliers(even, acc, gyr).any]
-    mag = None if raw.mag is None else raw.mag[good]
-    for problem in plausibility.find_unit_problems(raw.t[good], raw.acc[good], raw.gyr[good], mag):
-        raise RecordingError(f"{problem}.")
 
 
 def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:

@@ -2,7 +2,7 @@
 
 ================================= ==========================================================================
 missing (NaN, empty, no range)    left out
-bad samples of acc or gyr         left out, as in a file (`outlier_gate`)
+bad samples                       left out, as in a file (`outlier_gate`)
 stamp as the one before           left out
 stamp before the last one         waits, and is left out; but after `RESTART` of them in order the clock has restarted,
                                   and its stamps are shifted: where force and rate go on (a counter that began again)
@@ -40,7 +40,7 @@ from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows
 from fg_nav.online.remarks import REMARKS, UNKNOWN_GAP_S
 from fg_nav.online.unit_check import UnitCheck
 from fg_nav.recording import MAX_GAP_S, RawRecording, find_field_samples, find_usable_samples
-from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+from fg_nav.samples.outliers import ACC_OUT, GYR_OUT, MAG_OUT
 from fg_nav.samples.stamps import AROUND, goes_on
 
 JUMP_S = 1.0
@@ -142,6 +142,7 @@ class SampleJudge:
             "left": list(self._left),
             "to_check": self._units.left,
             "gate": self._gate.held.tolist(),
+            "fields": self._gate.fields.tolist(),
             "missing_last": self._missing_last,
         }
 
@@ -165,7 +166,7 @@ class SampleJudge:
             judge._recent.extend(rows[-AROUND:])
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
         judge._head, judge._units = _rows(state["head"]), UnitCheck(int(state["to_check"]), blocks)
-        judge._gate = OutlierGate(np.array([*judge._recent]).reshape(-1, COLUMNS), gate)
+        judge._gate = OutlierGate(np.array([*judge._recent]).reshape(-1, COLUMNS), gate, _rows(state["fields"]))
         judge._missing_last = judge._missing_again = int(state["missing_last"])
         judge._left.extend(state["left"])
         undecided = judge._waits, judge._restore(judge._behind), judge._restore_samples(gate, judge._taken - len(gate))
@@ -270,13 +271,14 @@ class SampleJudge:
         """Return the good ones of rows in order, and of those that were held; leave the bad ones out."""
         first = self._taken - len(self._gate.held)
         good, bad, place, sensor = self._gate.judge(rows, at_end)
-        self._taken += len(rows) - len(bad)
+        self._taken += len(rows) - int((sensor != MAG_OUT).sum())
         self._recent.extend(good[-AROUND:])
         # From the last one on, so that the number of each is that before any was left out.
-        for row, at, which in reversed([*zip(bad, (first + place).tolist(), sensor, strict=True)]):
+        for row, at, which in reversed([*zip(bad, (first + place).tolist(), sensor.tolist(), strict=True)]):
             self._left.extend(fingerprint_rows(self._restore_samples(row[None], at)).tolist())
-            self._clocks = [(begins - (begins > at), offset) for begins, offset in self._clocks]
-            for kind, of_it in (("gyr", GYR_OUT), ("acc", ACC_OUT)):
+            gone = which != MAG_OUT
+            self._clocks = [(begins - (gone and begins > at), offset) for begins, offset in self._clocks]
+            for kind, of_it in (("gyr", GYR_OUT), ("acc", ACC_OUT), ("mag", MAG_OUT)):
                 self._count(kind, int(which & of_it > 0), f"at t = {row[0]:.3f} s")
         return good
 

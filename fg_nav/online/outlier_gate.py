@@ -12,14 +12,16 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.online.buffer import COLUMNS
-from fg_nav.samples.outliers import AROUND, scan_outliers
+from fg_nav.samples.outliers import AROUND, MAG_OUT, scan_mag, scan_outliers
+
+NOTHING = np.empty((0, COLUMNS))
 
 
 class Passed(NamedTuple):
-    """Rows that pass a gate (n, 10), and those that do not (m, 10).
+    """Rows that pass a gate (n, 10), and those that do not, or without their field, as they came (m, 10).
 
-    `place` (m,) is that of each of the latter among the rows that were held and came, `sensor` (m,) as of
-    `scan_outliers`.
+    `place` (m,) is that of each of the latter among the rows that were held and came, `sensor` (m,) the sum of
+    `ACC_OUT`, `GYR_OUT` or else `MAG_OUT`, of a row that passes without its field.
     """
 
     good: Floats
@@ -35,17 +37,29 @@ class OutlierGate:
     ----------
     before : the last rows that passed.
     held : rows behind them.
+    fields : the last rows that passed with a field.
     """
 
-    def __init__(self, before: Floats = np.empty((0, COLUMNS)), held: Floats = np.empty((0, COLUMNS))) -> None:
-        self._before, self.held = before[-AROUND - 1 :], held
+    def __init__(self, before: Floats = NOTHING, held: Floats = NOTHING, fields: Floats = NOTHING) -> None:
+        self._before, self.held, self.fields = before[-AROUND - 1 :], held, fields
 
     def judge(self, rows: Floats, at_end: bool = False) -> Passed:
         """Judge rows in order of time that go on behind the last ones; at the end of a stream none is held."""
         seen, begin = np.concatenate([self._before, self.held, rows]), len(self._before)
         found, stop = scan_outliers(seen[:, 0].copy(), seen[:, 1:7].copy(), begin, at_end)
+        stop = self._judge_fields(seen, found, begin, stop, at_end)
         judged, sensor = seen[begin:stop], found[begin:stop]
-        good = judged[sensor == 0]
+        passes = (sensor == 0) | (sensor == MAG_OUT)
+        good, place = judged[passes], np.flatnonzero(sensor)
+        good[sensor[passes] == MAG_OUT, 7:] = np.nan
         self._before, self.held = np.concatenate([self._before, good])[-AROUND - 1 :], seen[stop:]
-        place = np.flatnonzero(sensor)
+        self.fields = np.concatenate([self.fields, good[np.isfinite(good[:, 7])]])[-AROUND - 1 :]
         return Passed(good, judged[place], place, sensor[place])
+
+    def _judge_fields(self, seen: Floats, found: Ints, begin: int, stop: int, at_end: bool) -> int:
+        """Note in `found` (n,) whose field is bad, of rows (n, 10) that were judged up to `stop`; up to where it is."""
+        there = begin + np.flatnonzero((found[begin:stop] == 0) & np.isfinite(seen[begin:stop, 7]))
+        series, known = np.concatenate([self.fields, seen[there]]), len(self.fields)
+        bad, until = scan_mag(series[:, 0].copy(), series[:, 7:].copy(), known, at_end)
+        found[there] = bad[known:]
+        return int(there[until - known]) if until < len(series) else stop

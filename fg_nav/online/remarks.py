@@ -12,6 +12,7 @@ REMARKS = {
     "missing": "samples are missing (empty, NaN or out of any range) and left out",
     "gyr": "samples of the gyroscope are far off what those around allow, and left out",
     "acc": "samples of the accelerometer are far off what those around allow, and left out",
+    "mag": "samples of the magnetometer are far off what those around allow, and left out",
     "repeated": "stamps repeat the one before, and their samples are left out",
     "backward": "stamps are before the last one, and their samples are left out",
     "ahead": "stamps are far ahead of those around them, and their samples are left out",

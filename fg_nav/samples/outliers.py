@@ -12,10 +12,12 @@ accelerometer among the `AROUND` samples before and as many behind, what they al
     gyroscope        f (1 rad/s + 2 c_gyr + c_acc 0.1 rad/s / (m/s^2))
     accelerometer    f (20 m/s^2 + 6 c_acc)
 
+    magnetometer     f (20 uT + 6 c_mag), among its own samples
+
 since a shoe that is struck turns, and its accelerometer tells. With a sample every T s f = 2.2 sqrt(T / 5 ms), and no
 less than 2.2; where samples are missing it is larger by the square of how much longer the run with its neighbors lasts.
 No sample of the real recordings at hand, of feet, legs and hands at 50 to 400 Hz, is found before f is lowered to 0.75
-of that (`scripts/sample_faults.py clean`).
+of that (`scripts/sample_faults.py clean`), and none of their magnetometers before 0.35.
 
 A run is sought from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD` samples later.
 """
@@ -47,8 +49,8 @@ PERIOD_S = 5e-3
 GYR_RAD_S, GYR_SHAKEN, GYR_STRUCK = 1.0, 2.0, 0.1
 ACC_M_S2, ACC_SHAKEN = 20.0, 6.0
 
-ACC_OUT, GYR_OUT = 1, 2
-"""Of which sensor a run was found; the sum where it is of both."""
+ACC_OUT, GYR_OUT, MAG_OUT = 1, 2, 4
+"""Of which sensor a run was found; the sum where it is of more."""
 
 
 class Outliers(NamedTuple):
@@ -72,15 +74,33 @@ def find_outliers(t: Floats, acc: Floats, gyr: Floats, factor: float = FACTOR) -
     return Outliers((found & ACC_OUT) > 0, (found & GYR_OUT) > 0)
 
 
+def find_mag_outliers(t: Floats, mag: Floats) -> Bools:
+    """Find bad samples (N,) of a magnetometer, uT, among those of mag (N, 3) that are finite."""
+    found = np.zeros(len(t), dtype=np.bool_)
+    there = np.isfinite(mag).all(axis=1)
+    found[there] = scan_mag(t[there], mag[there], 0, True)[0] > 0
+    return found
+
+
+def scan_mag(t: Floats, mag: Floats, begin: int, at_end: bool) -> tuple[Ints, int]:
+    """As `scan_outliers`, of finite samples mag (N, 3); they have the limits in uT that forces have in m/s^2."""
+    found, until = scan_outliers(t, np.hstack([mag, np.zeros_like(mag)]), begin, at_end)
+    return MAG_OUT * (found > 0), until
+
+
 def note_outliers(found: Outliers, t: Floats, row: Ints) -> list[str]:
     """Say which samples (N,) are left out as bad, by stamps and rows (N,); nothing where there are none."""
-    number = int(found.any.sum())
-    if not number:
-        return []
     sensors = [name for name, bad in (("gyroscope", found.gyr), ("accelerometer", found.acc)) if bad.any()]
-    first = int(np.argmax(found.any))
+    return note_bad(found.any, " and ".join(sensors), t, row)
+
+
+def note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
+    """Say that samples (N,) of a sensor are left out as bad."""
+    if not bad.any():
+        return []
+    first = int(np.argmax(bad))
     where = f"row {row[first]} (t = {t[first]:.3f} s)"
-    words = f"{format_count(number, 'bad sample')} of the {' and '.join(sensors)}"
+    words = f"{format_count(int(bad.sum()), 'bad sample')} of the {sensor}"
     return [f"left out {words}, far off what the samples around allow, the first in {where}"]
 
 

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.samples.outliers import find_outliers
 
 LIMIT_M_S2 = 5000.0
 """No accelerometer worn by a person reads more (500 g)."""
@@ -101,6 +102,18 @@ def _spread_blocks(n: int) -> slice | Ints:
         return np.s_[:]
     starts = np.linspace(0, n - BLOCK, MOST_JUDGED // BLOCK).astype(np.int64)
     return (starts[:, None] + np.arange(BLOCK)).ravel()
+
+
+def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None, usable: Bools) -> tuple[str, ...]:
+    """Name what is wrong as `find_unit_problems`, and still is without the bad ones of the samples `usable` (N,)."""
+    problems = find_unit_problems(t, acc, gyr, mag)
+    if not problems:
+        return problems
+    # A bad sample of 300 rad/s, with which gravity does not turn, looks like a wrong unit.
+    kept, period = np.flatnonzero(usable), median_period_s(t)
+    even = np.arange(len(kept), dtype=np.float64) * (period if period > 0.0 else 1.0)
+    kept = kept[~find_outliers(even, acc[kept], gyr[kept]).any]
+    return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
 
 
 def median_period_s(t: Floats) -> float:
