@@ -25,6 +25,7 @@ from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.evaluation.walked import WalkErrors, measure_walk
+from fg_nav.fix_check import check_fixes
 from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
@@ -235,6 +236,7 @@ def check_known(walk: Walk) -> None:
         check_truth(walk.truth, walk.recording.t)
         if isinstance(walk.truth, TrajectoryTruth):
             share_truth(walk.truth, walk.recording.t)
+    check_fixes(walk.fixes, walk.recording.t)
 
 
 def correct_walk(walk: Walk) -> Walk:

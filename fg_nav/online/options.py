@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from fg_nav.fix_check import check_fixes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.truth import Fix
 
@@ -22,6 +23,8 @@ class OnlineOptions:
     parameters : of the smoother.
     axes_given : whether the magnetometer is used whatever its axes look like.
     fixes : positions that are known from elsewhere, at times of the walk to come.
+
+    Raises `EstimationError` for fixes that cannot be.
     """
 
     heading_rad: float | None = 0.0
@@ -30,3 +33,6 @@ class OnlineOptions:
     parameters: SmootherParameters = field(default_factory=SmootherParameters)
     axes_given: bool = False
     fixes: tuple[Fix, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fixes(self.fixes)

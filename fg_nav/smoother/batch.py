@@ -33,7 +33,7 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
-from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own
+from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, refuse_far_fixes
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import write_note
 from fg_nav.smoother.floors import write_floor_note
@@ -234,6 +234,7 @@ def _solve_from_samples(
     # Fixes and factors of the caller's own need that solution to be placed, and constraints between footfalls the one
     # with them.
     if fixes:
+        refuse_far_fixes(problem, fixes)
         problem = add_fixes(problem, problem.values, fixes)
     if extra is not None:
         problem = add_own(problem, problem.values, extra)

@@ -42,6 +42,7 @@ from fg_nav.factors.walk_constraints import (
     position_fix_noise,
     straight_triples,
 )
+from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path
 from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
@@ -57,9 +58,6 @@ STRAIGHT_WITHIN_M = 0.15
 GIVEN_HEADING_DEG = 5.0
 """Sigma of the heading at the start that was given, where fixes show it as well: a compass held by hand, or a line
 on a plan. Fixes show it once they leave a smaller one."""
-
-FIX_REACH_S = 1.5
-"""Farther than a stride from any node there is nothing to tie a fix to."""
 
 FIX_SPEED_M_S = 1.4
 """Walking pace: for so much a second between a fix and the node it is tied to its sigma grows."""
@@ -135,10 +133,7 @@ def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
 
 def _node_of(fix: Fix, t_node: Floats) -> int:
     """Index of the node nearest to a fix in time."""
-    if not (np.isfinite(fix.position).all() and 0 < fix.horizontal_sigma_m < np.inf and fix.vertical_sigma_m > 0):
-        raise EstimationError(
-            f"the fix at {fix.time_s:.2f} s needs a finite position and sigmas above zero: correct it or leave it out."
-        )
+    check_fix(fix)
     if not t_node[0] - FIX_REACH_S <= fix.time_s <= t_node[-1] + FIX_REACH_S:
         raise EstimationError(
             f"the fix at {fix.time_s:.2f} s is outside the walk, which lasts from {t_node[0]:.2f} s to "
@@ -151,6 +146,13 @@ def _node_of(fix: Fix, t_node: Floats) -> int:
             "stride: take fixes where the foot stands, or leave it out."
         )
     return int(apart.argmin())
+
+
+def refuse_far_fixes(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
+    """Refuse fixes that the path of a first solution does not reach; raises `EstimationError`."""
+    footfall = problem.nodes.result
+    t = problem.recording.t[problem.nodes.sample[footfall]]
+    check_fixes_on_path(fixes, t, list_positions(footfall, problem.values))
 
 
 def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) -> WalkProblem:

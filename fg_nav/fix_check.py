@@ -1,0 +1,121 @@
+"""Can fixes be those of a walk at all? Judged before the walk is solved, and by the path of its first solution.
+
+A person is at the start at the walk's first sample and at each fix at its time. Between two of these, i and j, he moves
+no farther than anyone runs, and on the solved path no farther than was walked:
+
+    |fix_i - fix_j| <= 12.5 m/s |t_i - t_j| + 3 (sigma_i + sigma_j)         before
+    |fix_i - fix_j| <= 1.25 walked_ij + 2 m + 3 (sigma_i + sigma_j)         on the path
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
+from fg_nav.evaluation.truth_check import FASTEST_M_S
+from fg_nav.truth import Fix
+
+SIGMAS = 3.0
+"""Of each of two fixes: one in 400 true ones is farther off, and hardly ever two at once."""
+
+LARGEST_M = 1e7
+"""No walk leads farther, and no fix is worse: a quarter of the way round the Earth."""
+
+LEAST_SIGMA_M = 1e-4
+"""No survey of a foot is as good."""
+
+FIX_REACH_S = 1.5
+"""Farther than a stride from any footfall there is nothing to tie a fix to."""
+
+LONGER, LONGER_BY_M = 1.25, 2.0
+"""How much longer than on the first solution the path may be, as a factor of it and in m."""
+
+_NEIGHBORS = 50
+"""Fixes after each that it is compared with: from those farther off there is more time, or way."""
+
+
+def check_fix(fix: Fix) -> None:
+    """Raise `EstimationError` if a fix has no place, or a sigma that none has."""
+    if not (np.isfinite(fix.position).all() and 0 < fix.horizontal_sigma_m < np.inf and fix.vertical_sigma_m > 0):
+        raise EstimationError(
+            f"the fix at {fix.time_s:.2f} s needs a finite position and sigmas above zero: correct it or leave it out."
+        )
+    least, largest = min(fix.horizontal_sigma_m, fix.vertical_sigma_m), fix.horizontal_sigma_m
+    if least < LEAST_SIGMA_M or max(largest, *np.abs(fix.position)) > LARGEST_M:
+        raise EstimationError(
+            f"the fix at {fix.time_s:.2f} s cannot be: give its place within {LARGEST_M:g} m of the start, and a sigma "
+            f"from {LEAST_SIGMA_M:g} to {LARGEST_M:g} m."
+        )
+
+
+def check_fixes(fixes: Sequence[Fix], t: Floats | None = None) -> None:
+    """Refuse fixes that cannot be, by themselves and by each other; and by the stamps `t` (N,) s of the walk, if known.
+
+    Raises `EstimationError` with the time of the fix.
+    """
+    for fix in fixes:
+        check_fix(fix)
+    if t is not None:
+        _check_times(fixes, float(t[0]), float(t[-1]))
+        fixes = (_start(float(t[0])), *fixes)
+    fixes = sorted(fixes, key=lambda fix: fix.time_s)
+    time = np.array([fix.time_s for fix in fixes])
+    _compare(fixes, FASTEST_M_S * time, 0.0, lambda i, j: f"in {time[j] - time[i]:.3g} s, faster than anyone runs")
+
+
+def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats) -> None:
+    """Refuse fixes farther apart over ground than what was walked between, on a path `position` (F, 3) m at `t` (F,) s.
+
+    Their heights may differ by more: there are lifts.
+
+    Raises `EstimationError` with the time of the fix.
+    """
+    level = [replace(fix, vertical_sigma_m=np.inf) for fix in (_start(float(t[0])), *fixes)]
+    fixes = sorted(level, key=lambda fix: fix.time_s)
+    moves = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    walked = np.interp([fix.time_s for fix in fixes], t, np.concatenate([[0.0], np.cumsum(moves)]))
+    _compare(fixes, LONGER * walked, LONGER_BY_M, lambda i, j: f"where {walked[j] - walked[i]:.3g} m were walked")
+
+
+def _start(time_s: float) -> Fix:
+    return Fix(time_s, np.zeros(3), LEAST_SIGMA_M, LEAST_SIGMA_M)
+
+
+def _check_times(fixes: Sequence[Fix], begin_s: float, end_s: float) -> None:
+    outside = [fix.time_s for fix in fixes if not begin_s - FIX_REACH_S <= fix.time_s <= end_s + FIX_REACH_S]
+    if outside:
+        raise EstimationError(
+            f"the fix at {outside[0]:.2f} s is outside the walk, which lasts from {begin_s:.2f} s to {end_s:.2f} s: "
+            "give its time as in the recording, or leave it out."
+        )
+
+
+def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Callable[[int, int], str]) -> None:
+    """Compare fixes (K,) in the order of time with how far one comes: `reach` (K,) m rises by as much between two."""
+    place = np.array([fix.position for fix in fixes]).reshape(-1, 3)
+    level, height = (SIGMAS * np.array([getattr(fix, name) for fix in fixes]) for name in _SIGMA_NAMES)
+    for lag in range(1, min(_NEIGHBORS, len(fixes) - 1) + 1):
+        apart = place[lag:] - place[:-lag]
+        most = reach[lag:] - reach[:-lag] + slack_m
+        over_ground = np.hypot(*apart.T[:2]) - level[lag:] - level[:-lag]
+        upward = np.abs(apart[:, 2]) - height[lag:] - height[:-lag]
+        far = np.flatnonzero((over_ground > most) | (upward > most))
+        if len(far):
+            raise _explain(fixes, int(far[0]), int(far[0]) + lag, explain)
+
+
+_SIGMA_NAMES = ("horizontal_sigma_m", "vertical_sigma_m")
+
+
+def _explain(fixes: Sequence[Fix], i: int, j: int, explain: Callable[[int, int], str]) -> EstimationError:
+    one, other = fixes[i], fixes[j]
+    apart = float(np.linalg.norm((other.position - one.position)[: 3 if np.isfinite(other.vertical_sigma_m) else 2]))
+    origin = "the start" if not one.position.any() and one.horizontal_sigma_m == LEAST_SIGMA_M else ""
+    return EstimationError(
+        f"the fix at {other.time_s:.2f} s is {apart:.4g} m from {origin or f'that at {one.time_s:.2f} s'}, "
+        f"{explain(i, j)}: give places in m from the start of the walk and honest sigmas, or leave one out."
+    )
