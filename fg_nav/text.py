@@ -21,6 +21,11 @@ def format_ratio(ratio: float) -> str:
     return f"{float(f'{ratio:.2g}'):g}"
 
 
+def shorten(text: str, most: int = 80) -> str:
+    """Cut a text that is too long for a sentence."""
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
 def to_json(value: object) -> Any:
     """Dataclasses, arrays and tuples become dictionaries and lists; what is not finite, None; all else, text."""
     if is_dataclass(value) and not isinstance(value, type):

@@ -148,7 +148,7 @@ def parse_setting(word: str) -> tuple[str, Value]:
         raise ConfigError(f"--set {word} gives no value: write --set {name or 'NAME'}=VALUE.")
     try:
         value: Value = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):  # a word, or brackets without end
         value = text
     return name.strip(), value
 

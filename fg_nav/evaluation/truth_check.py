@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -60,7 +60,7 @@ def _check_path(truth: TrajectoryTruth, t: Floats) -> None:
         )
 
 
-def _measure_speeds(t: Floats, position: Floats) -> tuple[Floats, Floats]:
+def _measure_speeds(t: Floats, position: Floats) -> tuple[Ints, Floats]:
     """Mean speeds (M,) m/s over a second or the next longer step, and the rows (M,) where they begin."""
     last = np.searchsorted(t, t + _WINDOW_S)
     first = np.flatnonzero(last < len(t))
@@ -71,7 +71,7 @@ def _measure_speeds(t: Floats, position: Floats) -> tuple[Floats, Floats]:
 def _measure_distances(one: Floats, other: Floats) -> Floats:
     """Distances (M,) m; of absurd numbers the largest there is."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.nan_to_num(np.linalg.norm(one - other, axis=1), nan=np.inf)
+        return np.asarray(np.nan_to_num(np.linalg.norm(one - other, axis=1), nan=np.inf))
 
 
 def _check_footprints(truth: FootprintTruth, duration_s: float) -> None:

@@ -49,7 +49,7 @@ def fetch_file(path: Path) -> Fetch:
 
     def fetch(size: int | None) -> bytes:
         with _open_file(path) as file:
-            return file.read(size)
+            return file.read(-1 if size is None else size)
 
     return fetch
 

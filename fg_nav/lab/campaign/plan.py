@@ -53,6 +53,7 @@ from fg_nav.lab.simulation import Scenario, scenario
 from fg_nav.lab.simulation.scenario_file import SUFFIX
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
+from fg_nav.text import shorten
 
 FIRST_SEED = 101
 """Filters are tuned on seeds below 100."""
@@ -207,7 +208,7 @@ def _describe(error: ValidationError, content: Mapping[str, Any]) -> str:
         return f"there is no '{key}' in {where}: it knows {', '.join(table.model_fields)}."
     value = content["reading"][inner[0]][key] if table is ReadingTable else content[str(name)]
     place = f"{key} of {where}" if table is ReadingTable else key
-    return f"{place} cannot be {value!r}: {table.model_fields[str(key)].description}."
+    return f"{place} cannot be {shorten(repr(value))}: {table.model_fields[str(key)].description}."
 
 
 def _plan(file: PlanFile, folder: Path) -> Plan:

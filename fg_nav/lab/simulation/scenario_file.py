@@ -41,14 +41,21 @@ from fg_nav.lab.simulation.path import Path, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Feet, Rests, Scenario, Worn, scenario
 from fg_nav.lab.simulation.sensors import SensorPrior
+from fg_nav.text import shorten
 
 SUFFIX = ".toml"
 
 LONGEST_M = 100_000.0
 """A day of walking."""
 
+LONGEST_REST_S = 86_400.0
+"""A day."""
+
 LARGEST = 1e100
 """No number is larger."""
+
+MOST = 1_000_000
+"""Laps and strides: more than in a day of walking."""
 
 UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 """Types of errors of a key that no table has."""
@@ -65,11 +72,11 @@ class RouteTable(BaseModel):
 
     points_m: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=2)]
     corner_radius_m: Number = 1.2
-    laps: int = 1
-    rest_s: Number = 5.0
+    laps: Annotated[int, Field(ge=1, le=MOST)] = 1
+    rest_s: Annotated[float, Field(ge=0.0, le=LONGEST_REST_S)] = 5.0
     pace: Number = 1.0
     run: bool = False
-    strides: int | None = None
+    strides: Annotated[int, Field(ge=1, le=MOST)] | None = None
 
     @property
     def is_closed(self) -> bool:
@@ -142,6 +149,8 @@ def parse_scenario(file: str, text: str) -> Scenario:
         return _make_scenario(File(file).stem, tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise SimulationError(f"{file} is no TOML: {error}.") from None
+    except (ValueError, RecursionError, OverflowError):  # Python reads so many digits only, and lists in so many lists
+        raise SimulationError(f"{file} has a number too long or a list too deep to be read: correct it.") from None
     except SimulationError as error:
         raise SimulationError(f"{file}: {error}") from None
 
@@ -204,7 +213,7 @@ def _describe(error: ValidationError, kind: type[BaseModel], content: Mapping[st
         return f"{'.'.join(table) or 'the file'} has no parameter '{key}': it knows {', '.join(known)}."
     if first["type"] in ("missing", "missing_argument"):
         return f"{name} is missing: give it."
-    return f"{name} cannot be {first['input']!r}: {first['msg'].replace('Input should be', 'give')}."
+    return f"{name} cannot be {shorten(repr(first['input']))}: {first['msg'].replace('Input should be', 'give')}."
 
 
 def _known_names(error: ValidationError, content: Mapping[str, Any], table: list[str]) -> list[str]:
