@@ -30,6 +30,7 @@ from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
+from fg_nav.memory import return_freed
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -202,6 +203,7 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
         calibration = read_calibration(options.calibration_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
+    return_freed()
     return replace(Walk.of(recording, options, calibration), fixes=fixes)
 
 

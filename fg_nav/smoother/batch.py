@@ -30,6 +30,7 @@ from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
+from fg_nav.memory import return_freed
 from fg_nav.recording import Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
@@ -313,6 +314,7 @@ class _Draft:
 
     def finish(self) -> Solution:
         """Return the solution with its dense path."""
+        return_freed()
         position, velocity, nav_R_body = self.trajectory()
         self.recording.release()
         tails = freeze_ends(self.recording.t, self.stances, position, velocity)

@@ -24,6 +24,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
+from fg_nav.memory import return_freed
 from fg_nav.smoother.field import (
     FieldResiduals,
     FieldVerdict,
@@ -184,6 +185,7 @@ def _assume_path_noise(current: _Round, noise: PathNoise) -> _Round:
 
 def _solve_again(current: _Round) -> _Round:
     """Solve with the factors of a round, from the last solution on."""
+    return_freed()
     solved = solve(replace(current.problem, values=current.solved.values))
     problem, solved = free_jumps(current.problem, solved)
     return replace(current, problem=problem, solved=solved)

@@ -50,6 +50,7 @@ from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
 from fg_nav.errors import EstimationError
+from fg_nav.memory import return_freed
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.bias_walk import choose_bias_walk
@@ -255,6 +256,7 @@ def walk_problem(
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
     recording.release()
     problem = _solve_first(problem, p)
+    return_freed()
     return choose_bias_walk(problem) if p.choose_bias_walk else problem
 
 
