@@ -16,7 +16,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.recording import GAP_PERIODS
-from fg_nav.samples.plausibility import median_period_s
+from fg_nav.samples.plausibility import find_stamp_problem, median_period_s
 from fg_nav.text import format_count
 
 WINDOW = 200
@@ -83,6 +83,8 @@ class LossCounter:
     def _note_rate(self, t: Floats) -> None:
         """Say it where the rate has changed."""
         period_s = median_period_s(t)
+        if find_stamp_problem(period_s) is not None:
+            return  # no rate: stamps in another unit
         if not max(period_s / self._period_s, self._period_s / period_s) > ANOTHER:
             self._period_s, self._others = period_s, 0
             return

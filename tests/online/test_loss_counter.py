@@ -43,7 +43,8 @@ def test_nothing_is_lost_of_stamps_of_arrival_of_a_clock_that_restarts_or_of_a_s
 
 def test_a_rate_that_changes_is_said_once():
     t = np.concatenate([np.arange(1500) * 0.01, 15.0 + np.arange(1500) * 0.02])
-    _, said = count(t, 100)
+    in_ms = 1e3 * t[-1] + 20.0 * np.arange(1, 1500)
+    _, said = count(np.concatenate([t, in_ms]), 100)
     changes = [words for words in said if "rate" in words]
     assert len(changes) == 1
     assert "from 100 to 50 Hz" in changes[0]
