@@ -2,6 +2,8 @@
 
     python scripts/benchmark.py [--long] [--filters] [--real FILE] [--repeats N] [--json FILE]
     python scripts/benchmark.py --simulator [--json FILE]
+    python scripts/benchmark.py --gate [--quick]         against the baseline (`benchmark_gate.py`)
+    python scripts/benchmark.py --peers PYTHON           beside other programs (`benchmark_peers.py`)
 
 The yardstick is the bare loop that gives every sample to `integrateMeasurement` of the preintegration class which
 the smoother uses, and does nothing else. Each repeat runs all calls on all walks, one after the other, so that what
@@ -28,6 +30,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -46,6 +49,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.ekf.presets import TUNED, run_filter
+from fg_nav.errors import OutputError
 from fg_nav.evaluation import evaluate
 from fg_nav.io import read
 from fg_nav.lab.simulation.fields import SITES
@@ -75,9 +79,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         filters=option(False, "each filter on half an hour at 400 Hz as well"),
         real=option(None, "a recording in place of the simulated walks", type=Path, metavar="FILE"),
         simulator=option(False, "what a simulation costs instead"),
+        gate=option(False, "compare with the baseline instead; exit with 1 where a metric is worse"),
+        quick=option(False, "of the gate, what takes a minute"),
+        save=option(False, "make what is measured the baseline"),
+        baseline=option(None, "of the gate (docs/results/benchmark.json)", type=Path, metavar="FILE"),
+        peers=option(None, "other programs instead, by the interpreter that has them", metavar="PYTHON"),
+        data=None,
         repeats=5,
         json=None,
     )
+    if chosen.gate or chosen.quick or chosen.save or chosen.peers:
+        guard_baseline(chosen)
+        return
     if chosen.simulator:
         figures = measure_simulator()
         harness.print_figures(figures)
@@ -92,6 +105,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures += measure_filters(simulate_long_walk(FILTER_MINUTES, SEED, FILTER_RATE_HZ), chosen.repeats)
     times = [{walk: {call: vars(t) for call, t in of.items()} for walk, of in r.items()} for r in repeats]
     harness.print_verdict(figures, chosen.json, seconds=times)
+
+
+def guard_baseline(chosen: Namespace) -> None:
+    """Measure the metrics, or other programs; compare them with the baseline, or make them part of it."""
+    import benchmark_gate as gate
+    import benchmark_peers as peers
+
+    path = chosen.baseline or gate.BASELINE
+    if chosen.peers:
+        rows = peers.measure_peers(list(peers.SETS), chosen.data, chosen.peers, chosen.repeats)
+        peers.print_peers(rows)
+        if chosen.save:
+            gate.save_peers([vars(row) for row in rows], path)
+        return
+    metrics = gate.measure_metrics(chosen.quick, chosen.repeats, chosen.data)
+    worse = gate.compare_baseline(metrics, gate.read_baseline(path) if chosen.gate else {})
+    if chosen.save:
+        gate.save_metrics(metrics, path)
+    if chosen.gate and worse:
+        raise OutputError(f"worse than the baseline: {', '.join(metric.name for metric in worse)}.")
 
 
 # --- the smoother ----------------------------------------------------------------------------------------------------

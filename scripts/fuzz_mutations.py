@@ -133,7 +133,7 @@ def clip(rows: Floats, rng: Rng) -> Floats:
 def pass_magnet(rows: Floats, rng: Rng) -> Floats:
     """Let a magnet of up to 300 uT at the sensor pass by within 0.3 to 3 s."""
     for _ in range(rng.integers(1, 4)):
-        middle = rng.uniform(rows[0, 0], rows[-1, 0])
+        middle = rows[rng.integers(len(rows)), 0]
         shape = np.exp(-(((rows[:, 0] - middle) / rng.uniform(0.15, 1.5)) ** 2))
         rows[:, MAG] += shape[:, None] * rng.normal(0.0, 1.0, 3) * rng.uniform(10.0, 300.0)
     return rows

@@ -66,8 +66,9 @@ class Pool(Generic[C, F]):
                 worker.process.kill()
 
     def _collect(self, busy: list[_Worker[C]], waiting: Iterator[C]) -> Iterator[F]:
-        """Take what has come within a second, and what will not come any more."""
-        ready = wait([worker.pipe for worker in busy], timeout=1.0)
+        """Take what has come, and what will not come any more."""
+        next_s = min(worker.due for worker in busy) - time.monotonic()
+        ready = wait([worker.pipe for worker in busy], timeout=max(0.0, next_s))
         for worker in busy:
             case = worker.case
             assert case is not None

@@ -171,3 +171,29 @@ def _of_coverage(figure: Mapping[str, Any] | None, found: Sequence[Mapping[str, 
     ratio = statistics.median(one["ratio"] for one in found)
     missed = ", missed" if figure["mark"] == "missed" else ""
     return f"{figure['measured']:.0%}, {ratio:.2f}{missed}"
+
+
+PEER_COLUMNS = {
+    "walks": "{}",
+    "over_bare": "{:.2f}",
+    "us_a_sample": "{:.2f}",
+    "rmse_2d_m": "{:.3f}",
+    "rmse_3d_m": "{:.3f}",
+    "closure_m": "{:.2f}",
+    "heading_deg": "{:.2f}",
+    "inclination_deg": "{:.2f}",
+}
+PEER_HEADERS = (
+    *("set", "program", "walks", "over the bare loop", "us a sample", "2-D (m)", "3-D (m)", "start to end (m)"),
+    *("heading (deg)", "inclination (deg)", "leaves out"),
+)
+
+
+def write_peers(content: Mapping[str, Any]) -> list[str]:
+    """Write speed, errors and scope of each program, one row a set; `content` is that of `benchmark.json`."""
+    lines = [write_row(list(PEER_HEADERS)), "|---|---|" + "---:|" * len(PEER_COLUMNS) + "---|"]
+    for row in content["peers"]:
+        cells = ["-" if row[name] is None else pattern.format(row[name]) for name, pattern in PEER_COLUMNS.items()]
+        scope = f"not measured: {row['missing']}" if row["over_bare"] is None else row["leaves_out"]
+        lines.append(write_row([row["set"], f"{row['method']} {row['version']}".strip(), *cells, scope]))
+    return lines

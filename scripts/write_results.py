@@ -7,6 +7,7 @@
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav reproduce PAPER`
 `real-walks.json`                             `python scripts/real_walks.py --ablation --json FILE`
 `coverage.json`                               `python scripts/sigma_coverage.py --json FILE`
+`benchmark.json`                              `python scripts/benchmark.py --save`, and with `--peers PYTHON`
 ============================================= ======================================================================
 
 A table in a page stands between `<!-- written: NAME -->` and `<!-- end -->`; `BLOCKS` has the names.
@@ -27,6 +28,7 @@ from walk_tables import (
     write_coverage,
     write_indoor,
     write_pairs,
+    write_peers,
     write_row,
     write_summary,
     write_vicon,
@@ -120,6 +122,9 @@ OURS = ("smoother", "online", "graph")
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = Path("docs/results")
 PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
+MEASURED = ("real-walks", "coverage", "benchmark")
+"""Files of results of other scripts."""
+
 MARKED = re.compile(r"(<!-- written: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -142,10 +147,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def write_pages(root: Path) -> dict[Path, str]:
     """Text of every page that has results in it."""
     papers = [read_reproduction(root / FOLDER / f"{name}.json") for name in PAPERS]
-    walks, coverage = (
-        json.loads((root / FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in ("real-walks", "coverage")
-    )
-    blocks = {name: write_block(papers, walks, coverage) for name, write_block in BLOCKS.items()}
+    kept = {name: json.loads((root / FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in MEASURED}
+    blocks = {name: write_block(papers, kept) for name, write_block in BLOCKS.items()}
     pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
     found = {page: fill_marks(read_page(page), blocks) for page in pages if MARKED.search(read_page(page))}
     return {root / "docs" / "results.md": document(papers), **found}
@@ -259,15 +262,16 @@ def _figures(rows: Sequence[Row], column: str, walks: int) -> str:
     return figures[0] if len(figures) == 1 else " / ".join(figure.partition(" (")[0] for figure in figures)
 
 
-BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Walks, Walks], list[str]]] = {
-    "papers": lambda papers, *_: headlines(papers, "README.md"),
-    "pocket": lambda papers, *_: headlines(papers, "docs/pocket.md"),
-    "real-walks": lambda _, walks, __: write_summary(walks),
-    "vicon": lambda _, walks, __: write_vicon(walks),
-    "indoor": lambda _, walks, __: write_indoor(walks),
-    "magnetometer": lambda _, walks, __: write_pairs(walks),
-    "ablation": lambda _, walks, __: write_ablation(walks),
-    "coverage": lambda _, __, coverage: write_coverage(coverage),
+BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Mapping[str, Walks]], list[str]]] = {
+    "papers": lambda papers, _: headlines(papers, "README.md"),
+    "pocket": lambda papers, _: headlines(papers, "docs/pocket.md"),
+    "real-walks": lambda _, kept: write_summary(kept["real-walks"]),
+    "vicon": lambda _, kept: write_vicon(kept["real-walks"]),
+    "indoor": lambda _, kept: write_indoor(kept["real-walks"]),
+    "magnetometer": lambda _, kept: write_pairs(kept["real-walks"]),
+    "ablation": lambda _, kept: write_ablation(kept["real-walks"]),
+    "coverage": lambda _, kept: write_coverage(kept["coverage"]),
+    "peers": lambda _, kept: write_peers(kept["benchmark"]),
 }
 """Tables of other pages by the names of their marks."""
 

@@ -40,7 +40,7 @@ def store(tmp_path_factory: pytest.TempPathFactory, recording: Recording) -> obj
 
 @pytest.mark.parametrize("kind", ["format", "truth", "scenario", "options"])
 def test_a_few_inputs_show_no_fault(kind: str, store: object) -> None:
-    for number in range(3):
+    for number in range(2):
         fate = cases.run_case(cases.Case(kind, 7, number), store)
         assert fate.outcome in ("refused", "accepted"), fate
         assert not fate.faults, fate
@@ -59,17 +59,14 @@ def test_every_mutation_is_its_seed_s_and_changes_something(recording: Recording
         assert (data, _) == mutations.mutate_bytes(b"time_s,x_m\n1.0,2.0\n", np.random.default_rng(seed))
 
 
-def test_a_worker_that_dies_or_hangs_is_named_and_the_others_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pool, "FIRST_S", 0.0)
-    given = ["1 + 1", "__import__('os').abort()", "__import__('time').sleep(60)", "2 + 2"]
-    workers = pool.Pool(eval, lambda case, words: (case, words), 2, 2.0, tmp_path)
-    fates = list(workers.map(given))
-    assert {fate for fate in fates if isinstance(fate, int)} == {2, 4}
-    died = dict(fate for fate in fates if isinstance(fate, tuple))
-    assert died[given[1]].startswith("crash: SIGABRT")
-    assert died[given[2]] == "hang: more than 2 s"
+def test_a_worker_that_dies_or_hangs_is_named_and_another_goes_on(tmp_path: Path) -> None:
+    given = ["1 + 1", "__import__('time').sleep(60)", "__import__('os').abort()", "2 + 2"]
+    workers = pool.Pool(eval, lambda case, words: (case, words), 1, 0.2, tmp_path)
+    one, slow, dead, other = workers.map(given)
+    assert (one, other) == (2, 4)
+    assert slow == (given[1], "hang: more than 0.2 s")
+    assert dead[0] == given[2]
+    assert dead[1].startswith("crash: SIGABRT")
 
 
 def test_what_must_not_be_is_seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
