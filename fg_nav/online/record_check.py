@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 MOST = 10**10
 """Samples of half a year at 400 Hz; no count is larger."""
 
-UNBOUNDED = frozenset({"keys", "left", "waits", "held", "behind", "tail", "head", "_still_since_hole"})
+UNBOUNDED = frozenset(
+    {"keys", "left", "waits", "held", "gate", "fields", "behind", "tail", "head", "_still_since_hole"}
+)
 """Names of what holds whole numbers of another kind, or raw readings as they came."""
 
 WITHOUT_GAPS = frozenset({"position", "velocity", "gyro_bias", "acc_bias", "A", "b", "values", "extreme"})

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.judge import SampleJudge
-from fg_nav.online.options import OnlineOptions
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.outliers import LOOK_AHEAD
-from tests.online.walks import push, short_walk
+from tests.online.walks import short_walk
 
 BAD = [0, 333, 334, 335, 700, 710]
 
@@ -36,15 +34,3 @@ def test_a_stream_leaves_out_what_a_recording_does_and_counts_it(block):
     behind = [rows[min((i + 1) * block, len(rows)) - 1, 0] - part[-1, 0] for i, part in enumerate(taken) if len(part)]
     assert max(behind) <= (LOOK_AHEAD + 1) * 0.01  # of 100 Hz
     assert sum(late > 0.0 for late in behind) < 0.1 * len(behind) + 1
-
-
-def test_a_walk_with_bad_samples_ends_where_it_ends_without():
-    ends = []
-    for rows in (rows_of(short_walk()), spoiled()):
-        navigator = OnlineNavigator(OnlineOptions(0.0, use_field=False))
-        push(navigator, rows, range(20, len(rows), 20))
-        table = navigator.finish().stances
-        ends.append((table.position[-1], table.position_sigma[-1]))
-    (clean, _), (end, sigma) = ends
-    assert (np.abs(end - clean) < 3.0 * sigma).all()
-    assert np.linalg.norm(end - clean) < 0.05
