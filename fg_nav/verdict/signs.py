@@ -97,7 +97,7 @@ def measure_clipping(seen: Seen) -> Reason | None:
     swings = ~seen.walk.stances.mask if len(seen.walk.stances) else np.ones(len(seen.recording), dtype=np.bool_)
     if not swings.any():
         return None
-    shares = [float((peaks.run > 0).any(axis=1)[swings].mean()) for peaks in seen.recording.peaks]
+    shares = [float(np.asarray((peaks.run > 0).any(axis=1))[swings].mean()) for peaks in seen.recording.peaks]
     share, sensor = max(zip(shares, ("accelerometer", "gyroscope"), strict=True))
     words = f"the {sensor} is at the end of its range in {100 * share:.0f} % of the swings, and rebuilt there"
     return Reason(weigh(share, 0.05, 0.15), words)
