@@ -57,6 +57,12 @@ VERSION = 1
 LARGEST_BYTES = 2**20
 """A calibration is a few kilobytes: anything larger is something else, and is not read."""
 
+LARGEST_HARD_IRON_UT, LARGEST_GAIN = 10_000.0, 10.0
+"""Of a magnetometer: twice the range of those in phones and feet, and a gain that no maker sells."""
+
+LARGEST_BIAS, LARGEST_SCALE = 5.0, 1.5
+"""Of gyroscope (rad/s) and accelerometer (m/s^2), and of the latter's scale: a third is no error but a unit."""
+
 Part = TypeVar("Part")
 AtRest = TypeVar("AtRest", GyroscopeCalibration | None, AccelerometerCalibration | None)
 
@@ -105,7 +111,7 @@ def read_calibration(path: Path) -> Calibration:
     recording = content.get("recording")
     return Calibration(
         recording if isinstance(recording, str) else None,
-        _read_part(path, content, "magnetometer", MagnetometerCalibration),
+        _check_magnetometer(path, _read_part(path, content, "magnetometer", MagnetometerCalibration)),
         _check_at_rest(path, "gyroscope", _read_part(path, content, "gyroscope", GyroscopeCalibration)),
         _check_at_rest(path, "accelerometer", _read_part(path, content, "accelerometer", AccelerometerCalibration)),
     )
@@ -154,12 +160,34 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
         raise CalibrationError(f"{path.name} is damaged in its part '{name}': calibrate again.") from None
 
 
+def _check_magnetometer(path: Path, part: MagnetometerCalibration | None) -> MagnetometerCalibration | None:
+    """Refuse what no sensor has: a hard iron beyond its range, a gain far from one, a covariance that is none."""
+    if part is not None and not (_is_of_a_sensor(part) and _is_covariance(part.covariance)):
+        raise CalibrationError(f"{path.name} has values in its part 'magnetometer' that cannot be: calibrate again.")
+    return part
+
+
+def _is_of_a_sensor(part: MagnetometerCalibration) -> bool:
+    gain = np.linalg.eigvalsh(part.correction)
+    is_near = gain.min() >= 1 / LARGEST_GAIN and gain.max() <= LARGEST_GAIN
+    return bool(is_near and np.abs(part.hard_iron_uT).max() <= LARGEST_HARD_IRON_UT)
+
+
+def _is_covariance(covariance: Floats) -> bool:
+    """Whether it is symmetric, and no entry is larger than its variances allow."""
+    variance = np.diag(covariance)
+    if variance.min() < 0.0 or np.abs(covariance).max() > LARGEST_HARD_IRON_UT**2:
+        return False
+    within = np.abs(covariance) <= 1.001 * np.sqrt(np.outer(variance, variance)) + 1e-12
+    return bool(within.all() and np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-9))
+
+
 def _check_at_rest(path: Path, name: str, part: AtRest) -> AtRest:
     """Refuse a bias that is no vector, and a scale that would turn a sensor round."""
     if part is not None:
         scale = part.scale if isinstance(part, AccelerometerCalibration) else 1.0
         vectors = part.bias.shape == (3,)
-        if not (vectors and np.isfinite(part.bias).all() and 0.0 < scale < np.inf):
+        if not (vectors and (np.abs(part.bias) <= LARGEST_BIAS).all() and 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE):
             raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
     return part
 
