@@ -2,7 +2,7 @@
 
     python scripts/online_checkpoints.py [--tries N] [--first SEED] [--show]
 
-A walk of 46 s is saved after 36 s, with the state of its graph. Its records are taken apart, one value is changed, and
+A walk of 44 s is saved after 36 s, with the state of its graph. Its records are taken apart, one value is changed, and
 they are put together again with right sums, as no disk would do it: what a reader must notice by itself.
 
 ========== ==============================================================
@@ -49,7 +49,7 @@ from fg_nav.online.record_log import read_records, write_records
 
 LONGEST_S = 60
 MOST_MB = 4096
-SAVED, BLOCK = 3600, 400
+SAVED, MORE, BLOCK = 3600, 800, 400
 RATE_HZ = 100.0
 Place = tuple[str | int, ...]
 Head = dict[str, Any]
@@ -62,7 +62,7 @@ FATES = (SENTENCE, GOES_ON, EXCEPTION, NO_NUMBER, ENDED, TOO_LONG)
 
 def make_checkpoint(path: Path) -> np.ndarray:
     """Save a walk; return all of its rows."""
-    rows = rows_of(simulate("demo", 1).recording)
+    rows = rows_of(simulate("demo", 1).recording)[: SAVED + MORE]
     navigator = OnlineNavigator()
     for start in range(0, SAVED, BLOCK):
         push(navigator, rows[start : min(start + BLOCK, SAVED)])

@@ -6,8 +6,7 @@ a window of the last `window_s` that slides on by `step_s`:
 1. SHOE is known up to half its own window before the last sample. The free strapdown pass runs forward only.
 2. The search for footfalls is repeated on the window after each step.
 3. A footfall is reported once the foot has turned as in a swing after it, and `settle_s` have gone by since its end.
-4. Of a footfall that lasts longer than `piece_s` (a standing) the part until now is reported, and the rest as footfalls
-   that continue it.
+4. Of one that lasts longer than `piece_s` (a standing) the part until now is reported, the rest as ones to continue it.
 5. Later footfalls lie after those reported, and those too close to one for a swing are left out.
 
 Steps are counted in samples from the first one, so it does not matter how the samples come in blocks. The work and the
@@ -23,6 +22,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 
@@ -75,9 +75,8 @@ class Sliding:
 
     def is_sound(self, fresh: Sliding) -> bool:
         """Whether it can have come of one that was fresh."""
-        kept = len(self._rows) >= self.stop - self._first
         same = self._keep == fresh._keep and self._rows.shape[1:] == fresh._rows.shape[1:]
-        return same and kept and 0 <= self._first <= self.stop
+        return same and 0 <= self.stop - self._first <= len(self._rows) and self._first >= 0
 
     def between(self, start: int, stop: int) -> Floats:
         """Return the rows `start <= i < stop` as a view that is good until the next `append`.
@@ -167,7 +166,9 @@ class CausalStances:
 
     def is_sound(self) -> bool:
         """Whether its numbers fit each other."""
-        return self._search is None or self._search.is_sound()
+        lengths = [tuple(map(len, part)) for part in self._waiting]
+        waits = all(n == n[:1] * 3 for n in lengths) and sum(n[0] for n in lengths) == self._n_waiting
+        return waits and (self._search is None or self._search.is_sound())
 
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
         """Add samples and return the footfalls that they complete; see `search`."""
@@ -262,9 +263,8 @@ class _Search:
     def is_sound(self) -> bool:
         """Whether its numbers fit each other."""
         fresh = _Search(max(self.period_s, 1e-4), self._p)
-        names = "step", "_shoe_window", "_reach", "_window", "_settle", "_edge"
-        same = all(getattr(self, name) == getattr(fresh, name) for name in names)
-        return same and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
+        of_period = attrgetter("step", "_shoe_window", "_reach", "_window", "_settle", "_edge")
+        return of_period(self) == of_period(fresh) and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
 
     def _windows(self) -> list[Sliding]:
         return [self._t, self._acc, self._gyr, self._level, *self._velocity]

@@ -155,3 +155,13 @@ def test_windows_of_the_search_fit_each_other(name, value):
     assert stances.is_sound()
     setattr(stances._search._acc, name, value)
     assert not stances.is_sound()
+
+
+def test_samples_that_wait_for_the_search_are_of_one_length():
+    stances, rows = CausalStances(), rows_of(short_walk())[:303]
+    stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+    assert stances.is_sound()
+    t, acc, gyr = stances._waiting[0]
+    for other in ((t, acc), (t, acc[:-1], gyr), (t[:0], acc[:0], gyr[:0])):
+        stances._waiting[0] = other
+        assert not stances.is_sound()
