@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from fg_nav.changes import change_parameters, select_changes
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.solution import Solution
-from fg_nav.walk import Mount, Options, Walk
+from fg_nav.walk import WITH_FIXES, Mount, Options, Walk
 
 if TYPE_CHECKING:
     from fg_nav.online.pocket import Navigator
@@ -26,9 +26,6 @@ Progress: TypeAlias = Callable[[float], None]
 Estimator: TypeAlias = Callable[[Walk, Progress | None], Solution]
 
 ONLINE = "online"
-
-WITH_FIXES = ("smoother", "inertial", ONLINE)
-"""Those that make use of fixes."""
 
 SMOOTHER = "smoother"
 

@@ -44,6 +44,9 @@ Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
 
 
+WITH_FIXES = ("smoother", "inertial", "online")
+"""Methods that make use of fixes."""
+
 DETECTOR = "detector"
 """First part of the names of the parameters of the stances (`Options.changes`)."""
 

@@ -85,11 +85,10 @@ class Piece:
 
     def load(self) -> RawRecording:
         """Cut it out and spoil it."""
-        raw = self.case.load()
-        room = max(float(raw.t[-1] - raw.t[0]) - self.length_s, 0.0)
-        first = raw.t[0] + self.place * room
-        part = np.flatnonzero((raw.t >= first) & (raw.t < first + self.length_s))
-        cut = replace(raw, t=raw.t[part], acc=raw.acc[part], gyr=raw.gyr[part], row=raw.row[part], truth=None)
+        whole = Recording.from_raw(self.case.load())
+        first = whole.t[0] + self.place * max(whole.duration_s - self.length_s, 0.0)
+        part = np.flatnonzero((whole.t >= first) & (whole.t < first + self.length_s))
+        cut = RawRecording(whole.t[part], whole.acc[part], whole.gyr[part], part)
         change = {**AXES, **SCALES}.get(self.kind)
         return cut if change is None else change(cut)
 

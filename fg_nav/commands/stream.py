@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -35,6 +36,7 @@ from fg_nav.report import Plots, terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
 from fg_nav.report.folder import describe_reason, result_folder
 from fg_nav.solution import Solution
+from fg_nav.verdict import Verdict, judge_footfalls, judge_path
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 
@@ -53,7 +55,8 @@ def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, 
         end = find_end(walk)
         content = {"source": request.source, **end.summary}
         if out is None:
-            emit_solution(end.solution, end.sensor_time, outlets.emit_end or drop_line, end.in_pocket)
+            outlet = outlets.emit_end or drop_line
+            emit_solution(end.solution, end.sensor_time, outlet, end.verdicts, end.in_pocket)
             if not printer.has_failed:
                 return Answer(content, say_nothing)
         failure = save_end(end, target, plots)
@@ -111,6 +114,14 @@ class End:
     in_pocket: bool
     whole: tuple[Walk, Outcome] | None
 
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """On the solution and on the batch solution next to it, where there is one."""
+        if self.whole is None:
+            return [judge_footfalls(self.solution.stances)]
+        found = (self.solution, self.solution.polished)
+        return [judge_path(self.whole[0], one) for one in found if one is not None]
+
     def write(self, folder: Path, plots: Plots) -> None:
         """Write what `fg-nav run` writes; with a lag, what needs no samples."""
         if self.whole is None:
@@ -131,13 +142,15 @@ def find_end(walk: StreamedWalk) -> End:
     return End(outcome.solution, summarize(prepared, outcome), sensor_time, in_pocket, (prepared, outcome))
 
 
-def emit_solution(solution: Solution, sensor_time: SensorTime, emit: Say, in_pocket: bool = False) -> None:
-    """Emit one line a footfall, and those of the batch solution where there is one."""
-    for kind, known in ((SMOOTHED, solution), (POLISHED, solution.polished)):
-        if known is not None:
-            heading = compute_stride_headings(known.stances) if in_pocket else None
-            for line in format_table(known.stances, sensor_time, kind, heading):
-                emit(line)
+def emit_solution(
+    solution: Solution, sensor_time: SensorTime, emit: Say, verdicts: Sequence[Verdict], in_pocket: bool = False
+) -> None:
+    """Emit one line a footfall, and those of the batch solution where there is one, with the verdict on each."""
+    known = [one for one in (solution, solution.polished) if one is not None]
+    for kind, one, verdict in zip((SMOOTHED, POLISHED), known, verdicts, strict=False):
+        heading = compute_stride_headings(one.stances) if in_pocket else None
+        for line in format_table(one.stances, sensor_time, kind, heading, verdict):
+            emit(line)
 
 
 def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:

@@ -15,6 +15,7 @@ from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.outlets import open_outlets
 from fg_nav.online.replay import Replay
 from fg_nav.signals import catch_signals
+from fg_nav.verdict import judge_footfalls
 
 SCENARIO = "demo"
 
@@ -34,6 +35,8 @@ def view_demo(seed: int, speed: float, host: str, port: int) -> None:
             source, StreamOptions(beside=True), outlets.emit, outlets.remark, stop, outlets.watcher
         )
         if not stop.is_set() and outlets.emit_end is not None:
-            emit_solution(navigator.finish(), navigator.judge.sensor_time, outlets.emit_end)
+            solution = navigator.finish()
+            verdicts = [judge_footfalls(solution.stances)]
+            emit_solution(solution, navigator.judge.sensor_time, outlets.emit_end, verdicts)
             remark("the walk is over, and stays on the page until Ctrl-C.")
             stop.wait()

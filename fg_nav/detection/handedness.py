@@ -66,14 +66,26 @@ class AxesEvidence:
 
     Attributes
     ----------
-    strides : how many there were.
-    log_odds : (48,) L of each of `AXES`.
-    agreeing : strides that are better explained by the best of them than by the axes given.
+    scores : (K, 48) l of each stride with each of `AXES`.
+    gravity : (K,) m/s^2, the mean force along the vertical in each stride, with the axes given.
     """
 
-    strides: int
-    log_odds: Floats
-    agreeing: int
+    scores: Floats
+    gravity: Floats
+
+    def __add__(self, other: AxesEvidence) -> AxesEvidence:
+        """Join the strides of two parts."""
+        return AxesEvidence(np.concatenate([self.scores, other.scores]), np.concatenate([self.gravity, other.gravity]))
+
+    @property
+    def strides(self) -> int:
+        """How many there were."""
+        return len(self.scores)
+
+    @property
+    def log_odds(self) -> Floats:
+        """(48,) L of each of `AXES`."""
+        return np.asarray((self.scores - self.scores[:, :1]).sum(axis=0))
 
     @property
     def best(self) -> Floats:
@@ -88,8 +100,12 @@ class AxesEvidence:
     @property
     def problem(self) -> str:
         """What speaks against the axes, in words, and what to try."""
-        seen = f"gravity turns against the gyroscope in {self.agreeing} of {format_count(self.strides, 'stride')}"
-        return f"{seen}: {_describe_axes(self.best)}"
+        gain = self.scores[:, int(np.argmax(self.log_odds))] - self.scores[:, 0]
+        strides = f"{int((gain > 1.0).sum())} of {format_count(self.strides, 'stride')}"
+        return f"gravity turns against the gyroscope in {strides}: {_describe_axes(self.best)}"
+
+
+NO_EVIDENCE = AxesEvidence(np.zeros((0, len(AXES))), np.zeros(0))
 
 
 def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
@@ -99,12 +115,12 @@ def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     period_s = float(np.median(np.diff(t)))
     start, stop = _find_strides(t, acc, gyr, _find_still_moments(acc, gyr, period_s))
     if not len(start):
-        return AxesEvidence(0, np.zeros(len(AXES)), 0)
+        return NO_EVIDENCE
     acc, gyr = (rebuild_peaks(samples, period_s).whole for samples in (acc, gyr))
-    scores = np.array([_score_strides(t, acc, gyr @ M.T, start, stop) for M in AXES])
-    odds = (scores - scores[0]).sum(axis=1)
-    best = int(np.argmax(odds))
-    return AxesEvidence(len(start), odds, int((scores[best] - scores[0] > 1.0).sum()))
+    velocity, tilt = zip(*(_integrate(t, acc, gyr @ M.T, start, stop) for M in AXES), strict=True)
+    z = (np.array(velocity) ** 2).sum(axis=2) / VELOCITY_M_S**2 + (np.array(tilt) / TILT_RAD) ** 2
+    scores = np.logaddexp(-2.5 * np.log1p(z / 4), -NO_STRIDE).T
+    return AxesEvidence(scores, GRAVITY_M_S2 + velocity[0][:, 2] / (t[stop] - t[start]))
 
 
 def refuse_wrong_axes(recording: Recording) -> None:
@@ -140,15 +156,13 @@ def _find_strides(t: Floats, acc: Floats, gyr: Floats, moments: Ints) -> tuple[I
     return start[kept], stop[kept]
 
 
-def _score_strides(t: Floats, acc: Floats, gyr: Floats, start: Ints, stop: Ints) -> Floats:
-    """L (K,) of strides with this rate."""
-    up, end_up = _measure_up(t, acc, start), _measure_up(t, acc, stop)
-    attitude = np.array([level_attitude(one) for one in up])
+def _integrate(t: Floats, acc: Floats, gyr: Floats, start: Ints, stop: Ints) -> tuple[Floats, Floats]:
+    """Velocity (K, 3) m/s and error of the vertical (K,) rad at the end of strides with this rate."""
+    attitude = np.array([level_attitude(one) for one in _measure_up(t, acc, start)])
     h = np.diff(t, append=2 * t[-1] - t[-2])
-    v = integrate_strides(acc, gyr, h, start, stop, attitude, np.zeros((len(start), 3)), GRAVITY_M_S2)
-    tilt = np.arccos(np.clip((attitude[:, 2] * end_up).sum(axis=1), -1.0, 1.0))
-    z = (v**2).sum(axis=1) / VELOCITY_M_S**2 + (tilt / TILT_RAD) ** 2
-    return np.logaddexp(-2.5 * np.log1p(z / 4), -NO_STRIDE)
+    velocity = integrate_strides(acc, gyr, h, start, stop, attitude, np.zeros((len(start), 3)), GRAVITY_M_S2)
+    tilt = np.arccos(np.clip((attitude[:, 2] * _measure_up(t, acc, stop)).sum(axis=1), -1.0, 1.0))
+    return velocity, tilt
 
 
 def _measure_up(t: Floats, acc: Floats, sample: Ints) -> Floats:

@@ -22,6 +22,8 @@ gyro_bias_sigma_deg_s     [x, y, z]
 floor                     of now: of the building, 0 where the walk began, +1 the next above; null where not known,
                           as on stairs, and in a pocket
 field, field_reason       verdict on the magnetic field, in a word and in words
+verdict, reasons          on the path: of now up to this line (`line_verdict`), else on all of it (`fg_nav.verdict`);
+                          "trusted", "doubtful" or "not to be used", and what speaks against it
 ========================= ======================================================================================
 
 Sigmas are one standard deviation. What is not finite is null.
@@ -49,6 +51,7 @@ from fg_nav.smoother.moving_foot import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
+from fg_nav.verdict.reason import Verdict as PathVerdict
 
 
 @dataclass(frozen=True)
@@ -247,12 +250,18 @@ def _same_time(sample: int, t: float) -> float:
     return t
 
 
-def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: SensorTime = _same_time) -> str:
-    """Return the line of an estimate of the moment."""
+def format_estimate(
+    estimate: StanceEstimate,
+    continues: bool,
+    sensor_time: SensorTime = _same_time,
+    verdict: PathVerdict | None = None,
+) -> str:
+    """Return the line of an estimate of the moment, with the verdict on the path up to it, where there is one."""
     return _format_line(
         "now",
         estimate.number,
         {"continues": continues, "floor": estimate.floor},
+        verdict,
         (estimate.t, sensor_time(estimate.sample, estimate.t)),
         estimate.position,
         np.degrees(estimate.heading),
@@ -265,15 +274,23 @@ def format_estimate(estimate: StanceEstimate, continues: bool, sensor_time: Sens
 
 
 def format_table(
-    table: StanceTable, sensor_time: SensorTime = _same_time, kind: str = SMOOTHED, heading: Floats | None = None
+    table: StanceTable,
+    sensor_time: SensorTime = _same_time,
+    kind: str = SMOOTHED,
+    heading: Floats | None = None,
+    verdict: PathVerdict | None = None,
 ) -> Iterator[str]:
-    """Yield the lines of the past as it is known at the end; `heading` (K,) rad, if not of the body's x axis."""
+    """Yield the lines of the past as it is known at the end; `heading` (K,) rad, if not of the body's x axis.
+
+    `verdict` is that on the whole path, where there is one.
+    """
     heading = np.degrees(compute_heading(table.nav_R_body) if heading is None else heading)
     for k in range(len(table)):
         yield _format_line(
             kind,
             k,
             {},
+            verdict,
             (float(table.t[k]), sensor_time(int(table.sample[k]), float(table.t[k]))),
             table.position[k],
             heading[k],
@@ -289,6 +306,7 @@ def _format_line(
     kind: str,
     number: int,
     more: dict[str, object],
+    verdict: PathVerdict | None,
     stamps: tuple[float, float],
     position: Floats,
     heading_deg: float,
@@ -299,7 +317,7 @@ def _format_line(
     field: tuple[str, str],
 ) -> str:
     t, sensor_t = (round(stamp, 9) for stamp in stamps)
-    content = {
+    content: dict[str, object] = {
         "kind": kind,
         "stance": number,
         **more,
@@ -315,4 +333,6 @@ def _format_line(
         "field": field[0],
         "field_reason": field[1],
     }
+    if verdict is not None:
+        content |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     return json.dumps(to_json(content), allow_nan=False)

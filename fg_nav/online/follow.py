@@ -29,6 +29,7 @@ from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
 from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.line_verdict import Judged, LineVerdict
 from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
@@ -195,6 +196,9 @@ class _Walk:
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
         if "check" in navigator.source:
             self._check.resume(navigator.source["check"])
+        self._verdict = LineVerdict(isinstance(options.online, PocketOptions), remark, not navigator.footfalls)
+        if "verdict" in navigator.source:
+            self._verdict.resume(navigator.source["verdict"])
         self._losses = LossCounter(remark)
         self._saving: threading.Thread | None = None
 
@@ -208,7 +212,8 @@ class _Walk:
         self._navigator.source["header"] = header
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
-        found = self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None)
+        self._verdict.look_at(rows)
+        found = self._judge(self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None))
         # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
         raced = self._navigator.races != self._races and self._due < np.inf
         if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
@@ -223,7 +228,7 @@ class _Walk:
         if self._checkpoint is not None:
             self._save(self._checkpoint)
             self._wait()
-        self._emit_lines(self._navigator.close())
+        self._emit_lines(self._judge(self._navigator.close()))
         self.show_status(lost_datagrams, ended=True)
 
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
@@ -233,23 +238,26 @@ class _Walk:
     def tell_past(self) -> None:
         """Tell the path of a walk that was resumed, for who has not seen it."""
         if self._navigator.footfalls:
-            self._emit_lines([describe_past(self._navigator.smoothed())])
+            self._emit_lines([(describe_past(self._navigator.smoothed()), None)])
 
-    def _emit_lines(self, found: list[StanceEstimate | Revision]) -> None:
-        for one in found:
+    def _judge(self, found: list[StanceEstimate | Revision]) -> list[Judged]:
+        return self._verdict.judge(found, self._navigator.told_continues)
+
+    def _emit_lines(self, found: list[Judged]) -> None:
+        for one, verdict in found:
             if isinstance(one, Revision):
                 for line in format_revision(one):
                     self._emit(line)
             else:
                 continues = self._navigator.told_continues[one.number]
-                self._emit(format_estimate(one, continues, self._navigator.judge.sensor_time))
+                self._emit(format_estimate(one, continues, self._navigator.judge.sensor_time, verdict))
                 if self._status is not None:
                     self._status.note_line()
 
     def _save(self, checkpoint: Checkpoint) -> None:
         """Save in a thread: only what is collected holds the walk up."""
         self._wait()
-        self._navigator.source["check"] = self._check.state()
+        self._navigator.source |= {"check": self._check.state(), "verdict": self._verdict.state()}
         snapshot, self._races = checkpoint.collect(self._navigator), self._navigator.races
         self._saving = threading.Thread(target=self._write, args=(snapshot, checkpoint))
         self._due = np.inf

@@ -29,7 +29,7 @@ from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
-from fg_nav.verdict import judge_path
+from fg_nav.verdict import judge_footfalls, judge_path
 from fg_nav.walk import Outcome
 
 if TYPE_CHECKING:
@@ -109,9 +109,11 @@ def write_footfalls(folder: Path, solution: Solution, summary: Summary) -> None:
 
 def summarize_lagged(solution: Solution) -> Summary:
     """Figures of merit that need no samples."""
-    metrics = evaluate(solution)
+    metrics, verdict = evaluate(solution), judge_footfalls(solution.stances)
     return {
         "method": solution.method,
+        "verdict": verdict.word,
+        "reasons": list(verdict.reasons),
         "duration_s": float(solution.t[-1] - solution.t[0]),
         "distance_m": metrics.distance_m,
         "strides": metrics.strides_detected,

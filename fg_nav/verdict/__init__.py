@@ -21,13 +21,10 @@ shaking              rad/s    0.3       0.9     the rate faster than 6 Hz in sta
 no footfall          share    0.05      0.1     time in which the foot moved on without a stance where one was due:
                                                 after 1.6 usual swings, and 1.2 s; 2 s in any case
 standing still       1/m      1/0.15    1/0.1   the median stride is shorter: no walk, or on the spot
-speed, longest       -        -         -       limits and why: `fg_nav.verdict.limits`; of all of the path,
-stride, height rate                             before the first and after the last footfall too
+speed, stride,        -        -         -       of a person, and why: `fg_nav.verdict.limits`; of all of the path,
+height rate, gravity,                           before the first and after the last footfall too
+axes
 climbing             m        0.5       1       height of a stride, of which one in twenty is above: stairs make 0.36
-gravity              share    0.03      0.08    by which the vertical force of a stride, from rest to rest, is not
-                                                that of gravity: of sensors 0.005 to 0.03. Median
-axes                 -        3         7       log of the odds of other axes of the gyroscope than those given
-                                                (`detection.handedness`); a recording is refused from the second on
 clipping             share    0.05      0.15    time in which a sensor is at the end of its range, of that in which the
                                                 foot swings: what is rebuilt there is a guess
 gyro bias            deg/s    1         3       of sensors that were calibrated once, 0.1 to 0.5
@@ -50,13 +47,23 @@ Of a sensor in a pocket only those count that need no footfalls, its speed and t
 
 from __future__ import annotations
 
-from fg_nav.solution import Solution
+import numpy as np
+
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.verdict.limits import (
+    find_height_rate,
+    judge_height_rate,
+    judge_position,
+    judge_speed,
+    judge_stride,
+    judge_strides,
+)
 from fg_nav.verdict.reason import UNUSABLE, Verdict, Word, combine
 from fg_nav.verdict.seen import Seen
 from fg_nav.verdict.signs import SIGNS, SIGNS_IN_POCKET, SIGNS_WITHOUT_FOOTFALLS, count_footfalls
 from fg_nav.walk import Walk
 
-__all__ = ["UNUSABLE", "Verdict", "Word", "combine", "judge_path"]
+__all__ = ["UNUSABLE", "Verdict", "Word", "combine", "judge_footfalls", "judge_path"]
 
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
@@ -67,4 +74,17 @@ def judge_path(walk: Walk, solution: Solution) -> Verdict:
     else:
         signs = SIGNS if len(solution.stances) else (count_footfalls, *SIGNS_WITHOUT_FOOTFALLS)
     found = [reason for reason in (measure(seen) for measure in signs) if reason is not None]
+    return combine(found)
+
+
+def judge_footfalls(table: StanceTable) -> Verdict:
+    """Judge a path of which footfalls alone are known, without samples, by the limits of a person."""
+    stride = np.linalg.norm(np.diff(table.position, axis=0), axis=1)
+    speed = stride / np.maximum(np.diff(table.t), 1e-9)
+    found = [judge_strides(len(stride), float(np.ptp(table.t)))]
+    for judge, values in ((judge_stride, stride), (judge_speed, speed)):
+        if len(values):
+            found.append(judge(float(values.max()), float(table.t[1 + int(np.argmax(values))])))
+    found.append(judge_height_rate(*find_height_rate(table.t, table.position[:, 2])))
+    found.append(judge_position(float(np.hypot(*table.position_sigma[-1, :2])), float(stride.sum())))
     return combine(found)

@@ -8,6 +8,10 @@ stride         m       2.6       3       from footfall to footfall: 1.5 walked, 
 height rate    m/s     0.8       1.5     over 10 s and more: 0.5 is to run up stairs, 1 to run down
 position       share   0.1       0.3     its own sigma at the end over the distance, horizontally
 time           share   0.05      0.1     in which the foot moved on without a footfall where one was due
+gravity        share    0.03      0.08   by which the vertical force of a stride, from rest to rest, is not that of
+                                         gravity: of sensors 0.005 to 0.03. Median over the strides
+axes           -        3         7      log of the odds of other axes of the gyroscope than those given
+                                         (`detection.handedness`)
 ============== ======= ========= ======= ==============================================================================
 """
 
@@ -16,7 +20,12 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.handedness import DECISIVE, AxesEvidence
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.verdict.reason import Reason, weigh
+
+FEW_STRIDES = 1 / 4, 1 / 3
+"""One over their number."""
 
 SPEED_M_S = 9.0, 12.0
 STRIDE_M = 2.6, 3.0
@@ -24,8 +33,20 @@ HEIGHT_RATE_M_S = 0.8, 1.5
 POSITION_SHARE = 0.1, 0.3
 LOST_SHARE = 0.05, 0.1
 
+POSITION_SHARE_IN_POCKET = 0.25, 0.5
+"""Of a sensor in a pocket: the length of a step alone is known to 0.12."""
+
+GRAVITY_SHARE = 0.03, 0.08
+AXES_ODDS = 3.0, DECISIVE
+
 CLIMBED_S = 10.0
 """Over which the height rate is measured: a jump, or a pole slid down, is shorter."""
+
+
+def judge_strides(count: int, duration_s: float) -> Reason:
+    """Judge the number of strides in a time, s."""
+    words = f"no walking: {count} strides in {duration_s:.0f} s"
+    return Reason(weigh(1.0 / max(count, 1), *FEW_STRIDES), words)
 
 
 def judge_speed(speed: float, t: float) -> Reason:
@@ -45,16 +66,27 @@ def judge_height_rate(rate: float, t: float) -> Reason:
     return Reason(weigh(rate, *HEIGHT_RATE_M_S), words)
 
 
-def judge_position(sigma: float, distance: float) -> Reason:
+def judge_position(sigma: float, distance: float, limits: tuple[float, float] = POSITION_SHARE) -> Reason:
     """Judge the sigma of the end, m, after a distance, m."""
     words = f"the end is known to {sigma:.1f} m only, after {distance:.0f} m"
-    return Reason(weigh(sigma / max(distance, 1.0), *POSITION_SHARE), words)
+    return Reason(weigh(sigma / max(distance, 1.0), *limits), words)
 
 
 def judge_lost_time(lost_s: float, duration_s: float) -> Reason:
     """Judge the time without a footfall, s, of a recording, s."""
     words = f"{lost_s:.1f} s of motion without a footfall: strides were missed"
     return Reason(weigh(lost_s / max(duration_s, 1e-9), *LOST_SHARE), words)
+
+
+def judge_gravity(gravity: float) -> Reason:
+    """Judge the mean vertical force of the strides, m/s^2."""
+    words = f"gravity is {gravity:.2f} m/s^2 in the strides, not {GRAVITY_M_S2:.2f}: the accelerometer's scale or unit"
+    return Reason(weigh(abs(gravity / GRAVITY_M_S2 - 1.0), *GRAVITY_SHARE), words)
+
+
+def judge_axes(seen: AxesEvidence) -> Reason:
+    """Judge the axes of the gyroscope by what strides show of them."""
+    return Reason(weigh(seen.against, *AXES_ODDS), seen.problem)
 
 
 def find_height_rate(t: Floats, height: Floats) -> tuple[float, float]:

@@ -9,12 +9,11 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import AxesEvidence, measure_axes
 from fg_nav.detection.mount import TurnSigns, measure_turning
-from fg_nav.estimators import WITH_FIXES
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.solution import Solution
-from fg_nav.walk import Walk, ignores_field
+from fg_nav.walk import WITH_FIXES, Walk, ignores_field
 
 SPAN_S = 0.1
 """Over which the speed is taken from the places."""
@@ -56,7 +55,7 @@ class Seen:
     def speed(self) -> Floats:
         """(N,) m/s, of the whole path, by its velocity and by its places `SPAN_S` apart; the greater of the two."""
         solution, over = self.solution, max(1, round(SPAN_S / self.recording.period_s))
-        speed = np.linalg.norm(solution.velocity, axis=1)
+        speed: Floats = np.linalg.norm(solution.velocity, axis=1)
         moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
         speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
         return speed

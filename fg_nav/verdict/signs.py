@@ -7,16 +7,19 @@ from collections.abc import Callable
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import DECISIVE
 from fg_nav.detection.mount import remove_fast
-from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.verdict.limits import (
+    POSITION_SHARE,
+    POSITION_SHARE_IN_POCKET,
     find_height_rate,
+    judge_axes,
+    judge_gravity,
     judge_height_rate,
     judge_lost_time,
     judge_position,
     judge_speed,
     judge_stride,
+    judge_strides,
 )
 from fg_nav.verdict.reason import LIGHT, NAMING, NO_USE, Reason, weigh
 from fg_nav.verdict.seen import Seen
@@ -50,12 +53,7 @@ def _median(values: Floats) -> float:
 
 def count_footfalls(seen: Seen) -> Reason | None:
     """Too few strides for a walk."""
-    count = len(seen.strides)
-    if count > 4:
-        return None
-    return Reason(
-        weigh(1.0 / max(count, 1), 1 / 4, 1 / 3), f"no walking: {count} strides in {seen.recording.duration_s:.0f} s"
-    )
+    return judge_strides(len(seen.strides), seen.recording.duration_s)
 
 
 def measure_turning_at_stances(seen: Seen) -> Reason | None:
@@ -203,16 +201,12 @@ def measure_height_rate(seen: Seen) -> Reason | None:
 
 def measure_gravity(seen: Seen) -> Reason | None:
     """The vertical force from rest to rest that is not gravity's."""
-    if not len(seen.strides):
-        return None
-    gravity = _median(seen.gravity)
-    words = f"gravity is {gravity:.2f} m/s^2 in the strides, not {GRAVITY_M_S2:.2f}: the accelerometer's scale or unit"
-    return Reason(weigh(abs(gravity / GRAVITY_M_S2 - 1.0), 0.03, 0.08), words)
+    return judge_gravity(_median(seen.gravity)) if len(seen.strides) else None
 
 
 def contradict_axes(seen: Seen) -> Reason | None:
     """Axes of the gyroscope that are not the accelerometer's."""
-    return Reason(weigh(seen.axes.against, 3.0, DECISIVE), seen.axes.problem)
+    return judge_axes(seen.axes)
 
 
 def measure_climbing(seen: Seen) -> Reason | None:
@@ -257,7 +251,8 @@ def measure_position_sigma(seen: Seen) -> Reason | None:
     table = seen.solution.stances
     if len(table) < 2:
         return None
-    return judge_position(float(np.hypot(*table.position_sigma[-1, :2])), float(seen.lengths.sum()))
+    limits = POSITION_SHARE_IN_POCKET if seen.walk.options.mount == "pocket" else POSITION_SHARE
+    return judge_position(float(np.hypot(*table.position_sigma[-1, :2])), float(seen.lengths.sum()), limits)
 
 
 def compare_heights(seen: Seen) -> Reason | None:

@@ -1,0 +1,125 @@
+"""The verdict that each line of a walk in progress has, and the axes of its sensors."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import RecordingError
+from fg_nav.lab.simulation import simulate
+from fg_nav.online.axes_check import AxesCheck
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.line_verdict import LineVerdict
+from fg_nav.online.revision import Revision
+
+
+@cache
+def rows() -> np.ndarray:
+    found = rows_of(simulate("demo", 4).recording)
+    return found[found[:, 0] < 20.0]
+
+
+def estimate(number: int, t: float, position: list[float], sigma_m: float = 0.05) -> StanceEstimate:
+    cov = np.diag([sigma_m**2] * 3 + [0.01])
+    zero = np.zeros(3)
+    return StanceEstimate(number, number, t, np.array(position), np.eye(3), 0.0, zero, zero, cov, zero, "none", "")
+
+
+def walked(verdict: LineVerdict, count: int = 20, first: int = 0) -> str:
+    """Strides of 1.4 m, and the word of the last line."""
+    word = ""
+    for k in range(first, first + count):
+        ((_, found),) = verdict.judge([estimate(k, 1.2 * k, [1.4 * k, 0.0, 0.0])], [False] * (k + 1))
+        word = found.word
+    return word
+
+
+def next_word(verdict: LineVerdict, t: float, position: list[float], number: int = 20, sigma_m: float = 0.05) -> str:
+    ((_, found),) = verdict.judge([estimate(number, t, position, sigma_m)], [False] * (number + 1))
+    return found.word
+
+
+@pytest.mark.parametrize(
+    ("t", "position", "sigma_m", "word"),
+    [
+        (24.0, [28.0, 0.0, 0.0], 0.05, "trusted"),
+        (24.0, [26.6, 3.1, 0.0], 0.05, "not to be used"),  # a stride of 3.1 m
+        (22.9, [26.6, 2.0, 0.0], 0.05, "not to be used"),  # at 20 m/s
+        (24.0, [28.0, 0.0, 0.0], 9.0, "not to be used"),  # known to 45 %
+        (32.8, [28.0, 0.0, 0.0], 0.05, "not to be used"),  # ten seconds, and no footfall
+    ],
+)
+def test_a_line_beyond_the_limits_of_a_person_says_so(
+    t: float, position: list[float], sigma_m: float, word: str
+) -> None:
+    verdict = LineVerdict()
+    assert walked(verdict) == "trusted"
+    assert next_word(verdict, t, position, sigma_m=sigma_m) == word
+    if word != "trusted" and sigma_m < 1.0:
+        assert next_word(verdict, t + 1.2, position, 21) == word
+
+
+def test_a_map_that_is_revised_is_no_stride_and_no_speed() -> None:
+    verdict = LineVerdict()
+    walked(verdict)
+    revision = Revision(22.8, 0.5, (), np.array([[0.0, 0.0, 0.0, 0.0], [22.8, 0.0, 26.6, 0.0]]))
+    (_, none), (_, found) = verdict.judge([revision, estimate(20, 24.0, [0.0, 28.0, 0.0])], [False] * 21)
+    assert none is None
+    assert found.word == "trusted"
+
+
+def test_a_resumed_verdict_is_the_same_and_its_state_is_json() -> None:
+    whole, first, second = LineVerdict(), LineVerdict(), LineVerdict()
+    for one in (whole, first):
+        walked(one, 10)
+    second.resume(json.loads(json.dumps(first.state())))
+    for one in (whole, second):
+        walked(one, 10, first=10)
+    assert whole.state() == second.state()
+
+
+def test_word_and_reasons_stand_in_the_line() -> None:
+    verdict = LineVerdict()
+    walked(verdict)
+    ((one, found),) = verdict.judge([estimate(20, 24.0, [26.6, 3.1, 0.0])], [False] * 21)
+    line = json.loads(format_estimate(one, False, verdict=found))
+    assert line["verdict"] == "not to be used"
+    assert "a stride of 3.1 m, at 24.0 s" in line["reasons"][0]
+
+
+def fed(check: AxesCheck, signs: tuple[float, ...], scale: float = 1.0, block: int = 64) -> AxesCheck:
+    change = np.concatenate([[1.0], [scale] * 3, signs, [1.0] * 3])
+    for start in range(0, len(rows()), block):
+        check.add(rows()[start : start + block] * change)
+    return check
+
+
+def test_wrong_axes_are_refused_in_the_first_minute_and_remarked_in_a_walk_that_goes_on() -> None:
+    with pytest.raises(RecordingError, match="the rate about z has the wrong sign"):
+        fed(AxesCheck(lambda words: None), (1.0, 1.0, -1.0))
+    remarks: list[str] = []
+    check = fed(AxesCheck(remarks.append, refuses=False), (-1.0, -1.0, -1.0))
+    assert len(remarks) == 1
+    assert "not to be used" in remarks[0]
+    verdict = LineVerdict(remark=remarks.append, refuses=False)
+    for start in range(0, len(rows()), 64):
+        verdict.look_at(rows()[start : start + 64] * ([1.0] * 4 + [-1.0] * 3 + [1.0] * 3))
+    assert walked(verdict) == "not to be used"
+    assert check.evidence.against > 7.0
+
+
+def test_own_axes_are_taken_and_the_scale_of_gravity_is_seen() -> None:
+    check = fed(AxesCheck(lambda words: None), (1.0, 1.0, 1.0))
+    assert check.evidence.against == 0.0
+    assert np.median(check.evidence.gravity) == pytest.approx(9.81, abs=0.1)
+    verdict = LineVerdict()
+    for start in range(0, len(rows()), 100):
+        verdict.look_at(rows()[start : start + 100] * ([1.0] + [0.9] * 3 + [1.0] * 6))
+    assert walked(verdict) == "not to be used"
+
+
+def test_the_check_does_not_hang_on_the_blocks_in_which_rows_come() -> None:
+    found = [fed(AxesCheck(lambda words: None), (1.0, 1.0, 1.0), block=block) for block in (7, 1000)]
+    np.testing.assert_allclose(found[0].evidence.scores, found[1].evidence.scores)
