@@ -154,27 +154,21 @@ def _follow(
 
 
 def _open_navigator(options: StreamOptions, checkpoint: Checkpoint | None, remark: Say) -> Navigator:
-    path = options.checkpoint
+    path, axes = options.checkpoint, options.mag_axes
+    given = {"calibration": to_json(options.calibration), "columns": to_json(options.columns)}
+    given["mag_axes"] = None if axes is None else str(axes)
     if path is None or checkpoint is None or not path.exists():
         navigator = begin_walk(options.online, remark, beside=options.beside)
-        navigator.source["calibration"] = to_json(options.calibration)
-        navigator.source["columns"] = to_json(options.columns)
-        navigator.source["mag_axes"] = _name_axes(options)
+        navigator.source |= given
         return navigator
     navigator = checkpoint.resume(options.online, remark, beside=options.beside)
-    if navigator.source.get("calibration") != to_json(options.calibration):
-        raise EstimationError(f"{path.name} was made with another calibration: give the same, or name another.")
-    if navigator.source.get("columns") != to_json(options.columns):
-        raise EstimationError(f"{path.name} was made with other --columns: give the same, or name another.")
-    if navigator.source.get("mag_axes") != _name_axes(options):
-        raise EstimationError(f"{path.name} was made with other --mag-axes: give the same, or name another.")
+    changed = {"calibration": "another calibration", "columns": "other --columns", "mag_axes": "other --mag-axes"}
+    for key, words in changed.items():
+        if navigator.source.get(key) != given[key]:
+            raise EstimationError(f"{path.name} was made with {words}: give the same, or name another.")
     rows = "strides" if isinstance(options.online, PocketOptions) else "stances"
     remark(f"resumed from {path.name}: {len(navigator.footfalls)} {rows}, {navigator.buffer.stop} samples.")
     return navigator
-
-
-def _name_axes(options: StreamOptions) -> str | None:
-    return None if options.mag_axes is None else str(options.mag_axes)
 
 
 class _Walk:
