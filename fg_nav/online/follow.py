@@ -207,7 +207,8 @@ class _Walk:
         t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
         acc, mag = self._corrected(acc, mag)
         self._verdict.look_at(rows)
-        found = self._judge(self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None))
+        made = self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None)
+        found = self._verdict.judge(made, self._navigator.told_continues)
         # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
         raced = self._navigator.races != self._races and self._due < np.inf
         if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
@@ -222,7 +223,7 @@ class _Walk:
         if self._checkpoint is not None:
             self._save(self._checkpoint)
             self._wait()
-        self._emit_lines(self._judge(self._navigator.close()))
+        self._emit_lines(self._verdict.judge(self._navigator.close(), self._navigator.told_continues))
         self.show_status(lost_datagrams, ended=True)
 
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
@@ -233,9 +234,6 @@ class _Walk:
         """Tell the path of a walk that was resumed, for who has not seen it."""
         if self._navigator.footfalls:
             self._emit_lines([(describe_past(self._navigator.smoothed()), None)])
-
-    def _judge(self, found: list[StanceEstimate | Revision]) -> list[Judged]:
-        return self._verdict.judge(found, self._navigator.told_continues)
 
     def _emit_lines(self, found: list[Judged]) -> None:
         for one, verdict in found:
