@@ -28,7 +28,7 @@ from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
-from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.estimates import format_estimate
 from fg_nav.online.line_verdict import Judged, LineVerdict
 from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.options import OnlineOptions
