@@ -142,7 +142,7 @@ def _error_over(motion: FootMotion, t: Floats, period_s: float, corrected: bool)
     return 1e3 * np.stack([np.rad2deg(turn), state.velocity - ends.velocity[1], state.position - ends.position[1]])
 
 
-@njit
+@njit(cache=True)
 def integrate(state: NavState, force: Floats, rate: Floats, period_s: float) -> None:
     """Move `state` over samples (N, 3) of specific force and rate."""
     turn, push = np.empty((3, 3)), np.empty(3)

@@ -48,6 +48,10 @@ def unknown_stamp(rows):
     return np.where(np.arange(rows.size).reshape(rows.shape) == 50, np.nan, rows)
 
 
+def name_change(changes):
+    return ", ".join(f"{key}={getattr(value, '__name__', value)}" for key, value in changes.items())
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -67,7 +71,7 @@ def unknown_stamp(rows):
         {"rows": unknown_stamp},
         {"changes": 3},
     ],
-    ids=str,
+    ids=name_change,
 )
 def test_a_field_that_was_changed_is_refused(record, changes, tmp_path):
     made = {name: value(record.rows) if callable(value) else value for name, value in changes.items()}
