@@ -27,9 +27,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.text import format_count
 
 LONGEST = 6

@@ -21,9 +21,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
 
 MOST_TURN_RAD = 0.2

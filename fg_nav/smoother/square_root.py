@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import gtsam
 import numpy as np
-from numba import njit
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.compiled import njit
 
 LARGEST = 8
 """Dimensions of a variable."""
