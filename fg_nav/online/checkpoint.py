@@ -340,6 +340,8 @@ def _resume(
     judge = SampleJudge.resume(newest.judge, content.blocks, remark, content.first)
     navigator = begin_walk(frame.options, remark, frame.detection, judge, beside)
     navigator.source.update(newest.source)
+    if "units" in newest.source:
+        navigator.units.resume(newest.source["units"])
     # The samples that the state knows, and the state.
     navigator.buffer.skip_to(content.first)
     known = 0 if state is None else state.stop - content.first

@@ -35,6 +35,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import open_recorded
+from fg_nav.online.record_check import say_damaged
 from fg_nav.online.revision import Revision, describe_past, format_revision
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.silence import Silence
@@ -183,16 +184,15 @@ class _Walk:
         remark: Say,
         status: StatusReporter | None = None,
     ) -> None:
-        self._checkpoint = checkpoint
-        self._navigator, self._options, self._emit, self._status = navigator, options, emit, status
-        self._due = time.monotonic() + options.checkpoint_s
-        self._remark, self._unsaved, self._races = remark, False, navigator.races
+        self._checkpoint, self._navigator, self._options = checkpoint, navigator, options
+        self._emit, self._remark, self._status, self._unsaved = emit, remark, status, False
+        self._races, self._due = navigator.races, time.monotonic() + options.checkpoint_s
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
-        if "check" in navigator.source:
-            self._check.resume(navigator.source["check"])
         self._verdict = LineVerdict(isinstance(options.online, PocketOptions), remark, not navigator.footfalls)
-        if "verdict" in navigator.source:
-            self._verdict.resume(navigator.source["verdict"])
+        with nullcontext() if options.checkpoint is None else say_damaged(options.checkpoint):
+            for name, part in (("check", self._check), ("verdict", self._verdict)):
+                if name in navigator.source:
+                    part.resume(navigator.source[name])
         self._losses = LossCounter(remark)
         self._saving: threading.Thread | None = None
 

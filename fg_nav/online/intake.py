@@ -34,7 +34,7 @@ class SampleIntake(ABC):
         self.judge = SampleJudge(remark) if judge is None else judge
         self.units = UnitWatch(remark)
         self.source: dict[str, Any] = {}
-        self._closed, self._busy_s, self._has_begun = False, 0.0, False
+        self._closed, self._busy_s = False, 0.0
 
     def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
         """Add samples and return the estimates that they complete, and what they take back, in order.
@@ -90,9 +90,6 @@ class SampleIntake(ABC):
 
     def _admit(self, sent: Floats, at_end: bool = False) -> Floats:
         """Return the rows (m, 10) to take, of these as they were sent and of what waited."""
-        if "units" in self.source and not self._has_begun:
-            self.units.resume(self.source["units"])
-        self._has_begun = True
         rows = self.units.admit(sent, at_end)
         self.source["units"] = self.units.state()
         rows = self.judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])

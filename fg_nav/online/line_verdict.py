@@ -5,7 +5,8 @@ the highest rate of the height, the time without a footfall, the sigma of the pl
 show of the axes and of gravity (`axes_check`). A path that was spoiled stays so.
 
 Between two lines the walk may be solved again, and its map move. A stride is measured within one map: where the past
-was revised, from its newest footfall in it.
+was revised, from its newest footfall in the new map; where the revision does not know it, the stride to the next line
+is not measured.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ FEWEST = 5
 REMEMBERED = 32
 """Heights, more than are made in the time over which their rate is measured."""
 
+SAME_S = 1e-3
+"""Stamps of one footfall, of any clock: less than a sample apart."""
 
 Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]
 """What a walk tells, and the verdict on an estimate."""
@@ -93,14 +96,16 @@ class LineVerdict:
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on where another verdict on the same walk was."""
-        self._begun, self._last = state["begun"], np.array(state["last"])
-        self._distance, self._lost_s, *worst = state["numbers"]
+        self._begun = None if state["begun"] is None else float(state["begun"])
+        self._last = np.array(state["last"], dtype=float).reshape(4)
+        self._distance, self._lost_s, *worst = map(float, state["numbers"])
         self._longest, self._fastest, self._steepest = zip(worst[::2], worst[1::2], strict=True)
-        self._heights = np.array(state["heights"]).reshape(-1, 2)
+        self._heights = np.array(state["heights"], dtype=float).reshape(-1, 2)
 
     def _judge(self, one: StanceEstimate | Revision, continues: Sequence[bool]) -> Verdict | None:
         if isinstance(one, Revision):
-            self._last = np.where(np.isclose(one.path[-1, 0], self._last[0]), one.path[-1], np.nan)
+            is_newest = abs(one.path[-1, 0] - self._last[0]) < SAME_S
+            self._last = one.path[-1] if is_newest else np.full(4, np.nan)
             return None
         self._measure(np.append(one.t, one.position), continues[one.number])
         sigma = float(np.hypot(*np.sqrt(np.diagonal(one.pose_cov)[:2])))

@@ -2,17 +2,23 @@
 
 import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fg_nav.errors import RecordingError
+from fg_nav.errors import FormatError, RecordingError
 from fg_nav.lab.simulation import simulate
+from fg_nav.online import OnlineNavigator
 from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import rows_of
+from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.line_verdict import LineVerdict
+from fg_nav.online.replay import Replay
 from fg_nav.online.revision import Revision
+from tests.online.walks import NORTH, push, short_walk
 
 
 @cache
@@ -123,3 +129,25 @@ def test_own_axes_are_taken_and_the_scale_of_gravity_is_seen() -> None:
 def test_the_check_does_not_hang_on_the_blocks_in_which_rows_come() -> None:
     found = [fed(AxesCheck(lambda words: None), (1.0, 1.0, 1.0), block=block) for block in (7, 1000)]
     np.testing.assert_allclose(found[0].evidence.scores, found[1].evidence.scores)
+
+
+def test_a_revision_that_does_not_know_the_last_footfall_makes_no_stride_of_two_at_any_epoch() -> None:
+    verdict, epoch = LineVerdict(), 1.7e9
+    lines = [estimate(k, epoch + 1.2 * k, [1.6 * k, 0.0, 0.0]) for k in range(21)]
+    verdict.judge(lines[:20], [False] * 21)
+    older = Revision(lines[18].t, 0.5, (), np.array([[lines[18].t, *lines[18].position]]))
+    (_, _), (_, found) = verdict.judge([older, lines[20]], [False] * 21)
+    assert found.word == "trusted"
+
+
+def test_a_state_that_somebody_changed_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    path, navigator = tmp_path / "walk", OnlineNavigator(NORTH)
+    push(navigator, rows()[:300])
+    sound = LineVerdict().state()
+    for changed in ({}, 3, sound | {"numbers": ["x"] * 8}, sound | {"last": [0.0]}, sound | {"heights": [[{}]]}):
+        navigator.source["verdict"] = changed
+        checkpoint = Checkpoint(path)
+        checkpoint.write(checkpoint.collect(navigator))
+        options = StreamOptions(online=NORTH, checkpoint=path)
+        with pytest.raises(FormatError, match="walk is a checkpoint that was changed or damaged"):
+            follow_source(Replay(short_walk(), 1.0, "a test"), options, print, print)

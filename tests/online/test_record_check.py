@@ -66,6 +66,7 @@ def name_change(changes):
         {"judge": {}},
         {"judge": None},
         {"source": []},
+        {"source": {"units": {}}},
         {"frame": None},
         {"rows": turned_back},
         {"rows": unknown_stamp},
