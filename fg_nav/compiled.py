@@ -2,7 +2,8 @@
 
 numba keeps machine code where `NUMBA_CACHE_DIR` says, else in `__pycache__` next to the source, else in the home of the
 user, and refuses to load a function where none of these can be written. Then it is kept in `scratch`, or, where not
-even that can be, compiled again in each process: a quarter of a minute more, and the same numbers.
+even that can be, compiled again in each process: each run takes as long as the first (`scripts/startup.py`), and the
+numbers are the same.
 
 What is kept may be damaged, and the disk full: that costs the time of compiling, and nothing else.
 """

@@ -33,6 +33,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -209,7 +210,7 @@ def try_one(path: Path, rows: np.ndarray, show: bool) -> str:
         with suppress(BaseException):
             signal.alarm(LONGEST_S)
             resource.setrlimit(resource.RLIMIT_AS, (MOST_MB << 20, MOST_MB << 20))
-            os.write(writer, _catch(partial_of(go_on, path, rows), show).encode())
+            os.write(writer, _catch(partial(go_on, path, rows), show).encode())
         os._exit(0)
     os.close(writer)
     with os.fdopen(reader, "rb") as answer:
@@ -218,11 +219,6 @@ def try_one(path: Path, rows: np.ndarray, show: bool) -> str:
     if said:
         return said
     return TOO_LONG if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM else ENDED
-
-
-def partial_of(work: Callable[..., str], *given: Any) -> Callable[[], str]:
-    """Return a call of a function."""
-    return lambda: work(*given)
 
 
 def _catch(work: Callable[[], str], show: bool) -> str:

@@ -7,10 +7,11 @@ speed          m/s     9         12      of the foot; a walking one reaches 6, a
 stride         m       2.6       3       from footfall to footfall: 1.5 walked, 2.5 run; a missed stance doubles one
 height rate    m/s     0.8       1.5     over 10 s and more: 0.5 is to run up stairs, 1 to run down
 position       share   0.1       0.3     its own sigma at the end over the distance, horizontally
+strides        1       1/4       1/3     one over their number
 time           share   0.05      0.1     in which the foot moved on without a footfall where one was due
-gravity        share    0.03      0.08   by which the vertical force of a stride, from rest to rest, is not that of
+gravity        share   0.03      0.08    by which the vertical force of a stride, from rest to rest, is not that of
                                          gravity: of sensors 0.005 to 0.03. Median over the strides
-axes           -        3         7      log of the odds of other axes of the gyroscope than those given
+axes           -       3         7       log of the odds of other axes of the gyroscope than those given
                                          (`detection.handedness`)
 ============== ======= ========= ======= ==============================================================================
 """
@@ -25,8 +26,6 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.verdict.reason import Reason, weigh
 
 FEW_STRIDES = 1 / 4, 1 / 3
-"""One over their number."""
-
 SPEED_M_S = 9.0, 12.0
 STRIDE_M = 2.6, 3.0
 HEIGHT_RATE_M_S = 0.8, 1.5
