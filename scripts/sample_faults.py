@@ -18,7 +18,7 @@ clean
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from pathlib import Path
 import harness
 import numpy as np
 from harness import FIRST_SEED, option
+from verdict_recordings import SEGMENTS, read_segment
 from walks import GDIN_WALKS, GDLBIO_RUN, GDLBIO_WALKED, LOOPS, RUNNING, data_folder, gdin_path, gdlbio_path
 
 from fg_nav.arrays import Floats
@@ -190,18 +191,30 @@ def find_path(name: str, data: Path) -> Path:
 # --- clean -----------------------------------------------------------------------------------------------------------
 
 
+TWO_FEET = {
+    "two_feet/zupt_fgo/imuMeas*.csv": ("acc=acc_x:acc_y:acc_z,gyr=gyro_x:gyro_y:gyro_z", 60.0),
+    "two_feet/gaitmap/imu_sample_ms_*.csv": ("acc=acc_x:acc_y:acc_z,gyr=gyr_x:gyr_y:gyr_z[deg/s]", 204.8),
+}
+"""Columns, and rate in Hz, of files that say neither."""
+
+
 def list_recordings(data: Path) -> Iterator[tuple[str, Recording]]:
-    """Read every real recording that a reader takes as it is."""
+    """Read every real recording, of feet, legs, hands and the rest of a body."""
     folders = [data / name for name in ("vicon", "broad", "ridi_leg")]
     paths = [path for folder in folders for path in sorted(folder.glob("*")) if path.suffix in (".mat", ".csv")]
     paths += [gdin_path(data, number) for number in (*GDIN_WALKS, *RUNNING)]
     paths += [gdlbio_path(data, number) for number in (*GDLBIO_WALKED, *GDLBIO_RUN)]
     paths += [data / path for path in LOOPS.values()]
-    for path in paths:
+    loads: list[tuple[str, Callable[[], Recording]]] = [(f"{p.parent.name}/{p.stem}", partial(read, p)) for p in paths]
+    for pattern, (columns, rate_hz) in TWO_FEET.items():
+        of_file = partial(read, columns=columns, rate_hz=rate_hz)
+        loads += [(f"two_feet/{path.stem}", partial(of_file, path)) for path in sorted(data.glob(pattern))]
+    loads += [(f"qmt/{one}", lambda one=one: Recording.from_raw(read_segment(data, one))) for one in SEGMENTS]
+    for name, load in loads:
         try:
-            yield f"{path.parent.name}/{path.stem}", read(path)
+            yield name, load()
         except FgNavError as error:
-            print(f"{path.name}: {error}")
+            print(f"{name}: {error}")
 
 
 def print_clean(data: Path) -> None:

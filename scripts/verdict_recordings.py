@@ -84,8 +84,8 @@ def _not_walked(data: Path) -> Iterator[Case]:
         yield Case("by hand", path.stem, partial(_read, path))
     for path in sorted((data / "vicon").glob("2018-02-09*.mat")):
         yield Case("crawling", path.stem, partial(_read, path))
-    for segment in ("upper_leg_left", "upper_leg_right", "hand_right", "forearm_left", "head", "hip"):
-        yield Case("worn elsewhere", segment, partial(_read_segment, data, segment))
+    for segment in SEGMENTS:
+        yield Case("worn elsewhere", segment, partial(read_segment, data, segment))
     yield Case("worn elsewhere", "trouser leg", partial(_read, data / "ridi_leg" / "zhicheng_leg2.csv"))
 
 
@@ -120,7 +120,12 @@ def _spoil(load: Callable[[], RawRecording], change: Callable[[RawRecording], Ra
     return change(load())
 
 
-def _read_segment(data: Path, name: str) -> RawRecording:
+SEGMENTS = ("upper_leg_left", "upper_leg_right", "hand_right", "forearm_left", "head", "hip")
+"""Of a body, with a sensor each."""
+
+
+def read_segment(data: Path, name: str) -> RawRecording:
+    """Read the walk of a segment of `qmt_fullbody`."""
     body = scipy.io.loadmat(data / "qmt_fullbody" / "full_body_example_data.mat", simplify_cells=True)
     within = (body["t"] >= 40.0) & (body["t"] <= 140.0)
     t = body["t"][within]
