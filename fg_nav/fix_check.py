@@ -3,8 +3,10 @@
 A person is at the start at the walk's first sample and at each fix at its time. Between two of these, i and j, he moves
 no farther than anyone runs, and on the solved path no farther than was walked:
 
-    |fix_i - fix_j| <= 12.5 m/s |t_i - t_j| + 3 (sigma_i + sigma_j)         before
-    |fix_i - fix_j| <= 1.25 walked_ij + 2 m + 3 (sigma_i + sigma_j)         on the path
+    |fix_i - fix_j| <= 12.5 m/s |t_i - t_j| + 3 (sigma_i + sigma_j)                             before
+    |fix_i - fix_j| <= 1.25 walked_ij + 12.5 m/s unseen_ij + 2 m + 3 (sigma_i + sigma_j)        on the path
+
+unseen_ij is the time between them in gaps that are too long to be bridged, in which nothing shows how far he went.
 """
 
 from __future__ import annotations
@@ -60,38 +62,48 @@ def check_fixes(fixes: Sequence[Fix], t: Floats | None = None) -> None:
     for fix in fixes:
         check_fix(fix)
     if t is not None:
-        _check_times(fixes, float(t[0]), float(t[-1]))
+        check_times(fixes, float(t[0]), float(t[-1]))
         fixes = (_start(float(t[0])), *fixes)
     fixes = sorted(fixes, key=lambda fix: fix.time_s)
     time = np.array([fix.time_s for fix in fixes])
     _compare(fixes, FASTEST_M_S * time, 0.0, lambda i, j: f"in {time[j] - time[i]:.3g} s, faster than anyone runs")
 
 
-def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats) -> None:
+def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats, unseen_s: Floats) -> None:
     """Refuse fixes farther apart over ground than what was walked between, on a path `position` (F, 3) m at `t` (F,) s.
 
-    Their heights may differ by more: there are lifts.
+    `unseen_s` (F,) is the time without samples up to each place. Heights may differ by more: there are lifts.
 
     Raises `EstimationError` with the time of the fix.
     """
     level = [replace(fix, vertical_sigma_m=np.inf) for fix in (_start(float(t[0])), *fixes)]
     fixes = sorted(level, key=lambda fix: fix.time_s)
     moves = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    walked = np.interp([fix.time_s for fix in fixes], t, np.concatenate([[0.0], np.cumsum(moves)]))
-    _compare(fixes, LONGER * walked, LONGER_BY_M, lambda i, j: f"where {walked[j] - walked[i]:.3g} m were walked")
+    at, so_far = [fix.time_s for fix in fixes], np.concatenate([[0.0], np.cumsum(moves)])
+    walked, unseen = np.interp(at, t, so_far), np.interp(at, t, unseen_s)
+    _compare(
+        fixes,
+        LONGER * walked + FASTEST_M_S * unseen,
+        LONGER_BY_M,
+        lambda i, j: f"where {walked[j] - walked[i]:.3g} m were walked",
+    )
 
 
 def _start(time_s: float) -> Fix:
     return Fix(time_s, np.zeros(3), LEAST_SIGMA_M, LEAST_SIGMA_M)
 
 
-def _check_times(fixes: Sequence[Fix], begin_s: float, end_s: float) -> None:
+def check_times(fixes: Sequence[Fix], begin_s: float, end_s: float) -> None:
+    """Raise `EstimationError` if a fix is farther than `FIX_REACH_S` outside of a walk."""
     outside = [fix.time_s for fix in fixes if not begin_s - FIX_REACH_S <= fix.time_s <= end_s + FIX_REACH_S]
     if outside:
         raise EstimationError(
             f"the fix at {outside[0]:.2f} s is outside the walk, which lasts from {begin_s:.2f} s to {end_s:.2f} s: "
             "give its time as in the recording, or leave it out."
         )
+
+
+_SIGMA_NAMES = ("horizontal_sigma_m", "vertical_sigma_m")
 
 
 def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Callable[[int, int], str]) -> None:
@@ -106,9 +118,6 @@ def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Calla
         far = np.flatnonzero((over_ground > most) | (upward > most))
         if len(far):
             raise _explain(fixes, int(far[0]), int(far[0]) + lag, explain)
-
-
-_SIGMA_NAMES = ("horizontal_sigma_m", "vertical_sigma_m")
 
 
 def _explain(fixes: Sequence[Fix], i: int, j: int, explain: Callable[[int, int], str]) -> EstimationError:

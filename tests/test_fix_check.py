@@ -25,7 +25,8 @@ def test_true_fixes_pass_whatever_their_order_and_those_of_a_lift() -> None:
     walked = [fix(80.0, 90.0), fix(30.0, 40.0), fix(30.2, 40.0, sigma=5.0), fix(90.0, 90.0, z=120.0, vertical=1.0)]
     check_fixes(walked, T)
     check_fixes([])
-    check_fixes_on_path(walked, np.array([0.0, 30.0, 80.0, 99.0]), np.outer([0.0, 39.0, 89.0, 90.0], [1.0, 0.0, 0.0]))
+    path = np.outer([0.0, 39.0, 89.0, 90.0], [1.0, 0.0, 0.0])
+    check_fixes_on_path(walked, np.array([0.0, 30.0, 80.0, 99.0]), path, np.zeros(4))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +56,15 @@ def test_a_fix_is_no_farther_than_what_was_walked() -> None:
     for far in ([fix(60.0, 11.6, 48.1)], [fix(60.0, 24.0), fix(70.0, 60.0)]):
         check_fixes(far, T)
         with pytest.raises(EstimationError, match="m were walked: give places in m from the start"):
-            check_fixes_on_path(far, t, path)
+            check_fixes_on_path(far, t, path, np.zeros(3))
+
+
+def test_behind_a_gap_a_fix_may_be_as_far_as_one_comes_in_it() -> None:
+    """Ten seconds without samples, in which the path stays where it was."""
+    t, path, unseen_s = np.array([0.0, 50.0, 60.0, 99.0]), np.zeros((4, 3)), np.array([0.0, 0.0, 10.0, 10.0])
+    check_fixes_on_path([fix(61.0, 60.0)], t, path, unseen_s)
+    with pytest.raises(EstimationError, match="0 m were walked"):
+        check_fixes_on_path([fix(49.0, 60.0)], t, path, unseen_s)
 
 
 def test_fixes_are_judged_before_the_walk_is_solved_and_before_a_stream_begins() -> None:

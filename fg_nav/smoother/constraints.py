@@ -42,9 +42,9 @@ from fg_nav.factors.walk_constraints import (
     position_fix_noise,
     straight_triples,
 )
-from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path
+from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path, check_times
 from fg_nav.frames import yaw_rotation
-from fg_nav.samples.gaps import cross_holes
+from fg_nav.samples.gaps import LONGEST_HELD_S, cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes, make_own_factors
@@ -134,11 +134,7 @@ def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
 def _node_of(fix: Fix, t_node: Floats) -> int:
     """Index of the node nearest to a fix in time."""
     check_fix(fix)
-    if not t_node[0] - FIX_REACH_S <= fix.time_s <= t_node[-1] + FIX_REACH_S:
-        raise EstimationError(
-            f"the fix at {fix.time_s:.2f} s is outside the walk, which lasts from {t_node[0]:.2f} s to "
-            f"{t_node[-1]:.2f} s: give its time as in the recording, or leave it out."
-        )
+    check_times([fix], float(t_node[0]), float(t_node[-1]))
     apart = np.abs(t_node - fix.time_s)
     if apart.min() > FIX_REACH_S:
         raise EstimationError(
@@ -150,9 +146,10 @@ def _node_of(fix: Fix, t_node: Floats) -> int:
 
 def refuse_far_fixes(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
     """Refuse fixes that the path of a first solution does not reach; raises `EstimationError`."""
-    footfall = problem.nodes.result
-    t = problem.recording.t[problem.nodes.sample[footfall]]
-    check_fixes_on_path(fixes, t, list_positions(footfall, problem.values))
+    footfall, t = problem.nodes.result, problem.recording.t
+    sample, step = problem.nodes.sample[footfall], np.diff(t, prepend=t[0])
+    unseen_s = np.cumsum(np.where(step > LONGEST_HELD_S, step, 0.0))
+    check_fixes_on_path(fixes, t[sample], list_positions(footfall, problem.values), unseen_s[sample])
 
 
 def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) -> WalkProblem:
