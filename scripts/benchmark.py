@@ -1,6 +1,7 @@
 """How long the estimators and the simulator take, as ratios within one run where times differ between machines.
 
     python scripts/benchmark.py [--long] [--filters] [--real FILE] [--repeats N] [--json FILE]
+    python scripts/benchmark.py --ratio [--repeats N]    smooth over the bare loop alone, at 10, 20 and 60 minutes
     python scripts/benchmark.py --simulator [--json FILE]
     python scripts/benchmark.py --gate [--quick]         against the baseline (`benchmark_gate.py`)
     python scripts/benchmark.py --peers PYTHON           beside other programs (`benchmark_peers.py`)
@@ -59,10 +60,11 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.preintegration import POSITION_DENSITY
 
-SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 2.5, 2.3, 2.5
+SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 1.5, 2.3, 2.5
 """What is asked: smoother over bare loop, cost over that of half the walk, microseconds a sample."""
 
 MINUTES, LONG_MINUTES = (10.0, 20.0), (7.5, 15.0, 30.0, 60.0, 120.0)
+RATIO_MINUTES = (10.0, 20.0, 60.0)
 SEED = 1
 BARE, SMOOTH, BOTH, IEZ, DETECT = "bare loop", "smooth", "detect + smooth", "IEZ", "detection"
 
@@ -77,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments,
         long=option(False, "walks of 7.5 minutes to 2 hours, doubling each time"),
         filters=option(False, "each filter on half an hour at 400 Hz as well"),
+        ratio=option(False, "smooth over the bare loop alone, walks of 10, 20 and 60 minutes, processor time"),
         real=option(None, "a recording in place of the simulated walks", type=Path, metavar="FILE"),
         simulator=option(False, "what a simulation costs instead"),
         gate=option(False, "compare with the baseline instead; exit with 1 where a metric is worse"),
@@ -96,8 +99,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         harness.print_figures(figures)
         harness.print_verdict(figures, chosen.json)
         return
-    some = read_or_simulate(chosen.long, chosen.real)
+    minutes = RATIO_MINUTES if chosen.ratio else LONG_MINUTES if chosen.long else MINUTES
+    some = read_or_simulate(minutes, chosen.real)
     compile_all()
+    if chosen.ratio:
+        figures = measure_ratios(some, chosen.repeats)
+        harness.print_figures(figures)
+        harness.print_verdict(figures, chosen.json)
+        return
     repeats = harness.repeat_measurement(measure_calls, some, chosen.repeats)
     figures = print_costs(some, repeats)
     print_solutions(some)
@@ -130,11 +139,10 @@ def guard_baseline(chosen: Namespace) -> None:
 # --- the smoother ----------------------------------------------------------------------------------------------------
 
 
-def read_or_simulate(long: bool = False, real: Path | None = None) -> dict[str, Recording]:
-    """Return walks by name, shortest first: the real one, or simulated ones each twice as long as the one before."""
+def read_or_simulate(minutes: Sequence[float], real: Path | None = None) -> dict[str, Recording]:
+    """Return walks by name, shortest first: the real one, or simulated ones of these lengths, parts of one."""
     if real is not None:
         return {real.name: read(real)}
-    minutes = LONG_MINUTES if long else MINUTES
     whole = simulate_long_walk(minutes[-1], SEED)
     share = [round(len(whole) * part / minutes[-1]) for part in minutes]
     return {f"{part:g} min": whole.slice(0, stop) for part, stop in zip(minutes, share, strict=True)}
@@ -171,6 +179,17 @@ def measure_calls(recording: Recording) -> dict[str, Time]:
     filtering, _ = measure_time(lambda: run_iez(recording, stances))
     bare = Time((before.wall + after.wall) / 2, (before.cpu + after.cpu) / 2)
     return {BARE: bare, DETECT: detection, SMOOTH: smoothing, BOTH: detection + smoothing, IEZ: filtering}
+
+
+def measure_ratios(some: Mapping[str, Recording], repeats: int) -> list[Figure]:
+    """Measure `smooth` over the bare loop in turn with it, by the least time of the processor of each."""
+    figures = []
+    for name, recording in some.items():
+        calls = partial(run_bare_loop, recording), partial(smooth, recording, detect_stances(recording))
+        bare, smoothing = np.min([[measure_time(call)[0].cpu for call in calls] for _ in range(repeats)], axis=0)
+        words = f"smooth over bare loop, {name}, processor"
+        figures.append(Figure(name, words, "smoother", float(smoothing / bare), high=SMOOTHER_RATIO))
+    return figures
 
 
 def print_costs(some: Mapping[str, Recording], repeats: Sequence[Repeat]) -> list[Figure]:

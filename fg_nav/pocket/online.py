@@ -138,7 +138,8 @@ class OnlinePocket:
         if node[-1] >= len(t) - 1:
             return
         # preintegrate
-        acc, gyr = compensate_coning(acc, gyr, np.append(np.diff(t), t[-1] - t[-2]))
+        h = np.append(np.diff(t), t[-1] - t[-2])
+        acc, gyr = compensate_coning(np.ascontiguousarray(acc), np.ascontiguousarray(gyr), h)
         node = np.unique(node).astype(np.int64)
         links = preintegrate_links(node, t, acc, gyr, mag, np.zeros(3))
         # smooth

@@ -53,6 +53,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.compiled import njit
 
 LOST_PERIODS = 1.5
 """After a step between stamps of more periods than this, a sample or more is missing."""
@@ -251,15 +252,32 @@ def _prepare_block(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps, first: int) 
     return compensate_coning(acc, gyr, h)
 
 
+@njit(cache=True)
 def compensate_coning(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floats]:
     """Add sculling to specific forces and coning to rates, both (N, 3) means over periods `h` (N,) s, N > 1."""
-    d_acc, d_gyr = _differentiate(acc, h), _differentiate(gyr, h)
-    share = h[:, None] / 12
-    sculling = np.cross(gyr, d_acc) - np.cross(d_gyr, acc)
-    return acc + share * sculling, gyr + share * np.cross(gyr, d_gyr)
+    force, rate, d_acc, d_gyr = acc.copy(), gyr.copy(), np.empty(3), np.empty(3)
+    for i in range(len(h)):
+        _differentiate(acc, h, i, d_acc)
+        _differentiate(gyr, h, i, d_gyr)
+        share = h[i] / 12.0
+        for axis in range(3):
+            j, k = (axis + 1) % 3, (axis + 2) % 3
+            sculling = gyr[i, j] * d_acc[k] - gyr[i, k] * d_acc[j] - d_gyr[j] * acc[i, k] + d_gyr[k] * acc[i, j]
+            force[i, axis] += share * sculling
+            rate[i, axis] += share * (gyr[i, j] * d_gyr[k] - gyr[i, k] * d_gyr[j])
+    return force, rate
 
 
-def _differentiate(samples: Floats, h: Floats) -> Floats:
-    """(N, 3) by how much samples change over their own period: a parabola's slope, at either end that to the next."""
-    middle = np.cumsum(h) - h / 2
-    return np.asarray(np.gradient(samples, middle, axis=0) * h[:, None])
+@njit(cache=True)
+def _differentiate(samples: Floats, h: Floats, i: int, change: Floats) -> None:
+    """Write by how much a sample changes over its own period: a parabola's slope, at either end that to the next."""
+    before = 0.5 * (h[i - 1] + h[i]) if i > 0 else np.inf
+    after = 0.5 * (h[i] + h[i + 1]) if i + 1 < len(h) else np.inf
+    from_before = h[i] / before / (1.0 + before / after)
+    to_after = h[i] / after / (1.0 + after / before)
+    for axis in range(3):
+        change[axis] = 0.0
+        if i > 0:
+            change[axis] += from_before * (samples[i, axis] - samples[i - 1, axis])
+        if i + 1 < len(h):
+            change[axis] += to_after * (samples[i + 1, axis] - samples[i, axis])

@@ -25,7 +25,7 @@ from fg_nav.arrays import Floats
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.solver import Solved, marginal_covariances
+from fg_nav.smoother.solver import Solved
 
 LEVELS_DEG_S = (0.5, 1.5)
 """deg/s: zero-rate output of an uncalibrated part by its sheet, and of one that is cold or old."""
@@ -53,7 +53,7 @@ def find_bias_prior(problem: WalkProblem, solved: Solved) -> BiasPrior | None:
         return None
     first = B(0)
     mean = solved.values.atConstantBias(first).gyroscope()
-    covariance = marginal_covariances(solved.tree, {first})[first][GYRO, GYRO]
+    covariance = solved.root.covariances({first})[first][GYRO, GYRO]
     return choose_bias_prior(mean, covariance, problem.known.gyro_bias_sigma)
 
 

@@ -30,6 +30,7 @@ from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.differential_field import GYRO
+from fg_nav.factors.residual import LETTER_SHIFT
 from fg_nav.smoother.evidence import MOST_NATS, eliminate
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import linearize, time_order
@@ -78,7 +79,7 @@ def _split_order(nodes: Nodes) -> tuple[gtsam.Ordering, gtsam.Ordering]:
     between, rest = gtsam.Ordering(), gtsam.Ordering()
     order = time_order(nodes)
     for key in map(order.at, range(order.size())):
-        is_node = gtsam.Symbol(key).chr() in _NODE_LETTERS
+        is_node = key >> LETTER_SHIFT in _NODE_LETTERS
         (between if is_node and key not in at_change else rest).push_back(key)
     return between, rest
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import gtsam
 import numpy as np
 
+from fg_nav.factors.residual import LETTER_SHIFT
 from fg_nav.smoother.constraints import FixFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.own_factors import OwnFactors
@@ -57,4 +58,4 @@ def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:
 
 
 def _letters(keys: Iterable[int]) -> str:
-    return "".join(chr(gtsam.Symbol(key).chr()) for key in keys)
+    return "".join(chr(key >> LETTER_SHIFT) for key in keys)

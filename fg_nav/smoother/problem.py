@@ -59,7 +59,7 @@ from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.refused_stances import weaken_refused_stances
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, compute_error
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, minimize, time_order
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -213,6 +213,7 @@ class _Piece:
         high = preintegrate(recording, self._problem.nodes.sample, bias, with_some)
         self._at_zero = np.array([f.preintegratedMeasurements().preintMeasCov() for _, f in self._inertial])
         seen = (measured for measured in high if isinstance(measured, gtsam.PreintegratedImuMeasurementsG))
+        self._ordering = time_order(self._problem.nodes)
         self._by_square = np.array([measured.preintMeasCov() for measured in seen]) - self._at_zero
 
     def minus_log_evidence(self, level: float) -> float:
@@ -221,10 +222,9 @@ class _Piece:
         graph, blocks = self._problem.graph, self._problem.blocks
         for (i, factor), noise in zip(self._inertial, covariance, strict=True):
             graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
-        solved = solve(self._problem)
+        solved = minimize(graph, blocks, self._problem.values, self._ordering)
         self._problem = replace(self._problem, values=solved.values)
-        error = compute_error(graph, blocks, solved.values)
-        return float(error + log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
+        return float(solved.error + log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
 
 
 _BASE = (0.0, 1e-3)

@@ -115,10 +115,8 @@ def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceSta
     seen = np.add.reduceat(np.swapaxes(H, 1, 2) @ H, begins)
     by = np.add.reduceat((np.swapaxes(H, 1, 2) @ left[..., None])[..., 0], begins)
     F = seen - root.quadratic_forms(_group_ties(root, block, nodes, np.swapaxes(jacobian, 1, 2) @ H))
-    found = StanceStatistics(np.zeros(len(F)), np.zeros((len(F), 3)))
-    for footfall in range(len(F)):
-        found.velocity[footfall], found.statistic[footfall] = _solve_shift(F[footfall], by[footfall])
-    return found
+    velocity = _solve_shifts(F, by)
+    return StanceStatistics((velocity * by).sum(axis=1), velocity)
 
 
 def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: Floats) -> Groups:
@@ -135,10 +133,9 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
     return groups
 
 
-def _solve_shift(F: Floats, by: Floats) -> tuple[Floats, float]:
-    """D = F^-1 b and T = d^T b, without the directions in which the walk leaves nothing open."""
+def _solve_shifts(F: Floats, by: Floats) -> Floats:
+    """F^-1 b (F, 3), without the directions in which the walk leaves nothing open."""
     strength, axes = np.linalg.eigh(F)
-    seen = strength > LEAST_SHARE * strength[-1]
-    along = axes[:, seen].T @ by / strength[seen]
-    d = axes[:, seen] @ along
-    return d, float(d @ by)
+    along = (np.swapaxes(axes, 1, 2) @ by[..., None])[..., 0]
+    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > LEAST_SHARE * strength[:, -1:])
+    return np.asarray((axes @ along[..., None])[..., 0])

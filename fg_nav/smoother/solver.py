@@ -127,13 +127,14 @@ def time_order(nodes: Nodes, with_field: bool = False, floor: Ints | None = None
 class Solved:
     """Values at the minimum, the Bayes tree of the last linearization, and the number of linearizations.
 
-    `linearized_at` are the values of that linearization, one step before the minimum.
+    `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`.
     """
 
     values: gtsam.Values
     tree: gtsam.GaussianBayesTree
     steps: int
     linearized_at: gtsam.Values
+    error: float
 
     @cached_property
     def root(self) -> SquareRoot:
@@ -173,7 +174,7 @@ def minimize(
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * ordering.size():
-            return Solved(values, tree, steps, linearized_at)
+            return Solved(values, tree, steps, linearized_at, error)
         del tree, step  # as large as all else: not kept beside the next one
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "

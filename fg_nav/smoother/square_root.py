@@ -136,37 +136,64 @@ def _build(
     members: Ints, ends: Ints, size: Ints, first: Ints, row: Ints, column: Ints, value: Floats, most: int
 ) -> tuple[Fronts, Floats]:
     """Make the fronts of cliques, parents first, with variables `members` until `ends`, and r (N,), of all entries."""
-    count, total = len(size), first[-1] + size[-1]
-    front_of, variable_of, begins = np.full(total, -1), np.empty(count, np.int64), np.zeros(count + 1, np.int64)
-    columns, parent, at = np.empty(most, np.int64), np.full(count, -1), np.zeros(count + 1, np.int64)
-    begin, new, filled = 0, 0, 0
-    front_of_row, place = np.empty(total, np.int64), np.full(total, -1)
-    rows_before = 0
-    for end in ends:
-        # Its own variables, none of which was in a clique above: the last is eliminated last.
-        own = begin
-        while own < end and front_of[first[members[own]]] < 0:
-            own += 1
-        for k in range(own - 1, begin - 1, -1):
-            v = members[k]
-            variable_of[new], front_of[first[v]] = v, new
-            for j in range(k, end):
+    front_of, owned = _number_fronts(members, ends, len(size))
+    shape = _shape_fronts(members, ends, owned, front_of, size, first, most)
+    front_of_row, place = _place_rows(members, ends, owned, front_of, size)
+    return _fill_rows(shape, front_of_row, place, row, column, value)
+
+
+@njit(cache=True)
+def _number_fronts(members: Ints, ends: Ints, count: int) -> tuple[Ints, Ints]:
+    """Front (V,) of each variable, and how many of the members of each clique are its own, in no clique above."""
+    front_of, owned = np.full(count, -1), np.zeros(len(ends), np.int64)
+    begin, new = 0, 0
+    for c in range(len(ends)):
+        while begin + owned[c] < ends[c] and front_of[members[begin + owned[c]]] < 0:
+            owned[c] += 1
+        # The last of its own is eliminated last.
+        for k in range(begin + owned[c] - 1, begin - 1, -1):
+            front_of[members[k]] = new
+            new += 1
+        begin = ends[c]
+    return front_of, owned
+
+
+@njit(cache=True)
+def _shape_fronts(members: Ints, ends: Ints, owned: Ints, front_of: Ints, size: Ints, first: Ints, most: int) -> Fronts:
+    """Make the fronts without their rows."""
+    count, begin, filled = len(size), 0, 0
+    variable_of, begins, columns = np.empty(count, np.int64), np.zeros(count + 1, np.int64), np.empty(most, np.int64)
+    parent, at = np.full(count, -1), np.zeros(count + 1, np.int64)
+    for c in range(len(ends)):
+        for k in range(begin + owned[c] - 1, begin - 1, -1):
+            i = front_of[members[k]]
+            variable_of[i] = members[k]
+            for j in range(k, ends[c]):
                 w = members[j]
                 for column_of_w in range(first[w], first[w] + size[w]):
                     columns[filled] = column_of_w
                     filled += 1
                 if j > k:
-                    parent[new] = max(parent[new], front_of[first[w]])
-            begins[new + 1] = filled
-            at[new + 1] = at[new] + size[v] * (begins[new + 1] - begins[new])
-            new += 1
-        for k in range(begin, own):
+                    parent[i] = max(parent[i], front_of[w])
+            begins[i + 1] = filled
+            at[i + 1] = at[i] + size[members[k]] * (filled - begins[i])
+        begin = ends[c]
+    return Fronts(size[variable_of], first[variable_of], parent, begins, columns[:filled].copy(), at, np.empty(0))
+
+
+@njit(cache=True)
+def _place_rows(members: Ints, ends: Ints, owned: Ints, front_of: Ints, size: Ints) -> tuple[Ints, Ints]:
+    """Front (N,) of each row of R, clique by clique, and its place there."""
+    total = size.sum()
+    front_of_row, place = np.empty(total, np.int64), np.empty(total, np.int64)
+    begin, row = 0, 0
+    for c in range(len(ends)):
+        for k in range(begin, begin + owned[c]):
             for d in range(size[members[k]]):
-                front_of_row[rows_before], place[rows_before] = front_of[first[members[k]]], d
-                rows_before += 1
-        begin = end
-    shape = Fronts(size[variable_of], first[variable_of], parent, begins, columns[:filled].copy(), at, np.empty(0))
-    return _fill_rows(shape, front_of_row, place, row, column, value)
+                front_of_row[row], place[row] = front_of[members[k]], d
+                row += 1
+        begin = ends[c]
+    return front_of_row, place
 
 
 @njit(cache=True)
@@ -225,12 +252,19 @@ def _descend(fronts: Fronts, Y: Floats) -> None:
 
 
 @njit(cache=True)
+def _count_children(parent: Ints) -> Ints:
+    """Count the children (V,) of each front."""
+    children = np.zeros(len(parent), np.int64)
+    for p in parent:
+        if p >= 0:
+            children[p] += 1
+    return children
+
+
+@njit(cache=True)
 def _plan_slots(parent: Ints) -> tuple[Ints, int]:
     """Place of each front's covariance, used again when all its children are done, and how many there are."""
-    children, slot = np.zeros(len(parent), np.int64), np.zeros(len(parent), np.int64)
-    for i in range(len(parent)):
-        if parent[i] >= 0:
-            children[parent[i]] += 1
+    children, slot = _count_children(parent), np.zeros(len(parent), np.int64)
     free, frees, count = np.empty(len(parent), np.int64), 0, 0
     for i in range(len(parent)):
         if frees > 0:
@@ -255,37 +289,66 @@ def _plan_slots(parent: Ints) -> tuple[Ints, int]:
 def _spread(fronts: Fronts, wanted: Ints, found: Floats, groups: Groups, forms: Floats) -> None:
     """Write the covariances of variables whose first column is `wanted`, and the forms of groups."""
     slot, slots = _plan_slots(fronts.parent)
-    widest, n = 0, groups.G.shape[1]
-    for i in range(len(fronts.size)):
-        widest = max(widest, fronts.begins[i + 1] - fronts.begins[i])
+    widest, n = _find_widest(fronts.begins), groups.G.shape[1]
     P, K, active = np.zeros((slots, widest, widest)), np.zeros((slots, widest, n)), np.full(slots, -1)
     where = np.full(len(wanted), -1)
     for i in range(len(fronts.size)):
-        p = fronts.parent[i]
+        p, here = fronts.parent[i], slot[i]
         d, columns, A = _front(fronts, i)
-        here, s = slot[i], len(columns) - d
-        group, above = -1, np.zeros(s, np.int64)
-        if p >= 0:
-            for k in range(fronts.begins[p], fronts.begins[p + 1]):
-                where[fronts.column[k]] = k - fronts.begins[p]
-            for k in range(s):
-                above[k] = where[columns[d + k]]
-            group = active[slot[p]]
-        joint = _join(A, d, P[slot[p]], above)
-        cross = np.zeros((d + s, n))
-        own = groups.of_column[columns[0]]
-        if group >= 0 and (own == group or own < 0):
-            _cross(A, d, K[slot[p]], above, cross)
-        elif own >= 0:
-            _begin_group(groups, own, columns, joint, cross, forms)
-        if own >= 0:
-            _add_to_group(groups, own, columns, d, joint, cross, forms)
-            group = own
-        active[here] = group
+        above = _find_above(fronts, p, columns, d, where)
+        joint, cross = _join(A, d, P[slot[p]], above), np.zeros((len(columns), n))
+        group = active[slot[p]] if p >= 0 else -1
+        active[here] = _follow_group(groups, group, columns, A, d, K[slot[p]], above, joint, cross, forms)
         _copy(joint, P[here])
         _copy(cross, K[here])
         if wanted[columns[0]] >= 0:
             _copy(joint[:d, :d], found[wanted[columns[0]]])
+
+
+@njit(cache=True)
+def _find_widest(begins: Ints) -> int:
+    """Most columns of a front."""
+    widest = 0
+    for i in range(len(begins) - 1):
+        widest = max(widest, begins[i + 1] - begins[i])
+    return widest
+
+
+@njit(cache=True)
+def _find_above(fronts: Fronts, parent: int, columns: Ints, d: int, where: Ints) -> Ints:
+    """Places (s,) of a front's separator among its parent's columns; `where` (N,) is to work in."""
+    above = np.zeros(len(columns) - d, np.int64)
+    if parent >= 0:
+        for k in range(fronts.begins[parent], fronts.begins[parent + 1]):
+            where[fronts.column[k]] = k - fronts.begins[parent]
+        for k in range(len(above)):
+            above[k] = where[columns[d + k]]
+    return above
+
+
+@njit(cache=True)
+def _follow_group(
+    groups: Groups,
+    group: int,
+    columns: Ints,
+    A: Floats,
+    d: int,
+    parent: Floats,
+    above: Ints,
+    joint: Floats,
+    cross: Floats,
+    forms: Floats,
+) -> int:
+    """Add a front to the sums of its group, where it has one, or pass on its parent's; return which group it is."""
+    own = groups.of_column[columns[0]]
+    if group >= 0 and (own == group or own < 0):
+        _cross(A, d, parent, above, cross)
+    elif own >= 0:
+        _begin_group(groups, own, columns, joint, cross, forms)
+    if own < 0:
+        return group
+    _add_to_group(groups, own, columns, d, joint, cross, forms)
+    return own
 
 
 @njit(cache=True)

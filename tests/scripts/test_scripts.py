@@ -242,9 +242,8 @@ def test_the_bare_loop_takes_every_sample_over_its_own_period(demo, monkeypatch)
     assert np.array_equal([acc for acc, *_ in taken], demo.recording.acc[:-1])
 
 
-def test_walks_of_the_benchmark_double(monkeypatch):
-    monkeypatch.setattr(benchmark, "MINUTES", (0.25, 0.5))
-    some = benchmark.read_or_simulate()
+def test_walks_of_the_benchmark_are_parts_of_one():
+    some = benchmark.read_or_simulate((0.25, 0.5))
     assert [len(recording) for recording in some.values()] == [3000, 6000]
 
 
