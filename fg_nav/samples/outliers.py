@@ -19,7 +19,8 @@ less than 2.2; where samples are missing it is larger by the square of how much 
 No sample of the real recordings at hand, of feet, legs and hands at 50 to 400 Hz, is found before f is lowered to 0.75
 of that (`scripts/sample_faults.py clean`), and none of their magnetometers before 0.35.
 
-A run is sought from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD` samples later.
+At the very beginning, where only one side shows how shaken the motion is, f is three times as large. A run is sought
+from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD` samples later.
 """
 
 from __future__ import annotations
@@ -198,7 +199,7 @@ def _find_coarseness(t: Floats, before: Ints, behind: Ints, length: int) -> floa
     """By how much f is larger for a run of this length between samples before and behind it."""
     steps = np.concatenate((np.diff(t[before]), np.diff(t[behind])))
     period = float(np.median(steps))
-    stretch = 1.0
+    stretch = np.sqrt(3.0)  # at the beginning, where only one side shows what the motion is
     if len(before):
         stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
     return float(max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)

@@ -113,6 +113,8 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     kept, period = np.flatnonzero(usable), median_period_s(t)
     even = np.arange(len(kept), dtype=np.float64) * (period if period > 0.0 else 1.0)
     kept = kept[~find_outliers(even, acc[kept], gyr[kept]).any]
+    if 2 * len(kept) < len(t):
+        return problems
     return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
 
 

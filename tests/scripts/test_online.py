@@ -165,5 +165,5 @@ def test_lines_of_a_walk_that_was_killed_are_compared_wherever_they_were_told():
 
 
 def test_a_command_that_does_not_end_is_killed():
-    assert kills.run_for(["sh", "-c", "echo told; sleep 60"], 0.2) == ("told\n", False)
+    assert kills.run_for(["sh", "-c", "echo told; exec sleep 60"], 0.2) == ("told\n", False)
     assert kills.run_for(["echo", "told"], 60.0) == ("told\n", True)

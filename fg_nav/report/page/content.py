@@ -22,9 +22,6 @@ from fg_nav.report.rows import FIGURES, collect_notes
 from fg_nav.text import format_count
 from fg_nav.walk import Options, Outcome, Walk
 
-NOT_JUDGED = "not judged"
-"""In place of a verdict, where the samples were not kept."""
-
 
 @dataclass(frozen=True)
 class Findings:
@@ -126,9 +123,9 @@ def _describe_recording(found: Findings) -> str:
 def _collect_verdicts(summaries: Sequence[Mapping[str, object]]) -> list[Verdict]:
     found = []
     for one in summaries:
-        reasons = one.get("reasons", ["the samples were not kept, as asked by --lag"])
+        reasons = one["reasons"]
         assert isinstance(reasons, list)
-        found.append(Verdict(str(one["method"]), str(one.get("verdict", NOT_JUDGED)), reasons))
+        found.append(Verdict(str(one["method"]), str(one["verdict"]), reasons))
     return found
 
 
