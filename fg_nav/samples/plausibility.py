@@ -111,6 +111,8 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
         return problems
     # A bad sample of 300 rad/s, with which gravity does not turn, looks like a wrong unit.
     kept, period = np.flatnonzero(usable), median_period_s(t)
+    if 2 * len(kept) < len(t):
+        return problems  # most are beyond what any sensor reads: that is no bad sample
     even = np.arange(len(kept), dtype=np.float64) * (period if period > 0.0 else 1.0)
     kept = kept[~find_outliers(even, acc[kept], gyr[kept]).any]
     if 2 * len(kept) < len(t):
