@@ -72,3 +72,8 @@ class ConfigError(FgNavError):
 
 class OutputError(FgNavError):
     """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""
+
+
+def describe_reason(error: OSError) -> str:
+    """Return why the system refused, in its words."""
+    return (error.strerror or type(error).__name__).lower()

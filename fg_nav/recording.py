@@ -289,10 +289,16 @@ def _admit(raw: RawRecording) -> Recording:
     _check_count(len(kept))
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
     t, remarks = _even_stamps(found.t)
+    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks]
+    raw = replace(raw, truth=_move_to_clock(raw.truth, raw.t[kept], t))
+    return _leave_out_bad(raw, kept, t, notes)
+
+
+def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -> Recording:
+    """Return the recording of the samples `kept` (K,), at stamps `t` (K,) s, without the bad ones of each sensor."""
     outliers = find_outliers(t, raw.acc[kept], raw.gyr[kept])
-    told = note_outliers(outliers, t, raw.row[kept])
-    notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks, *told]
-    truth, good = _move_to_clock(raw.truth, raw.t[kept], t), ~outliers.any
+    notes = [*notes, *note_outliers(outliers, t, raw.row[kept])]
+    good = ~outliers.any
     kept, t = kept[good], t[good]
     _check_count(len(kept))
     mag = _clean_magnetometer(raw, kept)
@@ -300,14 +306,8 @@ def _admit(raw: RawRecording) -> Recording:
         bad = find_mag_outliers(t, mag)
         mag[bad] = np.nan
         notes += note_bad(bad, "magnetometer", t, raw.row[kept])
-    return Recording(
-        t=t,
-        acc=raw.acc[kept],
-        gyr=raw.gyr[kept],
-        mag=mag,
-        truth=truth,
-        provenance=replace(raw.provenance, notes=tuple(notes)),
-    )
+    provenance = replace(raw.provenance, notes=tuple(notes))
+    return Recording(t=t, acc=raw.acc[kept], gyr=raw.gyr[kept], mag=mag, truth=raw.truth, provenance=provenance)
 
 
 def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:

@@ -44,7 +44,7 @@ from fg_nav.calibration.quadric import is_near
 from fg_nav.calibration.stride_readings import read_strides
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
-from fg_nav.errors import CalibrationError
+from fg_nav.errors import CalibrationError, describe_reason
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.recording import Recording
@@ -139,7 +139,7 @@ def _parse(path: Path) -> object:
     except IsADirectoryError:
         raise CalibrationError(f"{path} is a directory: give the calibration in it.") from None
     except OSError as error:
-        reason = (error.strerror or type(error).__name__).lower()
+        reason = describe_reason(error)
         raise CalibrationError(f"{path} cannot be read ({reason}): check its permissions.") from None
     except (ValueError, RecursionError):
         raise CalibrationError(f"{path.name} is no JSON, or damaged: calibrate again.") from None

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Strict, ValidationError
 
 from fg_nav.changes import Changes, Value, change_parameters, explain_no_parameter, flatten, list_names, select_changes
 from fg_nav.detection import StanceParameters
-from fg_nav.errors import ConfigError
+from fg_nav.errors import ConfigError, describe_reason
 from fg_nav.estimators import ONLINE, find_estimator, find_owner, find_parameters
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.terminal import remark
@@ -68,7 +68,7 @@ def read_config(path: Path) -> Config:
             f"{path} is no config.json of a result ({what}): give one as `fg-nav run` writes it."
         ) from None
     except OSError as error:
-        reason = (error.strerror or type(error).__name__).lower()
+        reason = describe_reason(error)
         raise ConfigError(f"{path} cannot be read ({reason}): give the config.json of a result.") from None
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import typer
 
 from fg_nav.commands import Answer, Target
-from fg_nav.errors import OutputError
+from fg_nav.errors import OutputError, describe_reason
 from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
@@ -34,7 +34,7 @@ from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Provenance
 from fg_nav.report import Plots, terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
-from fg_nav.report.folder import describe_reason, result_folder
+from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution
 from fg_nav.verdict import Verdict, judge_footfalls, judge_path
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution

@@ -28,7 +28,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
-from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
 from fg_nav.locks import PathLock
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.judge import SampleJudge
@@ -174,7 +174,7 @@ class Checkpoint:
                 self._size = _write_again(self._path)
                 self._renew_lock()
         except OSError as error:
-            reason = (error.strerror or type(error).__name__).lower()
+            reason = describe_reason(error)
             raise OutputError(
                 f"{self._path} cannot be written ({reason}): name another checkpoint, or make room."
             ) from None
@@ -343,20 +343,11 @@ def _resume(
     if "units" in newest.source:
         navigator.units.resume(newest.source["units"])
     # The samples that the state knows, and the state.
-    navigator.buffer.skip_to(content.first)
-    known = 0 if state is None else state.stop - content.first
-    rows = iter(content.blocks)
-    behind: list[Floats] = []
-    for block in rows:
-        navigator.buffer.append(block[:known])
-        if len(block) > known:
-            behind.append(block[max(known, 0) :])
-        known = max(known - len(block), 0)
+    later = _append_known(navigator, content, 0 if state is None else state.stop - content.first)
     if state is not None:
         assert isinstance(navigator, OnlineNavigator)
         navigator.resume(state, newest.takeovers, newest.n_told)
     # Those behind it come as they came then.
-    later = np.concatenate(behind) if behind else np.empty((0, COLUMNS))
     for start in range(0, len(later), BLOCK):
         navigator.add_rows(later[start : start + BLOCK])
         if progress is not None:
@@ -364,6 +355,17 @@ def _resume(
     if newest.has_ended:
         navigator.close()
     return navigator
+
+
+def _append_known(navigator: Navigator, content: _Content, known: int) -> Floats:
+    """Append the first `known` samples of a file to those of a navigator, and return those behind them."""
+    navigator.buffer.skip_to(content.first)
+    behind = [np.empty((0, COLUMNS))]
+    for block in content.blocks:
+        navigator.buffer.append(block[: max(known, 0)])
+        behind.append(block[max(known, 0) :])
+        known -= len(block)
+    return np.concatenate(behind)
 
 
 def _read(path: Path) -> Iterator[tuple[Record, int]]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import FgNavError, FormatError, OutputError
+from fg_nav.errors import FgNavError, FormatError, OutputError, describe_reason
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
 from fg_nav.io.readers.canonical import format_rows
@@ -83,7 +83,7 @@ class Recorder:
         except BlockingIOError:
             raise OutputError(f"another stream records into {path}: name another file to record into.") from None
         except OSError as error:
-            reason = (error.strerror or type(error).__name__).lower()
+            reason = describe_reason(error)
             raise OutputError(f"{path} cannot be written ({reason}): name another file to record into.") from None
         self._text = "" if self._good else HEADER
         self._waiting: deque[Floats] = deque()
@@ -133,7 +133,7 @@ class Recorder:
                 with self._lock:
                     self._waiting.extendleft(reversed(blocks))
                     self._count += len(rows)
-                self._note_failure((error.strerror or type(error).__name__).lower())
+                self._note_failure(describe_reason(error))
                 return
             self._text = ""
         if self._fails:

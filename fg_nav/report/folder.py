@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-from fg_nav.errors import OutputError
+from fg_nav.errors import OutputError, describe_reason
 from fg_nav.locks import lock_folder
 
 _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
@@ -207,13 +207,8 @@ def _was_left(out: Path) -> bool:
 
 def unwritable(out: Path, error: OSError) -> OutputError:
     """Return the sentence for a folder that the system does not let us write."""
-    reason = describe_reason(error)
-    return OutputError(f"{out} cannot be written ({reason}): choose another --out, or make room for it.")
-
-
-def describe_reason(error: OSError) -> str:
-    """Return why the system refused, in its words."""
-    return (error.strerror or type(error).__name__).lower()
+    words = f"{out} cannot be written ({describe_reason(error)}): choose another --out, or make room for it."
+    return OutputError(words)
 
 
 def _visible(folder: Path) -> list[Path]:

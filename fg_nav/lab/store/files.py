@@ -11,7 +11,7 @@ from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from fg_nav.errors import OutputError
+from fg_nav.errors import OutputError, describe_reason
 
 CAMPAIGN_MARKER, REPRODUCTION_MARKER = ".fg-nav-campaign", ".fg-nav-reproduce"
 MARKERS = (CAMPAIGN_MARKER, REPRODUCTION_MARKER)
@@ -36,7 +36,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        reason = (error.strerror or type(error).__name__).lower()
+        reason = describe_reason(error)
         full = error.errno in _DISK_FULL  # another folder would be on the same disk, and start again
         hint = "make room, and the same command goes on" if full else "name another folder"
         raise OutputError(f"{path} could not be written ({reason}): {hint}.") from error
