@@ -11,14 +11,13 @@ accelerometer among the `AROUND` samples before and as many behind, what they al
 
     gyroscope        f (1 rad/s + 2 c_gyr + c_acc 0.1 rad/s / (m/s^2))
     accelerometer    f (20 m/s^2 + 6 c_acc)
-
     magnetometer     f (20 uT + 6 c_mag), among its own samples
 
 since a shoe that is struck turns, and its accelerometer tells. With a sample every T s f = 2.2 sqrt(T / 5 ms), and no
 less than 2.2; where samples are missing it is larger by the square of how much longer the run with its neighbors lasts.
-No sample of 80 real recordings, of feet, legs, hands, head and hip at 60 to 400 Hz, is found, whole or with every second
-or fourth sample. On two of them, of shoes at 205 Hz, the first would be where f is lowered to 0.9 and 0.8 of that, on all
-others at 0.6 or less (`scripts/sample_faults.py clean`).
+No sample of 80 real recordings, of feet, legs, hands, head and hip at 60 to 400 Hz, is found, nor with every second or
+fourth sample alone. In two of them, of shoes at 205 Hz, the first would be where f is lowered to 0.9 and 0.8 of that,
+in all others at 0.6 or less (`scripts/sample_faults.py clean`).
 
 At the very beginning, where only one side shows how shaken the motion is, f is three times as large. A run is sought
 from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD` samples later.
