@@ -96,7 +96,7 @@ class StampWatch:
         if len(known) < FIRST or np.isnan(period_s):
             return len(t) >= NOT_ADVANCING  # of which hardly any has a stamp: they are missing
         if find_time_unit(period_s) not in ("s", None):
-            raise RecordingError(f"{find_stamp_problem(period_s)}, or say it in --columns, time=...[ms].")
+            raise RecordingError(f"{find_stamp_problem(period_s)}, or name the unit in --columns.")
         self.period_s = period_s
         return True
 
