@@ -95,8 +95,10 @@ class Fault:
 
 @dataclass(frozen=True)
 class Moved:
-    """What a fault did: which share of it was found, whether good samples too, and by how much the end moved."""
+    """What a fault did, so far into a walk: share of it that was found, good samples too, by how much the end moved."""
 
+    walk: str
+    at_s: float
     method: str
     size: float
     length: int
@@ -152,7 +154,8 @@ def try_walk(chosen: argparse.Namespace, data: Path, name: str) -> list[Moved]:
                     most = float((off / sigma).max())
                     others = int(lost.sum()) - within
                     size = float(np.linalg.norm(off))
-                    moved.append(Moved(method, fault.size, length, within / length, others, size, most))
+                    at_s = float(clean.t[fault.at] - clean.t[0])
+                    moved.append(Moved(name, at_s, method, fault.size, length, within / length, others, size, most))
     return moved
 
 
@@ -165,7 +168,7 @@ def print_faults(chosen: argparse.Namespace, data: Path) -> None:
     rows = []
     for key in sorted({(one.method, one.length, one.size) for one in every}):
         some = [one for one in every if (one.method, one.length, one.size) == key]
-        beyond = sum(one.moved_m > MOST_M or one.sigmas > MOST_SIGMAS for one in some)
+        beyond = sum(map(is_beyond, some))
         worst_m, worst_sigmas = max(one.moved_m for one in some), max(one.sigmas for one in some)
         whole = sum(one.found == 1.0 for one in some)
         tail = [
@@ -176,6 +179,15 @@ def print_faults(chosen: argparse.Namespace, data: Path) -> None:
         ]
         rows.append([key[0], str(key[1]), f"{key[2]:g}", f"{whole} of {len(some)}", *tail])
     harness.print_table(("method", "samples", "size", "found", "others", "worst, m", "worst, sigmas", "beyond"), rows)
+    for one in filter(is_beyond, every):
+        moved = f"{one.moved_m:.3f} m, {one.sigmas:.2f} sigmas"
+        where = f"{one.walk} at {one.at_s:.2f} s"
+        print(f"{one.method}, {where}, {one.length} of {one.size:g}, {one.found:.0%} found: {moved}")
+
+
+def is_beyond(one: Moved) -> bool:
+    """Whether the end moved by more than is allowed."""
+    return one.moved_m > MOST_M or one.sigmas > MOST_SIGMAS
 
 
 def find_path(name: str, data: Path) -> Path:

@@ -26,7 +26,7 @@ from fg_nav.detection.footfalls import LONGEST_SWING_S
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude
 from fg_nav.recording import Recording
-from fg_nav.samples.gaps import cross_holes
+from fg_nav.samples.gaps import count_periods, cross_holes
 from fg_nav.stances import Stances, find_runs
 
 BLOCK_S = 0.25
@@ -74,9 +74,10 @@ class Rest:
     sigma: float
     force: Floats
 
-    def lasts(self, period_s: float, shortest_s: float) -> bool:
-        """Whether it lasts that long, to the rounding of its samples."""
-        return (self.stop - self.start) * period_s >= shortest_s * (1 - 1e-3)
+    def lasts(self, recording: Recording, shortest_s: float) -> bool:
+        """Whether it, of this recording, lasts that long to the rounding of its samples, there or missing."""
+        periods = int(count_periods(recording.t[self.start : self.stop], recording.period_s)[-1]) + 1
+        return periods * recording.period_s >= shortest_s * (1 - 1e-3)
 
     def agrees_with(self, longest: Rest) -> bool:
         """Whether it shows the same bias as the longest rest."""
@@ -102,26 +103,35 @@ def find_rests(recording: Recording, parameters: RestParameters = RestParameters
 
 def find_still_stretches(recording: Recording, parameters: RestParameters) -> list[Rest]:
     """Find the stretches that are still for long enough, whether or not they show the same bias."""
-    block = max(2, round(BLOCK_S / recording.period_s))
-    quiet, rate, force = _blocks(recording, block)
+    edge = _cut_blocks(recording)
+    quiet, rate, force = _measure_blocks(recording, edge)
     agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(GYR_STEP_DEG_S)) & (
         np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < ACC_STEP_M_S2
     )
-    seen = ~cross_holes(recording.t, np.arange(len(quiet) + 1) * block)
-    seen = seen[1:] & seen[:-1]
-    first, last = find_runs(quiet[1:] & quiet[:-1] & agree & seen)
-    rests = [_measure_rest(recording, a * block, (b + 1) * block) for a, b in zip(first, last, strict=True)]
+    seen = ~cross_holes(recording.t, np.array(edge))
+    first, last = find_runs(quiet[1:] & quiet[:-1] & agree & seen[1:] & seen[:-1])
+    rests = [_measure_rest(recording, edge[a], edge[b + 1]) for a, b in zip(first, last, strict=True)]
     return [rest for rest in rests if _is_long_and_slow(recording, rest, parameters)]
 
 
-def _blocks(recording: Recording, block: int) -> tuple[Bools, Floats, Floats]:
+def _cut_blocks(recording: Recording) -> list[int]:
+    """First sample of each block, and that behind the last: as long where samples are missing as elsewhere."""
+    block = max(2, round(BLOCK_S / recording.period_s))
+    tick = count_periods(recording.t, recording.period_s)
+    edges = np.unique(np.searchsorted(tick, np.arange(0, tick[-1] + 2, block)))
+    return [int(edge) for edge in edges]
+
+
+def _measure_blocks(recording: Recording, edge: list[int]) -> tuple[Bools, Floats, Floats]:
     """Of each block (n,): whether it is quiet within, its mean rate (n, 3) and its mean specific force (n, 3)."""
-    n = len(recording) // block
-    gyr, acc = (samples[: n * block].reshape(n, block, 3) for samples in (recording.gyr, recording.acc))
-    quiet = (gyr.std(axis=1).max(axis=1, initial=0.0) < np.radians(GYR_STD_DEG_S)) & (
-        acc.std(axis=1).max(axis=1, initial=0.0) < ACC_STD_M_S2
-    )
-    return quiet, gyr.mean(axis=1), acc.mean(axis=1)
+    start, count = np.array(edge[:-1], dtype=np.int64), np.diff(edge)
+    mean, std = np.empty((len(count), 6)), np.empty((len(count), 6))
+    for samples, columns in ((recording.gyr, np.s_[:3]), (recording.acc, np.s_[3:])):
+        mean[:, columns] = np.add.reduceat(samples[: edge[-1]], start) / count[:, None]
+        squares = np.add.reduceat(samples[: edge[-1]] ** 2, start) / count[:, None]
+        std[:, columns] = np.sqrt(np.maximum(squares - mean[:, columns] ** 2, 0.0))
+    quiet = (std[:, :3].max(axis=1) < np.radians(GYR_STD_DEG_S)) & (std[:, 3:].max(axis=1) < ACC_STD_M_S2)
+    return quiet & (count > count.max(initial=0) / 2), mean[:, :3], mean[:, 3:]
 
 
 def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
@@ -140,7 +150,7 @@ def _is_long_and_slow(recording: Recording, rest: Rest, p: RestParameters) -> bo
     t = recording.t
     at_end = t[rest.start] - t[0] < 1.0 or t[-1] - t[rest.stop - 1] < 1.0
     shortest = p.shortest_at_end_s if at_end else p.shortest_s
-    return rest.lasts(recording.period_s, shortest) and bool(np.abs(rest.rate).max() <= np.radians(LARGEST_BIAS_DEG_S))
+    return rest.lasts(recording, shortest) and bool(np.abs(rest.rate).max() <= np.radians(LARGEST_BIAS_DEG_S))
 
 
 def _choose_in_agreement(rests: list[Rest]) -> tuple[Rest, ...]:

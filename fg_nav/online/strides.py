@@ -250,7 +250,7 @@ class RestLedger:
         new: list[Rest] = []
         for rest in find_rests(window.with_context, p):
             # A rest that only the end of the window made one may be the beginning of a swing.
-            if rest.stop <= begins or not rest.lasts(window.recording.period_s, p.shortest_s):
+            if rest.stop <= begins or not rest.lasts(window.with_context, p.shortest_s):
                 continue
             if ledger.longest is None or rest.stop - rest.start > ledger.longest.stop - ledger.longest.start:
                 ledger = replace(ledger, longest=rest)

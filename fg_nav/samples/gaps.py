@@ -73,6 +73,9 @@ LONGEST_HELD_S = 0.5
 are off by the spread of a walking foot (`WALKING`), which turns it by a radian and moves it by 1.4 m before it stands.
 On simulated swings the sigmas of the place are alike at 0.45 s (1.25 m), and the errors at 0.7 (1.6 and 1.9 m)."""
 
+LONGEST_COUNTED_S = 1.0
+"""Up to here the periods in a gap are counted one by one."""
+
 WALKING = np.repeat([5.0, 2.0], 3)
 """Spread of a walking foot's specific force, m/s^2, and rate, rad/s; both axis by axis, however the sensor sits."""
 
@@ -117,6 +120,15 @@ def cross_holes(t: Floats, sample: Ints) -> Bools:
     return np.asarray(np.diff(np.searchsorted(find_holes(t), sample)) > 0)
 
 
+def count_periods(t: Floats, period_s: float) -> Ints:
+    """Count (N,) how many periods, of samples that are there or missing, each stamp `t` (N,) s is behind the first.
+
+    A gap longer than `LONGEST_COUNTED_S` counts as one of that: what lies in it is not known from its length.
+    """
+    most = 4 + np.ceil(LONGEST_COUNTED_S / period_s)
+    return np.concatenate([[0], np.cumsum(np.clip(np.rint(np.diff(t) / period_s), 1, most).astype(np.int64))])
+
+
 def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     """Find the gaps between stamps `t` (N,) s, N > 1, and what lies in them, from specific force and rate (N, 3)."""
     step = np.diff(t)
@@ -127,7 +139,7 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
         return Gaps(gap, step[gap], nothing, nothing, nothing, nothing)
     scale = np.repeat([_spread(acc), _spread(gyr)], 3)
     values = np.hstack([acc, gyr]) / scale
-    tick = np.concatenate([[0], np.cumsum(np.maximum(np.rint(step / period).astype(int), 1))])
+    tick = count_periods(t, period)
     around = [_find_ticks(tick, int(i)) for i in gap]
     long = _Long(LONGEST_S / period, WALKING / scale)
     mean, sigma = np.empty((len(gap), 6)), np.empty((len(gap), 6))

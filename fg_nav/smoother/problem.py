@@ -295,9 +295,7 @@ def _estimate_known(
 def _whole_rests(rests: tuple[Rest, ...], recording: Recording, p: SmootherParameters) -> tuple[Rest, ...]:
     """Leave out what is a rest only if the recording ends there."""
     first = recording.t[0] + 1.0
-    return tuple(
-        rest for rest in rests if rest.lasts(recording.period_s, p.rest.shortest_s) or recording.t[rest.start] < first
-    )
+    return tuple(rest for rest in rests if rest.lasts(recording, p.rest.shortest_s) or recording.t[rest.start] < first)
 
 
 def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Floats, float]:

@@ -144,6 +144,19 @@ def test_on_a_walk_only_standing_is_rest(seed):
     np.testing.assert_allclose(rests[0].rate, rests[1].rate, atol=np.radians(0.05))
 
 
+@pytest.mark.parametrize("lost", [range(50, 55), range(195, 201)])
+def test_samples_lost_in_a_rest_do_not_shorten_it(lost):
+    """Half a second at the start is a rest, and just so long: what moves behind it stays behind it."""
+    swung = turning(1.0, lambda t: 50 * np.sin(2 * np.pi * 5 * t))
+    for still in (standing(0.5), standing(1.0)):
+        whole = joined(still, swung)
+        kept = np.delete(np.arange(len(whole)), [i for i in lost if i < len(whole)])
+        part = Recording(whole.t[kept], whole.acc[kept], whole.gyr[kept])
+        (rest,), (same,) = find_rests(whole), find_rests(part)
+        assert abs(part.t[same.stop - 1] - whole.t[rest.stop - 1]) < (len(lost) + 0.5) / 200
+        np.testing.assert_allclose(same.rate, rest.rate, atol=rest.sigma)
+
+
 def test_what_contradicts_the_longest_rest_is_none():
     rolled = standing(1.0, bias_deg_s=BIAS_DEG_S + np.array([0.0, 1.2, 0.0]))
     shaken = turning(0.5, lambda t: 50 * np.sin(2 * np.pi * 5 * t))

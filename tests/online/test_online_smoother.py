@@ -266,7 +266,7 @@ def test_the_end_of_the_samples_makes_no_rest():
     recording = cut_into_its_last_standing()
     stances, rests = detect_stances(recording), find_rests(recording)
     assert rests[-1].stop > len(recording) - 25
-    assert not rests[-1].lasts(recording.period_s, RestParameters().shortest_s)
+    assert not rests[-1].lasts(recording, RestParameters().shortest_s)
     solved = solve_so_far(recording, stances, 0.0, False, SmootherParameters())
     assert [rest.start for rest in solved.known.rests] == [rest.start for rest in rests[:-1]]
     ended = solve_so_far(recording, stances, 0.0, False, SmootherParameters(), has_ended=True)
